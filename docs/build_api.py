@@ -1,9 +1,10 @@
-"""The package enters; a page of HTML for each public module leaves, from its docstrings.
+"""The package enters; a page of HTML for each public module leaves.
 
     python docs/build_api.py [FOLDER]      (extra `docs`; default: docs/api, which git ignores)
 
-A docstring here is aligned text: paragraphs, indented equations, columns of names and what they
-are. pdoc takes Markdown, and `markdown` makes that of it.
+Pages have the docstrings, and what the declarations of parameters say. A docstring here is aligned
+text: paragraphs, indented equations, columns of names and what they are. pdoc takes Markdown, and
+`markdown` makes that of it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import os
 import re
 import warnings
 from collections.abc import Callable
+from dataclasses import is_dataclass
 from pathlib import Path
 from statistics import mode
 from textwrap import dedent
@@ -30,6 +32,7 @@ from pdoc import extract, render
 from pdoc.render_helpers import lexer, linkify, signature_formatter
 
 import startrack
+from startrack.core import fields_of
 
 FOLDER = Path(__file__).parent / "api"
 GAP = re.compile(r"(?<=\S) {2,}(?=\S)")
@@ -95,6 +98,7 @@ def build(folder: Path) -> None:
 
     Raises  UserWarning from pdoc where a type or a page cannot be made, if warnings are errors.
     """
+    _tell_declared_meanings()
     _tell_types_of_tuples()
     children = extract.iter_modules2
     # A function that is called as its file is no module.
@@ -118,6 +122,15 @@ def _tell_types_of_tuples() -> None:
         for thing in (one.thing for one in names if inspect.isclass(one.thing)):
             if issubclass(thing, tuple):
                 thing.__new__.__annotations__ = get_type_hints(thing)
+
+
+def _tell_declared_meanings() -> None:
+    """Of the fields of parameters, which their declarations have in place of the docstrings."""
+    for _, names in public():
+        for thing in (name.thing for name in names if is_dataclass(name.thing)):
+            meanings = {name: field.meaning for name, field in fields_of(thing).items()}
+            rows = "".join(f"\n{name}  {text}" for name, text in meanings.items() if text)
+            thing.__doc__ = inspect.cleandoc(thing.__doc__ or "") + ("\n" + rows) * bool(rows)
 
 
 @pass_context

@@ -2,7 +2,7 @@
 
     python docs/list_keys.py
 
-Keys, units and defaults are those of the classes, meanings those of their docstrings.
+Keys, units, ranges, defaults and meanings are those that the classes declare.
 """
 
 from __future__ import annotations

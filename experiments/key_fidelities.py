@@ -35,10 +35,10 @@ from startrack import Case, Fidelity, shipped
 from startrack.budget import analytic
 from startrack.budget.analytic import refuse_scans
 from startrack.budget.left_out import of_the_case
-from startrack.design.keys import item_of
+from startrack.core import Field, fields_of
+from startrack.design.keys import item_of, range_of
 from startrack.design.products import with_product
-from startrack.design.ranges import Range, ranges_of
-from startrack.io import Field, fields_of, from_table, save_json, written
+from startrack.io import from_table, save_json, written
 from startrack.montecarlo import Serial, run
 from startrack.trial import require_fidelity
 
@@ -177,9 +177,8 @@ def value_of(name: str) -> Any:
         return VALUES[name]
     if held(small(), name):
         return got(small(), name)
-    holder, field = classes()[name]
-    last = name.rpartition(".")[2]
-    limits, (kind, _) = ranges_of(holder).get(last, Range()), item_of(field)
+    _, field = classes()[name]
+    limits, (kind, _) = range_of(field), item_of(field)
     several = typing.get_origin(field.kind) is tuple
     if limits.choices:
         return next(one for one in limits.choices if one != field.default)

@@ -8,11 +8,14 @@ from typing import Annotated
 
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Unit, finite, non_negative
+from startrack.core import FINITE, NON_NEGATIVE, Parameters, Unit
+
+SWING = "amplitude of the thermo-elastic error, one sinusoid per orbit; a trial has a random phase"
+BIAS = "rotation vector in camera axes"
 
 
 @dataclass(frozen=True)
-class Mounting:
+class Mounting(Parameters):
     """Rotation from the camera's axes to the spacecraft's reference axes.
 
         camera_to_body = exp([angle + swing sin(phase)] x)
@@ -20,22 +23,15 @@ class Mounting:
     The error of the known angle is the bias of ECSS-E-ST-60-20C, the swing its thermo-elastic
     error: a sinusoid models the heating and cooling during an orbit.
 
-    x, y, z           radian, rotation vector in camera axes
-    swing_x, _y, _z   radian, amplitude of the thermo-elastic error, one sinusoid per orbit; a trial
-                      has a random phase
     Raises            ValueError where an angle is not finite or an amplitude is negative.
     """
 
-    x: Annotated[float, Unit("rad", "arcsec")] = 0.0
-    y: Annotated[float, Unit("rad", "arcsec")] = 0.0
-    z: Annotated[float, Unit("rad", "arcsec")] = 0.0
-    swing_x: Annotated[float, Unit("rad", "arcsec")] = 0.0
-    swing_y: Annotated[float, Unit("rad", "arcsec")] = 0.0
-    swing_z: Annotated[float, Unit("rad", "arcsec")] = 0.0
-
-    def __post_init__(self) -> None:
-        finite(x=self.x, y=self.y, z=self.z)
-        non_negative(swing_x=self.swing_x, swing_y=self.swing_y, swing_z=self.swing_z)
+    x: Annotated[float, Unit("rad", "arcsec"), FINITE, BIAS] = 0.0
+    y: Annotated[float, Unit("rad", "arcsec"), FINITE, BIAS] = 0.0
+    z: Annotated[float, Unit("rad", "arcsec"), FINITE, BIAS] = 0.0
+    swing_x: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, SWING] = 0.0
+    swing_y: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, SWING] = 0.0
+    swing_z: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, SWING] = 0.0
 
     @property
     def swings(self) -> bool:

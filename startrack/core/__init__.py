@@ -12,6 +12,8 @@ streams    Seed, trial, cause -> random generator, the same for any number of wo
 scratch    Large arrays that a plan keeps between calls: a new one costs more than a few windows
            in it.
 extension  Name of a function in a design -> that function, where its code may run, and its origin.
+declared   A class of parameters -> each field as it is declared: type, unit, range, meaning,
+           default.
 curve      A dimensionless curve over wavelength, such as a transmission or a quantum efficiency.
 dispatcher Kernels -> machine code, once for each kernel that Python calls.
 interpret  Kernels that are not compiled yet -> their results by Python, for as long as it pays.
@@ -45,15 +47,26 @@ from startrack.core.checks import (
 )
 from startrack.core.curve import ALL, Curve
 from startrack.core.dates import installed_tables, utc
+from startrack.core.declared import (
+    FINITE,
+    NON_NEGATIVE,
+    NUMBER_OR_TEXT,
+    POSITIVE,
+    CarriesCode,
+    Field,
+    Parameters,
+    Range,
+    bare,
+    code_in,
+    fields_of,
+    unit_of,
+)
 from startrack.core.displacement import NODES, Displacement, node_places
 from startrack.core.extension import (
     POINTS,
-    CarriesCode,
     Code,
     allow_code,
     call_code,
-    code_field,
-    code_in,
     code_of_command,
     full_name,
     is_code,

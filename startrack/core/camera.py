@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core.arrays import Floats
-from startrack.core.checks import finite, positive, whole
+from startrack.core.declared import FINITE, POSITIVE, Parameters, Range
 from startrack.core.displacement import Displacement
 from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.kernel import kernel
@@ -26,8 +27,11 @@ LEAST_STEP = 1e-15  # at which its last digit no longer changes
 STEPS = 3  # of the inverse of a residual, each a hundred times nearer; chosen by hand
 
 
+COEFFICIENT = "OpenCV's distortion coefficients"
+
+
 @dataclass(frozen=True)
-class Camera:
+class Camera(Parameters):
     """A pinhole with radial and tangential distortion.
 
         x / z, y / z  ->  distorted (OpenCV)  ->  pixel = principal point + focal length * distorted
@@ -36,33 +40,23 @@ class Camera:
 
     Camera axes: +z boresight, +x to larger columns, +y to larger rows. The centre of the first
     pixel is (0, 0), so the centre of the array is ((columns - 1) / 2, (rows - 1) / 2).
-
-    columns, rows          pixel
-    focal_length_px        pixel
-    principal_x, _y        pixel from the centre of the array
-    k1, k2, p1, p2, k3     OpenCV's distortion coefficients
-    polynomial             over the field, as `calibrate` fits it to a table of stars; None: none
-    residual               displacement by which places differ from this model; None: nowhere
     """
 
-    columns: int
-    rows: int
-    focal_length_px: float
-    principal_x: float = 0.0
-    principal_y: float = 0.0
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
-    polynomial: FieldPolynomial | None = None
-    residual: Displacement | None = None
-
-    def __post_init__(self) -> None:
-        whole(1, 2**20, columns=self.columns, rows=self.rows)
-        positive(focal_length_px=self.focal_length_px)
-        finite(principal_x=self.principal_x, principal_y=self.principal_y)
-        finite(k1=self.k1, k2=self.k2, p1=self.p1, p2=self.p2, k3=self.k3)
+    columns: Annotated[int, Range(1, 2**20), "pixel"]
+    rows: Annotated[int, Range(1, 2**20), "pixel"]
+    focal_length_px: Annotated[float, POSITIVE, "pixel"]
+    principal_x: Annotated[float, FINITE, "pixel from the centre of the array"] = 0.0
+    principal_y: Annotated[float, FINITE, "pixel from the centre of the array"] = 0.0
+    k1: Annotated[float, FINITE, COEFFICIENT] = 0.0
+    k2: Annotated[float, FINITE, COEFFICIENT] = 0.0
+    p1: Annotated[float, FINITE, COEFFICIENT] = 0.0
+    p2: Annotated[float, FINITE, COEFFICIENT] = 0.0
+    k3: Annotated[float, FINITE, COEFFICIENT] = 0.0
+    polynomial: Annotated[FieldPolynomial | None,
+        "over the field, as `calibrate` fits it to a table of stars; None: none"
+    ] = None  # fmt: skip
+    residual: Annotated[Displacement | None,
+        "displacement by which places differ from this model; None: nowhere"] = None  # fmt: skip
 
     @classmethod
     def from_field_of_view(cls, columns: int, rows: int, fov_x: float) -> Camera:

@@ -18,13 +18,10 @@ class Curve:
     """Values in [0, 1] at wavelengths, straight lines between them and zero outside.
 
     A curve with one value and no wavelength is the same everywhere.
-
-    wavelength  metre, rising, one for each value
-    value       at each wavelength, or one for all
     """
 
-    wavelength: Annotated[tuple[float, ...], Unit("m", "nm")] = ()
-    value: tuple[float, ...] = (1.0,)
+    wavelength: Annotated[tuple[float, ...], Unit("m", "nm"), "rising, one for each value"] = ()
+    value: Annotated[tuple[float, ...], "at each wavelength, or one for all"] = (1.0,)
 
     def __post_init__(self) -> None:
         if len(self.wavelength) != (len(self.value) if len(self.value) > 1 else 0):

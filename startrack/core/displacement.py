@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
@@ -20,14 +21,11 @@ class Displacement:
 
     Between the nodes, which span the frame evenly, the values are cubic polynomials of x and of y;
     beyond it they are those at its edge.
-
-    columns, rows  pixel, of the frame
-    value          pixel, 2 NODES^2 numbers: x, then y, each row by row
     """
 
-    columns: int
-    rows: int
-    value: tuple[float, ...]
+    columns: Annotated[int, "pixel, of the frame"]
+    rows: Annotated[int, "pixel, of the frame"]
+    value: Annotated[tuple[float, ...], "pixel, 2 NODES^2 numbers: x, then y, each row by row"]
 
     def __post_init__(self) -> None:
         if len(self.value) != 2 * NODES**2:

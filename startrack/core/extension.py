@@ -8,7 +8,6 @@ the environment variable STARTRACK_ALLOW_CODE.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import os
 import re
@@ -84,11 +83,6 @@ def is_code(name: str) -> bool:
     return ":" in name
 
 
-def code_field(group: str, default: Any) -> Any:
-    """Field of a parameter class whose text, or each of whose texts, may name code of a group."""
-    return dataclasses.field(default=default, metadata={"code": group})
-
-
 def full_name(group: str, built_in: Collection[str], name: Any) -> Any:
     """The module:function of an entry point of an installed package; all else as it is."""
     if not isinstance(name, str) or name in built_in or is_code(name):
@@ -105,28 +99,6 @@ def one_of_or_code(choices: Collection[str], /, **values: str) -> None:
             known = f"one of {', '.join(choices)}, or " if choices else ""
             rule = f"{known}code as module:function or by the entry point of an installed package"
             raise refusal(name, f"must be {rule}", value)
-
-
-def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
-    """Key, group and name of all code that a parameter object names."""
-    for field, group in _fields(type(value)):  # type: ignore[arg-type]
-        held = getattr(value, field)
-        for one in held if isinstance(held, tuple) else (held,):
-            if group:
-                if is_code(one):
-                    yield f"{place}.{field}" if place else field, group, one
-            elif hasattr(one, "__dataclass_fields__"):
-                yield from code_in(one, f"{place}.{field}" if place else field)
-
-
-@cache
-def _fields(kind: type) -> tuple[tuple[str, str], ...]:
-    """Names of the fields of a class of parameters, and the group of code that each may name."""
-    return tuple(
-        (each.name, each.metadata.get("code", ""))
-        for each in dataclasses.fields(kind)
-        if each.init and not each.metadata.get("computed")
-    )
 
 
 def allow_code(*modules: str) -> None:
@@ -264,20 +236,6 @@ def _digest(package: ModuleType) -> str:
         content = path.read_bytes()
         total.update(f"{name}\0{len(content)}\0".encode() + content)
     return total.hexdigest()
-
-
-class CarriesCode:
-    """A parameter object that processes exchange, with what its code may do.
-
-    So that the process that gets it may run the code that is allowed in that which sends it.
-    """
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "allowed code": sent_with(code_in(self))}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        received(state.pop("allowed code"))
-        self.__dict__.update(state)
 
 
 def sent_with(named: Iterable[tuple[str, str, str]]) -> dict[str, str]:

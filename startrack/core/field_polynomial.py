@@ -8,7 +8,8 @@ from typing import Annotated
 import numpy as np
 
 from startrack.core.arrays import Floats
-from startrack.core.checks import finite, within
+from startrack.core.checks import finite
+from startrack.core.declared import Parameters, Range
 from startrack.core.refused import Refused
 from startrack.core.units import ZERO_CELSIUS, Unit
 
@@ -17,8 +18,11 @@ TERMS = 10  # monomials of two variables up to the third order
 ROOM = ZERO_CELSIUS + 20.0  # kelvin
 
 
+COEFFICIENTS = "coefficients of m; those that are left out at the end are 0"
+
+
 @dataclass(frozen=True)
-class FieldPolynomial:
+class FieldPolynomial(Parameters):
     """A polynomial over the field, to the third order, that grows linearly with temperature.
 
         u' = u + sum_j (x_j + (T - T0) x_per_kelvin_j) m_j(u, v)
@@ -29,21 +33,19 @@ class FieldPolynomial:
 
     Source: the form is that of the calibration of Chandra's aspect camera, which goes from pixels
     to angles (chandra_aca, transform.py); this one goes from directions to pixels.
-
-    x, y               1, coefficients of m; those that are left out at the end are 0
-    x_per_kelvin, y_per_kelvin  1 / kelvin, growth of these coefficients
-    temperature        kelvin, T, that the camera has
-    reference          kelvin, T0, to which x and y belong
     """
 
-    x: tuple[float, ...] = ()
-    y: tuple[float, ...] = ()
-    x_per_kelvin: tuple[float, ...] = ()
-    y_per_kelvin: tuple[float, ...] = ()
-    temperature: Annotated[float, Unit("K", "degC", absolute=True)] = ROOM
-    reference: Annotated[float, Unit("K", "degC", absolute=True)] = ROOM
+    x: Annotated[tuple[float, ...], COEFFICIENTS] = ()
+    y: Annotated[tuple[float, ...], COEFFICIENTS] = ()
+    x_per_kelvin: Annotated[tuple[float, ...], "growth of these coefficients"] = ()
+    y_per_kelvin: Annotated[tuple[float, ...], "growth of these coefficients"] = ()
+    temperature: Annotated[float, Unit("K", "degC", absolute=True), Range(1, 1000),
+        "T, that the camera has"] = ROOM  # fmt: skip
+    reference: Annotated[float, Unit("K", "degC", absolute=True), Range(1, 1000),
+        "T0, to which x and y belong"] = ROOM  # fmt: skip
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("x", "y", "x_per_kelvin", "y_per_kelvin"):
             values = getattr(self, name)
             if len(values) > TERMS:
@@ -52,7 +54,6 @@ class FieldPolynomial:
                     f"got {len(values)}"
                 )
             finite(**{f"{name}[{n}]": value for n, value in enumerate(values)})
-        within(1, 1000, temperature=self.temperature, reference=self.reference)
 
     def at(self, temperature: float) -> FieldPolynomial:
         """The same polynomial at another temperature, kelvin."""

@@ -16,7 +16,6 @@ conditions    Condition: a rate, a background or an age at which a design is jud
 variation     Variation: how a number of the truth differs between units, environments, in time.
 calibration   CameraCalibration: how the camera model of each unit is measured.
 campaign      Campaign: what a study of a design is asked.
-ranges        Class of parameters -> the range of each field, as its own checks state it.
 keys          The keys of a design file: type, unit, range, default and meaning of each.
 template      Detector product -> a design file to begin with, its values explained.
 schema        These keys -> a JSON Schema, by which editors complete and check a file.
@@ -46,7 +45,6 @@ from startrack.design.objective import AXES, KINDS, Objective
 from startrack.design.parameter import find as found_at
 from startrack.design.parameter import replaced, replaced_all
 from startrack.design.products import products
-from startrack.design.ranges import ranges_of
 from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements
 from startrack.design.schema import design_schema
 from startrack.design.template import template

@@ -5,9 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from startrack.core import Refused, non_negative, parse, positive, whole, within
+from startrack.core import (
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    non_negative,
+    parse,
+    whole,
+)
 from startrack.design.case import Case, Fidelity
 from startrack.design.choice import Choice
 from startrack.design.conditions import Condition, Judged, OverUnits, judged
@@ -27,76 +35,68 @@ def fewest_trials_beyond(objective: Objective) -> int:
 
 
 @dataclass(frozen=True)
-class Campaign:
-    """The question that is put to a design.
-
-    variables      what may change
-    links          what follows them
-    choices        what may be one of several: each combination is a branch of its own
-    requirements   what must hold
-    conditions     rates, backgrounds and ages at which the design is judged, besides its own
-    objective      "across", "about" or "both", whose rms error is made small; with a fraction in
-                   percent, as in "across-99.73", the error that so many trials do not exceed by its
-                   length; as in "across-99.73 per axis", that so many errors about single axes do
-                   not exceed. Of several conditions, the geometric mean by their weights
-    units          fraction of the units of the design, such as 0.95, that must be as good: the
-                   objective is then the error that this fraction does not exceed, and a limit on
-                   an error must hold for it; None: of the unit as designed alone
-    age            of these units: "begin" or "end" of life, or a time such as "3 yr"
-    unit_count     units that the analytic budget of each design is computed for
-    fresh_units    units on which start and best are compared at the end
-    unit_trials    trials of each of these; None: 20, or so many that the level of the objective or
-                   of a requirement has one trial beyond it
-    fidelity       of the trials that a search is done with; the winner is verified on frames
-    trials         of each design at first
-    most_trials    of each design at last; the number doubles between
-    evaluations    designs that an optimiser may try, in all branches together; each branch has two
-                   and one a round of their race at least
-    analytic_evaluations  designs that the analytic budget evaluates before the first trial; 0 to
-                   begin at the design
-    sample_trials  trials for each design that the tolerance region is computed from
-    fresh_trials   frames on which start and best are compared at the end
-    margin         fraction by which the error may grow in the tolerance region of `sample`
-    span           half the width of that region's box, as a fraction of each variable's range
-    """
+class Campaign(Parameters):
+    """The question that is put to a design."""
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"prospects": "analytic_evaluations"}
 
-    variables: tuple[Variable, ...] = ()
-    links: tuple[Link, ...] = ()
-    choices: tuple[Choice, ...] = ()
-    requirements: Requirements = field(default_factory=Requirements)
-    conditions: tuple[Condition, ...] = ()
-    objective: str = "across"
-    units: float | None = None
-    age: str = "end"
-    unit_count: int = 20
-    fresh_units: int = 60
-    unit_trials: int | None = None
-    fidelity: Fidelity = Fidelity.WINDOW
-    trials: int = 50
-    most_trials: int = 200
-    evaluations: int = 120
-    analytic_evaluations: int = 200
-    sample_trials: int = 160
-    fresh_trials: int = 1000
-    margin: float = 0.2
-    span: float = 0.15
+    variables: Annotated[tuple[Variable, ...], "what may change"] = ()
+    links: Annotated[tuple[Link, ...], "what follows them"] = ()
+    choices: Annotated[tuple[Choice, ...],
+        "what may be one of several: each combination is a branch of its own"] = ()  # fmt: skip
+    requirements: Annotated[Requirements, "what must hold"] = field(default_factory=Requirements)
+    conditions: Annotated[tuple[Condition, ...],
+        "rates, backgrounds and ages at which the design is judged, besides its own"
+    ] = ()  # fmt: skip
+    objective: Annotated[str,
+        '"across", "about" or "both", whose rms error is made small; with a fraction in '
+        'percent, as in "across-99.73", the error that so many trials do not exceed by its '
+        'length; as in "across-99.73 per axis", that so many errors about single axes do not '
+        "exceed. Of several conditions, the geometric mean by their weights"
+    ] = "across"  # fmt: skip
+    units: Annotated[float | None,
+        "fraction of the units of the design, such as 0.95, that must be as good: the objective "
+        "is then the error that this fraction does not exceed, and a limit on an error must "
+        "hold for it; None: of the unit as designed alone"] = None  # fmt: skip
+    age: Annotated[str,
+        'of these units: "begin" or "end" of life, or a time such as "3 yr"'] = "end"  # fmt: skip
+    unit_count: Annotated[int, Range(2, 1000),
+        "units that the analytic budget of each design is computed for"] = 20  # fmt: skip
+    fresh_units: Annotated[int, Range(2, 10**5),
+        "units on which start and best are compared at the end"] = 60  # fmt: skip
+    unit_trials: Annotated[int | None, Range(2, 10**4),
+        "trials of each of these; None: 20, or so many that the level of the objective or of a "
+        "requirement has one trial beyond it"] = None  # fmt: skip
+    fidelity: Annotated[Fidelity,
+        "of the trials that a search is done with; the winner is verified on frames"
+    ] = Fidelity.WINDOW  # fmt: skip
+    trials: Annotated[int, Range(2, 10**6), "of each design at first"] = 50
+    most_trials: Annotated[int, Range(high=10**6),
+        "of each design at last; the number doubles between"] = 200  # fmt: skip
+    evaluations: Annotated[int, Range(1, 10**6),
+        "designs that an optimiser may try, in all branches together; each branch has two and "
+        "one a round of their race at least"] = 120  # fmt: skip
+    analytic_evaluations: Annotated[int, Range(0, 10**6),
+        "designs that the analytic budget evaluates before the first trial; 0 to begin at the "
+        "design"] = 200  # fmt: skip
+    sample_trials: Annotated[int, Range(2, 10**6),
+        "trials for each design that the tolerance region is computed from"] = 160  # fmt: skip
+    fresh_trials: Annotated[int, Range(2, 10**6),
+        "frames on which start and best are compared at the end"] = 1000  # fmt: skip
+    margin: Annotated[float, POSITIVE,
+        "fraction by which the error may grow in the tolerance region of `sample`"
+    ] = 0.2  # fmt: skip
+    span: Annotated[float, Range(0.001, 0.5),
+        "half the width of that region's box, as a fraction of each variable's range"
+    ] = 0.15  # fmt: skip
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         Objective.read(self.objective)
-        whole(2, 10**6, trials=self.trials, fresh_trials=self.fresh_trials)
         whole(self.trials, 10**6, most_trials=self.most_trials)
-        whole(2, 10**6, sample_trials=self.sample_trials)
-        whole(1, 10**6, evaluations=self.evaluations)
-        whole(0, 10**6, analytic_evaluations=self.analytic_evaluations)
-        positive(margin=self.margin)
-        within(0.001, 0.5, span=self.span)
         self._check_units()
 
     def _check_units(self) -> None:
-        whole(2, 1000, unit_count=self.unit_count)
-        whole(2, 10**5, fresh_units=self.fresh_units)
         if self.age not in AGES:
             try:
                 non_negative(age=parse(self.age, "s"))
@@ -104,8 +104,6 @@ class Campaign:
                 raise Refused(
                     f"age must be begin, end or a time such as 3 yr, got {self.age!r}"
                 ) from None
-        if self.unit_trials is not None:
-            whole(2, 10**4, unit_trials=self.unit_trials)
         if self.units is None:
             return
         if not 0 < self.units < 1:

@@ -12,15 +12,15 @@ import numpy as np
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
 from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
     Camera,
     CarriesCode,
     Floats,
+    Parameters,
+    Range,
     Refused,
     Unit,
-    finite,
-    non_negative,
-    one_of,
-    within,
 )
 from startrack.design.calibration import CameraCalibration
 from startrack.design.epoch import believed_from, seen_from
@@ -62,45 +62,47 @@ class Fidelity(StrEnum):
 
 
 @dataclass(frozen=True)
-class Temperatures:
-    """Temperatures of an instrument; that of its detector is in the detector.
+class Temperatures(Parameters):
+    """Temperatures of an instrument; that of its detector is in the detector."""
 
-    lens  kelvin, of the lens, whose table then gives focal length, focus and distortion
-    """
-
-    lens: Annotated[float, Unit("K", "degC", absolute=True)] = ROOM
-
-    def __post_init__(self) -> None:
-        within(1, 1000, lens=self.lens)
+    lens: Annotated[float, Unit("K", "degC", absolute=True), Range(1, 1000),
+        "of the lens, whose table then gives focal length, focus and distortion"
+    ] = ROOM  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Instrument:
+class Instrument(Parameters):
     """The truth that makes the frame, and that its attitude is judged by.
 
-    mounting  how the camera sits on the spacecraft
-    delay     second, by which the time stamp of a frame lies after the middle of its exposure
-    baffle    what it lets through of Sun, Moon and Earth; None: nothing
-    thermal   temperatures; None: the lens is at 20 degC
-    ghosts    reflections in the lens that make ghosts of bright sources; None: no ghosts
-    residual  displacements that no camera model holds, which a calibration leaves; None: none
     imaged    the instrument whose images and distortion behind a lens table these are, scaled by
               the focal length; None: its own. No file holds it
     """
 
-    optics: Optics
-    detector: Detector
-    motion: Motion = field(default_factory=Motion)
-    mounting: Mounting = field(default_factory=Mounting)
-    delay: Annotated[float, Unit("s", "ms")] = 0.0
-    baffle: Baffle | None = None
-    thermal: Temperatures | None = None
-    ghosts: Ghosts | None = None
-    residual: Residual | None = None
+    optics: Annotated[Optics, "A lens."]
+    detector: Annotated[Detector,
+        "A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0)."
+    ]  # fmt: skip
+    motion: Annotated[Motion,
+        "How the camera turns in an exposure, about its own axes."
+    ] = field(default_factory=Motion)  # fmt: skip
+    mounting: Annotated[Mounting,
+        "how the camera sits on the spacecraft"] = field(default_factory=Mounting)  # fmt: skip
+    delay: Annotated[float, Unit("s", "ms"), FINITE,
+        "by which the time stamp of a frame lies after the middle of its exposure"
+    ] = 0.0  # fmt: skip
+    baffle: Annotated[Baffle | None,
+        "what it lets through of Sun, Moon and Earth; None: nothing"] = None  # fmt: skip
+    thermal: Annotated[Temperatures | None, "temperatures; None: the lens is at 20 degC"] = None
+    ghosts: Annotated[Ghosts | None,
+        "reflections in the lens that make ghosts of bright sources; None: no ghosts"
+    ] = None  # fmt: skip
+    residual: Annotated[Residual | None,
+        "displacements that no camera model holds, which a calibration leaves; None: none"
+    ] = None  # fmt: skip
     imaged: Instrument | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
-        finite(delay=self.delay)
+        super().__post_init__()
         if self.thermal and not self.optics.traced:
             raise Refused("thermal.lens must be left out where no lens_file says what it changes")
         if self.ghosts:
@@ -183,54 +185,56 @@ class Instrument:
 
 
 @dataclass(frozen=True)
-class Tracker:
-    """What the flight software believes and how it works.
+class Tracker(Parameters):
+    """What the flight software believes and how it works."""
 
-    camera    its calibration; None for a perfect one, which follows the instrument's design
-    camera_model  model of that perfect calibration: "radial", focal length and three radial
-                  coefficients; "polynomial", to the third order in x and y
-    catalog   its cut of the star catalogue, None for the one that the sky is made of
-    mounting  mounting that it assumes, None for the true one without its swing
-    delay     second that it takes off its time stamps, None for all of the delay there is
-    motion    how it believes the camera to turn, None for as it does, jitter apart; where lines
-              scan, each spot has its own time
-    calibration   how the camera of each unit is calibrated, where units vary; None: not at all, it
-                  is believed to be as designed
-    focal_length_by_colour  whether it scales the place of each star by a focal length of the star's
-              colour in its catalogue, as calibrated: it takes off most of the lateral colour of a
-              lens table
-    acquisition  how it finds its stars where it expects an attitude: "whole" searches the frame,
-              "box" a box about the place of each star, whose light it takes for the star's. In a
-              sequence the first attitude comes from the whole frame; a single trial expects one
-    box       these boxes
-    calibrated_at  kelvin, temperature of the lens when the camera was calibrated, None for that
-              which it has; a lens table says what differs
-    """
-
-    detection: Detection = field(default_factory=Detection)
-    identification: Identification = field(default_factory=Identification)
-    attitude: SolverSettings = field(default_factory=SolverSettings)
-    camera: Camera | None = None
-    camera_model: str = "radial"
-    catalog: Selection | None = None
-    mounting: Mounting | None = None
-    delay: Annotated[float | None, Unit("s", "ms")] = None
-    motion: Motion | None = None
-    calibrated_at: Annotated[float | None, Unit("K", "degC", absolute=True)] = None
-    focal_length_by_colour: bool = False
-    acquisition: str = "whole"
-    box: Box = field(default_factory=Box)
-    calibration: CameraCalibration | None = None
+    detection: Annotated[Detection,
+        "How spots are found and measured. The defaults serve real images of many cameras."
+    ] = field(default_factory=Detection)  # fmt: skip
+    identification: Annotated[Identification,
+        "Settings of the identification of spots, for calibrated cameras by default."
+    ] = field(default_factory=Identification)  # fmt: skip
+    attitude: Annotated[SolverSettings,
+        "How matched stars are weighted, and when one is left out."
+    ] = field(default_factory=SolverSettings)  # fmt: skip
+    camera: Annotated[Camera | None,
+        "its calibration; None for a perfect one, which follows the instrument's design"
+    ] = None  # fmt: skip
+    camera_model: Annotated[str, Range(choices=("radial", "polynomial")),
+        'model of that perfect calibration: "radial", focal length and three radial '
+        'coefficients; "polynomial", to the third order in x and y'] = "radial"  # fmt: skip
+    catalog: Annotated[Selection | None,
+        "its cut of the star catalogue, None for the one that the sky is made of"
+    ] = None  # fmt: skip
+    mounting: Annotated[Mounting | None,
+        "mounting that it assumes, None for the true one without its swing"] = None  # fmt: skip
+    delay: Annotated[float | None, Unit("s", "ms"), FINITE,
+        "second that it takes off its time stamps, None for all of the delay there is"
+    ] = None  # fmt: skip
+    motion: Annotated[Motion | None,
+        "how it believes the camera to turn, None for as it does, jitter apart; where lines "
+        "scan, each spot has its own time"] = None  # fmt: skip
+    calibrated_at: Annotated[float | None, Unit("K", "degC", absolute=True), Range(1, 1000),
+        "temperature of the lens when the camera was calibrated, None for that which it has; a "
+        "lens table says what differs"] = None  # fmt: skip
+    focal_length_by_colour: Annotated[bool,
+        "whether it scales the place of each star by a focal length of the star's colour in its "
+        "catalogue, as calibrated: it takes off most of the lateral colour of a lens table"
+    ] = False  # fmt: skip
+    acquisition: Annotated[str, Range(choices=("whole", "box")),
+        'how it finds its stars where it expects an attitude: "whole" searches the frame, "box" '
+        "a box about the place of each star, whose light it takes for the star's. In a sequence "
+        "the first attitude comes from the whole frame; a single trial expects one"
+    ] = "whole"  # fmt: skip
+    box: Annotated[Box, "these boxes"] = field(default_factory=Box)
+    calibration: Annotated[CameraCalibration | None,
+        "how the camera of each unit is calibrated, where units vary; None: not at all, it is "
+        "believed to be as designed"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
-        one_of(("whole", "box"), acquisition=self.acquisition)
-        one_of(("radial", "polynomial"), camera_model=self.camera_model)
+        super().__post_init__()
         if self.camera is not None and self.camera_model != "radial":
             raise Refused("camera_model must be left out beside tracker.camera, which is one")
-        if self.calibrated_at is not None:
-            within(1, 1000, calibrated_at=self.calibrated_at)
-        if self.delay is not None:
-            finite(delay=self.delay)
         if self.catalog and self.catalog.faintest_g > self.catalog.limit_g:
             raise Refused("catalog of a tracker must have no random_g: no list has these stars")
         if self.mounting and self.mounting.swings:
@@ -247,24 +251,30 @@ class Case(CarriesCode):
     What the tracker believes comes from the design, from its settings or from a calibration, never
     from what a unit has by chance: see `as_designed`.
 
-    variation  what differs between units, launches, environments and in time; a trial without
-               units leaves it out
-    lifetime   second, age at the end of life; 0: that of the detector, if it has one
     design     the case that this one is a unit of, whose truth differs by chance; None: it is as
                designed. No file holds it
 
     Raises  ValueError where the catalogue contradicts the scene.
     """
 
-    instrument: Instrument
-    tracker: Tracker = field(default_factory=Tracker)
-    scene: Scene = field(default_factory=Scene)
-    catalog: Selection = field(default_factory=Selection)
-    variation: tuple[Variation, ...] = ()
-    lifetime: Annotated[float, Unit("s", "yr")] = 0.0
+    instrument: Annotated[Instrument,
+        "The truth that makes the frame, and that its attitude is judged by."]  # fmt: skip
+    tracker: Annotated[Tracker,
+        "What the flight software believes and how it works."
+    ] = field(default_factory=Tracker)  # fmt: skip
+    scene: Annotated[Scene,
+        "Background and bodies besides the stars, date and observer."
+    ] = field(default_factory=Scene)  # fmt: skip
+    catalog: Annotated[Selection, "The stars that a sky holds."] = field(default_factory=Selection)
+    variation: Annotated[tuple[Variation, ...],
+        "what differs between units, launches, environments and in time; a trial without units "
+        "leaves it out"] = ()  # fmt: skip
+    lifetime: Annotated[float, Unit("s", "yr"), NON_NEGATIVE,
+        "age at the end of life; 0: that of the detector, if it has one"] = 0.0  # fmt: skip
     design: Case | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.tracker.focal_length_by_colour and not self.instrument.optics.tabulated:
             raise Refused(
                 "tracker.focal_length_by_colour must be left out where no lens_file says how the "
@@ -281,7 +291,6 @@ class Case(CarriesCode):
         if self.tracker.catalog:
             believed = believed_from(self.scene, catalog, self.tracker.catalog)
             object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
-        non_negative(lifetime=self.lifetime)
         check_variations(self, self.variation)
 
     def __hash__(self) -> int:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from startrack.core import Refused
 from startrack.design.case import Case
@@ -23,15 +23,14 @@ OF_DEVICE = ("depleted",)  # of the age
 
 @dataclass(frozen=True)
 class Choice:
-    """One parameter that takes one of some values.
+    """One parameter that takes one of some values."""
 
-    name    path in the case; "instrument.detector" for a product of the catalogue, whose values
-            take the place of all but the exposure and the age (whose `depleted` is the product's)
-    values  numbers, texts with a unit where the parameter has one, or names
-    """
-
-    name: str
-    values: tuple[float | str, ...]
+    name: Annotated[str,
+        'path in the case; "instrument.detector" for a product of the catalogue, whose values '
+        "take the place of all but the exposure and the age (whose `depleted` is the product's)"
+    ]  # fmt: skip
+    values: Annotated[tuple[float | str, ...],
+        "numbers, texts with a unit where the parameter has one, or names"]  # fmt: skip
 
     def __post_init__(self) -> None:
         if not self.values or len(set(self.values)) < len(self.values):

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
-from startrack.core import Refused, Unit, non_negative, positive, within
+from startrack.core import NON_NEGATIVE, Parameters, Range, Refused, Unit, positive
 from startrack.design.case import Case
 from startrack.design.parameter import find, quantity, replaced_all
 from startrack.design.requirements import Requirements
@@ -18,54 +18,45 @@ NOMINAL, REST, MAX_RATE = "nominal", "rest", "max rate"
 
 @dataclass(frozen=True)
 class Change:
-    """One parameter that has another value.
+    """One parameter that has another value."""
 
-    name   path in the case, such as "instrument.detector.dark_current"
-    value  number, text with a unit where the parameter has one, or name
-    """
+    name: Annotated[str, 'path in the case, such as "instrument.detector.dark_current"']
+    value: Annotated[float | str, "number, text with a unit where the parameter has one, or name"]
 
-    name: str
-    value: float | str
+
+MAX_ERROR = "limits in this condition; None: those of the requirements"
 
 
 @dataclass(frozen=True)
-class Condition:
-    """A condition in which a design is judged, besides that of the file itself.
+class Condition(Parameters):
+    """A condition in which a design is judged, besides that of the file itself."""
 
-    name              for tables and messages
-    weight            1, of its error in the objective, in which the file's own condition has 1;
-                      0: only its requirements count
-    rate              slew rate, about the axis about which the design turns; where it does not,
-                      across the boresight at 45 degrees to the columns. None: as the design
-    background_g      magnitude per square arcsecond of the sky; None: as the design
-    change            any other parameter, such as the dark current at the end of life
-    max_across, max_about, min_availability  limits in this condition; None: those of the
-                      requirements
-    """
-
-    name: str
-    weight: float = 1.0
-    rate: Annotated[float | None, Unit("rad/s", "deg/s")] = None
-    background_g: float | None = None
-    change: tuple[Change, ...] = ()
-    max_across: Annotated[float | None, Unit("rad", "arcsec")] = None
-    max_about: Annotated[float | None, Unit("rad", "arcsec")] = None
-    min_availability: float | None = None
+    name: Annotated[str, "for tables and messages"]
+    weight: Annotated[float, NON_NEGATIVE,
+        "of its error in the objective, in which the file's own condition has 1; 0: only its "
+        "requirements count"] = 1.0  # fmt: skip
+    rate: Annotated[float | None, Unit("rad/s", "deg/s"), NON_NEGATIVE,
+        "slew rate, about the axis about which the design turns; where it does not, across the "
+        "boresight at 45 degrees to the columns. None: as the design"] = None  # fmt: skip
+    background_g: Annotated[float | None,
+        "magnitude per square arcsecond of the sky; None: as the design"] = None  # fmt: skip
+    change: Annotated[tuple[Change, ...],
+        "any other parameter, such as the dark current at the end of life"] = ()  # fmt: skip
+    max_across: Annotated[float | None, Unit("rad", "arcsec"), MAX_ERROR] = None
+    max_about: Annotated[float | None, Unit("rad", "arcsec"), MAX_ERROR] = None
+    min_availability: Annotated[float | None, Range(0, 1),
+        "limits in this condition; None: those of the requirements"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.name or self.name in (NOMINAL, MAX_RATE):
             raise Refused(
                 f"name of a condition must be given and not be {NOMINAL} or {MAX_RATE}, got "
                 f"{self.name!r}"
             )
-        non_negative(weight=self.weight)
-        if self.rate is not None:
-            non_negative(rate=self.rate)
         for limit in ("max_across", "max_about"):
             if getattr(self, limit) is not None:
                 positive(**{limit: getattr(self, limit)})
-        if self.min_availability is not None:
-            within(0, 1, min_availability=self.min_availability)
 
     def of(self, case: Case) -> Case:
         """The case in this condition.

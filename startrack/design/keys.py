@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import json
 import math
-import re
 import types
 import typing
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from functools import cache
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from startrack.core import Unit, write
+from startrack.core import Field, Range, Unit, bare, fields_of, write
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity
-from startrack.design.ranges import Range, ranges_of
-from startrack.io import Field, fields_of, shipped, written
+from startrack.io import shipped, written
 
-ENTRY = re.compile(r"((?:\w+)(?:, \w+)*)\s+(\S.*)")
-# In the docstrings, which have SI units; a file has its own.
-ONE = "(1|metre|radian|second|kelvin|hertz|kilogram|watt)"
-SI = re.compile(rf"\A{ONE}(\^2)?( / {ONE})*(, |\Z| (?=by|from|above|of|about|after))")
 COLUMNS = (*map(str, Fidelity), "budget")
 OF_TRIALS = ("instrument", "tracker", "scene", "catalog")
 WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
@@ -38,7 +31,7 @@ class Key(NamedTuple):
     range    "above 0", "0 to 1": in that unit; "" where its class states none by itself
     default  as a file would have it; "required" where it must be given, "none" where nothing is
              there unless it is given
-    meaning  from the docstring of its class
+    meaning  as its class declares it
     taken_by  "all", or the fidelities (and the error budget) that compute with it, and, in
              brackets, those that run a design with it but leave it out; the others refuse such a
              design. "": trials do not depend on it
@@ -62,12 +55,13 @@ PRODUCT = Key(
     "instrument.detector.product", "text", "", "", "none",
     "detector of the catalogue, whose values hold where the file has none",
 )  # fmt: skip
+CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to a design.")
 
 
 @cache
 def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
-    found = [*OF_FILES, *keys_of(Case), Key("campaign", "table", "", "", "none", _first(Campaign))]
+    found = [*OF_FILES, *keys_of(Case), CAMPAIGN]
     found += keys_of(Campaign, "campaign")
     at = next(n for n, key in enumerate(found) if key.name == "instrument.detector") + 1
     found = [*found[:at], PRODUCT, *found[at:]]
@@ -90,31 +84,31 @@ def _taken_by(refused: Sequence[str] = (), left_out: Sequence[str] = ()) -> str:
 
 def keys_of(kind: type, place: str = "") -> Iterator[Key]:
     """The keys of a table that a class of parameters is read from, and of the tables in it."""
-    meanings, ranges = meanings_of(kind), ranges_of(kind)
     for name, field in fields_of(kind).items():
         inner, unit = item_of(field)
-        table = dataclasses.is_dataclass(inner)
-        meaning = SI.sub("", meanings.get(name, ""), 1) if name in meanings else ""
-        meaning = meaning or (_first(inner) if table else name.replace("_", " "))
         where = f"{place}.{name}" if place else name
-        shown = unit.shown if unit else ""
-        limits = ranges.get(name, Range())
+        limits = range_of(field)
         word = f"one of {', '.join(limits.choices)}" if limits.choices else _kind(field, inner)
-        word += ", or code" * limits.code
+        word += ", or code" * bool(limits.code)
+        meaning = field.meaning or name.replace("_", " ")
+        shown = unit.shown if unit else ""
         yield Key(where, word, shown, _range(limits, unit), _default(field), meaning)
-        if table:
+        if dataclasses.is_dataclass(inner):
             yield from keys_of(inner, where)
+
+
+def range_of(field: Field) -> Range:
+    """What the value of a field may be; of a list, nothing is stated."""
+    several = typing.get_origin(field.kind) is tuple
+    return Range() if several or field.range is None else field.range
 
 
 def item_of(field: Field) -> tuple[Any, Unit | None]:
     """The type of a value, or of each of a list, and its unit."""
-    kind, unit = field.kind, field.unit
-    if typing.get_origin(kind) is not tuple:
-        return kind, unit
-    kind = typing.get_args(kind)[0]
-    if typing.get_origin(kind) is Annotated:
-        kind, unit = typing.get_args(kind)[:2]
-    return kind, unit
+    if typing.get_origin(field.kind) is not tuple:
+        return field.kind, field.unit
+    item = bare(typing.get_args(field.kind)[0])
+    return item.kind, item.unit or field.unit
 
 
 def _kind(field: Field, inner: Any) -> str:
@@ -172,35 +166,3 @@ def toml(value: Any) -> str:
         case dict():
             return f"{{{', '.join(f'{name} = {toml(one)}' for name, one in value.items())}}}"
     return f"{value:g}"
-
-
-def _first(kind: type) -> str:
-    """The first sentence of a docstring."""
-    return (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
-
-
-def meanings_of(kind: type) -> dict[str, str]:
-    """What the docstring of a class says of its fields, by their names.
-
-    A line `name  text` or `rms_x, _y, _z  text` begins an entry, indented ones go on with it.
-    """
-    fields, found, current = set(fields_of(kind)), dict[str, str](), list[str]()
-    for line in (inspect.getdoc(kind) or "").splitlines():
-        entry = ENTRY.fullmatch(line)
-        names = _names(entry[1], fields) if entry else []
-        if entry and names:
-            current = names
-            found |= dict.fromkeys(names, entry[2])
-        elif line.startswith("    ") and current:
-            found |= {name: f"{found[name]} {line.strip()}" for name in current}
-        else:
-            current = []
-    return found
-
-
-def _names(text: str, fields: set[str]) -> list[str]:
-    """The fields of "rms_x, _y": each part alone, or with the beginning of the first."""
-    first, *others = text.split(", ")
-    stem = first.rpartition("_")[0]
-    names = [first, *(f"{stem}{one}" if one.startswith("_") else one for one in others)]
-    return names if set(names) <= fields else []

@@ -7,8 +7,8 @@ import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from startrack.core import Refused, Unit, parse, write
-from startrack.io import current_key, unit_of
+from startrack.core import Refused, Unit, parse, unit_of, write
+from startrack.io import current_key
 
 
 def current_name(case: Any, name: str) -> str:

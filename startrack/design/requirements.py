@@ -10,19 +10,17 @@ from typing import Annotated, ClassVar, Protocol
 from scipy import special
 
 from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
     CarriesCode,
+    Parameters,
+    Range,
     Refused,
     Unit,
     call_code,
-    code_field,
-    full_name,
     is_code,
-    non_negative,
-    one_of,
-    one_of_or_code,
     positive,
     returned,
-    whole,
     within,
 )
 from startrack.design.case import Case
@@ -38,23 +36,18 @@ SURE = 0.9973  # of the normal errors that just meet a requirement are those of 
 
 
 @dataclass(frozen=True)
-class KeepOut:
-    """Angles from the boresight from which on accuracy and availability must hold, radian.
+class KeepOut(Parameters):
+    """Angles from the boresight from which on accuracy and availability must hold, radian."""
 
-    sun, moon  to the centre; None: not required
-    earth      to the limb
-    altitude   metre, from which the Earth is seen
-    """
-
-    sun: Annotated[float | None, Unit("rad", "deg")] = None
-    moon: Annotated[float | None, Unit("rad", "deg")] = None
-    earth: Annotated[float | None, Unit("rad", "deg")] = None
-    altitude: Annotated[float, Unit("m", "km")] = 600e3
+    sun: Annotated[float | None, Unit("rad", "deg"), "to the centre; None: not required"] = None
+    moon: Annotated[float | None, Unit("rad", "deg"), "to the centre; None: not required"] = None
+    earth: Annotated[float | None, Unit("rad", "deg"), "to the limb"] = None
+    altitude: Annotated[float, Unit("m", "km"), POSITIVE, "from which the Earth is seen"] = 600e3
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name, angle in self.angles.items():
             within(0, math.pi, **{name: angle})
-        positive(altitude=self.altitude)
 
     @property
     def angles(self) -> dict[str, float]:
@@ -102,6 +95,9 @@ def _length(axes: int, fraction: float) -> float:
     return math.sqrt(2 * float(special.gammaincinv(axes / 2, fraction)))
 
 
+MAX_ERROR = "error across and about the boresight; None where there is no such limit"
+
+
 @dataclass(frozen=True)
 class Requirements(CarriesCode):
     """Limits, and the coefficients of the cost models behind them.
@@ -125,113 +121,87 @@ class Requirements(CarriesCode):
     Source of the cost: NASA Marshall's model of 47 telescopes, whose cost grows as aperture^1.7
     and is 20 million dollars for one metre on the ground (NTRS 20205010427); a star tracker's lens
     is far below the telescopes that it rests on, so that only ratios mean something.
-
-    max_mass, max_power  of lens, baffle and electronics, by these models
-    max_volume, max_data_rate, max_cost  None where there is no such limit
-    mass_fixed        mass of what does not grow with the aperture
-    mass_per_volume   mass of lens and baffle over the cube of the aperture
-    power_fixed       power of what does not grow with the data rate
-    energy_per_bit    of reading out and processing
-    density           of the whole tracker, which then has the mass of its volume; None: the mass is
-                      that of the aperture. Of seven that were built 950 kg/m3 in the median
-    baffle_angle      from the boresight, from which on the baffle keeps the Sun from the lens;
-                      None: no baffle, or one within the other terms
-    shielding         thickness of a layer of aluminium around the tracker; 0: none but its housing
-    volume_fixed      volume of all but the lens
-    length_ratio      1, length of the tube over the focal length
-    cost_fixed        cost of all but the lens, in any currency
-    cost_of_metre     cost of a lens with an aperture of one metre
-    cost_power        1, with which the cost grows with the aperture
-    cost_model        "aperture": as above; or code of one's own, see docs/extensions.md
-    checks            code of one's own, each of whose margins must not be negative
-    min_update_rate   attitudes in a second
-    sky_fraction      1, fraction of the sky that must show `min_stars`
-    min_stars         stars above the detection threshold that `sky_fraction` of the sky must show
-    min_availability  fraction of trials with a correct attitude, see `limits`
-    max_across, max_about  error across and about the boresight; None where there is no such limit
-    level             of these errors: "rms", or a percentage such as "99.73 %" that they must not
-                      exceed in so many cases
-    kind              "per axis": of the errors about single axes; "radial": of their length. About
-                      the boresight, both are the same
-    sky               "whole": over the whole sky; "worst": in the worst of 12 regions of equal area
-    confidence        with which trials must show what they show
-    max_rate          slew rate at which accuracy and availability must hold, too
-    min_keep_out      angles to Sun, Moon and Earth at which they must hold, too
-    blinded           whether trials in which Sun, Moon or Earth are nearer than min_keep_out count
-                      in the availability and the errors: "counted" or "left out"
     """
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"sky_share": "sky_fraction"}
 
-    max_mass: Annotated[float, Unit("kg")] = 1.0
-    mass_fixed: Annotated[float, Unit("kg")] = 0.15
-    mass_per_volume: Annotated[float, Unit("kg / m3")] = 6000.0
-    density: Annotated[float | None, Unit("kg / m3")] = None
-    baffle_angle: Annotated[float | None, Unit("rad", "deg")] = None
-    shielding: Annotated[float, Unit("m", "mm")] = 0.0
-    max_power: Annotated[float, Unit("W")] = 2.0
-    power_fixed: Annotated[float, Unit("W")] = 0.4
-    energy_per_bit: Annotated[float, Unit("J / bit", "nJ / bit")] = 20e-9
-    max_volume: Annotated[float | None, Unit("m3", "cm3")] = None
-    volume_fixed: Annotated[float, Unit("m3", "cm3")] = 100e-6
-    length_ratio: float = 2.0
-    max_data_rate: Annotated[float | None, Unit("bit / s", "Mbit / s")] = None
-    max_cost: float | None = None
-    cost_fixed: float = 0.0
-    cost_of_metre: float = 20e6
-    cost_power: float = 1.7
-    min_update_rate: Annotated[float, Unit("Hz")] = 1.0
-    min_stars: int = 5
-    sky_fraction: float = 0.99
-    min_availability: float = 0.99
-    max_across: Annotated[float | None, Unit("rad", "arcsec")] = None
-    max_about: Annotated[float | None, Unit("rad", "arcsec")] = None
-    level: str = "rms"
-    kind: str = "per axis"
-    sky: str = "whole"
-    confidence: float = 0.95
-    max_rate: Annotated[float | None, Unit("rad/s", "deg/s")] = None
-    min_keep_out: KeepOut = field(default_factory=KeepOut)
-    blinded: str = "counted"
-    cost_model: str = code_field("costs", "aperture")
-    checks: tuple[str, ...] = code_field("requirements", ())
+    max_mass: Annotated[float, Unit("kg"), POSITIVE,
+        "of lens, baffle and electronics, by these models"] = 1.0  # fmt: skip
+    mass_fixed: Annotated[float, Unit("kg"), NON_NEGATIVE,
+        "mass of what does not grow with the aperture"] = 0.15  # fmt: skip
+    mass_per_volume: Annotated[float, Unit("kg / m3"), NON_NEGATIVE,
+        "mass of lens and baffle over the cube of the aperture"] = 6000.0  # fmt: skip
+    density: Annotated[float | None, Unit("kg / m3"),
+        "of the whole tracker, which then has the mass of its volume; None: the mass is that of "
+        "the aperture. Of seven that were built 950 kg/m3 in the median"] = None  # fmt: skip
+    baffle_angle: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi / 2),
+        "from the boresight, from which on the baffle keeps the Sun from the lens; None: no "
+        "baffle, or one within the other terms"] = None  # fmt: skip
+    shielding: Annotated[float, Unit("m", "mm"), NON_NEGATIVE,
+        "thickness of a layer of aluminium around the tracker; 0: none but its housing"
+    ] = 0.0  # fmt: skip
+    max_power: Annotated[float, Unit("W"), POSITIVE,
+        "of lens, baffle and electronics, by these models"] = 2.0  # fmt: skip
+    power_fixed: Annotated[float, Unit("W"), NON_NEGATIVE,
+        "power of what does not grow with the data rate"] = 0.4  # fmt: skip
+    energy_per_bit: Annotated[float, Unit("J / bit", "nJ / bit"), NON_NEGATIVE,
+        "of reading out and processing"] = 20e-9  # fmt: skip
+    max_volume: Annotated[float | None, Unit("m3", "cm3"),
+        "None where there is no such limit"] = None  # fmt: skip
+    volume_fixed: Annotated[float, Unit("m3", "cm3"), NON_NEGATIVE,
+        "volume of all but the lens"] = 100e-6  # fmt: skip
+    length_ratio: Annotated[float, POSITIVE, "length of the tube over the focal length"] = 2.0
+    max_data_rate: Annotated[float | None, Unit("bit / s", "Mbit / s"),
+        "None where there is no such limit"] = None  # fmt: skip
+    max_cost: Annotated[float | None, "None where there is no such limit"] = None
+    cost_fixed: Annotated[float, NON_NEGATIVE, "cost of all but the lens, in any currency"] = 0.0
+    cost_of_metre: Annotated[float, NON_NEGATIVE,
+        "cost of a lens with an aperture of one metre"] = 20e6  # fmt: skip
+    cost_power: Annotated[float, POSITIVE, "with which the cost grows with the aperture"] = 1.7
+    min_update_rate: Annotated[float, Unit("Hz"), NON_NEGATIVE, "attitudes in a second"] = 1.0
+    min_stars: Annotated[int, Range(1, 100),
+        "stars above the detection threshold that `sky_fraction` of the sky must show"
+    ] = 5  # fmt: skip
+    sky_fraction: Annotated[float, Range(0, 1),
+        "fraction of the sky that must show `min_stars`"] = 0.99  # fmt: skip
+    min_availability: Annotated[float, Range(0, 1),
+        "fraction of trials with a correct attitude, see `limits`"] = 0.99  # fmt: skip
+    max_across: Annotated[float | None, Unit("rad", "arcsec"), MAX_ERROR] = None
+    max_about: Annotated[float | None, Unit("rad", "arcsec"), MAX_ERROR] = None
+    level: Annotated[str,
+        'of these errors: "rms", or a percentage such as "99.73 %" that they must not exceed in '
+        "so many cases"] = "rms"  # fmt: skip
+    kind: Annotated[str, Range(choices=KINDS),
+        '"per axis": of the errors about single axes; "radial": of their length. About the '
+        "boresight, both are the same"] = "per axis"  # fmt: skip
+    sky: Annotated[str, Range(choices=SKIES),
+        '"whole": over the whole sky; "worst": in the worst of 12 regions of equal area'
+    ] = "whole"  # fmt: skip
+    confidence: Annotated[float, Range(0.5, 0.9999),
+        "with which trials must show what they show"] = 0.95  # fmt: skip
+    max_rate: Annotated[float | None, Unit("rad/s", "deg/s"),
+        "slew rate at which accuracy and availability must hold, too"] = None  # fmt: skip
+    min_keep_out: Annotated[KeepOut,
+        "angles to Sun, Moon and Earth at which they must hold, too"
+    ] = field(default_factory=KeepOut)  # fmt: skip
+    blinded: Annotated[str, Range(choices=BLINDED),
+        "whether trials in which Sun, Moon or Earth are nearer than min_keep_out count in the "
+        'availability and the errors: "counted" or "left out"'] = "counted"  # fmt: skip
+    cost_model: Annotated[str, Range(choices=COST_MODELS, code="costs"),
+        "\"aperture\": as above; or code of one's own, see docs/extensions.md"
+    ] = "aperture"  # fmt: skip
+    checks: Annotated[tuple[str, ...], Range(code="requirements"),
+        "code of one's own, each of whose margins must not be negative"] = ()  # fmt: skip
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("max_across", "max_about", "max_rate"):
             if getattr(self, name) is not None:
                 positive(**{name: getattr(self, name)})
-        one_of(KINDS, kind=self.kind)
-        one_of(SKIES, sky=self.sky)
-        one_of(BLINDED, blinded=self.blinded)
-        cost_model = full_name("costs", COST_MODELS, self.cost_model)
-        object.__setattr__(self, "cost_model", cost_model)
-        one_of_or_code(COST_MODELS, cost_model=self.cost_model)
-        checks = tuple(full_name("requirements", (), one) for one in self.checks)
-        object.__setattr__(self, "checks", checks)
-        for one in checks:
-            one_of_or_code((), checks=one)
-        within(0.5, 0.9999, confidence=self.confidence)
         self._fraction()
-        positive(max_mass=self.max_mass, max_power=self.max_power)
         for name in ("max_volume", "max_data_rate", "max_cost", "density"):
             if getattr(self, name) is not None:
                 positive(**{name: getattr(self, name)})
-        if self.baffle_angle is not None:
-            within(0, math.pi / 2, baffle_angle=self.baffle_angle)
-        positive(length_ratio=self.length_ratio, cost_power=self.cost_power)
-        non_negative(
-            volume_fixed=self.volume_fixed,
-            shielding=self.shielding,
-            cost_fixed=self.cost_fixed,
-            cost_of_metre=self.cost_of_metre,
-            mass_fixed=self.mass_fixed,
-            mass_per_volume=self.mass_per_volume,
-            power_fixed=self.power_fixed,
-            energy_per_bit=self.energy_per_bit,
-            min_update_rate=self.min_update_rate,
-        )
-        whole(1, 100, min_stars=self.min_stars)
-        within(0, 1, sky_fraction=self.sky_fraction, min_availability=self.min_availability)
 
     def _fraction(self) -> float | None:
         """The level as a fraction, None for the rms."""

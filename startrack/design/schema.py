@@ -10,12 +10,11 @@ from enum import StrEnum
 from functools import cache
 from typing import Any
 
-from startrack.core import LARGEST_NUMBER, Unit
+from startrack.core import LARGEST_NUMBER, Field, Range, Unit, fields_of
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case
-from startrack.design.keys import OF_FILES, PRODUCT, Key, design_keys, item_of
-from startrack.design.ranges import Range, ranges_of
-from startrack.io import LARGEST_INTEGER, Field, fields_of
+from startrack.design.keys import OF_FILES, PRODUCT, Key, design_keys, item_of, range_of
+from startrack.io import LARGEST_INTEGER
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
 PERCENTAGE = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*%\s*$"
@@ -66,11 +65,11 @@ def _plain(key: Key) -> Schema:
 
 
 def _table(kind: type, place: str) -> Schema:
-    limits, properties = ranges_of(kind), dict[str, Schema]()
+    properties = dict[str, Schema]()
     for name, field in fields_of(kind).items():
         where = f"{place}.{name}" if place else name
         properties[name] = {"description": _meanings()[where].meaning} | _value(
-            field, limits.get(name, Range()), where
+            field, range_of(field), where
         )
         if field.default is not None and not dataclasses.is_dataclass(field.kind):
             properties[name] |= _default(_meanings()[where])

@@ -6,51 +6,41 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Refused, finite, one_of
+from startrack.core import FINITE, Parameters, Range, Refused
 from startrack.design.case import Case
 from startrack.design.parameter import label, number, quantity, replaced_all, text, unchecked
 
 
 @dataclass(frozen=True)
-class Variable:
-    """One parameter that may change.
+class Variable(Parameters):
+    """One parameter that may change."""
 
-    name       path in the case, such as "instrument.optics.focal_length"; in a list by number,
-               such as "instrument.motion.tones.0.rms_x". A whole number is rounded
-    low, high  bounds, with a unit where the parameter has one
-    scale      "linear" or "log": how the range is walked through
-    """
-
-    name: str
-    low: float | str
-    high: float | str
-    scale: str = "linear"
-
-    def __post_init__(self) -> None:
-        one_of(("linear", "log"), scale=self.scale)
+    name: Annotated[str,
+        'path in the case, such as "instrument.optics.focal_length"; in a list by number, such '
+        'as "instrument.motion.tones.0.rms_x". A whole number is rounded']  # fmt: skip
+    low: Annotated[float | str, "bounds, with a unit where the parameter has one"]
+    high: Annotated[float | str, "bounds, with a unit where the parameter has one"]
+    scale: Annotated[str, Range(choices=("linear", "log")),
+        '"linear" or "log": how the range is walked through'] = "linear"  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Link:
+class Link(Parameters):
     """One parameter that follows another, from their values in the design.
 
-        value = value_0 (to / to_0)^power
-
-    name   path of the parameter that follows
-    to     path of the one that it follows, which may be no variable itself but follow one
-    power  1, see above; 0 keeps the value
+    value = value_0 (to / to_0)^power
     """
 
-    name: str
-    to: str
-    power: float = 1.0
-
-    def __post_init__(self) -> None:
-        finite(power=self.power)
+    name: Annotated[str, "path of the parameter that follows"]
+    to: Annotated[str,
+        "path of the one that it follows, which may be no variable itself but follow one"
+    ]  # fmt: skip
+    power: Annotated[float, FINITE, "see above; 0 keeps the value"] = 1.0
 
 
 AT_BOUND = 0.01  # of a variable's range: as near a bound counts as on it; chosen by hand

@@ -6,12 +6,22 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from startrack.core import Curve, Refused, Streams, finite, non_negative, one_of, parse, within
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    Curve,
+    Parameters,
+    Range,
+    Refused,
+    Streams,
+    finite,
+    parse,
+)
 from startrack.design.parameter import find, replaced_all, unit_at
 
 LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
@@ -38,8 +48,14 @@ class Scope(StrEnum):
     FRAME = "frame"
 
 
+DIFFERENCE = (
+    "difference from the design, with a unit where it is absolute and the number has one; for "
+    "scope life, per year"
+)
+
+
 @dataclass(frozen=True)
-class Variation:
+class Variation(Parameters):
     """How one number of the truth differs by chance; the tracker does not know by how much.
 
         value = design (1 + sum of relative differences) + sum of absolute differences
@@ -54,50 +70,37 @@ class Variation:
         sinusoid   mean + amplitude sin(2 pi u + phase): at a random time of an orbit or a season
         table      between `values` evenly spaced over u: quantiles if they rise, else the profile
                    over a period
-
-    name         dotted, of the truth: "instrument.optics.focal_length"; a curve over wavelength
-                 changes relatively, all values alike
-    law          see above
-    sigma, low, high, mean, amplitude  difference from the design, with a unit where it is absolute
-                 and the number has one; for scope life, per year
-    values       of the table, likewise
-    phase        1, of a sinusoid, in periods: ahead of others of its group
-    vary         "absolute" or "relative": how the difference is meant
-    per          unit, launch, environment, life or frame
-    group        variations of one group and scope share their z; "": its own
-    correlation  1, with the z of its group; a sinusoid's phase is that of its group
-    scale        1, factor on all differences from the mean: a tolerance, which may be a variable of
-                 a campaign, such as "variation.0.scale"
-    price        what it costs to halve `scale` from 1, in the unit of the requirements' cost; each
-                 further halving costs as much, and doubling it saves as much
-    source       where the numbers are from; it has no effect
     """
 
-    name: str
-    law: str = "normal"
-    sigma: float | str = 0.0
-    low: float | str = 0.0
-    high: float | str = 0.0
-    mean: float | str = 0.0
-    amplitude: float | str = 0.0
-    values: tuple[float | str, ...] = ()
-    phase: float = 0.0
-    vary: str = ABSOLUTE
-    per: Scope = Scope.UNIT
-    group: str = ""
-    correlation: float = 1.0
-    scale: float = 1.0
-    price: float = 0.0
-    source: str = ""
+    name: Annotated[str,
+        'dotted, of the truth: "instrument.optics.focal_length"; a curve over wavelength '
+        "changes relatively, all values alike"]  # fmt: skip
+    law: Annotated[str, Range(choices=LAWS), "see above"] = "normal"
+    sigma: Annotated[float | str, DIFFERENCE] = 0.0
+    low: Annotated[float | str, DIFFERENCE] = 0.0
+    high: Annotated[float | str, DIFFERENCE] = 0.0
+    mean: Annotated[float | str, DIFFERENCE] = 0.0
+    amplitude: Annotated[float | str, DIFFERENCE] = 0.0
+    values: Annotated[tuple[float | str, ...], "of the table, likewise"] = ()
+    phase: Annotated[float, FINITE, "of a sinusoid, in periods: ahead of others of its group"] = 0.0
+    vary: Annotated[str, Range(choices=(ABSOLUTE, RELATIVE)),
+        '"absolute" or "relative": how the difference is meant'] = ABSOLUTE  # fmt: skip
+    per: Annotated[Scope, "unit, launch, environment, life or frame"] = Scope.UNIT
+    group: Annotated[str, 'variations of one group and scope share their z; "": its own'] = ""
+    correlation: Annotated[float, Range(-1, 1),
+        "with the z of its group; a sinusoid's phase is that of its group"] = 1.0  # fmt: skip
+    scale: Annotated[float, NON_NEGATIVE,
+        "factor on all differences from the mean: a tolerance, which may be a variable of a "
+        'campaign, such as "variation.0.scale"'] = 1.0  # fmt: skip
+    price: Annotated[float, NON_NEGATIVE,
+        "what it costs to halve `scale` from 1, in the unit of the requirements' cost; each "
+        "further halving costs as much, and doubling it saves as much"] = 0.0  # fmt: skip
+    source: Annotated[str, "where the numbers are from; it has no effect"] = ""
 
     def __post_init__(self) -> None:
-        one_of(LAWS, law=self.law)
-        one_of((ABSOLUTE, RELATIVE), vary=self.vary)
-        within(-1, 1, correlation=self.correlation)
-        non_negative(scale=self.scale, price=self.price)
+        super().__post_init__()
         if self.price and not self.scale:
             raise Refused("scale must be positive where it has a price, got 0")
-        finite(phase=self.phase)
         if not self.name.startswith(TRUTH):
             raise Refused(
                 "name must begin with instrument., scene. or catalog., for only the truth varies, "

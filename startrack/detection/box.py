@@ -11,7 +11,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Psf, Refused, Spots, Unit, arcsec, one_of, positive, whole
+from startrack.core import (
+    POSITIVE,
+    Floats,
+    Frame,
+    Parameters,
+    Psf,
+    Range,
+    Refused,
+    Spots,
+    Unit,
+    arcsec,
+)
 from startrack.detection.dark_map import corrected
 from startrack.detection.pixels import gain_of
 from startrack.detection.plan import DetectionPlan
@@ -28,8 +39,11 @@ FARTHEST = 0.53  # pixel, of the moment from the middle; above half a pixel, so 
 IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
 
 
+APPARENT = "magnitudes by which a star may seem fainter or brighter than its catalogue says"
+
+
 @dataclass(frozen=True)
-class Box:
+class Box(Parameters):
     """Search boxes about the places where stars are expected, as trackers have them that are told
     which stars to take.
 
@@ -40,32 +54,26 @@ class Box:
 
     Source: the method is that of Chandra's aspect camera (Proposers' Observatory Guide, chapter 5);
     which pixels make the background, and how, is assumed.
-
-    half_width   radian, half side of a box
-    size         pixel, side of an image: 4, 6 (without its corners) or 8
-    background   "dynamic": middle half of eight pixels at the corners of 8 x 8; "none": 0
-    fainter, brighter  magnitudes by which a star may seem fainter or brighter than its catalogue
-                 says
-    stars        boxes, about the brightest stars of the catalogue in the field
-    prior        radian rms per axis, error of the attitude that a single trial expects the stars
-                 by; in a sequence it is that of the filter
     """
 
-    half_width: Annotated[float, Unit("rad", "arcsec")] = 120 * arcsec
-    size: int = 6
-    background: str = "dynamic"
-    fainter: float = 1.5
-    brighter: float = 1.5
-    stars: int = 8
-    prior: Annotated[float, Unit("rad", "arcsec")] = 4 * arcsec
+    half_width: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
+        "half side of a box"] = 120 * arcsec  # fmt: skip
+    size: Annotated[int, "pixel, side of an image: 4, 6 (without its corners) or 8"] = 6
+    background: Annotated[str, Range(choices=BACKGROUNDS),
+        '"dynamic": middle half of eight pixels at the corners of 8 x 8; "none": 0'
+    ] = "dynamic"  # fmt: skip
+    fainter: Annotated[float, POSITIVE, APPARENT] = 1.5
+    brighter: Annotated[float, POSITIVE, APPARENT] = 1.5
+    stars: Annotated[int, Range(2, 1000),
+        "boxes, about the brightest stars of the catalogue in the field"] = 8  # fmt: skip
+    prior: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
+        "radian rms per axis, error of the attitude that a single trial expects the stars by; "
+        "in a sequence it is that of the filter"] = 4 * arcsec  # fmt: skip
 
     def __post_init__(self) -> None:
-        positive(half_width=self.half_width, fainter=self.fainter, brighter=self.brighter)
+        super().__post_init__()
         if self.size not in SIZES:
             raise Refused(f"size must be one of 4, 6 and 8, got {self.size}")
-        one_of(BACKGROUNDS, background=self.background)
-        whole(2, 1000, stars=self.stars)
-        positive(prior=self.prior)
 
 
 class Taken(NamedTuple):

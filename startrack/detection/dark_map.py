@@ -5,38 +5,44 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Refused, Workspace, kernel, positive, whole
+from startrack.core import (
+    POSITIVE,
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Refused,
+    Workspace,
+    kernel,
+)
 
 Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class DarkMap:
+class DarkMap(Parameters):
     """A map of the dark signal of each pixel, which the tracker measured on its own detector.
 
     The median of the map stays in the frame: the background keeps the shot noise of the dark
     current. A pixel that the map shows to be hot takes the mean of its neighbours instead of its
     own number, because its shot noise cannot be subtracted.
-
-    frames      1, dark frames with the exposure and temperature of the flight, whose mean it is
-    step        digital number, to whose multiples the map is rounded
-    hot         sigma of a pixel's noise by which the dark signal of a hot pixel exceeds the median
-    subtracted  whether dark signal is subtracted; if not, the tracker has a list of hot pixels only
     """
 
-    frames: int = 64
-    step: float = 1.0
-    hot: float = 5.0
-    subtracted: bool = True
-
-    def __post_init__(self) -> None:
-        whole(1, 2**16, frames=self.frames)
-        positive(step=self.step, hot=self.hot)
+    frames: Annotated[int, Range(1, 2**16),
+        "dark frames with the exposure and temperature of the flight, whose mean it is"
+    ] = 64  # fmt: skip
+    step: Annotated[float, POSITIVE, "digital number, to whose multiples the map is rounded"] = 1.0
+    hot: Annotated[float, POSITIVE,
+        "sigma of a pixel's noise by which the dark signal of a hot pixel exceeds the median"
+    ] = 5.0  # fmt: skip
+    subtracted: Annotated[bool,
+        "whether dark signal is subtracted; if not, the tracker has a list of hot pixels only"
+    ] = True  # fmt: skip
 
 
 class DarkFrames(NamedTuple):

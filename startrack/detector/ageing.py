@@ -11,14 +11,15 @@ from scipy import special
 
 from startrack.core import (
     BOLTZMANN,
+    NON_NEGATIVE,
+    POSITIVE,
     ZERO_CELSIUS,
     Floats,
+    Parameters,
+    Range,
     Refused,
     Streams,
     Unit,
-    non_negative,
-    one_of,
-    positive,
     within,
 )
 from startrack.detector.shielding import damage_fluence, proton_dose
@@ -91,7 +92,7 @@ TABLE = 4000  # entries of these tables
 
 
 @dataclass(frozen=True)
-class Flicker:
+class Flicker(Parameters):
     """Pixels whose dark current jumps at random (random telegraph signal).
 
     A pixel above `least` jumps, at times of a Poisson process, to its mean current times 10^s:
@@ -102,29 +103,18 @@ class Flicker:
     Source: the form was found here, and its four numbers fitted, from the published laws of
     Chandra's aspect camera in five of nine bins of dark current (50 to 100, 200 to 300, 400 to 500,
     600 to 800 and above 1000 electron / s); the dwell time is theirs (chandra_aca, aca_image.py).
-
-    down     1, fraction of the jumps below the mean
-    step     1, scale of the jumps of the coldest pixels, in decades
-    current  electron / second, at which the scale is half of that
-    power    1, exponent with which the scale falls with the current
-    largest  1, decades; a longer jump ends there
-    least    electron / second, of a pixel that flickers
-    dwell    second, mean time between jumps
     """
 
-    down: float = 0.448
-    step: float = 0.117
-    current: Annotated[float, Unit("electron / s")] = 344.0
-    power: float = 0.695
-    largest: float = 0.35
-    least: Annotated[float, Unit("electron / s")] = 50.0
-    dwell: Annotated[float, Unit("s")] = 10e3
-
-    def __post_init__(self) -> None:
-        within(0, 1, down=self.down)
-        positive(step=self.step, current=self.current, power=self.power, dwell=self.dwell)
-        positive(largest=self.largest)
-        non_negative(least=self.least)
+    down: Annotated[float, Range(0, 1), "fraction of the jumps below the mean"] = 0.448
+    step: Annotated[float, POSITIVE, "scale of the jumps of the coldest pixels, in decades"] = 0.117
+    current: Annotated[float, Unit("electron / s"), POSITIVE,
+        "electron / second, at which the scale is half of that"] = 344.0  # fmt: skip
+    power: Annotated[float, POSITIVE,
+        "exponent with which the scale falls with the current"] = 0.695  # fmt: skip
+    largest: Annotated[float, POSITIVE, "decades; a longer jump ends there"] = 0.35
+    least: Annotated[float, Unit("electron / s"), NON_NEGATIVE,
+        "electron / second, of a pixel that flickers"] = 50.0  # fmt: skip
+    dwell: Annotated[float, Unit("s"), POSITIVE, "mean time between jumps"] = 10e3
 
     def scale(self, current: Floats) -> Floats:
         """Decades, of pixels of dark currents (electron / s)."""
@@ -149,15 +139,13 @@ class Flicker:
 
 
 @dataclass(frozen=True)
-class Age:
+class Age(Parameters):
     """Years in orbit, and what they did to the detector.
 
-    family "chandra-aca": the histogram of the dark current of Chandra's aspect camera (a
     front-illuminated CCD of 24 um in a high orbit behind its shield), as fitted in flight; the same
     pixels are hot at all ages, and (below some thousand electron / s) more so later. Before 2007
     and after 2017 it is extrapolated.
 
-    family "interactions": protons displace atoms in the depleted silicon of a pixel. Their number
     is Poisson, each adds a dark current of an exponential distribution, and the mean increase is
 
         K NIEL fluence depleted volume,   K = 1.9e5 electron / s / cm^3 / (MeV / g) at 300 K
@@ -165,68 +153,58 @@ class Age:
     Source: Srour and Lo (2000), IEEE Transactions on Nuclear Science 47, 2451, for the mean;
     Robbins (2000), ibid. 47, 2473, and Virmontois et al. (2012), ibid. 59, 927, for the exponential
     distribution, whose mean is published between some 3000 and 6000 electron / s at 296 K.
-
-    time          second in orbit; None: from `year` and `launch`
-    year, launch  calendar years, such as 2017.0 and 1999.56
-    family        "interactions" or "chandra-aca"
-    fluence       proton equivalents of 10 MeV, of a square metre and a second, behind the shield;
-                  of the family "interactions"
-    inclination   radian, of a circular orbit at 550 km, from which the fluence of trapped protons
-                  then follows; those of the Sun, which count from some 60 degrees on, and other
-                  orbits (higher, geostationary) are not in its table: give their dose or fluence
-    shielding     metre of aluminium around the detector in that orbit, 1 to 20 mm
-    dose          gray / second, ionising, of protons in silicon behind the shield, from which the
-                  fluence then follows: of any orbit, and with those of the Sun, such as SPENVIS
-                  computes by the models of ECSS-E-ST-10-04C
-    depleted      metre, depth of the silicon whose damage makes dark current; of the same
-    interaction   electron / second, mean dark current of an interaction, at 296 K; of the same
-    annealed      1, fraction of the damage's dark current that annealing took away
-    flicker       pixels with random telegraph signal; None: none flicker
-    sensitivity_loss  1 / second, of the light: glass that darkens, quantum efficiency that falls
-    transfer_loss     1 / second, by which the fraction of the charge that a CCD leaves behind in a
-                  transfer from row to row grows; it follows in the next row. Rows are read from
-                  the first on
     """
 
-    time: Annotated[float | None, Unit("s", "yr")] = None
-    year: float | None = None
-    launch: float | None = None
-    family: str = "interactions"
-    fluence: Annotated[float, Unit("m-2 / s", "cm-2 / yr")] = 0.0
-    inclination: Annotated[float | None, Unit("rad", "deg")] = None
-    shielding: Annotated[float | None, Unit("m", "mm")] = None
-    dose: Annotated[float | None, Unit("Gy / s", "krad / yr")] = None
-    depleted: Annotated[float, Unit("m", "um")] = 10e-6
-    interaction: Annotated[float, Unit("electron / s")] = 4000.0
-    annealed: float = 0.0
-    flicker: Flicker | None = None
-    sensitivity_loss: Annotated[float, Unit("s-1", "yr-1")] = 0.0
-    transfer_loss: Annotated[float, Unit("s-1", "yr-1")] = 0.0
+    time: Annotated[float | None, Unit("s", "yr"), Range(0, 100 * YEAR),
+        "second in orbit; None: from `year` and `launch`"] = None  # fmt: skip
+    year: Annotated[float | None, "calendar years, such as 2017.0 and 1999.56"] = None
+    launch: Annotated[float | None, "calendar years, such as 2017.0 and 1999.56"] = None
+    family: Annotated[str, Range(choices=FAMILIES),
+        '"interactions" or "chandra-aca"'] = "interactions"  # fmt: skip
+    fluence: Annotated[float, Unit("m-2 / s", "cm-2 / yr"), NON_NEGATIVE,
+        "proton equivalents of 10 MeV, of a square metre and a second, behind the shield; of "
+        'the family "interactions"'] = 0.0  # fmt: skip
+    inclination: Annotated[float | None, Unit("rad", "deg"),
+        "of a circular orbit at 550 km, from which the fluence of trapped protons then follows; "
+        "those of the Sun, which count from some 60 degrees on, and other orbits (higher, "
+        "geostationary) are not in its table: give their dose or fluence"] = None  # fmt: skip
+    shielding: Annotated[float | None, Unit("m", "mm"),
+        "of aluminium around the detector in that orbit, 1 to 20 mm"] = None  # fmt: skip
+    dose: Annotated[float | None, Unit("Gy / s", "krad / yr"), NON_NEGATIVE,
+        "gray / second, ionising, of protons in silicon behind the shield, from which the "
+        "fluence then follows: of any orbit, and with those of the Sun, such as SPENVIS "
+        "computes by the models of ECSS-E-ST-10-04C"] = None  # fmt: skip
+    depleted: Annotated[float, Unit("m", "um"), POSITIVE,
+        "depth of the silicon whose damage makes dark current; of the same"] = 10e-6  # fmt: skip
+    interaction: Annotated[float, Unit("electron / s"), POSITIVE,
+        "electron / second, mean dark current of an interaction, at 296 K; of the same"
+    ] = 4000.0  # fmt: skip
+    annealed: Annotated[float, Range(0, 1),
+        "fraction of the damage's dark current that annealing took away"] = 0.0  # fmt: skip
+    flicker: Annotated[Flicker | None,
+        "pixels with random telegraph signal; None: none flicker"] = None  # fmt: skip
+    sensitivity_loss: Annotated[float, Unit("s-1", "yr-1"), NON_NEGATIVE,
+        "of the light: glass that darkens, quantum efficiency that falls"] = 0.0  # fmt: skip
+    transfer_loss: Annotated[float, Unit("s-1", "yr-1"), Range(0, 1e-3 / YEAR),
+        "by which the fraction of the charge that a CCD leaves behind in a transfer from row to "
+        "row grows; it follows in the next row. Rows are read from the first on"] = 0.0  # fmt: skip
 
     def __post_init__(self) -> None:
-        one_of(FAMILIES, family=self.family)
+        super().__post_init__()
         if (self.time is None) == (self.year is None) or (self.year is None) != (
             self.launch is None
         ):
             raise Refused("age must have either time, or year and launch")
-        if self.time is not None:
-            within(0, 100 * YEAR, time=self.time)
         if self.year is not None and self.launch is not None:
             within(1950, 2150, year=self.year, launch=self.launch)
             if self.year < self.launch:
                 raise Refused(f"year must not be before launch = {self.launch}, got {self.year}")
-        non_negative(fluence=self.fluence, sensitivity_loss=self.sensitivity_loss)
-        positive(depleted=self.depleted, interaction=self.interaction)
-        within(0, 1, annealed=self.annealed)
-        within(0, 1e-3 / YEAR, transfer_loss=self.transfer_loss)
         if (self.inclination is None) != (self.shielding is None):
             raise Refused("age must have inclination and shielding together, or neither")
         if self.inclination is not None and self.fluence:
             raise Refused("fluence must be left out where inclination and shielding give it")
-        if self.dose is not None:
-            non_negative(dose=self.dose)
-            if self.inclination is not None or self.fluence:
-                raise Refused("dose must be left out beside fluence, inclination and shielding")
+        if self.dose is not None and (self.inclination is not None or self.fluence):
+            raise Refused("dose must be left out beside fluence, inclination and shielding")
         if self.protons and self.family != "interactions":
             raise Refused("fluence must be left out beside a family with a law of its own")
 

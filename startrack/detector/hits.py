@@ -9,14 +9,14 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Streams, Unit, non_negative, positive
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Streams, Unit
 
 SAMPLES = 16  # points per pixel along a track; chosen by hand: lengths in 1/16 pixel
 LEAST_COSINE = 0.01  # to the normal; only one track in 10 000 has a smaller one
 
 
 @dataclass(frozen=True)
-class Hits:
+class Hits(Parameters):
     """Particles through the sensitive layer.
 
     Their number is a Poisson number. Their flux is isotropic, so that the cosine of the angle to
@@ -24,19 +24,13 @@ class Hits:
 
     Source: the most probable charge of a minimum-ionising particle in silicon is 80 electrons per
     micrometre (Particle Data Group, Passage of particles through matter).
-
-    rate    particle / m^2 / s through the surface, from both sides
-    charge  electron / m along the track
-    depth   metre, of the sensitive layer
     """
 
-    rate: Annotated[float, Unit("m-2 s-1", "cm-2 s-1")]
-    charge: Annotated[float, Unit("electron / m", "electron / um")] = 80e6
-    depth: Annotated[float, Unit("m", "um")] = 10e-6
-
-    def __post_init__(self) -> None:
-        non_negative(rate=self.rate)
-        positive(charge=self.charge, depth=self.depth)
+    rate: Annotated[float, Unit("m-2 s-1", "cm-2 s-1"), NON_NEGATIVE,
+        "particle / m^2 / s through the surface, from both sides"]  # fmt: skip
+    charge: Annotated[float, Unit("electron / m", "electron / um"), POSITIVE,
+        "electron / m along the track"] = 80e6  # fmt: skip
+    depth: Annotated[float, Unit("m", "um"), POSITIVE, "of the sensitive layer"] = 10e-6
 
 
 def tracks(

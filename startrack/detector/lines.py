@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from startrack.core import Refused, finite, non_negative, one_of, whole
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    Parameters,
+    Range,
+    Refused,
+    whole,
+)
 
 KINDS = ("line", "staggered", "tdi", "lines")
 
 
 @dataclass(frozen=True)
-class Line:
-    """A line of pixels: its position, delay and gain.
+class Line(Parameters):
+    """A line of pixels: its position, delay and gain."""
 
-    row    pixel of the camera
-    shift  pixel of the camera, of its first column
-    delay  exposures, of its exposure behind that of a line without delay
-    gain   1, factor on what the pixels of the line collect
-    phase  number of the interleaved lines of the image to which it adds
-    """
-
-    row: float
-    shift: float = 0.0
-    delay: float = 0.0
-    gain: float = 1.0
-    phase: int = 0
-
-    def __post_init__(self) -> None:
-        finite(row=self.row, shift=self.shift, delay=self.delay, gain=self.gain)
-        whole(0, 15, phase=self.phase)
+    row: Annotated[float, FINITE, "pixel of the camera"]
+    shift: Annotated[float, FINITE, "pixel of the camera, of its first column"] = 0.0
+    delay: Annotated[float, FINITE,
+        "exposures, of its exposure behind that of a line without delay"] = 0.0  # fmt: skip
+    gain: Annotated[float, FINITE, "factor on what the pixels of the line collect"] = 1.0
+    phase: Annotated[int, Range(0, 15),
+        "number of the interleaved lines of the image to which it adds"] = 0  # fmt: skip
 
 
 def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...]:
@@ -51,30 +50,24 @@ def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
 
 
 @dataclass(frozen=True)
-class Scan:
+class Scan(Parameters):
     """A detector of lines, whose image grows while the camera turns.
 
     In its design, `columns` are the pixels of a line, `rows` the lines of the image, `exposure` is
     that of one line. Rows count from the middle of the camera; time zero is the middle of the
     image.
-
-    kind      "line", "staggered", "tdi", or "lines" for any others, given in `lines`
-    stages    of a TDI
-    distance  pixel between staggered lines
-    upward    whether the charge of a TDI moves to smaller rows
-    lines     lines of the kind "lines"
     """
 
-    kind: str = "line"
-    stages: int = 1
-    distance: float = 4.0
-    upward: bool = False
-    lines: tuple[Line, ...] = ()
+    kind: Annotated[str, Range(choices=KINDS),
+        '"line", "staggered", "tdi", or "lines" for any others, given in `lines`'
+    ] = "line"  # fmt: skip
+    stages: Annotated[int, Range(1, 2**12), "of a TDI"] = 1
+    distance: Annotated[float, NON_NEGATIVE, "pixel between staggered lines"] = 4.0
+    upward: Annotated[bool, "whether the charge of a TDI moves to smaller rows"] = False
+    lines: Annotated[tuple[Line, ...], 'lines of the kind "lines"'] = ()
 
     def __post_init__(self) -> None:
-        one_of(KINDS, kind=self.kind)
-        whole(1, 2**12, stages=self.stages)
-        non_negative(distance=self.distance)
+        super().__post_init__()
         if bool(self.lines) != (self.kind == "lines"):
             raise Refused(f"lines must be given for the kind 'lines' alone, got {self.kind!r}")
         if self.stages > 1 and self.kind != "tdi":

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import numpy as np
 
-from startrack.core import Floats, Streams, Unit, non_negative, whole, within
+from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Streams, Unit
 
 
 @dataclass(frozen=True)
-class Defects:
+class Defects(Parameters):
     """Pixels with deviating dark current or response, fixed for each device.
 
         dark current = max(mean + dsnu N(0, 1), 0) + (hot: exponential of mean hot_current)
@@ -20,24 +20,16 @@ class Defects:
     Source: EMVA 1288 release 4.0, section 2.3, for the DSNU. The exponential tail of hot pixels is
     an assumption; proton damage has such tails (Hopkinson, Dale and Marshall 1996, IEEE
     Transactions on Nuclear Science 43, 614).
-
-    dsnu          electron / second rms over the pixels, at the reference temperature
-    hot           1, fraction of the pixels
-    hot_current   electron / second, mean over the hot pixels, at the reference temperature
-    dead          1, fraction of the pixels
-    dead_columns  1, number of columns without response
     """
 
-    dsnu: Annotated[float, Unit("electron / s")] = 0.0
-    hot: float = 0.0
-    hot_current: Annotated[float, Unit("electron / s")] = 0.0
-    dead: float = 0.0
-    dead_columns: int = 0
-
-    def __post_init__(self) -> None:
-        non_negative(dsnu=self.dsnu, hot_current=self.hot_current)
-        within(0, 1, hot=self.hot, dead=self.dead)
-        whole(0, 2**16, dead_columns=self.dead_columns)
+    dsnu: Annotated[float, Unit("electron / s"), NON_NEGATIVE,
+        "electron / second rms over the pixels, at the reference temperature"] = 0.0  # fmt: skip
+    hot: Annotated[float, Range(0, 1), "fraction of the pixels"] = 0.0
+    hot_current: Annotated[float, Unit("electron / s"), NON_NEGATIVE,
+        "electron / second, mean over the hot pixels, at the reference temperature"
+    ] = 0.0  # fmt: skip
+    dead: Annotated[float, Range(0, 1), "fraction of the pixels"] = 0.0
+    dead_columns: Annotated[int, Range(0, 2**16), "number of columns without response"] = 0
 
 
 def photo_response(
@@ -70,23 +62,20 @@ def dark_response(
     return dark
 
 
+LINE_NOISE = "electron rms, random in each frame"
+
+
 @dataclass(frozen=True)
-class Pattern:
+class Pattern(Parameters):
     """Normal offsets of the signal that the pixels of a row or column share.
 
     Source: EMVA 1288 release 4.0, section 2.3 (row and column variances).
-
-    row            electron rms, random in each frame
-    column         electron rms, random in each frame
-    column_offset  electron rms over the columns, fixed for each device
     """
 
-    row: Annotated[float, Unit("electron")] = 0.0
-    column: Annotated[float, Unit("electron")] = 0.0
-    column_offset: Annotated[float, Unit("electron")] = 0.0
-
-    def __post_init__(self) -> None:
-        non_negative(row=self.row, column=self.column, column_offset=self.column_offset)
+    row: Annotated[float, Unit("electron"), NON_NEGATIVE, LINE_NOISE] = 0.0
+    column: Annotated[float, Unit("electron"), NON_NEGATIVE, LINE_NOISE] = 0.0
+    column_offset: Annotated[float, Unit("electron"), NON_NEGATIVE,
+        "electron rms over the columns, fixed for each device"] = 0.0  # fmt: skip
 
 
 def offsets(

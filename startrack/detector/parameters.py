@@ -9,18 +9,16 @@ from typing import Annotated, ClassVar
 
 from startrack.core import (
     ALL,
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
     ZERO_CELSIUS,
     Curve,
+    Parameters,
+    Range,
     Refused,
     Unit,
-    code_field,
-    finite,
-    full_name,
-    non_negative,
-    one_of_or_code,
-    positive,
     whole,
-    within,
 )
 from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.hits import Hits
@@ -33,70 +31,20 @@ ROOM = ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
 
 
 @dataclass(frozen=True)
-class RegionOfInterest:
-    """The part of an array that is read.
+class RegionOfInterest(Parameters):
+    """The part of an array that is read."""
 
-    left, top                  pixel of the array, where the image begins
-    array_columns, array_rows  pixel, of the array
-    """
-
-    left: int
-    top: int
-    array_columns: int
-    array_rows: int
-
-    def __post_init__(self) -> None:
-        whole(0, 2**16, left=self.left, top=self.top)
-        whole(1, 2**16, array_columns=self.array_columns, array_rows=self.array_rows)
+    left: Annotated[int, Range(0, 2**16), "pixel of the array, where the image begins"]
+    top: Annotated[int, Range(0, 2**16), "pixel of the array, where the image begins"]
+    array_columns: Annotated[int, Range(1, 2**16), "pixel, of the array"]
+    array_rows: Annotated[int, Range(1, 2**16), "pixel, of the array"]
 
 
 @dataclass(frozen=True)
-class Detector:
+class Detector(Parameters):
     """A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0).
 
     An effect that is absent (zero, one or None) costs no time and draws no random number.
-
-    columns, rows       pixel, of the image
-    pixel_pitch         metre, of a pixel of the array
-    exposure            second, in which a frame collects light
-    quantum_efficiency  electron / photon over wavelength
-    fill_factor         1, fraction of a pixel that detects
-    dark_current        electron / second
-    read_noise          electron rms, temporal dark noise of the signal chain
-    prnu                1, rms of the photo response over the pixels
-    full_well           electron
-    bits                of the converter; its largest number is the full well over `gain`
-    offset              digital number of an empty pixel
-    pixel_rate          pixel / second of the read-out, which sets the update rate
-    device_seed         seed of the maps of one device
-
-    binning             pixels of the array on a side of a pixel of the image, added as charge;
-                        dark_current, prnu and defects are those of a pixel of the array
-    region              part of the array that is the image, None for all
-    row_delay           second by which each row's exposure starts after the one before: 0 for a
-                        global shutter
-    thermal             temperature; None: dark_current is that of the operating temperature
-    defects             hot and dead pixels
-    diffusion           metre, sigma per axis of the Gaussian by which charge spreads before it is
-                        collected
-    crosstalk           1, fraction of a pixel's electrons that diffuses to each of its four sides
-    lag                 1, fraction of the charge that remains for the next frame
-    hits                cosmic rays and protons
-    blooming            whether charge above the full well flows along the column, or is lost
-    em_gain             1, gain of the multiplication register of an EMCCD
-    nonlinearity        1, fraction by which the signal of a full pixel is too small
-    pattern             noise of rows and columns
-    settling            1, fraction of the signal of a pixel that remains for the next one read
-    read_noise_spread   1, rms of the logarithm of the read noise over the pixels of a CMOS array,
-                        whose median is `read_noise`
-    gain                1, of the amplifier before the converter
-    adc_inl             digital number, integral non-linearity of the converter at half scale
-    scan                lines that sweep over the sky; None for a matrix
-    charge_effects      code of one's own, one after the other, that changes the charge of all
-                        pixels at the end of the exposure, see docs/extensions.md
-    signal_effects      the same of the signal at the input of the converter
-    image_effects       the same of the digital numbers
-    age                 damage by radiation in orbit; None: as at launch
     """
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {
@@ -105,68 +53,73 @@ class Detector:
         "multiplication": "em_gain",
     }
 
-    columns: int
-    rows: int
-    pixel_pitch: Annotated[float, Unit("m", "um")]
-    exposure: Annotated[float, Unit("s", "ms")]
-    quantum_efficiency: Curve = ALL
-    fill_factor: float = 1.0
-    dark_current: Annotated[float, Unit("electron / s")] = 0.0
-    read_noise: Annotated[float, Unit("electron")] = 0.0
-    prnu: float = 0.0
-    full_well: Annotated[float, Unit("electron")] = 50e3
-    bits: int = 12
-    offset: int = 0
-    pixel_rate: Annotated[float, Unit("pix / s", "Mpix / s")] = 40e6
-    device_seed: int = 0
-    binning: int = 1
-    region: RegionOfInterest | None = None
-    row_delay: Annotated[float, Unit("s", "us")] = 0.0
-    thermal: Thermal | None = None
-    defects: Defects | None = None
-    diffusion: Annotated[float, Unit("m", "um")] = 0.0
-    crosstalk: float = 0.0
-    lag: float = 0.0
-    hits: Hits | None = None
-    blooming: bool = False
-    em_gain: float = 1.0
-    nonlinearity: float = 0.0
-    pattern: Pattern | None = None
-    settling: float = 0.0
-    read_noise_spread: float = 0.0
-    gain: float = 1.0
-    adc_inl: float = 0.0
-    scan: Scan | None = None
-    age: Age | None = None
-    charge_effects: tuple[str, ...] = code_field("charge_effects", ())
-    signal_effects: tuple[str, ...] = code_field("signal_effects", ())
-    image_effects: tuple[str, ...] = code_field("image_effects", ())
+    columns: Annotated[int, Range(1, 2**16), "pixel, of the image"]
+    rows: Annotated[int, Range(1, 2**16), "pixel, of the image"]
+    pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "of a pixel of the array"]
+    exposure: Annotated[float, Unit("s", "ms"), POSITIVE, "in which a frame collects light"]
+    quantum_efficiency: Annotated[Curve, "electron / photon over wavelength"] = ALL
+    fill_factor: Annotated[float, Range(0.01, 1), "fraction of a pixel that detects"] = 1.0
+    dark_current: Annotated[float, Unit("electron / s"), NON_NEGATIVE, "electron / second"] = 0.0
+    read_noise: Annotated[float, Unit("electron"), NON_NEGATIVE,
+        "electron rms, temporal dark noise of the signal chain"] = 0.0  # fmt: skip
+    prnu: Annotated[float, Range(0, 0.5), "rms of the photo response over the pixels"] = 0.0
+    full_well: Annotated[float, Unit("electron"), POSITIVE, "electron"] = 50e3
+    bits: Annotated[int, Range(1, 24),
+        "of the converter; its largest number is the full well over `gain`"] = 12  # fmt: skip
+    offset: Annotated[int, Range(0), "digital number of an empty pixel"] = 0
+    pixel_rate: Annotated[float, Unit("pix / s", "Mpix / s"), POSITIVE,
+        "pixel / second of the read-out, which sets the update rate"] = 40e6  # fmt: skip
+    device_seed: Annotated[int, Range(0, 2**63 - 1), "seed of the maps of one device"] = 0
+    binning: Annotated[int, Range(1, 64),
+        "pixels of the array on a side of a pixel of the image, added as charge; dark_current, "
+        "prnu and defects are those of a pixel of the array"] = 1  # fmt: skip
+    region: Annotated[RegionOfInterest | None,
+        "part of the array that is the image, None for all"] = None  # fmt: skip
+    row_delay: Annotated[float, Unit("s", "us"), NON_NEGATIVE,
+        "by which each row's exposure starts after the one before: 0 for a global shutter"
+    ] = 0.0  # fmt: skip
+    thermal: Annotated[Thermal | None,
+        "temperature; None: dark_current is that of the operating temperature"] = None  # fmt: skip
+    defects: Annotated[Defects | None, "hot and dead pixels"] = None
+    diffusion: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
+        "sigma per axis of the Gaussian by which charge spreads before it is collected"
+    ] = 0.0  # fmt: skip
+    crosstalk: Annotated[float, Range(0, 0.25),
+        "fraction of a pixel's electrons that diffuses to each of its four sides"
+    ] = 0.0  # fmt: skip
+    lag: Annotated[float, Range(0, 0.99),
+        "fraction of the charge that remains for the next frame"] = 0.0  # fmt: skip
+    hits: Annotated[Hits | None, "cosmic rays and protons"] = None
+    blooming: Annotated[bool,
+        "whether charge above the full well flows along the column, or is lost"
+    ] = False  # fmt: skip
+    em_gain: Annotated[float, Range(1, 1e5),
+        "gain of the multiplication register of an EMCCD"] = 1.0  # fmt: skip
+    # Beyond these limits, more light would give less signal.
+    nonlinearity: Annotated[float, Range(-0.49, 0.49),
+        "fraction by which the signal of a full pixel is too small"] = 0.0  # fmt: skip
+    pattern: Annotated[Pattern | None, "noise of rows and columns"] = None
+    settling: Annotated[float, Range(0, 0.99),
+        "fraction of the signal of a pixel that remains for the next one read"] = 0.0  # fmt: skip
+    read_noise_spread: Annotated[float, Range(0, 2),
+        "rms of the logarithm of the read noise over the pixels of a CMOS array, whose median "
+        "is `read_noise`"] = 0.0  # fmt: skip
+    gain: Annotated[float, POSITIVE, "of the amplifier before the converter"] = 1.0
+    adc_inl: Annotated[float, FINITE,
+        "digital number, integral non-linearity of the converter at half scale"] = 0.0  # fmt: skip
+    scan: Annotated[Scan | None, "lines that sweep over the sky; None for a matrix"] = None
+    age: Annotated[Age | None, "damage by radiation in orbit; None: as at launch"] = None
+    charge_effects: Annotated[tuple[str, ...], Range(code="charge_effects"),
+        "code of one's own, one after the other, that changes the charge of all pixels at the "
+        "end of the exposure, see docs/extensions.md"] = ()  # fmt: skip
+    signal_effects: Annotated[tuple[str, ...], Range(code="signal_effects"),
+        "the same of the signal at the input of the converter"] = ()  # fmt: skip
+    image_effects: Annotated[tuple[str, ...], Range(code="image_effects"),
+        "the same of the digital numbers"] = ()  # fmt: skip
 
     def __post_init__(self) -> None:
-        whole(1, 2**16, columns=self.columns, rows=self.rows)
-        positive(pixel_pitch=self.pixel_pitch, exposure=self.exposure, full_well=self.full_well)
-        within(0.01, 1, fill_factor=self.fill_factor)
-        non_negative(dark_current=self.dark_current, read_noise=self.read_noise)
-        within(0, 0.5, prnu=self.prnu)
-        whole(1, 24, bits=self.bits)
+        super().__post_init__()
         whole(0, 2**self.bits - 1, offset=self.offset)
-        positive(pixel_rate=self.pixel_rate, gain=self.gain)
-        whole(0, 2**63 - 1, device_seed=self.device_seed)
-        whole(1, 64, binning=self.binning)
-        non_negative(row_delay=self.row_delay, diffusion=self.diffusion)
-        within(0, 0.25, crosstalk=self.crosstalk)
-        within(0, 0.99, lag=self.lag, settling=self.settling)
-        within(1, 1e5, em_gain=self.em_gain)
-        within(
-            -0.49, 0.49, nonlinearity=self.nonlinearity
-        )  # beyond, more light would give less signal
-        within(0, 2, read_noise_spread=self.read_noise_spread)
-        finite(adc_inl=self.adc_inl)
-        for group in EFFECTS_BY_CODE:
-            names = tuple(full_name(group, (), one) for one in getattr(self, group))
-            object.__setattr__(self, group, names)
-            for one in names:
-                one_of_or_code((), **{group: one})
         if 4 * abs(self.adc_inl) >= 2**self.bits - 1:
             raise Refused(
                 f"adc_inl must stay under a quarter of the converter's range, got {self.adc_inl}"

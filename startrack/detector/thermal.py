@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.core import BOLTZMANN, Unit, non_negative, positive, within
+from startrack.core import BOLTZMANN, NON_NEGATIVE, POSITIVE, Parameters, Range, Unit
 
 ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
 
 
 @dataclass(frozen=True)
-class Thermal:
+class Thermal(Parameters):
     """Temperature of the detector, growth of its dark current, reset noise.
 
     Where `activation` is zero, the dark current doubles in steps of temperature:
@@ -27,24 +27,16 @@ class Thermal:
 
     Source: EMVA 1288 release 4.0, on the dark current, for the doubling; Widenhorn et al. (2002),
     Proc. SPIE 4669, 193, for the activation energy.
-
-    temperature  kelvin, of the pixels
-    reference    kelvin, of the dark_current of the detector
-    doubling     kelvin, in which the dark current doubles
-    activation   joule, activation energy of the dark current; 0: it doubles in steps
-    capacitance  farad, of the sense node; 0 with correlated double sampling
     """
 
-    temperature: Annotated[float, Unit("K", absolute=True)]
-    reference: Annotated[float, Unit("K", absolute=True)] = 293.15
-    doubling: Annotated[float, Unit("K")] = 8.0
-    activation: Annotated[float, Unit("J", "eV")] = 0.0
-    capacitance: Annotated[float, Unit("F", "fF")] = 0.0
-
-    def __post_init__(self) -> None:
-        within(0, 500, temperature=self.temperature)
-        positive(reference=self.reference, doubling=self.doubling)
-        non_negative(activation=self.activation, capacitance=self.capacitance)
+    temperature: Annotated[float, Unit("K", absolute=True), Range(0, 500), "of the pixels"]
+    reference: Annotated[float, Unit("K", absolute=True), POSITIVE,
+        "of the dark_current of the detector"] = 293.15  # fmt: skip
+    doubling: Annotated[float, Unit("K"), POSITIVE, "in which the dark current doubles"] = 8.0
+    activation: Annotated[float, Unit("J", "eV"), NON_NEGATIVE,
+        "joule, activation energy of the dark current; 0: it doubles in steps"] = 0.0  # fmt: skip
+    capacitance: Annotated[float, Unit("F", "fF"), NON_NEGATIVE,
+        "farad, of the sense node; 0 with correlated double sampling"] = 0.0  # fmt: skip
 
     @property
     def growth(self) -> float:

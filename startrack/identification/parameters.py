@@ -3,68 +3,49 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from startrack.core import (
-    code_field,
-    full_name,
-    non_negative,
-    one_of_or_code,
-    positive,
-    whole,
-    within,
+    POSITIVE,
+    Parameters,
+    Range,
 )
 
 METHODS = ("triangles",)
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(Parameters):
     """Settings of the identification of spots, for calibrated cameras by default.
 
     The defaults are chosen by hand, for speed against success; experiments/identification.py and
     experiments/real_images.py show the success that they lead to, but do not vary them.
 
-    focal_tolerance        relative error allowed to the focal length; 0 holds it, above 0 it is
-                           estimated with the attitude
-    match_radius           pixel, largest distance between a spot and its star
-    max_false_probability  largest bound on the probability that chance makes an accepted match
-    max_false_track        the same with a predicted attitude; larger, because the prediction has
-                           been confirmed before and two stars are weak evidence
-    min_matches            fewest matched stars of an accepted match
-    pattern_spots          number of the brightest spots that form triangles first; the other spots
-                           of `verify_spots` follow
-    verify_spots           number of the brightest spots that verify a hypothesis
-    code_tolerance         1, error of a triangle's code beyond the noise of the centroids, from
-                           distortion that the camera model lacks
-    max_hypotheses         number of hypotheses after which the search ends without a match
-    method                 "triangles": codes of triangles, which other spots verify; or code of
-                           one's own, see docs/extensions.md. Of the keys above it, code follows
-                           min_matches and what it reads itself
     Raises                 ValueError where a value lies outside its range.
     """
 
-    focal_tolerance: float = 0.01
-    match_radius: float = 2.0
-    max_false_probability: float = 1e-5
-    max_false_track: float = 1e-3
-    min_matches: int = 4
-    pattern_spots: int = 24
-    verify_spots: int = 40
-    code_tolerance: float = 0.003
-    max_hypotheses: int = 4000
-    method: str = code_field("identifications", "triangles")
-
-    def __post_init__(self) -> None:
-        method = full_name("identifications", METHODS, self.method)
-        object.__setattr__(self, "method", method)
-        one_of_or_code(METHODS, method=self.method)
-        within(0, 0.3, focal_tolerance=self.focal_tolerance)
-        positive(match_radius=self.match_radius, max_false_probability=self.max_false_probability)
-        within(0, 1, max_false_probability=self.max_false_probability)
-        positive(max_false_track=self.max_false_track)
-        within(0, 1, max_false_track=self.max_false_track)
-        whole(4, 2**20, min_matches=self.min_matches, verify_spots=self.verify_spots)
-        whole(4, 40, pattern_spots=self.pattern_spots)
-        whole(1, 2**30, max_hypotheses=self.max_hypotheses)
-        non_negative(code_tolerance=self.code_tolerance)
-        within(0, 0.1, code_tolerance=self.code_tolerance)
+    focal_tolerance: Annotated[float, Range(0, 0.3),
+        "relative error allowed to the focal length; 0 holds it, above 0 it is estimated with "
+        "the attitude"] = 0.01  # fmt: skip
+    match_radius: Annotated[float, POSITIVE,
+        "pixel, largest distance between a spot and its star"] = 2.0  # fmt: skip
+    max_false_probability: Annotated[float, Range(0, 1, above=True),
+        "largest bound on the probability that chance makes an accepted match"] = 1e-5  # fmt: skip
+    max_false_track: Annotated[float, Range(0, 1, above=True),
+        "the same with a predicted attitude; larger, because the prediction has been confirmed "
+        "before and two stars are weak evidence"] = 1e-3  # fmt: skip
+    min_matches: Annotated[int, Range(4, 2**20), "fewest matched stars of an accepted match"] = 4
+    pattern_spots: Annotated[int, Range(4, 40),
+        "number of the brightest spots that form triangles first; the other spots of "
+        "`verify_spots` follow"] = 24  # fmt: skip
+    verify_spots: Annotated[int, Range(4, 2**20),
+        "number of the brightest spots that verify a hypothesis"] = 40  # fmt: skip
+    code_tolerance: Annotated[float, Range(0, 0.1),
+        "error of a triangle's code beyond the noise of the centroids, from distortion that the "
+        "camera model lacks"] = 0.003  # fmt: skip
+    max_hypotheses: Annotated[int, Range(1, 2**30),
+        "number of hypotheses after which the search ends without a match"] = 4000  # fmt: skip
+    method: Annotated[str, Range(choices=METHODS, code="identifications"),
+        "\"triangles\": codes of triangles, which other spots verify; or code of one's own, see "
+        "docs/extensions.md. Of the keys above it, code follows min_matches and what it reads "
+        "itself"] = "triangles"  # fmt: skip

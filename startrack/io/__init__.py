@@ -37,13 +37,10 @@ from startrack.io.solution import tetra3_values, write_solution
 from startrack.io.sqlite import Database, Execute, FileKind
 from startrack.io.tables import (
     LARGEST_INTEGER,
-    Field,
     current_key,
-    fields_of,
     from_table,
     read_table,
     to_table,
-    unit_of,
     written,
 )
 from startrack.io.wcs import camera_to_wcs, celestial, celestials, pointing, wcs_header

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
 import re
 import tomllib
-import types
 import typing
 import warnings
 from collections.abc import Mapping
 from enum import StrEnum
-from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
-from startrack.core import Refused, Unit, fraction, moderate, parse, shown, write
+from startrack.core import (
+    NUMBER_OR_TEXT,
+    Field,
+    Refused,
+    Unit,
+    bare,
+    fields_of,
+    fraction,
+    moderate,
+    parse,
+    shown,
+    write,
+)
 from startrack.io.reading import read_bytes
 
 T = TypeVar("T")
-NUMBER_OR_TEXT = float | str
 LARGEST = 2**20  # byte; the largest design of the catalogue has 5 kB
 LONGEST_NAME = 64  # letters of a key that similar ones are looked for; chosen by hand
 LONGEST_KEY = 32  # parts between dots; keys of some 10000 parts take tomllib minutes
@@ -138,61 +146,9 @@ def to_table(value: Any) -> dict[str, Any]:
     return table
 
 
-class Field(NamedTuple):
-    """A field of a parameter object.
-
-    kind      its type without None and without a unit
-    unit      None where it has none
-    required  whether it must be given
-    default   its value where it is not; None where it must be
-    open      whether it may be infinite or NaN in a file, as its default is
-    """
-
-    kind: Any
-    unit: Unit | None
-    required: bool
-    default: Any = None
-    open: bool = False
-
-
 def written(field: Field, value: Any) -> Any:
     """A value as a file has it: tables, lists, texts with units."""
     return _write(field.kind, field.unit, value)
-
-
-def unit_of(kind: type, name: str) -> Unit | None:
-    """The unit of a field, None where it has none."""
-    return fields_of(kind)[name].unit
-
-
-@cache
-def fields_of(kind: type) -> Mapping[str, Field]:
-    """The fields of a parameter object that a file may give, by name; none that is `computed`."""
-    hints = typing.get_type_hints(kind, include_extras=True)
-    fields = {}
-    for entry in dataclasses.fields(kind):
-        if not entry.init or entry.metadata.get("computed"):
-            continue
-        kind, unit = _bare(hints[entry.name])
-        default, made = entry.default, entry.default_factory
-        required = default is made is dataclasses.MISSING
-        if default is dataclasses.MISSING:
-            default = None if made is dataclasses.MISSING else made()
-        beyond = isinstance(default, float) and not math.isfinite(default)
-        fields[entry.name] = Field(kind, unit, required, default, beyond)
-    return types.MappingProxyType(fields)
-
-
-def _bare(hint: Any) -> tuple[Any, Unit | None]:
-    """The type inside `X | None` and `Annotated[X, unit]`, in either order, and the unit."""
-    unit = None
-    while True:
-        inner = _not_none(hint)
-        if typing.get_origin(inner) is Annotated:
-            inner, unit = typing.get_args(inner)[:2]
-        if inner is hint:
-            return hint, unit
-        hint = inner
 
 
 def _read(field: Field, value: object, place: str) -> Any:
@@ -202,9 +158,9 @@ def _read(field: Field, value: object, place: str) -> Any:
     if typing.get_origin(kind) is tuple:
         if not isinstance(value, list):
             raise Refused(f"{place} must be a list, got {shown(value)}")
-        inner, own = _bare(typing.get_args(kind)[0])
-        each = field._replace(kind=inner, unit=own or unit)
-        return tuple(_read(each, item, f"{place}[{i}]") for i, item in enumerate(value))
+        own = bare(typing.get_args(kind)[0])
+        inner = field._replace(kind=own.kind, unit=own.unit or unit)
+        return tuple(_read(inner, item, f"{place}[{i}]") for i, item in enumerate(value))
     if unit and kind is float:
         if not isinstance(value, str):
             raise Refused(f"{place} must have a unit, such as '1 {unit.shown}', got {shown(value)}")
@@ -245,22 +201,13 @@ def _write(kind: Any, unit: Unit | None, value: Any) -> Any:
     if dataclasses.is_dataclass(kind):
         return to_table(value)
     if typing.get_origin(kind) is tuple:
-        inner, own = _bare(typing.get_args(kind)[0])
-        return [_write(inner, own or unit, item) for item in value]
+        own = bare(typing.get_args(kind)[0])
+        return [_write(own.kind, own.unit or unit, item) for item in value]
     if isinstance(value, StrEnum):
         return value.value
     if unit and kind is float:
         return write(value, unit.si, unit.shown)
     return value
-
-
-def _not_none(kind: Any) -> Any:
-    """The type inside `X | None`."""
-    if kind == NUMBER_OR_TEXT:
-        return kind
-    if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
-        return next(one for one in typing.get_args(kind) if one is not types.NoneType)
-    return kind
 
 
 def _join(place: str, key: str) -> str:

@@ -14,13 +14,17 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Mounting
 from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
     Floats,
+    Parameters,
+    Range,
     Refused,
     Unit,
     deg,
     finite,
     non_negative,
-    one_of,
     positive,
     shown,
     utc,
@@ -44,32 +48,25 @@ UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from 
 
 @dataclass(frozen=True)
 class Orbit:
-    """An orbit around the Earth: exactly one of mean elements, `tle` and `oem`.
+    """An orbit around the Earth: exactly one of mean elements, `tle` and `oem`."""
 
-    altitude      semi-major axis minus the Earth's equatorial radius
-    inclination   mean, to the true equator of date
-    node          right ascension of the ascending node, from the mean equinox of date
-    local_time    mean solar time at the ascending node (LTAN), as "10.5 h" or "10:30"; it replaces
-                  `inclination` and `node` by those of a Sun-synchronous orbit
-    anomaly       mean, from the perigee
-    perigee       its argument
-    eccentricity  mean
-    epoch         UTC, of the elements; None: the begin of the mission
-    tle           two-line element set, moved by SGP4 (extra `earth`)
-    oem           file with a CCSDS orbit ephemeris message; or a SPICE kernel of one body (.bsp;
-                  extra `spice`)
-    """
-
-    altitude: Annotated[float | None, Unit("m", "km")] = None
-    inclination: Annotated[float | None, Unit("rad", "deg")] = None
-    node: Annotated[float, Unit("rad", "deg")] = 0.0
-    local_time: Annotated[float | None, Unit("s", "h", clock=True)] = None
-    anomaly: Annotated[float, Unit("rad", "deg")] = 0.0
-    perigee: Annotated[float, Unit("rad", "deg")] = 0.0
-    eccentricity: float = 0.0
-    epoch: str | None = None
-    tle: tuple[str, ...] = ()
-    oem: str | None = None
+    altitude: Annotated[float | None, Unit("m", "km"),
+        "semi-major axis minus the Earth's equatorial radius"] = None  # fmt: skip
+    inclination: Annotated[float | None, Unit("rad", "deg"),
+        "mean, to the true equator of date"] = None  # fmt: skip
+    node: Annotated[float, Unit("rad", "deg"),
+        "right ascension of the ascending node, from the mean equinox of date"] = 0.0  # fmt: skip
+    local_time: Annotated[float | None, Unit("s", "h", clock=True),
+        'mean solar time at the ascending node (LTAN), as "10.5 h" or "10:30"; it replaces '
+        "`inclination` and `node` by those of a Sun-synchronous orbit"] = None  # fmt: skip
+    anomaly: Annotated[float, Unit("rad", "deg"), "mean, from the perigee"] = 0.0
+    perigee: Annotated[float, Unit("rad", "deg"), "its argument"] = 0.0
+    eccentricity: Annotated[float, "mean"] = 0.0
+    epoch: Annotated[str | None, "UTC, of the elements; None: the begin of the mission"] = None
+    tle: Annotated[tuple[str, ...], "two-line element set, moved by SGP4 (extra `earth`)"] = ()
+    oem: Annotated[str | None,
+        "file with a CCSDS orbit ephemeris message; or a SPICE kernel of one body (.bsp; extra "
+        "`spice`)"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
         if (self.altitude is not None) + bool(self.tle) + (self.oem is not None) != 1:
@@ -113,73 +110,61 @@ def _check_lines(lines: tuple[str, ...]) -> None:
 
 
 @dataclass(frozen=True)
-class Scan:
+class Scan(Parameters):
     """A rotation about a body axis on top of the law: a swing, a steady rate, or both.
 
-        angle = amplitude * sin(2 pi t / period) + rate * t,   t from the begin of the mission
-
-    axis       body axis; its length does not matter
-    amplitude  of the swing
-    period     of the swing
-    rate       steady
+    angle = amplitude * sin(2 pi t / period) + rate * t,   t from the begin of the mission
     """
 
-    axis: tuple[float, ...] = (1.0, 0.0, 0.0)
-    amplitude: Annotated[float, Unit("rad", "deg")] = 0.0
-    period: Annotated[float, Unit("s")] = 60.0
-    rate: Annotated[float, Unit("rad/s", "deg/s")] = 0.0
+    axis: Annotated[tuple[float, ...], "body axis; its length does not matter"] = (1.0, 0.0, 0.0)
+    amplitude: Annotated[float, Unit("rad", "deg"), NON_NEGATIVE, "of the swing"] = 0.0
+    period: Annotated[float, Unit("s"), POSITIVE, "of the swing"] = 60.0
+    rate: Annotated[float, Unit("rad/s", "deg/s"), FINITE, "steady"] = 0.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _vector("axis", self.axis, 3)
-        non_negative(amplitude=self.amplitude)
-        positive(period=self.period)
-        finite(rate=self.rate)
 
 
 @dataclass(frozen=True)
-class Attitude:
-    """The attitude law of the spacecraft: its axes x, y, z at every time.
+class Attitude(Parameters):
+    """The attitude law of the spacecraft: its axes x, y, z at every time."""
 
-    law         "nadir": z to the Earth's centre; "inertial": fixed to the stars; "sun": `axis` to
-                the Sun; "target": z to a place on the ground where it is above the horizon, else
-                nadir; "aem": a file
-    yaw         with nadir and target, x: "velocity": in the plane of the orbit, forward; "ground":
-                along the velocity over the rotating Earth; "sun": so that the Sun is in the plane
-                of x and z, on the side of +x
-    quaternion  x, y, z, w of icrs_to_body, of the inertial law
-    axis        body axis that the law "sun" turns to the Sun; the x axis, or where that is `axis`
-                the z axis, is as near as possible to the celestial north
-    latitude, longitude, height  of the target, geodetic on WGS 84
-    aem         file with a CCSDS attitude ephemeris message, of quaternions from ICRF or EME2000
-                to the body; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc;
-                extra `spice`)
-    scan        a rotation on top of the law; None: none
-    """
-
-    law: str = "nadir"
-    yaw: str = "velocity"
-    quaternion: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
-    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
-    latitude: Annotated[float, Unit("rad", "deg")] = 0.0
-    longitude: Annotated[float, Unit("rad", "deg")] = 0.0
-    height: Annotated[float, Unit("m")] = 0.0
-    aem: str | None = None
-    scan: Scan | None = None
+    law: Annotated[str, Range(choices=LAWS),
+        '"nadir": z to the Earth\'s centre; "inertial": fixed to the stars; "sun": `axis` to the '
+        'Sun; "target": z to a place on the ground where it is above the horizon, else nadir; '
+        '"aem": a file'] = "nadir"  # fmt: skip
+    yaw: Annotated[str, Range(choices=YAWS),
+        'with nadir and target, x: "velocity": in the plane of the orbit, forward; "ground": '
+        'along the velocity over the rotating Earth; "sun": so that the Sun is in the plane of '
+        "x and z, on the side of +x"] = "velocity"  # fmt: skip
+    quaternion: Annotated[tuple[float, ...],
+        "x, y, z, w of icrs_to_body, of the inertial law"] = (0.0, 0.0, 0.0, 1.0)  # fmt: skip
+    axis: Annotated[tuple[float, ...],
+        'body axis that the law "sun" turns to the Sun; the x axis, or where that is `axis` the '
+        "z axis, is as near as possible to the celestial north"] = (0.0, 0.0, 1.0)  # fmt: skip
+    latitude: Annotated[float, Unit("rad", "deg"), Range(-math.pi / 2, math.pi / 2),
+        "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
+    longitude: Annotated[float, Unit("rad", "deg"), FINITE,
+        "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
+    height: Annotated[float, Unit("m"), Range(-500.0, 9000.0),
+        "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
+    aem: Annotated[str | None,
+        "file with a CCSDS attitude ephemeris message, of quaternions from ICRF or EME2000 to "
+        "the body; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc; extra "
+        "`spice`)"] = None  # fmt: skip
+    scan: Annotated[Scan | None, "a rotation on top of the law; None: none"] = None
 
     def __post_init__(self) -> None:
-        one_of(LAWS, law=self.law)
-        one_of(YAWS, yaw=self.yaw)
+        super().__post_init__()
         _unit_quaternion("quaternion", self.quaternion)
         _vector("axis", self.axis, 3)
-        within(-math.pi / 2, math.pi / 2, latitude=self.latitude)
-        finite(longitude=self.longitude)
-        within(-500.0, 9000.0, height=self.height)
         if (self.law == "aem") != (self.aem is not None):
             raise Refused("aem must be given with law = 'aem', and with no other")
 
 
 @dataclass(frozen=True)
-class Warmth:
+class Warmth(Parameters):
     """Temperature of a head over the orbit, above that of its design.
 
         offset + swing sin(phase of the orbit from the ascending node + ahead)
@@ -187,75 +172,59 @@ class Warmth:
     It moves the temperatures of the detector (`instrument.detector.thermal`), of the lens
     (`instrument.thermal`) and of the displacements of the field (`instrument.residual`), where the
     design has them.
-
-    offset  at all times
-    swing   amplitude
-    ahead   angle of the orbit
     """
 
-    offset: Annotated[float, Unit("K")] = 0.0
-    swing: Annotated[float, Unit("K")] = 0.0
-    ahead: Annotated[float, Unit("rad", "deg")] = 0.0
-
-    def __post_init__(self) -> None:
-        finite(offset=self.offset, ahead=self.ahead)
-        non_negative(swing=self.swing)
+    offset: Annotated[float, Unit("K"), FINITE, "at all times"] = 0.0
+    swing: Annotated[float, Unit("K"), NON_NEGATIVE, "amplitude"] = 0.0
+    ahead: Annotated[float, Unit("rad", "deg"), FINITE, "angle of the orbit"] = 0.0
 
 
 @dataclass(frozen=True)
-class Head:
-    """A star tracker on the spacecraft.
+class Head(Parameters):
+    """A star tracker on the spacecraft."""
 
-    name            for tables
-    design          design file, its path from the folder of the mission file, or a shipped one
-                    such as "designs/nanosatellite.toml"
-    azimuth         of the boresight, from body +x to +y
-    elevation       of the boresight, from the plane of body x and y to +z
-    roll            of the camera about its boresight; at 0 its x axis is body z cross boresight
-    camera_to_body  quaternion x, y, z, w instead of these three angles; None: the angles
-    exclusion       angles from the boresight below which Sun, Moon and the lit limb of the Earth
-                    blind it; each that is not given follows from the design's baffle, or is the
-                    half diagonal of its field
-    alignment       error of the known mounting: bias, and a thermo-elastic swing that goes with the
-                    orbit
-    age             in orbit at the begin of the mission; it grows with the mission by the laws of
-                    the design (`instrument.detector.age`, [[variation]] per life of a unit). None:
-                    the design as it is, at all times
-    temperature     over the orbit, above that of the design
-    unit            number of a unit that is drawn from the [[variation]] tables of the design;
-                    None: the unit as designed
-    position        of its aperture in body axes; it matters beside `structure` alone
-    clear           angle from the boresight that structure in sunlight must keep; None: the
-                    exclusion angle of the lit limb
-    """
-
-    name: str
-    design: str
-    azimuth: Annotated[float, Unit("rad", "deg")] = 0.0
-    elevation: Annotated[float, Unit("rad", "deg")] = 0.0
-    roll: Annotated[float, Unit("rad", "deg")] = 0.0
-    camera_to_body: tuple[float, ...] | None = None
-    exclusion: KeepOut = field(default_factory=KeepOut)
-    alignment: Mounting = field(default_factory=Mounting)
-    age: Annotated[float | None, Unit("s", "yr")] = None
-    temperature: Warmth = field(default_factory=Warmth)
-    unit: int | None = None
-    position: Annotated[tuple[float, ...], Unit("m")] = (0.0, 0.0, 0.0)
-    clear: Annotated[float | None, Unit("rad", "deg")] = None
+    name: Annotated[str, "for tables"]
+    design: Annotated[str,
+        "design file, its path from the folder of the mission file, or a shipped one such as "
+        '"designs/nanosatellite.toml"']  # fmt: skip
+    azimuth: Annotated[float, Unit("rad", "deg"), FINITE,
+        "of the boresight, from body +x to +y"] = 0.0  # fmt: skip
+    elevation: Annotated[float, Unit("rad", "deg"), Range(-math.pi / 2, math.pi / 2),
+        "of the boresight, from the plane of body x and y to +z"] = 0.0  # fmt: skip
+    roll: Annotated[float, Unit("rad", "deg"), FINITE,
+        "of the camera about its boresight; at 0 its x axis is body z cross boresight"
+    ] = 0.0  # fmt: skip
+    camera_to_body: Annotated[tuple[float, ...] | None,
+        "quaternion x, y, z, w instead of these three angles; None: the angles"] = None  # fmt: skip
+    exclusion: Annotated[KeepOut,
+        "angles from the boresight below which Sun, Moon and the lit limb of the Earth blind "
+        "it; each that is not given follows from the design's baffle, or is the half diagonal "
+        "of its field"] = field(default_factory=KeepOut)  # fmt: skip
+    alignment: Annotated[Mounting,
+        "error of the known mounting: bias, and a thermo-elastic swing that goes with the orbit"
+    ] = field(default_factory=Mounting)  # fmt: skip
+    age: Annotated[float | None, Unit("s", "yr"), Range(0, OLDEST),
+        "in orbit at the begin of the mission; it grows with the mission by the laws of the "
+        "design (`instrument.detector.age`, [[variation]] per life of a unit). None: the design "
+        "as it is, at all times"] = None  # fmt: skip
+    temperature: Annotated[Warmth,
+        "over the orbit, above that of the design"] = field(default_factory=Warmth)  # fmt: skip
+    unit: Annotated[int | None, Range(0, 10**6),
+        "number of a unit that is drawn from the [[variation]] tables of the design; None: the "
+        "unit as designed"] = None  # fmt: skip
+    position: Annotated[tuple[float, ...], Unit("m"),
+        "of its aperture in body axes; it matters beside `structure` alone"
+    ] = (0.0, 0.0, 0.0)  # fmt: skip
+    clear: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi),
+        "angle from the boresight that structure in sunlight must keep; None: the exclusion "
+        "angle of the lit limb"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
-        if self.age is not None:
-            within(0, OLDEST, age=self.age)
-        if self.unit is not None:
-            whole(0, 10**6, unit=self.unit)
+        super().__post_init__()
         if len(self.position) != 3:
             raise Refused(f"position must be three lengths, got {len(self.position)}")
-        if self.clear is not None:
-            within(0, math.pi, clear=self.clear)
         if not self.name:
             raise Refused("name of a head must be given, got ''")
-        finite(azimuth=self.azimuth, roll=self.roll)
-        within(-math.pi / 2, math.pi / 2, elevation=self.elevation)
         if self.camera_to_body is not None:
             _unit_quaternion("camera_to_body", self.camera_to_body)
             if self.azimuth or self.elevation or self.roll:
@@ -277,20 +246,16 @@ def mounted(azimuth: float, elevation: float, roll: float = 0.0) -> Rotation:
 
 
 @dataclass(frozen=True)
-class Span:
-    """The time of a mission: SI seconds after its begin.
+class Span(Parameters):
+    """The time of a mission: SI seconds after its begin."""
 
-    begin     UTC, as "2026-03-20T12:00:00"
-    duration  of the mission
-    step      between two instants at which all is computed
-    """
-
-    begin: str
-    duration: Annotated[float, Unit("s", "d")] = 86400.0
-    step: Annotated[float, Unit("s")] = 10.0
+    begin: Annotated[str, 'UTC, as "2026-03-20T12:00:00"']
+    duration: Annotated[float, Unit("s", "d"), POSITIVE, "of the mission"] = 86400.0
+    step: Annotated[float, Unit("s"), POSITIVE,
+        "between two instants at which all is computed"] = 10.0  # fmt: skip
 
     def __post_init__(self) -> None:
-        positive(duration=self.duration, step=self.step)
+        super().__post_init__()
         year = float(utc(self.begin).jyear)
         within(FIRST_YEAR, LAST_YEAR, **{"year of begin": year})
         within(FIRST_YEAR, LAST_YEAR, **{"year of the end": year + self.duration / JULIAN_YEAR})
@@ -303,20 +268,18 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Radiation:
-    """What the South Atlantic anomaly does, as a box of latitude and longitude.
+class Radiation(Parameters):
+    """What the South Atlantic anomaly does, as a box of latitude and longitude."""
 
-    saa        "ignored", or "blind": no head is valid inside the box
-    latitude   geodetic south and north
-    longitude  west and east
-    """
-
-    saa: str = "ignored"
-    latitude: Annotated[tuple[float, ...], Unit("rad", "deg")] = (-50 * deg, 0.0)
-    longitude: Annotated[tuple[float, ...], Unit("rad", "deg")] = (-90 * deg, 40 * deg)
+    saa: Annotated[str, Range(choices=("ignored", "blind")),
+        '"ignored", or "blind": no head is valid inside the box'] = "ignored"  # fmt: skip
+    latitude: Annotated[tuple[float, ...], Unit("rad", "deg"),
+        "geodetic south and north"] = (-50 * deg, 0.0)  # fmt: skip
+    longitude: Annotated[tuple[float, ...], Unit("rad", "deg"),
+        "west and east"] = (-90 * deg, 40 * deg)  # fmt: skip
 
     def __post_init__(self) -> None:
-        one_of(("ignored", "blind"), saa=self.saa)
+        super().__post_init__()
         for name in ("latitude", "longitude"):
             pair = getattr(self, name)
             if len(pair) != 2 or not pair[0] < pair[1]:
@@ -326,80 +289,60 @@ class Radiation:
 
 
 @dataclass(frozen=True)
-class Needs:
-    """What the mission asks of its heads together; None: not asked.
+class Needs(Parameters):
+    """What the mission asks of its heads together; None: not asked."""
 
-    max_blind         longest time without any valid head
-    availability_one  fraction of the time with at least one valid head
-    availability_two  fraction of the time with at least two
-    max_error         rms error of the fused attitude about its worst axis, over the times with a
-                      valid head
-    """
-
-    max_blind: Annotated[float | None, Unit("s")] = None
-    availability_one: float | None = None
-    availability_two: float | None = None
-    max_error: Annotated[float | None, Unit("rad", "arcsec")] = None
+    max_blind: Annotated[float | None, Unit("s"), NON_NEGATIVE,
+        "longest time without any valid head"] = None  # fmt: skip
+    availability_one: Annotated[float | None,
+        "fraction of the time with at least one valid head"] = None  # fmt: skip
+    availability_two: Annotated[float | None, "fraction of the time with at least two"] = None
+    max_error: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE,
+        "rms error of the fused attitude about its worst axis, over the times with a valid head"
+    ] = None  # fmt: skip
 
     def __post_init__(self) -> None:
-        if self.max_blind is not None:
-            non_negative(max_blind=self.max_blind)
-        if self.max_error is not None:
-            positive(max_error=self.max_error)
+        super().__post_init__()
         for name in ("availability_one", "availability_two"):
             if getattr(self, name) is not None:
                 within(0, 1, **{name: getattr(self, name)})
 
 
 @dataclass(frozen=True)
-class Common:
-    """Errors about the body's axes that all heads share, as of the structure that carries them.
+class Common(Parameters):
+    """Errors about the body's axes that all heads share, as of the structure that carries them."""
 
-    x, y, z  rms
-    """
-
-    x: Annotated[float, Unit("rad", "arcsec")] = 0.0
-    y: Annotated[float, Unit("rad", "arcsec")] = 0.0
-    z: Annotated[float, Unit("rad", "arcsec")] = 0.0
-
-    def __post_init__(self) -> None:
-        non_negative(x=self.x, y=self.y, z=self.z)
+    x: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
+    y: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
+    z: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
 
 
 @dataclass(frozen=True)
-class Check:
-    """Trials at instants of the mission, which check and correct the errors of the error budget.
+class Check(Parameters):
+    """Trials at instants of the mission, which check and correct the errors of the error budget."""
 
-    trials    of each design of heads; 0: none, the errors are those of the budget
-    fidelity  of the trials
-    seed      of their noise, and of units
-    """
-
-    trials: int = 0
-    fidelity: Fidelity = Fidelity.FRAME
-    seed: int = 1
+    trials: Annotated[int, Range(0, 10**4),
+        "of each design of heads; 0: none, the errors are those of the budget"] = 0  # fmt: skip
+    fidelity: Annotated[Fidelity, "of the trials"] = Fidelity.FRAME
+    seed: Annotated[int, Range(0, 2**63 - 1), "of their noise, and of units"] = 1
 
     def __post_init__(self) -> None:
-        whole(0, 10**4, trials=self.trials)
-        whole(0, 2**63 - 1, seed=self.seed)
+        super().__post_init__()
         if 0 < self.trials < LEAST_TRIALS:
             raise Refused(f"trials must be 0, or {LEAST_TRIALS} or more, got {self.trials}")
 
 
 @dataclass(frozen=True)
-class KeepClear:
-    """A cone in body axes in which no boresight may be placed, such as of a panel.
+class KeepClear(Parameters):
+    """A cone in body axes in which no boresight may be placed, such as of a panel."""
 
-    axis   of the cone; its length does not matter
-    angle  between the axis and the cone's surface
-    """
-
-    axis: tuple[float, ...]
-    angle: Annotated[float, Unit("rad", "deg")]
+    axis: Annotated[tuple[float, ...], "of the cone; its length does not matter"]
+    angle: Annotated[float, Unit("rad", "deg"), Range(0, math.pi),
+        "between the axis and the cone's surface"]  # fmt: skip
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _vector("axis", self.axis, 3)
-        within(0, math.pi, angle=self.angle)
 
     def depth(self, line: Floats) -> float:
         """Radian by which a unit vector (3,) is inside the cone; 0 outside."""
@@ -414,17 +357,15 @@ class Obstacle:
     It blinds a head where it reaches into the half diagonal of its field, and where the Sun shines
     on the spacecraft within the head's `clear` angle, dark sides too. It does not hide stars, Sun,
     Moon or Earth from a head.
-
-    name    for messages
-    centre  of the box
-    size    along x, y and z; one of them may be 0, of a panel
-    hinge   axis through the centre about which the thinnest side follows the Sun; None: it stands
     """
 
-    name: str
-    centre: Annotated[tuple[float, ...], Unit("m")]
-    size: Annotated[tuple[float, ...], Unit("m")]
-    hinge: tuple[float, ...] | None = None
+    name: Annotated[str, "for messages"]
+    centre: Annotated[tuple[float, ...], Unit("m"), "of the box"]
+    size: Annotated[tuple[float, ...], Unit("m"),
+        "along x, y and z; one of them may be 0, of a panel"]  # fmt: skip
+    hinge: Annotated[tuple[float, ...] | None,
+        "axis through the centre about which the thinnest side follows the Sun; None: it stands"
+    ] = None  # fmt: skip
 
     def __post_init__(self) -> None:
         for name in ("centre", "size"):
@@ -444,30 +385,22 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Mission:
-    """What a mission file holds; see the tables.
+    """What a mission file holds; see the tables."""
 
-    time          begin, duration and step
-    orbit         of the spacecraft
-    heads         its star trackers
-    attitude      its attitude law
-    radiation     the South Atlantic anomaly
-    common        errors that all heads share; they count once
-    requirements  on the heads together
-    keep_out      cones in which no boresight may be placed
-    check         trials that check and correct the errors of the heads
-    structure     boxes and panels of the spacecraft that may stand in the way of heads
-    """
-
-    time: Span
-    orbit: Orbit
-    heads: tuple[Head, ...]
-    attitude: Attitude = field(default_factory=Attitude)
-    radiation: Radiation = field(default_factory=Radiation)
-    common: Common = field(default_factory=Common)
-    requirements: Needs = field(default_factory=Needs)
-    keep_out: tuple[KeepClear, ...] = ()
-    check: Check = field(default_factory=Check)
-    structure: tuple[Obstacle, ...] = ()
+    time: Annotated[Span, "begin, duration and step"]
+    orbit: Annotated[Orbit, "of the spacecraft"]
+    heads: Annotated[tuple[Head, ...], "its star trackers"]
+    attitude: Annotated[Attitude, "its attitude law"] = field(default_factory=Attitude)
+    radiation: Annotated[Radiation, "the South Atlantic anomaly"] = field(default_factory=Radiation)
+    common: Annotated[Common,
+        "errors that all heads share; they count once"] = field(default_factory=Common)  # fmt: skip
+    requirements: Annotated[Needs, "on the heads together"] = field(default_factory=Needs)
+    keep_out: Annotated[tuple[KeepClear, ...], "cones in which no boresight may be placed"] = ()
+    check: Annotated[Check,
+        "trials that check and correct the errors of the heads"
+    ] = field(default_factory=Check)  # fmt: skip
+    structure: Annotated[tuple[Obstacle, ...],
+        "boxes and panels of the spacecraft that may stand in the way of heads"] = ()  # fmt: skip
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.heads) <= 8:

@@ -33,13 +33,12 @@ class Baffle:
     The PST is the irradiance on the detector over the irradiance of a distant source at the
     entrance, normal to its rays. It is given without the transmission of the glass, which applies
     to stray light and stars alike.
-
-    angle          radian between the source and the line of sight, increasing
-    transmittance  1, positive; its logarithm is linear between the angles, constant outside
     """
 
-    angle: Annotated[tuple[float, ...], Unit("rad", "deg")]
-    transmittance: tuple[float, ...]
+    angle: Annotated[tuple[float, ...], Unit("rad", "deg"),
+        "radian between the source and the line of sight, increasing"]  # fmt: skip
+    transmittance: Annotated[tuple[float, ...],
+        "positive; its logarithm is linear between the angles, constant outside"]  # fmt: skip
 
     def __post_init__(self) -> None:
         if len(self.angle) != len(self.transmittance) or not self.angle:

@@ -5,12 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, DiffuseLight, Floats, Light, Refused, whole, within
+from startrack.core import (
+    Camera,
+    DiffuseLight,
+    Floats,
+    Light,
+    Parameters,
+    Range,
+    Refused,
+)
 from startrack.io import open_checked
 from startrack.io import whole as whole_file
 from startrack.optics.lens_family import family_surfaces
@@ -29,21 +37,15 @@ COARSEST = 64  # pixel between nodes
 
 
 @dataclass(frozen=True)
-class Ghosts:
-    """Reflections that make ghosts.
+class Ghosts(Parameters):
+    """Reflections that make ghosts."""
 
-    coating   1, reflectance of each surface between glass and air
-    detector  1, reflectance of the detector
-    sources   how many of the brightest point sources make ghosts, beside Sun, Moon and Earth
-    """
-
-    coating: float = 0.005
-    detector: float = 0.1
-    sources: int = 10
-
-    def __post_init__(self) -> None:
-        within(0, 1, coating=self.coating, detector=self.detector)
-        whole(1, 10_000, sources=self.sources)
+    coating: Annotated[float, Range(0, 1),
+        "reflectance of each surface between glass and air"] = 0.005  # fmt: skip
+    detector: Annotated[float, Range(0, 1), "reflectance of the detector"] = 0.1
+    sources: Annotated[int, Range(1, 10_000),
+        "how many of the brightest point sources make ghosts, beside Sun, Moon and Earth"
+    ] = 10  # fmt: skip
 
 
 class Pair(NamedTuple):

@@ -8,19 +8,16 @@ from typing import Annotated
 
 from startrack.core import (
     ALL,
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
     Curve,
     FieldPolynomial,
+    Parameters,
+    Range,
     Refused,
     Unit,
-    code_field,
     deg,
-    finite,
-    full_name,
-    non_negative,
-    one_of,
-    one_of_or_code,
-    positive,
-    within,
 )
 from startrack.optics.lens_table import WIDEST
 from startrack.optics.psf_file import open_psf_file
@@ -40,95 +37,86 @@ MEAN_SLOPE = 30.0  # squared, per axis, of equal parts of three aberrations of r
 LENSES = ("aplanatic", "perfect", "parabolic")
 
 
+COEFFICIENT = "OpenCV's distortion coefficients"
+PRINCIPAL_POINT = "pixel from the centre of the detector to the principal point"
+
+
 @dataclass(frozen=True)
-class Optics:
-    """A lens.
+class Optics(Parameters):
+    """A lens."""
 
-    focal_length     metre, effective, for an object at infinity
-    f_number         1, focal length over the diameter of the clear aperture
-    blur             metre, sigma of the Gaussian that manufacture adds to diffraction, on the
-                     detector
-    psf              "gaussian": one Gaussian, the core of the Airy pattern; "airy": diffraction of
-                     a clear circular pupil in closed form; "fraunhofer": of any pupil with
-                     aberrations; "fresnel": with the scale of a plane out of focus; "kirchhoff":
-                     with inclined rays and the phase of the lens; "auto": the cheapest of these
-                     within psf_tolerance; or code of one's own, see docs/extensions.md
-    psf_tolerance    1, largest error of the chosen model, as a fraction of the PSF's peak; from
-                     0.05 on images of a lens table have fewer wavelengths, in half of the time
-    lens             "aplanatic": corrected for spherical aberration and coma, as real lenses are;
-                     "perfect": one thin plane that makes a spherical wave; "parabolic": one thin
-                     plane with the phase of a parabola, as in Krutz et al. The last two differ
-                     from the first in the model "kirchhoff" only
-    object_distance  metre from the lens; None: at infinity. The detector is at the image
-    defocus          metre by which the detector lies behind the image
-    pupil            the shape of the aperture
-    aberrations      wavefront errors
-    field_edge       radian, field angle at which growing aberrations have their rms
-    seeing           radian, sigma of the Gaussian blur of an atmosphere per axis; 0: none
-    transmission     fraction of the light that the lens passes, over wavelength
-    lens_file        a lens table: a shipped one by its name, or the path of a FITS file; "": none.
-                     The table is scaled to `focal_length` and stopped down to `f_number`; it gives
-                     the distortion, and `aberrations` and `blur` add to it
-    lens_family      "double-gauss", "petzval", "cooke-triplet" or "catadioptric": the lens table of
-                     that family's lens of `focal_length` and `f_number`; "": none
-    family_field       radian, half field that a lens of a family is made for; None: that of the
-                     published lens
-    psf_file         images of a point, measured or exported: the path of a FITS file (`startrack
-                     lens measure` and `import` write them), or a shipped one by its name; "": none.
-                     `blur`, `seeing` and `as_built` add to it; f-number and pupil say how much
-                     light there is
-    as_built         metre, rms wavefront error of manufacture and alignment, which blurs by its
-                     mean slope: see `total_blur`
-    lens_field       whether the image changes over the field; false: all stars have the mean image
-                     of the lens table, at the places of its distortion for sunlike stars
-    lens_colour      whether the image changes with the star's colour; false: all are as sunlike
-    principal_x, principal_y  pixel from the centre of the detector to the principal point
-    k1, k2, p1, p2, k3        OpenCV's distortion coefficients
-    polynomial       distortion over the field besides, as `calibrate` fits it to a table of stars
-    """
-
-    focal_length: Annotated[float, Unit("m", "mm")]
-    f_number: float
-    blur: Annotated[float, Unit("m", "um")] = 0.0
-    psf: str = code_field("psfs", "auto")
-    psf_tolerance: float = 0.01
-    lens: str = "aplanatic"
-    object_distance: Annotated[float | None, Unit("m")] = None
-    defocus: Annotated[float, Unit("m", "um")] = 0.0
-    pupil: Pupil = field(default_factory=Pupil)
-    aberrations: tuple[Aberration, ...] = ()
-    field_edge: Annotated[float, Unit("rad", "deg")] = 10 * deg
-    seeing: Annotated[float, Unit("rad", "arcsec")] = 0.0
-    transmission: Curve = ALL
-    lens_file: str = ""
-    lens_family: str = ""
-    family_field: Annotated[float | None, Unit("rad", "deg")] = None
-    psf_file: str = ""
-    as_built: Annotated[float, Unit("m", "nm")] = 0.0
-    lens_field: bool = True
-    lens_colour: bool = True
-    principal_x: float = 0.0
-    principal_y: float = 0.0
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
-    polynomial: FieldPolynomial | None = None
+    focal_length: Annotated[float, Unit("m", "mm"), POSITIVE,
+        "effective, for an object at infinity"]  # fmt: skip
+    f_number: Annotated[float, Range(0.3, 200),
+        "focal length over the diameter of the clear aperture"]  # fmt: skip
+    blur: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
+        "sigma of the Gaussian that manufacture adds to diffraction, on the detector"
+    ] = 0.0  # fmt: skip
+    psf: Annotated[str, Range(choices=(*MODELS, "auto"), code="psfs"),
+        '"gaussian": one Gaussian, the core of the Airy pattern; "airy": diffraction of a clear '
+        'circular pupil in closed form; "fraunhofer": of any pupil with aberrations; "fresnel": '
+        'with the scale of a plane out of focus; "kirchhoff": with inclined rays and the phase '
+        "of the lens; \"auto\": the cheapest of these within psf_tolerance; or code of one's own, "
+        "see docs/extensions.md"] = "auto"  # fmt: skip
+    psf_tolerance: Annotated[float, Range(1e-6, 1),
+        "largest error of the chosen model, as a fraction of the PSF's peak; from 0.05 on "
+        "images of a lens table have fewer wavelengths, in half of the time"] = 0.01  # fmt: skip
+    lens: Annotated[str, Range(choices=LENSES),
+        '"aplanatic": corrected for spherical aberration and coma, as real lenses are; '
+        '"perfect": one thin plane that makes a spherical wave; "parabolic": one thin plane '
+        "with the phase of a parabola, as in Krutz et al. The last two differ from the first in "
+        'the model "kirchhoff" only'] = "aplanatic"  # fmt: skip
+    object_distance: Annotated[float | None, Unit("m"), POSITIVE,
+        "from the lens; None: at infinity. The detector is at the image"] = None  # fmt: skip
+    defocus: Annotated[float, Unit("m", "um"), FINITE,
+        "by which the detector lies behind the image"] = 0.0  # fmt: skip
+    pupil: Annotated[Pupil, "the shape of the aperture"] = field(default_factory=Pupil)
+    aberrations: Annotated[tuple[Aberration, ...], "wavefront errors"] = ()
+    field_edge: Annotated[float, Unit("rad", "deg"), POSITIVE,
+        "field angle at which growing aberrations have their rms"] = 10 * deg  # fmt: skip
+    seeing: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
+        "sigma of the Gaussian blur of an atmosphere per axis; 0: none"] = 0.0  # fmt: skip
+    transmission: Annotated[Curve,
+        "fraction of the light that the lens passes, over wavelength"] = ALL  # fmt: skip
+    lens_file: Annotated[str,
+        'a lens table: a shipped one by its name, or the path of a FITS file; "": none. The '
+        "table is scaled to `focal_length` and stopped down to `f_number`; it gives the "
+        "distortion, and `aberrations` and `blur` add to it"] = ""  # fmt: skip
+    lens_family: Annotated[str,
+        '"double-gauss", "petzval", "cooke-triplet" or "catadioptric": the lens table of that '
+        "family's lens of `focal_length` and `f_number`; \"\": none"] = ""  # fmt: skip
+    family_field: Annotated[float | None, Unit("rad", "deg"), Range(0.001, WIDEST),
+        "half field that a lens of a family is made for; None: that of the published lens"
+    ] = None  # fmt: skip
+    psf_file: Annotated[str,
+        "images of a point, measured or exported: the path of a FITS file (`startrack lens "
+        'measure` and `import` write them), or a shipped one by its name; "": none. `blur`, '
+        "`seeing` and `as_built` add to it; f-number and pupil say how much light there is"
+    ] = ""  # fmt: skip
+    as_built: Annotated[float, Unit("m", "nm"), NON_NEGATIVE,
+        "rms wavefront error of manufacture and alignment, which blurs by its mean slope: see "
+        "`total_blur`"] = 0.0  # fmt: skip
+    lens_field: Annotated[bool,
+        "whether the image changes over the field; false: all stars have the mean image of the "
+        "lens table, at the places of its distortion for sunlike stars"] = True  # fmt: skip
+    lens_colour: Annotated[bool,
+        "whether the image changes with the star's colour; false: all are as sunlike"
+    ] = True  # fmt: skip
+    principal_x: Annotated[float, PRINCIPAL_POINT] = 0.0
+    principal_y: Annotated[float, PRINCIPAL_POINT] = 0.0
+    k1: Annotated[float, COEFFICIENT] = 0.0
+    k2: Annotated[float, COEFFICIENT] = 0.0
+    p1: Annotated[float, COEFFICIENT] = 0.0
+    p2: Annotated[float, COEFFICIENT] = 0.0
+    k3: Annotated[float, COEFFICIENT] = 0.0
+    polynomial: Annotated[FieldPolynomial | None,
+        "distortion over the field besides, as `calibrate` fits it to a table of stars"
+    ] = None  # fmt: skip
 
     def __post_init__(self) -> None:
-        positive(focal_length=self.focal_length, field_edge=self.field_edge)
-        within(0.3, 200, f_number=self.f_number)
-        non_negative(blur=self.blur, seeing=self.seeing, as_built=self.as_built)
-        within(1e-6, 1, psf_tolerance=self.psf_tolerance)
-        object.__setattr__(self, "psf", full_name("psfs", (*MODELS, "auto"), self.psf))
-        one_of_or_code((*MODELS, "auto"), psf=self.psf)
-        one_of(LENSES, lens=self.lens)
-        finite(defocus=self.defocus)
+        super().__post_init__()
         self._refuse_places()
         self._refuse_models()
-        if self.family_field is not None:
-            within(0.001, WIDEST, family_field=self.family_field)
         if self.psf_file:
             self._refuse_beside_file()
         if self.traced:
@@ -169,13 +157,12 @@ class Optics:
             raise Refused(f"{named[0]} must be left out beside {key}, whose table says it")
 
     def _refuse_places(self) -> None:
-        if self.object_distance is not None:
-            positive(object_distance=self.object_distance)
-            if self.object_distance <= self.focal_length * (1 + 1e-9):
-                raise Refused(
-                    "object_distance must be beyond the focal length, where a real image forms, "
-                    f"got {self.object_distance:g} m at a focal length of {self.focal_length:g} m"
-                )
+        distance = self.object_distance
+        if distance is not None and distance <= self.focal_length * (1 + 1e-9):
+            raise Refused(
+                "object_distance must be beyond the focal length, where a real image forms, "
+                f"got {distance:g} m at a focal length of {self.focal_length:g} m"
+            )
         if abs(self.defocus) > self.image_distance / 10:
             raise Refused(
                 f"defocus must be at most a tenth of the image distance {self.image_distance:g} m, "

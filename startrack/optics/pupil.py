@@ -12,15 +12,13 @@ import numpy as np
 from scipy import special
 
 from startrack.core import (
+    FINITE,
+    POSITIVE,
     Floats,
+    Parameters,
+    Range,
     Refused,
     Unit,
-    finite,
-    non_negative,
-    one_of,
-    positive,
-    whole,
-    within,
 )
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
@@ -30,23 +28,19 @@ AREA_CELLS = 512  # across the aperture, for its open area: 1e-5 for shapes with
 
 
 @dataclass(frozen=True)
-class Segment:
-    """One piece of a segmented or sparse aperture.
+class Segment(Parameters):
+    """One piece of a segmented or sparse aperture."""
 
-    x, y   1, its centre, in radii of the whole aperture
-    size   1, radius of a circle, or half the distance between two opposite sides of a hexagon
-    shape  "circle" or "hexagon" (two of its sides along x)
-    """
-
-    x: float
-    y: float
-    size: float
-    shape: str = "hexagon"
+    x: Annotated[float, FINITE, "its centre, in radii of the whole aperture"]
+    y: Annotated[float, FINITE, "its centre, in radii of the whole aperture"]
+    size: Annotated[float, POSITIVE,
+        "radius of a circle, or half the distance between two opposite sides of a hexagon"
+    ]  # fmt: skip
+    shape: Annotated[str, Range(choices=("circle", "hexagon")),
+        '"circle" or "hexagon" (two of its sides along x)'] = "hexagon"  # fmt: skip
 
     def __post_init__(self) -> None:
-        finite(x=self.x, y=self.y)
-        positive(size=self.size)
-        one_of(("circle", "hexagon"), shape=self.shape)
+        super().__post_init__()
         reach = self.size * (1 if self.shape == "circle" else 2 / math.sqrt(3))
         if math.hypot(self.x, self.y) + reach > 1 + 1e-9:
             raise Refused(
@@ -69,28 +63,20 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Pupil:
-    """Shape of the aperture; the default is a clear circle.
+class Pupil(Parameters):
+    """Shape of the aperture; the default is a clear circle."""
 
-    obscuration   1, radius of the central obscuration over that of the aperture
-    vanes         number of evenly spaced arms that hold it
-    vane_width    1, over the radius of the aperture
-    vane_angle    radian, of the first arm, from +x towards +y
-    segments      the pieces of a segmented or sparse aperture; none: the whole circle
-    """
-
-    obscuration: float = 0.0
-    vanes: int = 0
-    vane_width: float = 0.0
-    vane_angle: Annotated[float, Unit("rad", "deg")] = 0.0
-    segments: tuple[Segment, ...] = ()
+    obscuration: Annotated[float, Range(0, 0.95),
+        "radius of the central obscuration over that of the aperture"] = 0.0  # fmt: skip
+    vanes: Annotated[int, Range(0, 32), "number of evenly spaced arms that hold it"] = 0
+    vane_width: Annotated[float, Range(0, 0.5), "over the radius of the aperture"] = 0.0
+    vane_angle: Annotated[float, Unit("rad", "deg"), FINITE,
+        "of the first arm, from +x towards +y"] = 0.0  # fmt: skip
+    segments: Annotated[tuple[Segment, ...],
+        "the pieces of a segmented or sparse aperture; none: the whole circle"] = ()  # fmt: skip
 
     def __post_init__(self) -> None:
-        within(0, 0.95, obscuration=self.obscuration)
-        whole(0, 32, vanes=self.vanes)
-        non_negative(vane_width=self.vane_width)
-        within(0, 0.5, vane_width=self.vane_width)
-        finite(vane_angle=self.vane_angle)
+        super().__post_init__()
         if (self.vanes > 0) != (self.vane_width > 0):
             raise Refused(
                 "vanes and vane_width must both be zero or both not, got "

@@ -10,22 +10,22 @@ import numpy as np
 from scipy.spatial import distance
 
 from startrack.core import (
+    FINITE,
     NODES,
+    NON_NEGATIVE,
     Camera,
     Displacement,
     Floats,
+    Parameters,
+    Range,
     Streams,
     Unit,
-    finite,
     node_places,
-    non_negative,
-    whole,
-    within,
 )
 
 
 @dataclass(frozen=True)
-class Residual:
+class Residual(Parameters):
     """A smooth field of displacements over the frame, which no camera model of a tracker has.
 
         displacement = rms f(seed) + drift temperature g(seed)
@@ -33,25 +33,18 @@ class Residual:
     of two normal random fields f and g with the correlation exp(-(d / scale)^2 / 2) over a distance
     d, without the part that a camera model or an attitude could take up: a turn, focal length,
     principal point, k1, k2, p1 and p2; and of rms 1 per axis over the frame.
-
-    rms          pixel, per axis, over the frame
-    scale        1, correlation length over half the diagonal of the frame
-    drift        pixel per kelvin: rms of the change with temperature
-    temperature  kelvin above that at which the field is f alone
-    seed         of the two fields of one unit; 0: of the unit as designed, which has none
     """
 
-    rms: float = 0.0
-    scale: float = 0.3
-    drift: float = 0.0
-    temperature: Annotated[float, Unit("K")] = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        non_negative(rms=self.rms, drift=self.drift)
-        within(0.05, 10, scale=self.scale)
-        finite(temperature=self.temperature)
-        whole(0, 2**63 - 1, seed=self.seed)
+    rms: Annotated[float, NON_NEGATIVE, "pixel, per axis, over the frame"] = 0.0
+    scale: Annotated[float, Range(0.05, 10),
+        "correlation length over half the diagonal of the frame"] = 0.3  # fmt: skip
+    drift: Annotated[float, NON_NEGATIVE,
+        "pixel per kelvin: rms of the change with temperature"] = 0.0  # fmt: skip
+    temperature: Annotated[float, Unit("K"), FINITE,
+        "above that at which the field is f alone"] = 0.0  # fmt: skip
+    seed: Annotated[int, Range(0, 2**63 - 1),
+        "of the two fields of one unit; 0: of the unit as designed, which has none"
+    ] = 0  # fmt: skip
 
     def field(self, camera: Camera) -> Displacement | None:
         """The displacements over a camera's frame; None where there are none.

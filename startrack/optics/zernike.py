@@ -8,28 +8,22 @@ from typing import Annotated
 
 from scipy import special
 
-from startrack.core import Floats, Refused, Unit, finite, whole
+from startrack.core import FINITE, Floats, Parameters, Range, Refused, Unit
 
 MOST = 231  # Noll index of the last mode with n = 20
 
 
 @dataclass(frozen=True)
-class Aberration:
-    """One term of the wavefront error.
+class Aberration(Parameters):
+    """One term of the wavefront error."""
 
-    noll    Noll's index: 4 defocus, 5 and 6 astigmatism, 7 and 8 coma, 11 spherical
-    rms     metre, over the clear circular aperture (at the edge of the field if it grows)
-    growth  power of the field angle with which it grows from the axis; 0: the same everywhere
-    """
-
-    noll: int
-    rms: Annotated[float, Unit("m", "nm")]
-    growth: int = 0
-
-    def __post_init__(self) -> None:
-        whole(1, MOST, noll=self.noll)
-        finite(rms=self.rms)
-        whole(0, 10, growth=self.growth)
+    noll: Annotated[int, Range(1, MOST),
+        "Noll's index: 4 defocus, 5 and 6 astigmatism, 7 and 8 coma, 11 spherical"]  # fmt: skip
+    rms: Annotated[float, Unit("m", "nm"), FINITE,
+        "over the clear circular aperture (at the edge of the field if it grows)"]  # fmt: skip
+    growth: Annotated[int, Range(0, 10),
+        "power of the field angle with which it grows from the axis; 0: the same everywhere"
+    ] = 0  # fmt: skip
 
 
 def noll_to_nm(noll: int) -> tuple[int, int]:

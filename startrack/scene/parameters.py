@@ -7,16 +7,15 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated
 
 from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Parameters,
+    Range,
     Refused,
     Unit,
-    code_field,
     finite,
-    full_name,
     is_code,
-    non_negative,
-    one_of,
-    one_of_or_code,
-    positive,
     within,
 )
 
@@ -29,67 +28,50 @@ JULIAN_YEAR = timedelta(days=365.25)
 
 
 @dataclass(frozen=True)
-class Orbit:
-    """A circular orbit around the Earth.
+class Orbit(Parameters):
+    """A circular orbit around the Earth."""
 
-    altitude     metre above the equator's radius
-    inclination  radian, of the orbit to the equator
-    node         radian, right ascension of the ascending node
-    phase        radian from the node at the date; None: each trial draws it
-    """
-
-    altitude: Annotated[float, Unit("m", "km")]
-    inclination: Annotated[float, Unit("rad", "deg")] = 0.0
-    node: Annotated[float, Unit("rad", "deg")] = 0.0
-    phase: Annotated[float | None, Unit("rad", "deg")] = None
-
-    def __post_init__(self) -> None:
-        positive(altitude=self.altitude)
-        finite(inclination=self.inclination, node=self.node)
-        if self.phase is not None:
-            finite(phase=self.phase)
+    altitude: Annotated[float, Unit("m", "km"), POSITIVE, "above the equator's radius"]
+    inclination: Annotated[float, Unit("rad", "deg"), FINITE, "of the orbit to the equator"] = 0.0
+    node: Annotated[float, Unit("rad", "deg"), FINITE,
+        "right ascension of the ascending node"] = 0.0  # fmt: skip
+    phase: Annotated[float | None, Unit("rad", "deg"), FINITE,
+        "from the node at the date; None: each trial draws it"] = None  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Parameters):
     """Background and bodies besides the stars, date and observer.
 
     What is absent costs no time and draws no random number.
-
-    background_g  magnitude per square arcsecond in Gaia's G of a uniform background, None for none.
-                  It replaces the zodiacal light, which is near V 23.3 at high ecliptic latitude
-                  and near 22.1 on the ecliptic at 90 degrees from the Sun.
-    lights        which of LIGHTS are present: "zodiacal" light; "starlight" of stars
-                  below the catalogue's limit and of the dust that they light; "planets", the
-                  "sun" and the "moon", in the field and through the baffle; the "earth" under an
-                  orbit, its "airglow" and its "cities" at night. Sun, Moon and Earth hide the
-                  stars behind them, and each other's light. Diffuse light by code of one's own,
-                  see docs/extensions.md, too; it is in front of everything
-    date          UTC, as "2026-03-20T12:00:00"
-    days          each trial draws its date within so many days after `date`
-    orbit         around the Earth; None: the observer is at the Earth's centre, without an Earth
-    place         metre from the solar system's barycentre, ICRS axes, instead
-    limb          air of the Earth's bright limb: molecules alone, or with the rural aerosol of
-                  Shettle and Fenn, 23 km of visibility and their stratosphere's background
     """
 
-    background_g: float | None = None
-    lights: tuple[str, ...] = code_field("lights", ())
-    date: str | None = None
-    days: float = 0.0
-    orbit: Orbit | None = None
-    place: Annotated[tuple[float, ...] | None, Unit("m", "AU")] = None
-    limb: str = "molecules"
+    background_g: Annotated[float | None, Range(-30, DARK),
+        "magnitude per square arcsecond in Gaia's G of a uniform background, None for none. It "
+        "replaces the zodiacal light, which is near V 23.3 at high ecliptic latitude and near "
+        "22.1 on the ecliptic at 90 degrees from the Sun."] = None  # fmt: skip
+    lights: Annotated[tuple[str, ...], Range(choices=LIGHTS, code="lights"),
+        'which of LIGHTS are present: "zodiacal" light; "starlight" of stars below the '
+        "catalogue's limit and of the dust that they light; \"planets\", the \"sun\" and the "
+        '"moon", in the field and through the baffle; the "earth" under an orbit, its "airglow" '
+        'and its "cities" at night. Sun, Moon and Earth hide the stars behind them, and each '
+        "other's light. Diffuse light by code of one's own, see docs/extensions.md, too; it is "
+        "in front of everything"] = ()  # fmt: skip
+    date: Annotated[str | None, 'UTC, as "2026-03-20T12:00:00"'] = None
+    days: Annotated[float, NON_NEGATIVE,
+        "each trial draws its date within so many days after `date`"] = 0.0  # fmt: skip
+    orbit: Annotated[Orbit | None,
+        "around the Earth; None: the observer is at the Earth's centre, without an Earth"
+    ] = None  # fmt: skip
+    place: Annotated[tuple[float, ...] | None, Unit("m", "AU"),
+        "from the solar system's barycentre, ICRS axes, instead"] = None  # fmt: skip
+    limb: Annotated[str, Range(choices=LIMBS),
+        "air of the Earth's bright limb: molecules alone, or with the rural aerosol of Shettle "
+        "and Fenn, 23 km of visibility and their stratosphere's background"
+    ] = "molecules"  # fmt: skip
 
     def __post_init__(self) -> None:
-        if self.background_g is not None:
-            within(-30, DARK, background_g=self.background_g)
-        lights = tuple(full_name("lights", LIGHTS, one) for one in self.lights)
-        object.__setattr__(self, "lights", lights)
-        for light in self.lights:
-            one_of_or_code(LIGHTS, lights=light)
-        non_negative(days=self.days)
-        one_of(LIMBS, limb=self.limb)
+        super().__post_init__()
         if self.date is not None:
             within(FIRST_YEAR, LAST_YEAR - 1 - self.days / 365, **{"year of date": self.start.year})
         self._refuse_contradictions()

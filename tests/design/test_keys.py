@@ -1,6 +1,8 @@
 """The reference of the keys against the files that use them."""
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -8,10 +10,11 @@ import list_keys
 import pytest
 
 from startrack.design.files import load_design
-from startrack.design.keys import design_keys, meanings_of
+from startrack.design.keys import design_keys
 from startrack.io import shipped
-from startrack.motion.parameters import Tone
 
+PLAIN = "from startrack.cli.main import main; raise SystemExit(main())"
+WITHOUT_SOURCES = "import inspect; inspect.getsource = inspect.getsourcelines = None\n"
 KEYS = {key.name: key for key in design_keys()}
 DESIGNS = sorted(
     [path for folder in ("designs", "trackers") for path in shipped(folder).glob("*.toml")]
@@ -79,11 +82,19 @@ def test_a_default_may_be_written_into_a_file():
     assert load_design(shipped("designs/noise_only.toml"), changes) == plain
 
 
-def test_entries_of_a_docstring():
-    found = meanings_of(Tone)
-    assert found["rms_z"] == found["rms_x"]
-    assert found["rms_x"].startswith("radian, root mean square")
-    assert found["lead_z"].endswith("makes a circle")
+@pytest.mark.parametrize("command", [["keys"], ["keys", "--schema"], ["init", "all.toml", "--all"]])
+def test_without_docstrings_and_sources_all_stays(command, tmp_path):
+    """As `python -OO` compiles it, where nothing can read a source."""
+    outputs = []
+    for options in (["-c", PLAIN], ["-OO", "-c", WITHOUT_SOURCES + PLAIN]):
+        folder = tmp_path / str(len(outputs))
+        folder.mkdir()
+        made = subprocess.run(
+            [sys.executable, *options, *command], capture_output=True, check=True, cwd=folder
+        )
+        outputs.append([made.stdout, *(path.read_bytes() for path in folder.iterdir())])
+    assert max(map(len, outputs[0])) > 10000
+    assert outputs[0] == outputs[1]
 
 
 def test_the_page_is_that_of_the_code():

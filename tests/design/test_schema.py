@@ -10,7 +10,8 @@ import jsonschema
 import pytest
 import tomli_w
 
-from startrack.design import design_keys, design_schema, load_design, ranges_of
+from startrack.core import fields_of
+from startrack.design import design_keys, design_schema, load_design
 from startrack.design.case import Case
 from startrack.io import from_table, shipped, to_table
 
@@ -96,7 +97,7 @@ def test_mistakes_are_refused_by_schema_and_loader_alike(kind, tmp_path):
     ],
 )
 def test_the_ends_of_a_range_are_those_of_the_loader(place, name, inside, outside):
-    limits = ranges_of(type(getattr(load_design(DESIGNS[0]).case.instrument, place)))[name]
+    limits = fields_of(type(getattr(load_design(DESIGNS[0]).case.instrument, place)))[name].range
     design = {key: copy.deepcopy(BASE[key]) for key in BASE if key != "campaign"}
     for value, allowed in ((inside, True), (outside, False)):
         design["instrument"][place][name] = value

@@ -1,0 +1,209 @@
+"""A class of parameters -> each field as it is declared: type, unit, range, meaning, default.
+
+A field is declared once, and what checks, reads, writes or explains it reads that:
+
+    fill_factor: Annotated[float, Range(0.01, 1), "fraction of a pixel that detects"] = 1.0
+    exposure: Annotated[float, Unit("s", "ms"), POSITIVE, "in which a frame collects light"]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+import typing
+from collections.abc import Collection, Iterator, Mapping
+from functools import cache
+from typing import Annotated, Any, NamedTuple
+
+from startrack.core.checks import finite, non_negative, one_of, positive, refusal, whole, within
+from startrack.core.extension import full_name, is_code, one_of_or_code, received, sent_with
+from startrack.core.units import Unit
+
+NUMBER_OR_TEXT = float | str
+
+
+class Range(NamedTuple):
+    """What the values of a field, or each of a list, may be, whatever the other fields are.
+
+    low, high  in SI units, included; infinite where there is no limit
+    above      whether `low` itself is not allowed
+    choices    the texts of which it must be one; empty where any is allowed
+    code       group of code that it may name instead, as module:function; "" for none
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    choices: Collection[str] = ()
+    code: str = ""
+
+    def holds(self, value: float) -> bool:
+        """Whether a number lies within."""
+        return self.low <= value <= self.high and not (self.above and value == self.low)
+
+    def check(self, name: str, value: Any, integer: bool) -> None:
+        """Refuse a value outside."""
+        named: dict[str, Any] = {name: value}
+        if self.code:
+            one_of_or_code(self.choices, **named)
+        elif self.choices:
+            one_of(self.choices, **named)
+        elif integer and math.isinf(self.low + self.high):
+            whole(-(2**63), 2**63 - 1, **named)
+            if not self.holds(value):
+                bound = f"least {self.low}" if math.isinf(self.high) else f"most {self.high}"
+                raise refusal(name, f"must be at {bound}", value)
+        elif integer:
+            whole(int(self.low), int(self.high), **named)
+        else:
+            if self.low == 0 and (self.above or math.isinf(self.high)):
+                (positive if self.above else non_negative)(**named)
+            if math.isfinite(self.high):
+                within(self.low, self.high, **named)
+            finite(**named)
+
+
+FINITE = Range()
+POSITIVE = Range(0.0, above=True)
+NON_NEGATIVE = Range(0.0)
+
+
+class Field(NamedTuple):
+    """A field of a parameter object.
+
+    kind      its type without None and without a unit
+    unit      None where it has none
+    required  whether it must be given
+    default   its value where it is not; None where it must be
+    open      whether it may be infinite or NaN in a file, as its default is
+    range     None where its class does not check it by itself
+    meaning   "" where it says no more than its name
+    """
+
+    kind: Any
+    unit: Unit | None
+    required: bool
+    default: Any = None
+    open: bool = False
+    range: Range | None = None
+    meaning: str = ""
+
+
+STATED = {Unit: "unit", Range: "range", str: "meaning"}  # of a field, in its annotation
+
+
+@cache
+def fields_of(kind: type) -> Mapping[str, Field]:
+    """The fields of a parameter object that a file may give, by name; none that is `computed`."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    fields = {}
+    for entry in dataclasses.fields(kind):
+        if not entry.init or entry.metadata.get("computed"):
+            continue
+        about = bare(hints[entry.name])
+        default, made = entry.default, entry.default_factory
+        required = default is made is dataclasses.MISSING
+        if default is dataclasses.MISSING:
+            default = None if made is dataclasses.MISSING else made()
+        beyond = isinstance(default, float) and not math.isfinite(default)
+        fields[entry.name] = about._replace(required=required, default=default, open=beyond)
+    return types.MappingProxyType(fields)
+
+
+def bare(hint: Any) -> Field:
+    """The type inside `X | None` and `Annotated[X, ...]`, in either order, and what that states."""
+    about = Field(hint, None, True)
+    while True:
+        inner = _not_none(about.kind)
+        if typing.get_origin(inner) is Annotated:
+            inner, *stated = typing.get_args(inner)
+            about = about._replace(**{STATED[type(part)]: part for part in stated})
+        if inner is about.kind:
+            return about
+        about = about._replace(kind=inner)
+
+
+def _not_none(kind: Any) -> Any:
+    """The type inside `X | None`."""
+    if kind == NUMBER_OR_TEXT:
+        return kind
+    if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
+        return next(part for part in typing.get_args(kind) if part is not types.NoneType)
+    return kind
+
+
+def unit_of(kind: type, name: str) -> Unit | None:
+    """The unit of a field, None where it has none."""
+    return fields_of(kind)[name].unit
+
+
+class _Rule(NamedTuple):
+    """How a field is checked: its range, whether it is an integer, and whether a list."""
+
+    name: str
+    range: Range
+    integer: bool
+    several: bool
+
+
+@cache
+def _rules(kind: type) -> tuple[_Rule, ...]:
+    return tuple(
+        _Rule(name, field.range, field.kind is int, typing.get_origin(field.kind) is tuple)
+        for name, field in fields_of(kind).items()
+        if field.range
+    )
+
+
+class Parameters:
+    """A frozen dataclass that checks its fields, as they are declared, where it is built.
+
+    A name of code by an entry point becomes its module:function. A class with rules between fields
+    has a `__post_init__` of its own, which calls this one first.
+    """
+
+    def __post_init__(self) -> None:
+        for rule in _rules(type(self)):
+            value = getattr(self, rule.name)
+            if value is None:
+                continue
+            if rule.range.code:
+                value = _with_full_names(rule, value)
+                object.__setattr__(self, rule.name, value)
+            for item in value if rule.several else (value,):
+                rule.range.check(rule.name, item, rule.integer)
+
+
+def _with_full_names(rule: _Rule, value: Any) -> Any:
+    group, built_in = rule.range.code, rule.range.choices
+    if rule.several:
+        return tuple(full_name(group, built_in, item) for item in value)
+    return full_name(group, built_in, value)
+
+
+def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
+    """Key, group and name of all code that a parameter object names."""
+    for name, field in fields_of(type(value)).items():
+        held = getattr(value, name)
+        where = f"{place}.{name}" if place else name
+        for item in held if isinstance(held, tuple) else (held,):
+            if field.range and field.range.code:
+                if is_code(item):
+                    yield where, field.range.code, item
+            elif hasattr(item, "__dataclass_fields__"):
+                yield from code_in(item, where)
+
+
+class CarriesCode(Parameters):
+    """A parameter object that processes exchange, with what its code may do.
+
+    So that the process that gets it may run the code that is allowed in that which sends it.
+    """
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "allowed code": sent_with(code_in(self))}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        received(state.pop("allowed code"))
+        self.__dict__.update(state)
