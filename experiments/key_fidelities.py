@@ -35,7 +35,7 @@ from startrack import Case, Fidelity, shipped
 from startrack.budget import analytic
 from startrack.budget.analytic import refuse_scans
 from startrack.budget.left_out import of_the_case
-from startrack.core import Field, fields_of
+from startrack.core import Field, KeptFunction, fields_of
 from startrack.design.keys import item_of, range_of
 from startrack.design.products import with_product
 from startrack.io import from_table, save_json, written
@@ -349,7 +349,7 @@ def checking() -> bool:
 def forget() -> None:
     """Empty the caches of the package, so that all is read again."""
     for one in gc.get_objects():
-        if isinstance(one, _lru_cache_wrapper) and COMPUTING.match(one.__module__):
+        if isinstance(one, _lru_cache_wrapper | KeptFunction) and COMPUTING.match(one.__module__):
             one.cache_clear()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from startrack.catalog.formats import read
 from startrack.catalog.gaia import deep, read_bright
 from startrack.catalog.random_stars import random_stars
 from startrack.catalog.selection import Selection
-from startrack.core import Floats, Ints, Refused, Stars, kernel, within
+from startrack.core import Floats, Ints, Refused, Stars, kept, kernel, within
 from startrack.io import shipped
 
 SLACK = 1e-12  # of a height, so that rounding leaves no star out
@@ -125,7 +125,7 @@ def _first_from(direction, height):  # type: ignore[no-untyped-def]
     return low
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def open_sky(selection: Selection) -> Sky:
     """The sky of a selection, brightest star first; the same one for the same selection.
 

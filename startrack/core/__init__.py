@@ -8,6 +8,8 @@ trust      Path of a cache -> whether this process may compute with what it hold
 refused    Refused: a value that breaks a rule, which is no fault of the program.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
 memory     Bytes that a step needs -> refused, with the figure, where they exceed the limit.
+keeping    Values that take long to compute -> kept, as long as all that are kept take a share of
+           memory.
 streams    Seed, trial, cause -> random generator, the same for any number of workers.
 scratch    Large arrays that a plan keeps between calls: a new one costs more than a few windows
            in it.
@@ -79,6 +81,7 @@ from startrack.core.extension import (
 from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.field_psf import LEAST, FieldPsf
 from startrack.core.interpret import instead_of, interpreted
+from startrack.core.keeping import Kept, KeptFunction, kept
 from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
 from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.memory import (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -34,6 +34,14 @@ def memory_limit() -> int:
     return int(given) if given.isdecimal() and len(given) < 20 else machine_memory() // 2
 
 
+_releases: list[Callable[[float], None]] = []
+
+
+def release_with(release: Callable[[float], None]) -> None:
+    """Let a function free what is only kept to save time, down to so many bytes, before steps."""
+    _releases.append(release)
+
+
 def require_memory(size: float, what: str) -> None:
     """Refuse a step before it takes more memory than there may be.
 
@@ -44,6 +52,8 @@ def require_memory(size: float, what: str) -> None:
             machine's.
     """
     limit = memory_limit()
+    for release in _releases:
+        release(limit - size)
     if not size <= limit:
         raise Refused(
             f"{what} would need {gib(size)} of memory, more than the limit of {gib(limit)} "

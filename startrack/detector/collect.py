@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import Camera, Floats, Light
+from startrack.core import Camera, Floats, Light, kept
 from startrack.detector.effects import diffuse
 from startrack.detector.law import law_of
 from startrack.detector.maps import dark, response
@@ -79,7 +79,7 @@ def _linear_weights(nodes: int, pixels: int) -> Floats:
     return np.maximum(1 - np.abs(position[:, None] - np.arange(nodes)), 0.0)
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def background(detector: Detector, sky: float) -> Floats:
     """Expected electrons (rows, columns) of a uniform background and the dark current; read-only.
 
@@ -104,7 +104,7 @@ def apply_response(electrons: Floats, detector: Detector) -> Floats:
     return diffuse(electrons, detector.crosstalk) if detector.crosstalk else electrons
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def background_tables(detector: Detector, sky: float) -> Tables:
     """Tables of the numbers of a frame; for its background alone, so that frames share them.
 

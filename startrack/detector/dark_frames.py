@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import Floats, Refused, Streams
+from startrack.core import Floats, Refused, Streams, kept
 from startrack.detector.collect import background, background_tables
 from startrack.detector.maps import device_streams
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
 
 
-@lru_cache(maxsize=2)
+@kept(2)
 def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
     """Mean of dark frames of a device, and the noise of a pixel in one of them.
 

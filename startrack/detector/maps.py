@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import Floats, Streams, require_memory
+from startrack.core import Floats, Streams, kept, require_memory
 from startrack.detector.ageing import Flickering, aged
 from startrack.detector.nonuniformity import Defects, dark_response, photo_response
 from startrack.detector.parameters import Detector
@@ -89,13 +89,13 @@ def _device(detector: Detector) -> Detector:
     )
 
 
-@lru_cache(maxsize=2)
+@kept(2)
 def _response(device: Detector) -> Floats:
     array = photo_response(_array(device), device.prnu, device.defects, device_streams(device))
     return _frozen(_binned(device, array) / device.binning**2)
 
 
-@lru_cache(maxsize=2)
+@kept(2)
 def _dark(device: Detector) -> Floats:
     streams, defects = device_streams(device), device.defects or Defects()
     array = dark_response(_array(device), device.dark_current, defects, streams)
@@ -110,7 +110,7 @@ def _aged(array: Floats, device: Detector, streams: Streams) -> Floats:
     return aged(array, device.age, device.pixel_pitch**2, *device.of_age, streams)
 
 
-@lru_cache(maxsize=2)
+@kept(2)
 def _spread(device: Detector) -> Floats:
     draw = device_streams(device)("read noise").standard_normal((device.rows, device.columns))
     return _frozen(np.exp(device.read_noise_spread * draw))

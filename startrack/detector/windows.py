@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Refused, Streams, Workspace, kernel
+from startrack.core import (
+    FieldPsf,
+    Floats,
+    Frame,
+    Ints,
+    Psf,
+    Refused,
+    Streams,
+    Workspace,
+    kept,
+    kernel,
+)
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_window, draw_number, keys, work_row
 from startrack.detector.expose import colours, to_frame
@@ -115,7 +125,7 @@ def expose_within(
     return to_frame(image, detector)
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, Law, Tables]:
     """What all exposures of one background share; first the mean digital number without stars."""
     gain, electrons = response(detector), np.atleast_2d(dark(detector)) * detector.exposure
@@ -144,7 +154,7 @@ def independent_pixels(detector: Detector, outliers: Ints, streams: Streams) -> 
     return np.concatenate([outliers, pixel])
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def outlier_pixels(detector: Detector, sky: float, limit: float) -> Ints:
     """Outlier pixels (hot, dead, or far from the median), (k,) row * columns + column.
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Camera, Stars, private_folder, trusted
+from startrack.core import Camera, Kept, Stars, private_folder, trusted
 from startrack.identification.index import CodeTable, PatternIndex, build_index, indexed_field
 from startrack.identification.sky import SkyGrid, VerificationStars
 
@@ -78,18 +78,12 @@ class PatternIndexes:
     def __init__(self, stars: Stars, folder: Path | None = None):
         self.stars = stars
         self._folder = cache_folder() if folder is None else folder
-        self._held: dict[float, PatternIndex] = {}
+        self._indexes = Kept[PatternIndex](HELD)
 
     def __call__(self, camera: Camera) -> PatternIndex:
         """The index for a camera; cameras of nearly the same field share one."""
         field = indexed_field(camera)
-        index = self._held.pop(field, None)
-        if index is None:
-            index = cached_index(self.stars, field, self._folder)
-        self._held[field] = index  # last, so that the first is the one not used for longest
-        while len(self._held) > HELD:
-            del self._held[next(iter(self._held))]
-        return index
+        return self._indexes.get(field, lambda: cached_index(self.stars, field, self._folder))
 
 
 def _prune(folder: Path) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from scipy import fft, ndimage
 
-from startrack.core import Floats, Psf, Refused, non_negative, positive, within
+from startrack.core import Floats, Psf, Refused, kept, non_negative, positive, within
 from startrack.io import open_checked, whole
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
 from startrack.optics.lens_table import WIDEST, catalogued
@@ -252,6 +252,6 @@ def open_psf_file(name: str) -> PsfFile:
     return _open(path, path.stat().st_mtime_ns)
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def _open(path: Path, time: int) -> PsfFile:
     return load_psf_file(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -20,6 +19,7 @@ from startrack.core import (
     Range,
     Streams,
     Unit,
+    kept,
     node_places,
 )
 
@@ -68,7 +68,7 @@ LATTICE = 33  # places along each side of the law's table
 LEFT_OUT = 1e-3  # of the variance, in the modes that the table lacks; chosen by hand
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def residual_law(camera: Camera, scale: float) -> Floats:
     """Root of the covariance of a field of rms one, as it is known before it is drawn.
 
@@ -92,7 +92,7 @@ def residual_law(camera: Camera, scale: float) -> Floats:
     return np.stack(values, axis=-1).reshape(LATTICE, LATTICE, 2, count)
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def _root(columns: int, rows: int, focal: float, scale: float) -> Floats:
     """Matrix (2 n, 2 n) from normal numbers to the field at its n nodes, all x before all y.
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import open_sky
-from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Status, Streams
+from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Status, Streams, kept
 from startrack.design import Case, Tracker
 from startrack.detection import DetectionPlan, Taken, box_reach, take
 from startrack.trial.view import as_believed, detection_plan, electrons_of, nearby
@@ -95,7 +94,7 @@ def believed_electrons(case: Case) -> Floats:
     return _electrons(case.as_designed, case.believed_catalog)
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def _electrons(case: Case, catalog) -> Floats:  # type: ignore[no-untyped-def]
     tracker = replace(case.tracker, catalog=None)
     return electrons_of(replace(case, catalog=catalog, tracker=tracker))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from startrack.core import Floats, Ints, Streams
+from startrack.core import Floats, Ints, Streams, kept
 from startrack.design import Case
 from startrack.detection import detect, false_alarms, measure_ground
 from startrack.detector import Detector, dark, flickering, frame_of
@@ -69,7 +69,7 @@ def _still(detector: Detector) -> Detector:
     return replace(detector, prnu=0.0, read_noise=0.0, offset=0, pixel_rate=1e6, hits=None)
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
     """The pattern of a detector, with the dark map of a case."""
     signal = np.full((detector.rows, detector.columns), dark(detector)) * detector.exposure

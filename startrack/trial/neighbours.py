@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection
-from startrack.core import Floats, Ints
+from startrack.core import Floats, Ints, kept
 from startrack.design import Case
 from startrack.trial.conditions import colour_correction, index_resolution, separated
 from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
@@ -30,7 +30,7 @@ LOST = 1e4  # pixel, shift of a star that is not detected beside its neighbour
 SNR = 100.0  # of the brightest pixel of the star in the chart
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def blending_shift(case: Case, catalog: Selection) -> Floats:
     """Shift of each separable star of a catalogue by the light of its neighbours.
 
@@ -75,7 +75,7 @@ def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
     return np.where(distance < _reach(case), pull, 0.0)
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def _table(case: Case) -> Floats:
     """Shift by contrast and distance, pixel; LOST where the star is lost at any position."""
     x, y = detection_plan(case).settings.smear
@@ -129,7 +129,7 @@ def _reach(case: Case) -> float:
     return case.tracker.detection.window // 2 + RING + 2.0 + smear
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def _pairs(catalog: Selection, resolution: float, radius: float) -> Ints:
     """All pairs (k, 2) of separable stars within a radius, radian, each in both orders."""
     pair = _tree(catalog, resolution).query_pairs(2 * math.sin(radius / 2), output_type="ndarray")

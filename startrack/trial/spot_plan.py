@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from itertools import chain
 from typing import NamedTuple
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Floats, Ints, Light, Refused, is_code
+from startrack.core import Camera, Floats, Ints, Light, Refused, is_code, kept
 from startrack.design import Case
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
@@ -238,7 +237,7 @@ def limits_of(case: Case) -> Limits:
     return Limits(faintest, float(flux[found].max(initial=faintest)), found)
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def plan_of(case: Case) -> Plan:
     """Measure the stars of a case; kept for the 8 last cases."""
     return plan_within(case, limits_of(case))
@@ -352,7 +351,7 @@ def _through(case: Case) -> Through:
     )
 
 
-@lru_cache(maxsize=2)
+@kept(2)
 def _light(catalog: Selection, scene: Scene) -> Light:
     """The light of all stars of a sky; kept for the 2 last pairs."""
     return illuminate(scene, open_sky(catalog).stars)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.special import ndtr
 
-from startrack.core import Floats, Frame, Psf, Stars, Streams
+from startrack.core import Floats, Frame, Psf, Stars, Streams, kept
 from startrack.design import Case, Instrument
 from startrack.detection import (
     Candidates,
@@ -369,7 +369,7 @@ def point_images(case: Case) -> Floats:
     return _point_images(case.instrument, case.tracker.detection)
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def _point_images(instrument: Instrument, detection: Detection) -> Floats:
     return star_images(instrument, phases(), cell_side(instrument, detection))
 

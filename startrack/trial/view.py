@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from startrack.core import (
     Psf,
     Stars,
     Streams,
+    kept,
 )
 from startrack.design import Case, Instrument
 from startrack.detection import (
@@ -97,7 +97,7 @@ def nearby(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Ints:
     return sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def electrons_of(case: Case) -> Floats:
     """Electrons (n,) of each star of the sky in an exposure; kept for the 4 last cases."""
     stars, instrument = open_sky(case.catalog).stars, case.instrument
@@ -108,7 +108,7 @@ def electrons_of(case: Case) -> Floats:
     return np.concatenate([arriving(each, camera, detector, through)[0] for each in parts])
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def colours_of(case: Case) -> Floats:
     """Mean detected wavelength (n,) of each star of the sky, metre; kept for the 4 last cases."""
     stars, instrument = open_sky(case.catalog).stars, case.instrument
@@ -135,7 +135,7 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
     )
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def psf_of(instrument: Instrument) -> Psf:
     """The PSF for sunlike stars, with a lens table its mean over the frame.
 
@@ -153,7 +153,7 @@ def psf_of(instrument: Instrument) -> Psf:
     )
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def _one_psf(
     optics: Optics, pitch: float, photons: bytes, fill_factor: float, diffusion: float
 ) -> Psf:
@@ -167,7 +167,7 @@ def images_of(instrument: Instrument) -> Psf | FieldPsf:
     return field_psf_of(instrument) if instrument.optics.tabulated else psf_of(instrument)
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def field_psf_of(instrument: Instrument) -> FieldPsf:
     """The images of stars over the frame and their colour; kept for the 8 last instruments."""
     images, optics = _whole_images(instrument), instrument.optics
@@ -194,7 +194,7 @@ def _whole_images(instrument: Instrument) -> FieldPsf:
     )
 
 
-@lru_cache(maxsize=4)
+@kept(4)
 def _computed(
     optics: Optics, kelvin: float, camera: Camera, pitch: float, photons: bytes,
     fill_factor: float, diffusion: float,
@@ -238,7 +238,7 @@ def detection_plan(
     return _planned(designed.instrument, with_smear(detection, *(smear or known_smear(designed))))
 
 
-@lru_cache(maxsize=16)
+@kept(16)
 def _planned(instrument: Instrument, detection: Detection) -> DetectionPlan:
     """The plan, whose dark map comes from dark frames of the detector."""
 

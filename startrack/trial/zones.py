@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.catalog import open_sky
-from startrack.core import FieldPsf, Floats, Ints, Psf
+from startrack.core import FieldPsf, Floats, Ints, Psf, kept
 from startrack.design import Case, Instrument
 from startrack.optics import mirrored
 from startrack.trial.conditions import mean_colour
@@ -75,7 +75,7 @@ class Zones(NamedTuple):
         return np.asarray(number, np.int64)
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def zones_of(case: Case) -> Zones:
     """The zones of a case; kept for the 8 last cases."""
     camera = case.instrument.camera
@@ -92,7 +92,7 @@ def zones_of(case: Case) -> Zones:
     )
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def centroid_shift(case: Case) -> FieldPsf:
     """Where the tracker's centroid lies beside the place that the camera projects to.
 
@@ -143,7 +143,7 @@ def _from_centre(case: Case) -> Floats:
     return np.stack(np.meshgrid(images.x - x, images.y - y), axis=-1)
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
     """`centroid_shift` of a sunlike star, and what that of others differs by.
 
@@ -190,7 +190,7 @@ class ZoneErrors(NamedTuple):
     random: dict[str, Floats]
 
 
-@lru_cache(maxsize=8)
+@kept(8)
 def zone_errors(case: Case) -> ZoneErrors:
     """Errors of single stars in each zone; kept for the 8 last cases.
 

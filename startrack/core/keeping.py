@@ -1,0 +1,134 @@
+"""Values that take long to compute -> kept, as long as all that are kept take a share of memory."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable, Iterator
+from functools import partial, update_wrapper
+from typing import Any, Generic, ParamSpec, TypeVar
+from weakref import WeakSet
+
+import numpy as np
+
+from startrack.core.memory import memory_limit, release_with
+
+P = ParamSpec("P")
+T = TypeVar("T")
+SHARE = 4  # of the memory limit of a process, all kept values take one part; chosen by hand
+
+_lock = threading.RLock()
+_stores: WeakSet[Kept[Any]] = WeakSet()
+_clock = iter(range(2**62))
+
+
+class Kept(Generic[T]):
+    """Values by key: the last `count` that were used, fewer where memory is short.
+
+    Each value counts with the bytes of its arrays. Where all values that are kept in the process
+    would take more than a quarter of its memory limit, those used longest ago are dropped; so they
+    are before a step that `require_memory` would refuse for them.
+    """
+
+    def __init__(self, count: int):
+        self._count = count
+        self._values: dict[Hashable, tuple[T, int, int]] = {}  # value, bytes, time of last use
+        _stores.add(self)
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """The value of a key, made where it is not kept."""
+        with _lock:
+            entry = self._values.get(key)
+            if entry:
+                self._values[key] = entry[0], entry[1], next(_clock)
+                return entry[0]
+        value = make()
+        size = bytes_of(value)
+        with _lock:
+            self._values[key] = value, size, next(_clock)
+            while len(self._values) > self._count:
+                del self._values[self.oldest]
+            shrink_kept(memory_limit() // SHARE)
+        return value
+
+    @property
+    def oldest(self) -> Hashable:
+        """The key that was used longest ago."""
+        return min(self._values, key=lambda key: self._values[key][2])
+
+    @property
+    def bytes(self) -> int:
+        """Of all values."""
+        return sum(size for _, size, _ in self._values.values())
+
+    def clear(self) -> None:
+        """Drop all values."""
+        with _lock:
+            self._values.clear()
+
+    def drop_oldest(self) -> None:
+        """Drop the value that was used longest ago."""
+        del self._values[self.oldest]
+
+    def last_use(self) -> int:
+        """Time at which the oldest value was used last; after all others where there is none."""
+        return min((time for _, _, time in self._values.values()), default=2**62)
+
+
+class KeptFunction(Generic[P, T]):
+    """A function of hashable arguments whose last values are `Kept`."""
+
+    def __init__(self, make: Callable[P, T], count: int):
+        self._make, self._store = make, Kept[T](count)
+        update_wrapper(self, make)
+
+    def __call__(self, *args: P.args, **named: P.kwargs) -> T:
+        """The value, made where it is not kept."""
+        key = (args, *sorted(named.items())) if named else args
+        return self._store.get(key, lambda: self._make(*args, **named))
+
+    def cache_clear(self) -> None:
+        """Drop all values."""
+        self._store.clear()
+
+
+def kept(count: int) -> Callable[[Callable[P, T]], KeptFunction[P, T]]:
+    """As `functools.lru_cache`, for values of megabytes: they count against the memory limit."""
+    return partial(KeptFunction, count=count)
+
+
+def kept_bytes() -> int:
+    """Of all values that this process keeps."""
+    with _lock:
+        return sum(store.bytes for store in _stores)
+
+
+def shrink_kept(limit: float) -> None:
+    """Drop the values that were used longest ago, until all others take at most so many bytes."""
+    with _lock:
+        while kept_bytes() > max(limit, 0):
+            min(_stores, key=Kept.last_use).drop_oldest()
+
+
+release_with(shrink_kept)
+
+
+def bytes_of(value: Any) -> int:
+    """Bytes of the arrays in a value: in tuples, lists, dictionaries and the fields of objects."""
+    arrays = {id(array): array.nbytes for array in _arrays(value, set())}
+    return sum(arrays.values())
+
+
+def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
+    if id(value) in seen or isinstance(value, str | bytes | int | float | type | None):
+        return
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        yield value.base if isinstance(value.base, np.ndarray) else value
+    elif isinstance(value, dict):
+        for part in value.values():
+            yield from _arrays(part, seen)
+    elif isinstance(value, tuple | list):
+        for part in value:
+            yield from _arrays(part, seen)
+    elif hasattr(value, "__dict__") and not callable(value):
+        yield from _arrays(vars(value), seen)
