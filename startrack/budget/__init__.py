@@ -18,7 +18,7 @@ residuals  Case -> errors of single stars in trials, over their position in the 
 
 from startrack.budget.analytic import analytic
 from startrack.budget.budget import Budget, Law, Line, Sample, Spread
-from startrack.budget.causes import Cause, Term, causes
+from startrack.budget.causes import Cause, causes
 from startrack.budget.check import Check, check, differences
 from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
@@ -28,6 +28,7 @@ from startrack.budget.measured import measured
 from startrack.budget.residuals import residuals
 from startrack.budget.survey import Survey, circles, survey
 from startrack.budget.units import UnitBudgets, joined, unit_budgets
+from startrack.trial import Term
 
 # Public; the other imports serve other rooms.
 __all__ = [

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from startrack.budget.budget import Budget, Law, Line
-from startrack.budget.causes import NEIGHBOURS, Cause, Term, causes, refuse_scans
+from startrack.budget.causes import NEIGHBOURS, Cause, causes, refuse_scans
 from startrack.budget.fields import (
     FIELDS,
     Attitudes,
@@ -38,6 +38,7 @@ from startrack.trial import (
     READ,
     SHOT,
     Errors,
+    Term,
     colour_correction,
     detection_probability,
     errors,

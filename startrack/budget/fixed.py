@@ -8,13 +8,22 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.budget.causes import LENS_COLOUR, SHUTTER, Cause, Term
+from startrack.budget.causes import Cause
 from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Ints
 from startrack.design import Case
 from startrack.motion import jitter_rms
-from startrack.trial import LENS_FIELD, blending_shift, mean_colour, residual_shift, zones_of
+from startrack.trial import (
+    LENS_COLOUR,
+    LENS_FIELD,
+    SHUTTER,
+    Term,
+    blending_shift,
+    mean_colour,
+    residual_shift,
+    zones_of,
+)
 
 
 def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple[Ints, Floats]:

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from startrack.core import Floats, Psf, is_code
+from startrack.core import Floats, Psf
 from startrack.design import Case
-from startrack.trial import detection_plan, smear_of
+from startrack.trial import detection_plan, left_out, smear_of
 
 # From these on an effect may change the error by more than 15 %, or the availability by more than
 # a percent. Chosen by hand from the designs of experiments/budget_against_trials.py.
@@ -18,7 +18,6 @@ LONGEST = 27.0  # pixel; the half sides of the window of a fit end at 15 pixel
 HELD = 0.65  # of a star's light, in the window of its centre of gravity
 ROLLED = 1.5  # pixel of smear in the corner, by rotation about the boresight
 SHAKEN = 1.0  # pixel rms of jitter
-SHARED = 0.3  # of the noise of a pixel, what a row or a column has in common
 FEW = 10.0  # stars in a field, below which its identification is uncertain
 PART = 0.01  # of the sky
 CROWDED = 0.03  # fraction of the stars that share their window with another
@@ -28,50 +27,7 @@ REFUSED = 0.3  # of the stars above the threshold
 
 def of_the_case(case: Case) -> Iterator[str]:
     """What the budget leaves out of a design, by its parameters alone."""
-    detector, motion = case.instrument.detector, case.instrument.motion
-    for effect in detector.effects_by_code:
-        yield f"{effect} (not part of startrack)"
-    for name in motion.jitter:
-        yield f"jitter by {name} (motion.jitter)"
-    if is_code(case.tracker.attitude.method):
-        yield (
-            f"the estimator {case.tracker.attitude.method}: least squares are assumed "
-            "(tracker.attitude.method)"
-        )
-    if is_code(case.tracker.detection.search):
-        yield (
-            f"the search by {case.tracker.detection.search}: that of a matched filter is assumed "
-            "(tracker.detection.search)"
-        )
-    if detector.hits:
-        yield "cosmic rays (detector.hits)"
-    if detector.lag and motion.rate:
-        yield "residual charge of the frame before (detector.lag)"
-    if detector.blooming:
-        yield "blooming (detector.blooming)"
-    if detector.defects and detector.defects.hot:
-        hot = detector.defects.hot * detector.columns * detector.rows
-        yield f"false spots and lost stars by {hot:.0f} hot pixels (detector.defects.hot)"
-    residual = case.instrument.residual
-    if case.variation:
-        yield f"what differs between units: {len(case.variation)} numbers of the design (variation)"
-    if residual is not None and not residual.seed:
-        yield f"displacements of {residual.rms:g} pixel that a unit has (instrument.residual)"
-    if case.tracker.acquisition == "box":
-        yield "stars taken in boxes: the whole frame is assumed (tracker.acquisition)"
-    if detector.age:
-        yield f"pixels that {detector.age.years:.3g} years in orbit made hot (detector.age)"
-    pattern = detector.pattern
-    if pattern and math.hypot(pattern.row, pattern.column) > SHARED * detector.noise:
-        yield "noise that pixels of a row or column share (detector.pattern)"
-    if case.instrument.ghosts:
-        yield "ghosts of bright sources (instrument.ghosts)"
-    if case.scene.lights:
-        names = ", ".join(case.scene.lights)
-        yield f"brighter and blinded sky by {names} (scene.lights)"
-    optics = case.instrument.optics
-    if any(one.growth for one in optics.aberrations) and not optics.tabulated:
-        yield "aberrations that grow over the field (optics.aberrations)"
+    yield from left_out(case)
     yield from _of_the_motion(case)
 
 

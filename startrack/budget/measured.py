@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Mounting, solve
 from startrack.budget.budget import Budget, Line, Sample
-from startrack.budget.causes import ALWAYS, HITS, NEIGHBOURS, Term, bare, causes, refuse_scans
+from startrack.budget.causes import ALWAYS, NEIGHBOURS, bare, causes, refuse_scans
 from startrack.catalog import open_sky
 from startrack.core import Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument
@@ -23,10 +23,12 @@ from startrack.detector import electron_rate, frame_of, shot
 from startrack.identification import refit
 from startrack.scene import illuminate
 from startrack.trial import (
+    HITS,
     METHOD,
     READ,
     SHOT,
     Record,
+    Term,
     cell_side,
     detection_plan,
     expected_electrons,

@@ -23,6 +23,8 @@ tables               Tables of the exact distribution of digital numbers, one fo
 digitise             Expected electrons -> digital numbers: one uniform number a pixel, exact
                      distribution.
 dark_frames          Detector -> the mean of dark frames that are taken to calibrate it.
+pixel_effects        The effects by which pixels depend on each other, or on the frame before: one
+                     table of rows.
 readout              Expected electrons -> digital numbers with all effects: charge, signal, image.
 expose               Exposure: what a frame depends on -> expected electrons, and a Frame.
 windows              Stars and windows -> a Frame whose numbers are valid inside these windows
@@ -63,6 +65,7 @@ from startrack.detector.lines import Line, Scan, staggered, tdi
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.nonuniformity import Defects, Pattern, offsets
 from startrack.detector.parameters import Detector, RegionOfInterest
+from startrack.detector.pixel_effects import PIXEL_EFFECTS, PixelEffect, require_independent_pixels
 from startrack.detector.readout import read_out
 from startrack.detector.scan import scan
 from startrack.detector.shutter import MotionFunction
@@ -83,7 +86,6 @@ from startrack.detector.windows import (
     expose_within,
     independent_pixels,
     outlier_pixels,
-    require_independent_pixels,
     write_numbers,
 )
 

@@ -14,6 +14,7 @@ from startrack.detector.law import Image, Law, blank, converted, law_of, nonline
 from startrack.detector.maps import device_streams, read_noise
 from startrack.detector.nonuniformity import offsets
 from startrack.detector.parameters import Detector
+from startrack.detector.pixel_effects import changed, in_steps
 from startrack.detector.tables import Tables
 
 
@@ -48,24 +49,13 @@ def read_out(
     return image
 
 
-def in_steps(detector: Detector) -> bool:
-    """Whether the number of a pixel depends on other pixels, or pixels differ in read noise."""
-    return bool(
-        detector.blooming
-        or detector.em_gain > 1
-        or detector.pattern
-        or detector.settling
-        or detector.read_noise_spread
-        or detector.effects_by_code
-    )
-
-
 def _charge(electrons: Floats, detector: Detector, streams: Streams) -> Floats:
     """Charge of the pixels at the end of the exposure, electron."""
     charge = shot(electrons, streams)
     if detector.hits:
         pixel, extra = _tracks(electrons, detector, streams)
         charge.ravel()[pixel] += extra
+    charge = changed("charge", charge, detector, streams)
     charge = after_effects("charge_effects", detector.charge_effects, charge, detector, streams)
     if detector.blooming:
         return bloom(charge, detector.full_well)
@@ -88,7 +78,7 @@ def _signal(charge: Floats, law: Law, detector: Detector, streams: Streams) -> F
     if detector.pattern:
         for offset in offsets(detector.pattern, shape, device_streams(detector), streams):
             level += offset
-    return level
+    return changed("signal", level, detector, streams)
 
 
 def _tracks(

@@ -13,7 +13,6 @@ from startrack.core import (
     Frame,
     Ints,
     Psf,
-    Refused,
     Streams,
     Workspace,
     kept,
@@ -26,7 +25,6 @@ from startrack.detector.hits import tracks
 from startrack.detector.law import Law, law_of
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
-from startrack.detector.readout import in_steps
 from startrack.detector.shutter import Places
 from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_path, psf_table, work_arrays
 from startrack.detector.tables import Tables
@@ -62,30 +60,6 @@ class StarPaths(NamedTuple):
     x: Floats
     y: Floats
     star: Floats
-
-
-def require_independent_pixels(detector: Detector) -> None:
-    """Refuse a detector whose pixels depend on each other or on the frame before.
-
-    Raises  ValueError that names the effect.
-    """
-    effects = {
-        "blooming": detector.blooming,
-        "em_gain": detector.em_gain > 1,
-        "pattern": detector.pattern,
-        "settling": detector.settling,
-        "read_noise_spread": detector.read_noise_spread,
-        "lag": detector.lag,
-        "scan": detector.scan,
-        **dict.fromkeys(detector.effects_by_code, True),
-        "age.transfer_loss": detector.age and detector.age.transfer_loss,
-    }
-    named = [name for name, there in effects.items() if there]
-    if named or in_steps(detector):
-        raise Refused(
-            "windows need independent pixels, so that the detector must be "
-            f"without {' and '.join(named)}; choose the fidelity frame"
-        )
 
 
 def expose_within(

@@ -1,5 +1,6 @@
 """What light arrives: stars, sky and bodies become photons per wavelength at the entrance pupil.
 
+lights      The lights that a scene may have besides its stars: one table of rows.
 parameters  Scene: what there is to see besides the stars, when and from where.
 extension_light  Directions in the field -> diffuse light, by code that is not part of startrack.
 photometry  Magnitude and colour into a photon spectrum: blackbodies through Gaia's passbands.
@@ -22,6 +23,7 @@ from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth,
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, date_of, orbital_velocity
 from startrack.scene.extension_light import DiffuseSource, LightInput
 from startrack.scene.illuminate import Sight, illuminate
+from startrack.scene.lights import LIGHTS, LightKind
 from startrack.scene.limb import Limb, load_limb, save_limb
 from startrack.scene.parameters import DARK, Orbit, Scene
 from startrack.scene.photometry import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,6 +26,7 @@ from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, 
 from startrack.scene.cities import cities
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
 from startrack.scene.extension_light import LightInput, light_by_code
+from startrack.scene.lights import LIGHTS
 from startrack.scene.limb import limb_light
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import (
@@ -126,9 +127,11 @@ def _diffuse_light(
     if earth and shells:
         for spectrum, fraction in airglow(earth, line):
             yield diffuse(spectrum, fraction)
-    for name in filter(is_code, scene.lights):
-        random = sight.streams(f"light {name}")
-        yield from light_by_code(name, LightInput(line, WAVELENGTH, BIN, scene, random))
+    for name in scene.lights:
+        made = partial(light_by_code, name) if is_code(name) else LIGHTS[name].diffuse
+        if made:
+            random = sight.streams(f"light {name}")
+            yield from made(LightInput(line, WAVELENGTH, BIN, scene, random))
 
 
 def _with_air(earth: Earth) -> Disc:

@@ -15,11 +15,10 @@ from startrack.core import (
     Refused,
     Unit,
     finite,
-    is_code,
     within,
 )
+from startrack.scene.lights import LIGHTS
 
-LIGHTS = ("zodiacal", "starlight", "planets", "sun", "moon", "earth", "airglow", "cities")
 LIMBS = ("molecules", "rural")  # air of the Earth's bright limb
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 DARK = 40.0  # magnitude per square arcsecond, below any sky: stands for no background
@@ -105,7 +104,7 @@ class Scene(Parameters):
     @property
     def dated(self) -> list[str]:
         """The lights that move in time."""
-        return [one for one in self.lights if one != "starlight" and not is_code(one)]
+        return [name for name in self.lights if name in LIGHTS and LIGHTS[name].dated]
 
     @property
     def start(self) -> datetime:

@@ -22,6 +22,8 @@ spot_plan      Case -> plan of its statistical trials: detectable stars, their r
 spots          Case and attitude -> the spots of one trial, drawn without an image.
 covariance     Case -> outcomes of trials from drawn spots, with identification assumed to be
                perfect.
+effects        The effects that designs may have, one row each: who counts, refuses or leaves out
+               each.
 require        Case, fidelity -> a refusal, before the first trial, of what that fidelity cannot
                compute.
 boxes          Frame and expected attitude -> the stars that a tracker takes in its search boxes.
@@ -53,6 +55,16 @@ from startrack.trial.conditions import (
     separated,
 )
 from startrack.trial.covariance import outcomes
+from startrack.trial.effects import (
+    EFFECTS,
+    HITS,
+    LENS_COLOUR,
+    SHUTTER,
+    Effect,
+    Term,
+    left_out,
+    present,
+)
 from startrack.trial.neighbours import blending_shift
 from startrack.trial.require import require_fidelity
 from startrack.trial.spot_plan import (

@@ -11,9 +11,10 @@ from scipy import special
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Alignment, Observability, align, attitude_gain, scale_unknown
-from startrack.core import Floats, Ints, Refused, Streams, is_code, kernel
+from startrack.core import Floats, Ints, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
+from startrack.trial.effects import require_least_squares
 from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 from startrack.trial.systematic import shared_errors
@@ -109,18 +110,6 @@ def _scales(seen, predicted, noise, there, tolerance):  # type: ignore[no-untype
 
 BLOCK = 1024  # trials that are drawn together
 TOGETHER = 64  # trials that are solved together
-
-
-def require_least_squares(case: Case) -> None:
-    """Refuse a tracker with another estimator than that which is assumed here.
-
-    Raises  ValueError that names it.
-    """
-    if is_code(method := case.tracker.attitude.method):
-        raise Refused(
-            "covariance needs the attitude by least squares, so that tracker.attitude.method must "
-            f"not be {method}; choose the fidelity spots, window or frame"
-        )
 
 
 def outcomes(

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Floats, Ints, Light, Refused, is_code, kept
+from startrack.core import Camera, Floats, Ints, Light, Refused, kept
 from startrack.design import Case
 from startrack.detection import false_alarms, peak_border, star_profile
-from startrack.detector import arriving, require_independent_pixels
+from startrack.detector import arriving
 from startrack.scene import Scene, illuminate
 from startrack.trial.conditions import mean_colour
 from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, evened
+from startrack.trial.effects import require_no_image
 from startrack.trial.spot_response import (
     RATIOS,
     REACH,
@@ -34,7 +35,6 @@ from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 LEAST = 0.5  # sigma, for thresholds so low that all stars would count; chosen by hand
-MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
 CROWDED = 0.1  # spots by hot pixels over those that are kept; chosen by hand
 MARKED = 0.003  # of the pixels, as hot ones by a dark map; chosen by hand
 STEPS, COLOURS = 16, 32  # of the shifts by a lens table: along a side, and over colour
@@ -143,31 +143,7 @@ def refuse(case: Case) -> None:
 
     Raises  ValueError that names it.
     """
-    instrument = case.instrument
-    detector, motion = instrument.detector, instrument.motion
-    require_independent_pixels(detector)
-    corner = math.tan(instrument.camera.half_diagonal) * instrument.camera.focal_length_px
-    there = {
-        "ghosts": instrument.ghosts,
-        "a polynomial of the optics": instrument.optics.polynomial,
-        "hits": detector.hits,
-        "dead pixels": detector.defects
-        and (detector.defects.dead or detector.defects.dead_columns),
-        "row_delay": detector.row_delay,
-        "jitter that each trial draws": motion.drawn,
-        "a rate_z that smears stars in the corners": (
-            abs(motion.rate_z) * detector.exposure * corner > MOST_ROLL
-        ),
-        "lights of the scene": case.scene.lights,
-        "acquisition in boxes": case.tracker.acquisition == "box",
-        f"the search by {case.tracker.detection.search}": is_code(case.tracker.detection.search),
-    }
-    named = [name for name, is_there in there.items() if is_there]
-    if named:
-        raise Refused(
-            f"covariance needs a case without {' and '.join(named)}; choose the fidelity window "
-            "or frame"
-        )
+    require_no_image(case)
     _refuse_crowded(case)
 
 

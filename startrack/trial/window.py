@@ -21,13 +21,11 @@ from startrack.core import (
     Spots,
     Streams,
     Workspace,
-    is_code,
     kept,
     kernel,
 )
 from startrack.design import Case, Instrument
 from startrack.detection import (
-    Detection,
     DetectionPlan,
     Ground,
     correction_image,
@@ -61,6 +59,7 @@ from startrack.detector import (
     write_numbers,
 )
 from startrack.scene import illuminate
+from startrack.trial.effects import require_window
 from startrack.trial.view import (
     as_believed,
     colours_of,
@@ -157,7 +156,7 @@ def frame_in_windows(
         return whole_frame(case, icrs_to_camera, streams)
     detector = replace(instrument.detector, lag=0.0)
     require_independent_pixels(detector)
-    require_no_ghosts(instrument)
+    require_window(case, "instrument.ghosts")
     sky, psf = open_sky(case.catalog), images_of(instrument)
     near = nearby(sky, icrs_to_camera, instrument.camera)
     colour = colours_of(case)[near] if isinstance(psf, FieldPsf) else None
@@ -294,29 +293,14 @@ class Plan:
     workspace: Workspace
 
 
-def require_no_ghosts(instrument: Instrument) -> None:
-    """Refuse light that varies over the field with the sources in it."""
-    if instrument.ghosts:
-        raise Refused("window needs an instrument without ghosts; choose the fidelity frame")
-
-
-def require_filter(settings: Detection) -> None:
-    """Refuse a search that needs the whole frame."""
-    if is_code(settings.search):
-        raise Refused(
-            "window needs the search by a matched filter, so that tracker.detection.search must "
-            f"not be {settings.search}; choose the fidelity frame"
-        )
-
-
 @kept(8)
 def plan_of(case: Case) -> Plan:
     """Render and measure some frames of a case; kept for the 8 last cases."""
     instrument, settings = case.instrument, case.tracker.detection
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     require_independent_pixels(detector)
-    require_no_ghosts(instrument)
-    require_filter(settings)
+    # Lights that vary over the field in some attitudes are refused in these.
+    require_window(case, "instrument.ghosts", "tracker.detection.search")
     light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
     _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]

@@ -13,11 +13,11 @@ from startrack.detector.collect import background, background_tables
 from startrack.detector.expose import draw, frame_of
 from startrack.detector.hits import tracks
 from startrack.detector.maps import dark
+from startrack.detector.pixel_effects import require_independent_pixels
 from startrack.detector.windows import (
     expose_within,
     independent_pixels,
     outlier_pixels,
-    require_independent_pixels,
     write_numbers,
 )
 

@@ -1,0 +1,463 @@
+"""The effects that designs may have, one row each: who counts them, refuses them, leaves them out.
+
+`require_fidelity` refuses, and `startrack.budget` counts causes and says what it leaves out, by
+this table. What makes pixels depend on each other is a row of `PIXEL_EFFECTS`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+from startrack.core import Refused, is_code
+from startrack.design import Case
+from startrack.detector import PIXEL_EFFECTS, require_independent_pixels
+from startrack.scene import LIGHTS
+from startrack.trial.conditions import dark_currents
+from startrack.trial.zones import LENS_FIELD
+
+MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
+SHARED = 0.3  # of the noise of a pixel, what a row or a column has in common
+HITS = "hits"
+SHUTTER = "rolling shutter"
+LENS_COLOUR = "lateral colour"
+
+
+class Term(StrEnum):
+    """The parts of a star tracker's error, as ECSS-E-ST-60-20C names them."""
+
+    BIAS = "bias"
+    THERMO_ELASTIC = "thermo-elastic"
+    FIELD = "FOV spatial"
+    PIXEL = "pixel spatial"
+    NOISE = "temporal noise"
+    ABERRATION = "aberration"
+    MEASUREMENT_DATE = "measurement date"
+
+
+# With what "{case.instrument. ...}" stands for, or made from the case.
+Phrase = str | Callable[[Case], Iterable[str]]
+
+
+class Effect(NamedTuple):
+    """An effect that some designs have.
+
+    key         of the design
+    present     whether a case has it
+    cause       its name as a cause of error; "": it is none
+    term        that the cause belongs to
+    without     gives the case without it; the sky and all other draws stay the same
+    drawn       its name where drawn spots and their covariance refuse it; "": they take it
+    window      what windows need in its place, a phrase; "": they take it
+    covariance  the same of the fidelity covariance alone
+    left_out    what the error budget leaves out, phrases; none: it counts the effect
+    """
+
+    key: str
+    present: Callable[[Case], Any]
+    cause: str = ""
+    term: Term = Term.NOISE
+    without: Callable[[Case], Case] | None = None
+    drawn: Phrase = ""
+    window: Phrase = ""
+    covariance: Phrase = ""
+    left_out: Phrase = ""
+
+    def says(self, column: str, case: Case) -> list[str]:
+        """The phrases of a column for a case that has the effect."""
+        phrase: Phrase = getattr(self, column)
+        return list(phrase(case)) if callable(phrase) else [phrase.format(case=case)]
+
+
+def _with(case: Case, **changes: object) -> Case:
+    detector = replace(case.instrument.detector, **changes)  # type: ignore[arg-type]
+    return replace(case, instrument=replace(case.instrument, detector=detector))
+
+
+def _through(case: Case, **changes: object) -> Case:
+    optics = replace(case.instrument.optics, **changes)  # type: ignore[arg-type]
+    return replace(case, instrument=replace(case.instrument, optics=optics))
+
+
+def _believing(case: Case, **changes: object) -> Case:
+    return replace(case, tracker=replace(case.tracker, **changes))  # type: ignore[arg-type]
+
+
+def _calm(case: Case) -> Case:
+    motion = replace(case.instrument.motion, tones=(), broadband=(), jitter=())
+    return replace(case, instrument=replace(case.instrument, motion=motion))
+
+
+def _flawless(case: Case) -> Case:
+    mean, _ = dark_currents(case.instrument.detector)
+    detection = replace(case.tracker.detection, dark_map=None)
+    return _believing(_with(case, defects=None, dark_current=mean), detection=detection)
+
+
+def _linear(case: Case) -> Case:
+    return _with(case, settling=0.0, lag=0.0, nonlinearity=0.0, adc_inl=0.0)
+
+
+def _calibrated(case: Case) -> Case:
+    known = None if case.design is None else case.instrument.camera
+    return _believing(case, camera=known, camera_model="radial", calibrated_at=None)
+
+
+def _moved(case: Case) -> Case:
+    true = case.catalog
+    return _believing(
+        case,
+        catalog=replace(case.believed_catalog, proper_motion=true.proper_motion, epoch=true.epoch),
+    )
+
+
+def _near(case: Case) -> Case:
+    catalog = replace(case.believed_catalog, parallax=case.catalog.parallax)
+    return _believing(case, catalog=catalog)
+
+
+def _corrected(case: Case) -> Case:
+    true = case.catalog
+    return _believing(
+        case,
+        catalog=replace(
+            case.believed_catalog,
+            aberration=true.aberration,
+            orbital_velocity=true.orbital_velocity,
+        ),
+    )
+
+
+def _aligned(case: Case) -> Case:
+    known = None if case.design is None else case.instrument.mounting.still
+    return _believing(case, mounting=known)
+
+
+def _cool(case: Case) -> Case:
+    mounting = case.instrument.mounting
+    still = replace(case, instrument=replace(case.instrument, mounting=mounting.still))
+    return _believing(still, mounting=case.believed_mounting)
+
+
+def _punctual(case: Case) -> Case:
+    known = None if case.design is None else case.instrument.delay
+    return _believing(case, delay=known)
+
+
+def _shining(case: Case) -> list[str]:
+    """The lights of a scene that vary over the field in some attitude."""
+    kinds = {name: LIGHTS.get(name) for name in case.scene.lights}
+    lights = [name for name, kind in kinds.items() if kind is None or kind.varies]
+    if case.instrument.baffle is None:
+        return lights
+    return lights + [name for name, kind in kinds.items() if kind and kind.stray > kind.varies]
+
+
+def _rolled(case: Case) -> bool:
+    """Whether a rotation about the boresight smears stars in the corners."""
+    instrument = case.instrument
+    corner = math.tan(instrument.camera.half_diagonal) * instrument.camera.focal_length_px
+    rolled = abs(instrument.motion.rate_z) * instrument.detector.exposure * corner
+    return rolled > MOST_ROLL
+
+
+def _shares_noise(case: Case) -> bool:
+    """Whether rows or columns share much of the noise of a pixel."""
+    detector = case.instrument.detector
+    pattern = detector.pattern
+    return pattern is not None and (
+        math.hypot(pattern.row, pattern.column) > SHARED * detector.noise
+    )
+
+
+def _moves(case: Case) -> tuple[Any, ...]:
+    """What moves the stars of a catalogue in time."""
+    true, believed = case.catalog, case.believed_catalog
+    return (true.proper_motion, true.epoch), (believed.proper_motion, believed.epoch)
+
+
+# Rows with a cause stand in the order of causes, from pixels to the spacecraft.
+EFFECTS = [
+    Effect(
+        "instrument.detector.charge_effects, signal_effects, image_effects",
+        lambda case: case.instrument.detector.effects_by_code,
+        left_out=lambda case: [
+            f"{effect} (not part of startrack)"
+            for effect in case.instrument.detector.effects_by_code
+        ],
+    ),
+    Effect(
+        "instrument.motion.jitter",
+        lambda case: case.instrument.motion.jitter,
+        left_out=lambda case: [
+            f"jitter by {name} (motion.jitter)" for name in case.instrument.motion.jitter
+        ],
+    ),
+    Effect(
+        "tracker.attitude.method",
+        lambda case: is_code(case.tracker.attitude.method),
+        covariance="the attitude by least squares, so that tracker.attitude.method must not be "
+        "{case.tracker.attitude.method}",
+        left_out="the estimator {case.tracker.attitude.method}: least squares are assumed "
+        "(tracker.attitude.method)",
+    ),
+    Effect(
+        "tracker.detection.search",
+        lambda case: is_code(case.tracker.detection.search),
+        drawn="the search by {case.tracker.detection.search}",
+        window="the search by a matched filter, so that tracker.detection.search must not be "
+        "{case.tracker.detection.search}",
+        left_out="the search by {case.tracker.detection.search}: that of a matched filter is "
+        "assumed (tracker.detection.search)",
+    ),
+    Effect(
+        "instrument.motion.tones, broadband",
+        lambda case: case.instrument.motion.tones or case.instrument.motion.broadband,
+        "jitter", Term.NOISE, _calm,
+    ),
+    Effect(
+        "instrument.motion.tones, broadband, jitter",
+        lambda case: case.instrument.motion.drawn,
+        drawn="jitter that each trial draws",
+    ),
+    Effect(
+        "instrument.detector.hits",
+        lambda case: case.instrument.detector.hits,
+        HITS, Term.NOISE, lambda case: _with(case, hits=None),
+        drawn="hits",
+        left_out="cosmic rays (detector.hits)",
+    ),
+    Effect(
+        "instrument.detector.prnu",
+        lambda case: case.instrument.detector.prnu,
+        "PRNU", Term.PIXEL, lambda case: _with(case, prnu=0.0),
+    ),
+    Effect(
+        "instrument.detector.defects, tracker.detection.dark_map",
+        lambda case: case.instrument.detector.defects or case.tracker.detection.dark_map,
+        "DSNU", Term.PIXEL, _flawless,
+    ),
+    Effect(
+        "instrument.detector.settling, lag, nonlinearity, adc_inl",
+        lambda case: any(
+            getattr(case.instrument.detector, key)
+            for key in ("settling", "lag", "nonlinearity", "adc_inl")
+        ),
+        "read-out", Term.PIXEL, _linear,
+    ),
+    Effect(
+        "instrument.optics.lens_field",
+        lambda case: case.instrument.optics.tabulated and case.instrument.optics.lens_field,
+        LENS_FIELD, Term.FIELD, lambda case: _through(case, lens_field=False),
+    ),
+    Effect(
+        "instrument.optics.lens_colour",
+        lambda case: case.instrument.optics.tabulated and case.instrument.optics.lens_colour,
+        LENS_COLOUR, Term.FIELD, lambda case: _through(case, lens_colour=False),
+    ),
+    Effect(
+        "tracker.camera",
+        lambda case: case.believed_camera != case.instrument.camera,
+        "camera model", Term.FIELD, _calibrated,
+    ),
+    Effect(
+        "tracker.catalog.proper_motion, epoch",
+        lambda case: len(set(_moves(case))) > 1,
+        "proper motion", Term.FIELD, _moved,
+    ),
+    Effect(
+        "tracker.catalog.parallax",
+        lambda case: case.catalog.parallax != case.believed_catalog.parallax,
+        "parallax", Term.FIELD, _near,
+    ),
+    Effect(
+        "tracker.catalog.aberration, orbital_velocity",
+        lambda case: (
+            (case.catalog.aberration, case.catalog.orbital_velocity)
+            != (case.believed_catalog.aberration, case.believed_catalog.orbital_velocity)
+        ),
+        "aberration", Term.ABERRATION, _corrected,
+    ),
+    Effect(
+        "instrument.mounting",
+        lambda case: case.instrument.mounting.still != case.believed_mounting,
+        "mounting", Term.BIAS, _aligned,
+    ),
+    Effect(
+        "instrument.mounting.swing_x, swing_y, swing_z",
+        lambda case: case.instrument.mounting.swings,
+        "mounting swing", Term.THERMO_ELASTIC, _cool,
+    ),
+    Effect(
+        "instrument.detector.row_delay",
+        lambda case: case.instrument.detector.row_delay and case.instrument.motion.rate,
+        SHUTTER, Term.FIELD, lambda case: _with(case, row_delay=0.0),
+    ),
+    Effect(
+        "instrument.detector.row_delay",
+        lambda case: case.instrument.detector.row_delay,
+        drawn="row_delay",
+    ),
+    Effect(
+        "tracker.delay",
+        lambda case: case.time_tag_error and case.instrument.motion.rate,
+        "time stamp", Term.MEASUREMENT_DATE, _punctual,
+    ),
+    Effect(
+        "instrument.detector.lag",
+        lambda case: case.instrument.detector.lag and case.instrument.motion.rate,
+        left_out="residual charge of the frame before (detector.lag)",
+    ),
+    Effect(
+        "instrument.detector.blooming",
+        lambda case: case.instrument.detector.blooming,
+        left_out="blooming (detector.blooming)",
+    ),
+    Effect(
+        "instrument.detector.defects.hot",
+        lambda case: case.instrument.detector.defects and case.instrument.detector.defects.hot,
+        left_out=lambda case: [
+            f"false spots and lost stars by {_hot(case):.0f} hot pixels (detector.defects.hot)"
+        ],
+    ),
+    Effect(
+        "instrument.detector.defects.dead, dead_columns",
+        lambda case: (
+            (defects := case.instrument.detector.defects)
+            and (defects.dead or defects.dead_columns)
+        ),
+        drawn="dead pixels",
+    ),
+    Effect(
+        "variation",
+        lambda case: case.variation,
+        left_out=lambda case: [
+            f"what differs between units: {len(case.variation)} numbers of the design (variation)"
+        ],
+    ),
+    Effect(
+        "instrument.residual",
+        lambda case: case.instrument.residual and not case.instrument.residual.seed,
+        left_out="displacements of {case.instrument.residual.rms:g} pixel that a unit has "
+        "(instrument.residual)",
+    ),
+    Effect(
+        "tracker.acquisition",
+        lambda case: case.tracker.acquisition == "box",
+        drawn="acquisition in boxes",
+        left_out="stars taken in boxes: the whole frame is assumed (tracker.acquisition)",
+    ),
+    Effect(
+        "instrument.detector.age",
+        lambda case: case.instrument.detector.age,
+        left_out="pixels that {case.instrument.detector.age.years:.3g} years in orbit made hot "
+        "(detector.age)",
+    ),
+    Effect(
+        "instrument.detector.pattern",
+        _shares_noise,
+        left_out="noise that pixels of a row or column share (detector.pattern)",
+    ),
+    Effect(
+        "instrument.ghosts",
+        lambda case: case.instrument.ghosts,
+        drawn="ghosts",
+        window="an instrument without ghosts",
+        left_out="ghosts of bright sources (instrument.ghosts)",
+    ),
+    Effect(
+        "scene.lights",
+        lambda case: case.scene.lights,
+        drawn="lights of the scene",
+        left_out=lambda case: [
+            f"brighter and blinded sky by {', '.join(case.scene.lights)} (scene.lights)"
+        ],
+    ),
+    Effect(
+        "scene.lights",
+        _shining,
+        window=lambda case: [
+            "a sky whose light is uniform over the field, so that lights must be without "
+            f"{', '.join(_shining(case))}"
+        ],
+    ),
+    Effect(
+        "instrument.optics.aberrations",
+        lambda case: (
+            any(one.growth for one in case.instrument.optics.aberrations)
+            and not case.instrument.optics.tabulated
+        ),
+        left_out="aberrations that grow over the field (optics.aberrations)",
+    ),
+    Effect(
+        "instrument.optics.polynomial",
+        lambda case: case.instrument.optics.polynomial,
+        drawn="a polynomial of the optics",
+    ),
+    Effect(
+        "instrument.motion.rate_z", _rolled, drawn="a rate_z that smears stars in the corners"
+    ),
+]  # fmt: skip
+
+
+def _hot(case: Case) -> float:
+    """How many pixels of a frame are hot."""
+    detector = case.instrument.detector
+    return detector.defects.hot * detector.columns * detector.rows if detector.defects else 0.0
+
+
+def present(column: str, case: Case) -> list[Effect]:
+    """The effects that a case has, of those that have something in a column of the table."""
+    return [effect for effect in EFFECTS if getattr(effect, column) and effect.present(case)]
+
+
+def said(column: str, case: Case) -> list[str]:
+    """The phrases of a column, for the effects that a case has."""
+    return [phrase for effect in present(column, case) for phrase in effect.says(column, case)]
+
+
+def left_out(case: Case) -> list[str]:
+    """What the error budget leaves out of a design, by the table alone, a phrase each."""
+    of_pixels = [
+        f"{effect.left_out} (detector.{effect.key})"
+        for effect in PIXEL_EFFECTS
+        if effect.left_out and effect.present(case.instrument.detector)
+    ]
+    return said("left_out", case) + of_pixels
+
+
+def require_window(case: Case, *keys: str) -> None:
+    """Refuse what needs the whole frame, besides pixels that depend on each other.
+
+    keys    the effects that are refused; none: all
+    Raises  Refused with what windows need in its place.
+    """
+    for effect in present("window", case):
+        if not keys or effect.key in keys:
+            phrase = effect.says("window", case)[0]
+            raise Refused(f"window needs {phrase}; choose the fidelity frame")
+
+
+def require_no_image(case: Case) -> None:
+    """Refuse what needs an image.
+
+    Raises  Refused that names it.
+    """
+    require_independent_pixels(case.instrument.detector)
+    if named := said("drawn", case):
+        raise Refused(
+            f"covariance needs a case without {' and '.join(named)}; choose the fidelity window "
+            "or frame"
+        )
+
+
+def require_least_squares(case: Case) -> None:
+    """Refuse what the covariance of drawn spots cannot take.
+
+    Raises  Refused with what it needs in its place.
+    """
+    for phrase in said("covariance", case):
+        raise Refused(f"covariance needs {phrase}; choose the fidelity spots, window or frame")

@@ -1,0 +1,168 @@
+"""What CONTRIBUTING says that an addition takes is enough: each is made from here, and undone.
+
+The files that an addition would be are functions and classes of this one; each further place is a
+line here, with the name of its table.
+"""
+
+import dataclasses
+import sys
+from typing import Annotated
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from startrack import Fidelity, Refused, Streams, load_design
+from startrack.budget.left_out import of_the_case
+from startrack.cli import main
+from startrack.core import NON_NEGATIVE, DiffuseLight, Unit
+from startrack.design.keys import keys_of
+from startrack.detection.methods import CENTROIDS
+from startrack.detector import PIXEL_EFFECTS, Detector, PixelEffect
+from startrack.io import shipped
+from startrack.scene import LIGHTS, LightKind
+from startrack.trial import require_fidelity, run_trials
+from startrack.trial.window import whole_frame
+
+CASE = load_design(shipped("designs/noise_only.toml")).case
+
+
+# A noise source: its key in the class of the detector, and its row in PIXEL_EFFECTS.
+@dataclasses.dataclass(frozen=True)
+class NoisyDetector(Detector):
+    """A detector whose amplifier has one more noise."""
+
+    popcorn_noise: Annotated[float, Unit("electron"), NON_NEGATIVE, "rms of the popcorn noise"] = (
+        0.0
+    )
+
+
+def add_popcorn_noise(signal, detector, streams):
+    return signal + detector.popcorn_noise * streams("popcorn").standard_normal(signal.shape)
+
+
+@pytest.fixture
+def noisy(monkeypatch):
+    row = PixelEffect(
+        "popcorn_noise",
+        lambda detector: getattr(detector, "popcorn_noise", 0.0),
+        left_out="popcorn noise",
+        signal=add_popcorn_noise,
+    )
+    PIXEL_EFFECTS.append(row)
+    known = dataclasses.asdict(CASE.instrument.detector)
+    values = {name: getattr(CASE.instrument.detector, name) for name in known}
+    yield lambda rms: dataclasses.replace(
+        CASE,
+        instrument=dataclasses.replace(
+            CASE.instrument, detector=NoisyDetector(**values, popcorn_noise=rms)
+        ),
+    )
+    PIXEL_EFFECTS.remove(row)
+
+
+def test_a_noise_source_is_two_places(noisy):
+    loud = noisy(200.0)
+    outcomes = [run_trials(case, 3, range(8)) for case in (CASE, noisy(0.0), loud)]
+    assert outcomes[0].tobytes() == outcomes[1].tobytes()
+    assert outcomes[2]["spots"].mean() < 0.8 * outcomes[0]["spots"].mean()
+    for fidelity in (Fidelity.WINDOW, Fidelity.SPOTS, Fidelity.COVARIANCE):
+        with pytest.raises(Refused, match="without popcorn_noise; choose the fidelity frame"):
+            require_fidelity(loud, fidelity)
+    assert "popcorn noise (detector.popcorn_noise)" in of_the_case(loud)
+    assert "popcorn noise (detector.popcorn_noise)" not in of_the_case(noisy(0.0))
+    key = {key.name: key for key in keys_of(NoisyDetector)}["popcorn_noise"]
+    assert (key.unit, key.range, key.meaning) == (
+        "electron",
+        "at least 0",
+        "rms of the popcorn noise",
+    )
+    with pytest.raises(Refused, match="popcorn_noise must not be negative"):
+        noisy(-1.0)
+
+
+def test_without_its_row_nothing_is_left_of_it():
+    assert "popcorn_noise" not in {effect.key for effect in PIXEL_EFFECTS}
+    require_fidelity(CASE, Fidelity.WINDOW)
+
+
+# A light: its file, and its row in LIGHTS.
+def shine_by_night(given):
+    count = round(len(given.direction) ** 0.5)
+    yield DiffuseLight(np.full(len(given.wavelength), 1e13), np.ones((count, count)))
+
+
+def test_a_light_is_two_places(monkeypatch):
+    lit = lambda: dataclasses.replace(  # noqa: E731
+        CASE, scene=dataclasses.replace(CASE.scene, lights=("nightglow",))
+    )
+    with pytest.raises(Refused, match="lights must be one of zodiacal"):
+        lit()
+    with monkeypatch.context() as added:
+        row = LightKind(varies=True, dated=False, diffuse=shine_by_night)
+        added.setitem(LIGHTS, "nightglow", row)
+        case = lit()
+        dark, light = (
+            np.median(whole_frame(one, Rotation.identity(), Streams(5, 0)).image)
+            for one in (CASE, case)
+        )
+        assert light > 1.05 * dark
+        with pytest.raises(Refused, match="without nightglow; choose the fidelity frame"):
+            require_fidelity(case, Fidelity.WINDOW)
+        assert "brighter and blinded sky by nightglow (scene.lights)" in of_the_case(case)
+    with pytest.raises(Refused, match="lights must be one of zodiacal"):
+        lit()
+
+
+# A centroid method: its file, and its row in CENTROIDS.
+def brightest_pixel(stars, star, sigma, compensation):
+    return CENTROIDS["gravity"].measure(stars, star, sigma, "none")
+
+
+def test_a_centroid_method_is_two_places(monkeypatch):
+    def case():
+        detection = dataclasses.replace(CASE.tracker.detection, centroid="plain")
+        return dataclasses.replace(
+            CASE, tracker=dataclasses.replace(CASE.tracker, detection=detection)
+        )
+
+    with pytest.raises(Refused, match="centroid must be one of gravity"):
+        case()
+    with monkeypatch.context() as added:
+        row = CENTROIDS["gravity"]._replace(measure=brightest_pixel)
+        added.setitem(CENTROIDS, "plain", row)
+        uncompensated = dataclasses.replace(CASE.tracker.detection, compensation="none")
+        same = dataclasses.replace(
+            CASE, tracker=dataclasses.replace(CASE.tracker, detection=uncompensated)
+        )
+        outcomes = run_trials(case(), 3, range(3)), run_trials(same, 3, range(3))
+        assert outcomes[0].tobytes() == outcomes[1].tobytes()
+        assert "plain" in next(
+            key.kind for key in keys_of(type(CASE.tracker.detection)) if key.name == "centroid"
+        )
+    with pytest.raises(Refused, match="centroid must be one of gravity"):
+        case()
+
+
+# A command: its file, and its row in COMMANDS.
+class Greet:
+    """Stands for the file startrack/cli/greet.py."""
+
+    @staticmethod
+    def declare(parser):
+        parser.add_argument("whom")
+
+    @staticmethod
+    def command(options):
+        print(f"hello {options.whom}")
+        return 0
+
+
+def test_a_command_is_two_places(monkeypatch, capsys):
+    with monkeypatch.context() as added:
+        added.setitem(main.COMMANDS, "greet", "greet somebody")
+        added.setitem(sys.modules, "startrack.cli.greet", Greet)
+        assert main.main(["greet", "Vega"]) == 0
+        assert capsys.readouterr().out == "hello Vega\n"
+    with pytest.raises(SystemExit):
+        main._parser(["greet", "Vega"]).parse_args(["greet", "Vega"])
