@@ -23,7 +23,7 @@ class Mounting(Parameters):
     The error of the known angle is the bias of ECSS-E-ST-60-20C, the swing its thermo-elastic
     error: a sinusoid models the heating and cooling during an orbit.
 
-    Raises            ValueError where an angle is not finite or an amplitude is negative.
+    Raises  ValueError where an angle is not finite or an amplitude is negative.
     """
 
     x: Annotated[float, Unit("rad", "arcsec"), FINITE, BIAS] = 0.0

@@ -24,7 +24,7 @@ METHODS = ("least squares",)
 class SolverSettings(Parameters):
     """How matched stars are weighted, and when one is left out.
 
-    Raises          ValueError where the floor is negative or the gate is not positive.
+    Raises  ValueError where the floor is negative or the gate is not positive.
     """
 
     centroid_floor: Annotated[float | None, NON_NEGATIVE,

@@ -33,7 +33,9 @@ class Variable(Parameters):
 class Link(Parameters):
     """One parameter that follows another, from their values in the design.
 
-    value = value_0 (to / to_0)^power
+        value = value_0 (to / to_0)^power
+
+    The index 0 is that of the design as it is read.
     """
 
     name: Annotated[str, "path of the parameter that follows"]

@@ -142,10 +142,12 @@ class Flicker(Parameters):
 class Age(Parameters):
     """Years in orbit, and what they did to the detector.
 
+    family "chandra-aca": the histogram of the dark current of Chandra's aspect camera (a
     front-illuminated CCD of 24 um in a high orbit behind its shield), as fitted in flight; the same
     pixels are hot at all ages, and (below some thousand electron / s) more so later. Before 2007
     and after 2017 it is extrapolated.
 
+    family "interactions": protons displace atoms in the depleted silicon of a pixel. Their number
     is Poisson, each adds a dark current of an exponential distribution, and the mean increase is
 
         K NIEL fluence depleted volume,   K = 1.9e5 electron / s / cm^3 / (MeV / g) at 300 K

@@ -113,7 +113,9 @@ def _check_lines(lines: tuple[str, ...]) -> None:
 class Scan(Parameters):
     """A rotation about a body axis on top of the law: a swing, a steady rate, or both.
 
-    angle = amplitude * sin(2 pi t / period) + rate * t,   t from the begin of the mission
+        angle = amplitude * sin(2 pi t / period) + rate * t,   t from the begin of the mission
+
+    Both are about one axis.
     """
 
     axis: Annotated[tuple[float, ...], "body axis; its length does not matter"] = (1.0, 0.0, 0.0)

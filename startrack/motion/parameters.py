@@ -29,7 +29,9 @@ TONE_RMS = "root mean square about each of the camera's axes"
 class Tone(Parameters):
     """A sinusoidal jitter, such as that of a reaction wheel or a cooler.
 
-    angle about an axis = sqrt(2) rms cos(2 pi frequency t + phase + lead),   t = 0 mid-exposure
+        angle about an axis = sqrt(2) rms cos(2 pi frequency t + phase + lead),   t = 0 mid-exposure
+
+    About all axes of the camera it has one frequency and one phase.
     """
 
     frequency: Annotated[float, Unit("Hz"), POSITIVE, "of the sinusoid"]
