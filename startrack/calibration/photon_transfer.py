@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused, non_negative
+from startrack.core import NON_NEGATIVE, Floats, Parameters, Refused
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern", "offset")
@@ -26,7 +26,7 @@ SATURATED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class Level(Parameters):
     """Two or more frames of the same exposure and light.
 
     frames    (m, rows, columns) digital number
@@ -35,11 +35,11 @@ class Level:
     """
 
     frames: NDArray[np.number]
-    exposure: float
+    exposure: Annotated[float, NON_NEGATIVE]
     lit: bool
 
     def __post_init__(self) -> None:
-        non_negative(exposure=self.exposure)
+        super().__post_init__()
         if self.frames.ndim != 3 or len(self.frames) < 2:
             raise Refused(
                 f"frames must be (m, rows, columns) with m of 2 or more, got {self.frames.shape}"

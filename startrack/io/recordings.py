@@ -10,13 +10,13 @@ import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import one_of, require_memory, whole
+from startrack.core import Parameters, Range, one_of, require_memory, whole
 from startrack.io.reading import regular_file
 
 PATTERNS = ("RGGB", "GRBG", "GBRG", "BGGR")
@@ -33,7 +33,7 @@ SER_RGB = (100, 101)
 
 
 @dataclass(frozen=True)
-class Layout:
+class Layout(Parameters):
     """What a file of an image may not say of itself.
 
     plane   number from 0 of the plane of a cube or a SER; None: the largest value of all planes of
@@ -45,17 +45,13 @@ class Layout:
     raw     "COLUMNSxROWS:TYPE" of a file without a header, with a type of RAW_TYPES
     """
 
-    plane: int | None = None
-    bayer: str | None = None
-    colour: str = "superpixel"
+    plane: Annotated[int | None, Range(0, 2**31)] = None
+    bayer: Annotated[str | None, Range(choices=(*PATTERNS, "none"))] = None
+    colour: Annotated[str, Range(choices=COLOURS)] = "superpixel"
     raw: str | None = None
 
     def __post_init__(self) -> None:
-        if self.plane is not None:
-            whole(0, 2**31, plane=self.plane)
-        if self.bayer is not None:
-            one_of((*PATTERNS, "none"), bayer=self.bayer)
-        one_of(COLOURS, colour=self.colour)
+        super().__post_init__()
         if self.raw is not None:
             _raw_shape(self.raw)
 

@@ -5,28 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Ints, Streams, whole
+from startrack.core import Floats, Ints, Parameters, Range, Streams
 from startrack.trial import random_attitudes, rotations_from_cube
 
 
 @dataclass(frozen=True)
-class Regions:
+class Regions(Parameters):
     """Bands of equal height in the sine of the declination, cut by hours of right ascension.
 
     Archimedes: a band of a sphere has the area of its height, so that all cells are equal.
     """
 
-    bands: int = 6
-    sectors: int = 12
-
-    def __post_init__(self) -> None:
-        whole(1, 1000, bands=self.bands, sectors=self.sectors)
+    bands: Annotated[int, Range(1, 1000)] = 6
+    sectors: Annotated[int, Range(1, 1000)] = 12
 
     def __len__(self) -> int:
         return self.bands * self.sectors

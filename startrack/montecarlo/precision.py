@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import one_of, within
+from startrack.core import Parameters, Range
 from startrack.metrics import (
     STATED_ALONE,
     Interval,
@@ -25,7 +26,7 @@ GROWTH = 1.2, 4.0  # least and largest factor from one test of the interval to t
 
 
 @dataclass(frozen=True)
-class Precision:
+class Precision(Parameters):
     """The precision that a statistic is to reach.
 
     relative    1, half-width of its interval over its value, at most
@@ -38,16 +39,11 @@ class Precision:
     limits      of a correct attitude, for the availability
     """
 
-    relative: float
-    statistic: str = "across"
-    confidence: float = 0.95
+    relative: Annotated[float, Range(1e-6, 1)]
+    statistic: Annotated[str, Range(choices=STATISTICS)] = "across"
+    confidence: Annotated[float, Range(0.5, 0.9999)] = 0.95
     sobol: bool = False
     limits: Limits = STATED_ALONE
-
-    def __post_init__(self) -> None:
-        within(1e-6, 1, relative=self.relative)
-        within(0.5, 0.9999, confidence=self.confidence)
-        one_of(STATISTICS, statistic=self.statistic)
 
     def interval(self, outcomes: NDArray[np.void]) -> Interval:
         """The statistic of structured outcomes; errors over solved trials that are not false.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Refused, Streams, one_of
+from startrack.core import Parameters, Range, Refused, Streams
 from startrack.design import YEAR, Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
@@ -75,7 +75,7 @@ SURPLUS = [("surplus_across", float), ("surplus_about", float)]
 
 
 @dataclass(frozen=True)
-class Sampling:
+class Sampling(Parameters):
     """How the trials of a campaign are made.
 
     fidelity   of each trial
@@ -85,12 +85,12 @@ class Sampling:
     """
 
     fidelity: Fidelity = Fidelity.FRAME
-    attitudes: str = "random"
+    attitudes: Annotated[str, Range(choices=ATTITUDES)] = "random"
     control: bool = False
     units: Units | None = None
 
     def __post_init__(self) -> None:
-        one_of(ATTITUDES, attitudes=self.attitudes)
+        super().__post_init__()
         if self.control and self.fidelity is not Fidelity.FRAME:
             raise Refused(f"control needs fidelity frame, got {self.fidelity}")
         if self.control and self.units:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from startrack.catalog import LIMITS, Sky, csv_table, open_sky, table_numbers
 from startrack.core import (
     GOLDEN_ANGLE,
+    NON_NEGATIVE,
     Floats,
     Ints,
+    Parameters,
+    Range,
     Stars,
     arcsec,
     deg,
-    non_negative,
-    one_of,
-    whole,
     within,
 )
 from startrack.design import Case
@@ -52,7 +52,7 @@ class Variable(NamedTuple):
 
 
 @dataclass(frozen=True)
-class GuideSettings:
+class GuideSettings(Parameters):
     """How the guide stars of a design are chosen.
 
     limit           magnitude of the faintest, in the band of the instrument: that of a star of the
@@ -68,22 +68,13 @@ class GuideSettings:
     pattern_stars   the brightest of any circle that fits into a field, which form triangles
     """
 
-    limit: float | None = None
+    limit: Annotated[float | None, Range(-2, 21)] = None
     epoch: float | None = None
-    resolution: float | None = None
-    doubles: str = "mark"
-    variables: str = "mark"
-    per_field: int = 16
-    pattern_stars: int = 5
-
-    def __post_init__(self) -> None:
-        if self.limit is not None:
-            within(-2, 21, limit=self.limit)
-        if self.resolution is not None:
-            non_negative(resolution=self.resolution)
-        one_of(CHOICES, doubles=self.doubles, variables=self.variables)
-        whole(3, 40, per_field=self.per_field)
-        whole(3, 12, pattern_stars=self.pattern_stars)
+    resolution: Annotated[float | None, NON_NEGATIVE] = None
+    doubles: Annotated[str, Range(choices=CHOICES)] = "mark"
+    variables: Annotated[str, Range(choices=CHOICES)] = "mark"
+    per_field: Annotated[int, Range(3, 40)] = 16
+    pattern_stars: Annotated[int, Range(3, 12)] = 5
 
 
 def read_variables(path: Path | None = None) -> list[Variable]:

@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import nlopt
 import numpy as np
 
-from startrack.core import Floats, Refused, positive, whole, within
+from startrack.core import POSITIVE, Floats, Parameters, Range, Refused
 
 REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
 # Calls for each evaluation, after which a search that repeats points is ended; chosen by hand: a
@@ -38,7 +38,7 @@ class Algorithm(StrEnum):
 
 
 @dataclass(frozen=True)
-class Search:
+class Search(Parameters):
     """How long and how finely to search.
 
     evaluations  points that may be evaluated
@@ -48,16 +48,10 @@ class Search:
     """
 
     algorithm: Algorithm = Algorithm.SBPLX
-    evaluations: int = 200
-    first_step: float = 0.15
-    last_step: float = 2e-3
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        whole(1, 10**7, evaluations=self.evaluations)
-        within(1e-9, 0.5, first_step=self.first_step)
-        positive(last_step=self.last_step)
-        whole(0, 2**32 - 1, seed=self.seed)
+    evaluations: Annotated[int, Range(1, 10**7)] = 200
+    first_step: Annotated[float, Range(1e-9, 0.5)] = 0.15
+    last_step: Annotated[float, POSITIVE] = 2e-3
+    seed: Annotated[int, Range(0, 2**32 - 1)] = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import non_negative, whole
+from startrack.core import NON_NEGATIVE, Parameters, Range, whole
 from startrack.design import Case, Fidelity, Moment, Scope
 from startrack.population.nodes import unit_plans
 from startrack.population.unit import unit_of
@@ -24,7 +25,7 @@ UNITS: np.dtype[np.void] = np.dtype(
 
 
 @dataclass(frozen=True)
-class Units:
+class Units(Parameters):
     """How the trials of a campaign go over units: those of each one after the other.
 
     trials        of each unit
@@ -35,15 +36,14 @@ class Units:
                   some hundred units on
     """
 
-    trials: int
-    environments: int = ENVIRONMENTS
-    age: float = 0.0
+    trials: Annotated[int, Range(1, 10**6)]
+    environments: Annotated[int, Range(1)] = ENVIRONMENTS
+    age: Annotated[float, NON_NEGATIVE] = 0.0
     exact: bool = False
 
     def __post_init__(self) -> None:
-        whole(1, 10**6, trials=self.trials)
+        super().__post_init__()
         whole(1, self.trials, environments=self.environments)
-        non_negative(age=self.age)
 
     def moment(self, case: Case, number: int) -> Moment:
         """Which unit a trial has, where and when."""

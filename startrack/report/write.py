@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
 from startrack.budget import noise_only
-from startrack.core import arcsec, deg, whole
+from startrack.core import Parameters, Range, arcsec, deg
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
 from startrack.metrics import STATED_ALONE, Interval, Summary, summarise
@@ -38,7 +39,7 @@ MOST_POINTS = 5000  # trials on the map
 
 
 @dataclass(frozen=True)
-class Depth:
+class Depth(Parameters):
     """Numbers of trials that the page repeats for its details.
 
     stars                trials whose stars are evaluated one by one
@@ -49,18 +50,12 @@ class Depth:
     conditions           trials in each condition of the verdict, but the design's own
     """
 
-    stars: int = 60
-    slews: int = 60
-    budget: int = 60
-    fidelity_comparison: int = 60
-    worst: int = 3
-    conditions: int = 200
-
-    def __post_init__(self) -> None:
-        whole(1, 10**6, stars=self.stars, slews=self.slews)
-        whole(2, 10**6, budget=self.budget, fidelity_comparison=self.fidelity_comparison)
-        whole(2, 10**6, conditions=self.conditions)
-        whole(0, 100, worst=self.worst)
+    stars: Annotated[int, Range(1, 10**6)] = 60
+    slews: Annotated[int, Range(1, 10**6)] = 60
+    budget: Annotated[int, Range(2, 10**6)] = 60
+    fidelity_comparison: Annotated[int, Range(2, 10**6)] = 60
+    worst: Annotated[int, Range(0, 100)] = 3
+    conditions: Annotated[int, Range(2, 10**6)] = 200
 
     @property
     def trials(self) -> int:

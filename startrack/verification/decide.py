@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import Floats, whole, within
+from startrack.core import Floats, Parameters, Range, whole
 from startrack.design import Accuracy, Requirements
 from startrack.metrics import Interval, Limits, correct, fraction_interval
 from startrack.verification.accuracy import REGIONS, measured_over
@@ -29,7 +30,7 @@ class Answer(StrEnum):
 
 
 @dataclass(frozen=True)
-class Looks:
+class Looks(Parameters):
     """Numbers of trials at which a requirement is tested, and the errors that the tests may make.
 
         n_k = first 2^k,  k = 0 .. K - 1;   a test may wrongly pass with alpha / K at each look, and
@@ -44,14 +45,13 @@ class Looks:
     alpha  1, one minus the confidence
     """
 
-    first: int = 256
-    most: int = 8192
-    alpha: float = 0.05
+    first: Annotated[int, Range(2, 10**9)] = 256
+    most: Annotated[int, Range(high=10**9)] = 8192
+    alpha: Annotated[float, Range(1e-6, 0.5)] = 0.05
 
     def __post_init__(self) -> None:
-        whole(2, 10**9, first=self.first)
+        super().__post_init__()
         whole(self.first, 10**9, most=self.most)
-        within(1e-6, 0.5, alpha=self.alpha)
 
     @property
     def sizes(self) -> list[int]:

@@ -6,11 +6,21 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, finite, nm, non_negative, positive, um, within
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    nm,
+    um,
+)
 from startrack.earth.atmosphere.sasktran import mie
 
 REFERENCE = 550 * nm  # of visibility and extinction
@@ -58,49 +68,36 @@ HEIGHT: Floats = np.array([*range(26), 30, 35, 40, 45, 50, 70, 100], np.float64)
 
 @dataclass(frozen=True, eq=False)
 class Particles:
-    """How the mixture of particles scatters.
+    """How the mixture of particles scatters."""
 
-    extinction  (k,) 1, over that at 550 nm
-    albedo      (k,) 1, of single scattering
-    moments     (k, MOMENTS) 1, Legendre moments of the phase function, (2 l + 1) g_l
-    """
-
-    extinction: Floats
-    albedo: Floats
-    moments: Floats
+    extinction: Annotated[Floats, "(k,) 1, over that at 550 nm"]
+    albedo: Annotated[Floats, "(k,) 1, of single scattering"]
+    moments: Annotated[Floats,
+        "(k, MOMENTS) 1, Legendre moments of the phase function, (2 l + 1) g_l"]  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Haze:
+class Haze(Parameters):
     """Aerosol that thins out exponentially with height, and as a power of the wavelength.
 
         extinction = optical_depth / scale_height exp(-height / scale_height)
                      (wavelength / 550 nm)^-angstrom
 
-    optical_depth  1, vertical, at 550 nm above the sea
-    scale_height   metre
-    angstrom       1, exponent
-    albedo         1, of single scattering
-    asymmetry      1, mean cosine of the scattering angle
-    phase          1, of a measured phase function at `angles` instead of Henyey and Greenstein's;
-                   its scale is free
-    angles         radian from 0 to pi, rising
+    The optical depth is that of all heights above the sea.
     """
 
-    optical_depth: float
-    scale_height: float = 2e3
-    angstrom: float = 1.3
-    albedo: float = 0.95
-    asymmetry: float = 0.65
-    phase: tuple[float, ...] = ()
-    angles: tuple[float, ...] = ()
+    optical_depth: Annotated[float, NON_NEGATIVE, "1, vertical, at 550 nm above the sea"]
+    scale_height: Annotated[float, POSITIVE, "metre"] = 2e3
+    angstrom: Annotated[float, FINITE, "1, exponent"] = 1.3
+    albedo: Annotated[float, Range(0, 1), "1, of single scattering"] = 0.95
+    asymmetry: Annotated[float, Range(-0.95, 0.95), "1, mean cosine of the scattering angle"] = 0.65
+    phase: Annotated[tuple[float, ...],
+        "1, of a measured phase function at `angles` instead of Henyey and Greenstein's; its "
+        "scale is free"] = ()  # fmt: skip
+    angles: Annotated[tuple[float, ...], "radian from 0 to pi, rising"] = ()
 
     def __post_init__(self) -> None:
-        non_negative(optical_depth=self.optical_depth)
-        positive(scale_height=self.scale_height)
-        finite(angstrom=self.angstrom)
-        within(0, 1, albedo=self.albedo)
-        within(-0.95, 0.95, asymmetry=self.asymmetry)
+        super().__post_init__()
         if len(self.phase) != len(self.angles):
             raise ValueError(
                 f"phase and angles must be as many, got {len(self.phase)} and {len(self.angles)}"

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Unit, finite, installed_tables, positive, utc, within
+from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Unit, installed_tables, utc
 from startrack.earth.terrain import EQUATORIAL, cartesian, up
 
 GRAVITY = 398600.8e9  # m^3 / s^2, WGS72, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
@@ -20,31 +20,22 @@ EPOCH_1949 = 2433281.5  # Julian date from which SGP4 counts its days
 
 
 @dataclass(frozen=True)
-class Orbit:
-    """A satellite by its mean elements at an epoch, moved by SGP4 without drag.
+class Orbit(Parameters):
+    """A satellite by its mean elements at an epoch, moved by SGP4 without drag."""
 
-    epoch         UTC, as ISO 8601
-    altitude      metre, semi-major axis minus the equatorial radius
-    inclination   radian
-    node          radian, right ascension of the ascending node
-    anomaly       radian, mean, from the perigee
-    perigee       radian, its argument
-    eccentricity  1
-    """
-
-    epoch: str
-    altitude: Annotated[float, Unit("m", "km")] = 600e3
-    inclination: Annotated[float, Unit("rad", "deg")] = math.radians(97.8)
-    node: Annotated[float, Unit("rad", "deg")] = 0.0
-    anomaly: Annotated[float, Unit("rad", "deg")] = 0.0
-    perigee: Annotated[float, Unit("rad", "deg")] = 0.0
-    eccentricity: float = 0.0
+    epoch: Annotated[str, "UTC, as ISO 8601"]
+    altitude: Annotated[float, Unit("m", "km"), POSITIVE,
+        "semi-major axis minus the equatorial radius"] = 600e3  # fmt: skip
+    inclination: Annotated[float, Unit("rad", "deg"), Range(0, math.pi),
+        "radian"] = math.radians(97.8)  # fmt: skip
+    node: Annotated[float, Unit("rad", "deg"), FINITE,
+        "right ascension of the ascending node"] = 0.0  # fmt: skip
+    anomaly: Annotated[float, Unit("rad", "deg"), FINITE, "mean, from the perigee"] = 0.0
+    perigee: Annotated[float, Unit("rad", "deg"), FINITE, "its argument"] = 0.0
+    eccentricity: Annotated[float, Range(0, 0.9), "1"] = 0.0
 
     def __post_init__(self) -> None:
-        positive(altitude=self.altitude)
-        within(0, math.pi, inclination=self.inclination)
-        within(0, 0.9, eccentricity=self.eccentricity)
-        finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
+        super().__post_init__()
         if (EQUATORIAL + self.altitude) * (1 - self.eccentricity) < EQUATORIAL + 80e3:
             raise ValueError(
                 "altitude and eccentricity must keep the perigee above 80 km, got "
@@ -102,28 +93,16 @@ class TwoLines:
 
 
 @dataclass(frozen=True)
-class Aircraft:
-    """A great circle at one height, flown at one speed over ground.
+class Aircraft(Parameters):
+    """A great circle at one height, flown at one speed over ground."""
 
-    epoch                UTC, as ISO 8601
-    longitude, latitude  radian, position at the epoch
-    altitude             metre above the ellipsoid
-    heading              radian, from north to east
-    speed                metre / second, over ground
-    """
-
-    epoch: str
-    longitude: Annotated[float, Unit("rad", "deg")]
-    latitude: Annotated[float, Unit("rad", "deg")]
-    altitude: Annotated[float, Unit("m", "km")] = 3e3
-    heading: Annotated[float, Unit("rad", "deg")] = 0.0
-    speed: Annotated[float, Unit("m / s")] = 80.0
-
-    def __post_init__(self) -> None:
-        finite(longitude=self.longitude, heading=self.heading)
-        within(-1.5, 1.5, latitude=self.latitude)  # no heading at the poles
-        within(1.0, 100e3, altitude=self.altitude)
-        positive(speed=self.speed)
+    epoch: Annotated[str, "UTC, as ISO 8601"]
+    longitude: Annotated[float, Unit("rad", "deg"), FINITE, "position at the epoch"]
+    # Beyond these limits, at the poles, there is no heading.
+    latitude: Annotated[float, Unit("rad", "deg"), Range(-1.5, 1.5), "position at the epoch"]
+    altitude: Annotated[float, Unit("m", "km"), Range(1.0, 100e3), "above the ellipsoid"] = 3e3
+    heading: Annotated[float, Unit("rad", "deg"), FINITE, "from north to east"] = 0.0
+    speed: Annotated[float, Unit("m / s"), POSITIVE, "over ground"] = 80.0
 
     def state(self, second: Floats) -> tuple[Floats, Floats]:
         """Positions in metre and velocities over ground in metre / second, (n, 3) each, ITRS.
@@ -145,23 +124,16 @@ class Aircraft:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A satellite or an aircraft at some times, in the Earth's fixed axes (ITRS).
+    """A satellite or an aircraft at some times, in the Earth's fixed axes (ITRS)."""
 
-    second        (n,) since the epoch of its orbit
-    position      (n, 3) metre
-    velocity      (n, 3) metre / second, over the rotating Earth
-    inertial      (n, 3) metre / second, against the stars, in the same axes
-    course        (n, 3) metre / second, direction of flight of `Pointing`: against the stars for a
-                  satellite, over ground for an aircraft
-    icrs_to_itrs  (n,) rotations
-    """
-
-    second: Floats
-    position: Floats
-    velocity: Floats
-    inertial: Floats
-    course: Floats
-    icrs_to_itrs: Rotation
+    second: Annotated[Floats, "(n,) since the epoch of its orbit"]
+    position: Annotated[Floats, "(n, 3) metre"]
+    velocity: Annotated[Floats, "(n, 3) metre / second, over the rotating Earth"]
+    inertial: Annotated[Floats, "(n, 3) metre / second, against the stars, in the same axes"]
+    course: Annotated[Floats,
+        "(n, 3) metre / second, direction of flight of `Pointing`: against the stars for a "
+        "satellite, over ground for an aircraft"]  # fmt: skip
+    icrs_to_itrs: Annotated[Rotation, "(n,) rotations"]
 
 
 Carrier = Orbit | TwoLines | Aircraft  # what a camera flies on

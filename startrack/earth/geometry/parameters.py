@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Annotated
 
 from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
     Camera,
+    Parameters,
+    Range,
     Streams,
     Unit,
-    finite,
-    non_negative,
-    one_of,
-    positive,
-    whole,
-    within,
 )
 from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, choose_carrier
 from startrack.earth.geometry.sensor import (
@@ -45,40 +44,21 @@ DETECTORS = ("matrix", "line", "staggered", "tdi")
 
 
 @dataclass(frozen=True)
-class Sensor:
-    """The detector and lens, as the geometry needs them.
+class Sensor(Parameters):
+    """The detector and lens, as the geometry needs them."""
 
-    detector      matrix, line, staggered or tdi
-    columns       pixel, of the image
-    lines         of the image
-    focal_length  metre
-    pixel_pitch   metre
-    period        second from line to line; None for square pixels below the satellite
-    stages        rows of a TDI detector, or rows between the two of a staggered one
-    rays          along each side of a pixel
-    delay         second after the orbit's epoch at which the middle line is taken
-    """
-
-    detector: str = "line"
-    columns: int = 512
-    lines: int = 512
-    focal_length: Annotated[float, Unit("m")] = 1.0
-    pixel_pitch: Annotated[float, Unit("m", "um")] = 10e-6
-    period: Annotated[float, Unit("s", "ms")] | None = None
-    stages: int = 8
-    rays: int = 1
-    delay: Annotated[float, Unit("s")] = 0.0
-
-    def __post_init__(self) -> None:
-        finite(delay=self.delay)
-        one_of(DETECTORS, detector=self.detector)
-        whole(2, 2**16, columns=self.columns)
-        whole(1, 2**16, lines=self.lines)
-        positive(focal_length=self.focal_length, pixel_pitch=self.pixel_pitch)
-        if self.period is not None:
-            positive(period=self.period)
-        whole(1, 512, stages=self.stages)
-        whole(1, 16, rays=self.rays)
+    detector: Annotated[str, Range(choices=DETECTORS), "matrix, line, staggered or tdi"] = "line"
+    columns: Annotated[int, Range(2, 2**16), "pixel, of the image"] = 512
+    lines: Annotated[int, Range(1, 2**16), "of the image"] = 512
+    focal_length: Annotated[float, Unit("m"), POSITIVE, "metre"] = 1.0
+    pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "metre"] = 10e-6
+    period: Annotated[Annotated[float, Unit("s", "ms")] | None, POSITIVE,
+        "from line to line; None for square pixels below the satellite"] = None  # fmt: skip
+    stages: Annotated[int, Range(1, 512),
+        "rows of a TDI detector, or rows between the two of a staggered one"] = 8  # fmt: skip
+    rays: Annotated[int, Range(1, 16), "along each side of a pixel"] = 1
+    delay: Annotated[float, Unit("s"), FINITE,
+        "after the orbit's epoch at which the middle line is taken"] = 0.0  # fmt: skip
 
     @property
     def camera(self) -> Camera:
@@ -115,32 +95,19 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Fractal:
-    """Terrain from a seed.
+class Fractal(Parameters):
+    """Terrain from a seed."""
 
-    longitude, latitude  radian, of its middle
-    cell                 metre
-    cells                along each side
-    relief               metre from the lowest height, at 0, to the highest
-    roughness            1, lower for rougher terrain
-    """
-
-    longitude: Annotated[float, Unit("rad", "deg")]
-    latitude: Annotated[float, Unit("rad", "deg")]
-    cell: Annotated[float, Unit("m")] = 30.0
-    cells: int = 1024
-    relief: Annotated[float, Unit("m")] = 2000.0
-    roughness: float = 2.0
+    longitude: Annotated[float, Unit("rad", "deg"), Range(-2 * math.pi, 2 * math.pi),
+        "of its middle"]  # fmt: skip
+    # Nearer to the poles, cells of one size are impossible.
+    latitude: Annotated[float, Unit("rad", "deg"), Range(-1.48, 1.48), "of its middle"]
+    cell: Annotated[float, Unit("m"), POSITIVE, "metre"] = 30.0
+    cells: Annotated[int, Range(2, 2**14), "along each side"] = 1024
+    relief: Annotated[float, Unit("m"), POSITIVE,
+        "from the lowest height, at 0, to the highest"] = 2000.0  # fmt: skip
+    roughness: Annotated[float, FINITE, "1, lower for rougher terrain"] = 2.0
     seed: int = 1
-
-    def __post_init__(self) -> None:
-        within(-2 * math.pi, 2 * math.pi, longitude=self.longitude)
-        within(
-            -1.48, 1.48, latitude=self.latitude
-        )  # nearer to the poles, cells of one size are impossible
-        positive(cell=self.cell, relief=self.relief)
-        whole(2, 2**14, cells=self.cells)
-        finite(roughness=self.roughness)
 
     def source(self) -> Array:
         """Its heights."""
@@ -161,55 +128,39 @@ class Fractal:
 
 
 @dataclass(frozen=True)
-class MapFile:
-    """A map of the ground.
+class MapFile(Parameters):
+    """A map of the ground."""
 
-    name    of the map
-    file    any raster
-    band    of it, 1 the first
-    exact   whether its values are classes
-    absent  value where the file has none
-    """
-
-    name: str
-    file: str
-    exact: bool = False
-    absent: float = math.nan
-    band: int = 1
-
-    def __post_init__(self) -> None:
-        whole(1, 2**16, band=self.band)
+    name: Annotated[str, "of the map"]
+    file: Annotated[str, "any raster"]
+    exact: Annotated[bool, "whether its values are classes"] = False
+    absent: Annotated[float, "value where the file has none"] = math.nan
+    band: Annotated[int, Range(1, 2**16), "of it, 1 the first"] = 1
 
 
 @dataclass(frozen=True)
-class Terrain:
-    """Heights and maps of a scene, and how finely they are used.
+class Terrain(Parameters):
+    """Heights and maps of a scene, and how finely they are used."""
 
-    files            rasters of heights, or patterns such as "dem/*.tif"; the finest is used
-    fractal          terrain from a seed, instead of or besides them
-    geoid            raster of undulations, where the heights are above the geoid
-    sea              metre, height where there are no data
-    lowest, highest  metre above the ellipsoid, between which all heights lie
-    tiles            of 512 x 512 cells that fit into memory, 1.4 MB each
-    sharpness        1, as in Pyramid
-    maps             on the terrain
-    """
-
-    files: tuple[str, ...] = ()
-    fractal: Fractal | None = None
-    geoid: str | None = None
-    sea: Annotated[float, Unit("m")] = 0.0
-    lowest: Annotated[float, Unit("m")] = -500.0
-    highest: Annotated[float, Unit("m")] = 9000.0
-    tiles: int = 64
-    sharpness: float = 1.0
-    maps: tuple[MapFile, ...] = ()
+    files: Annotated[tuple[str, ...],
+        'rasters of heights, or patterns such as "dem/*.tif"; the finest is used'] = ()  # fmt: skip
+    fractal: Annotated[Fractal | None, "terrain from a seed, instead of or besides them"] = None
+    geoid: Annotated[str | None,
+        "raster of undulations, where the heights are above the geoid"] = None  # fmt: skip
+    sea: Annotated[float, Unit("m"), "height where there are no data"] = 0.0
+    lowest: Annotated[float, Unit("m"),
+        "above the ellipsoid, between which all heights lie"] = -500.0  # fmt: skip
+    highest: Annotated[float, Unit("m"),
+        "above the ellipsoid, between which all heights lie"] = 9000.0  # fmt: skip
+    tiles: Annotated[int, Range(2, 2**16),
+        "of 512 x 512 cells that fit into memory, 1.4 MB each"] = 64  # fmt: skip
+    sharpness: Annotated[float, NON_NEGATIVE, "1, as in Pyramid"] = 1.0
+    maps: Annotated[tuple[MapFile, ...], "on the terrain"] = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.files and self.fractal is None:
             raise ValueError("files or fractal must be given, got neither")
-        whole(2, 2**16, tiles=self.tiles)
-        non_negative(sharpness=self.sharpness)
 
     def open(self, folder: Path) -> Pyramid:
         """The terrain; files are relative to the folder of the scene file."""
@@ -233,24 +184,20 @@ class Terrain:
 
 
 @dataclass(frozen=True)
-class EarthScene:
-    """A camera in flight over terrain.
-
-    tle       two lines of a satellite, instead of an orbit
-    aircraft  instead of both
-    sky_rays  rays from each point that sample the sky; 0 for none
-    """
+class EarthScene(Parameters):
+    """A camera in flight over terrain."""
 
     terrain: Terrain
     sensor: Sensor = field(default_factory=Sensor)
     orbit: Orbit | None = None
-    tle: tuple[str, ...] = ()
-    aircraft: Aircraft | None = None
+    tle: Annotated[tuple[str, ...], "two lines of a satellite, instead of an orbit"] = ()
+    aircraft: Annotated[Aircraft | None, "instead of both"] = None
     pointing: Pointing = field(default_factory=Pointing)
-    sky_rays: int = 0
+    sky_rays: Annotated[int, Range(0, 2**12),
+        "rays from each point that sample the sky; 0 for none"] = 0  # fmt: skip
 
     def __post_init__(self) -> None:
-        whole(0, 2**12, sky_rays=self.sky_rays)
+        super().__post_init__()
         _ = self.carrier
 
     @property

@@ -6,27 +6,26 @@ As in orekit's Rugged, the times of lines and the elements do not depend on each
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from startrack.core import Floats, finite, positive, whole
+from startrack.core import FINITE, Floats, Parameters, finite, positive, whole
 
 
 @dataclass(frozen=True)
-class Dating:
+class Dating(Parameters):
     """When each line of the image is taken.
 
         time = start + line * period
 
-    start   second after the epoch
-    period  second from line to line; 0 for a matrix, whose lines are all taken at once
+    Lines are read at even times.
     """
 
-    start: float = 0.0
-    period: float = 0.0
-
-    def __post_init__(self) -> None:
-        finite(start=self.start, period=self.period)
+    start: Annotated[float, FINITE, "second after the epoch"] = 0.0
+    period: Annotated[float, FINITE,
+        "second from line to line; 0 for a matrix, whose lines are all taken at once"
+    ] = 0.0  # fmt: skip
 
     def at(self, line: Floats) -> Floats:
         """Seconds after the epoch, (n,), of lines (n,), also between whole ones."""
@@ -35,16 +34,16 @@ class Dating:
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Positions on the camera's pixel grid of the elements that make one line of the image.
+    """Positions on the camera's pixel grid of the elements that make one line of the image."""
 
-    x, y   (columns, stages) pixel, of each column of the image; the charges or
-           numbers of all stages are added
-    delay  (columns, stages) lines by which a stage is exposed later than the line
-    """
-
-    x: Floats
-    y: Floats
-    delay: Floats
+    x: Annotated[Floats,
+        "(columns, stages) pixel, of each column of the image; the charges or numbers of all "
+        "stages are added"]  # fmt: skip
+    y: Annotated[Floats,
+        "(columns, stages) pixel, of each column of the image; the charges or numbers of all "
+        "stages are added"]  # fmt: skip
+    delay: Annotated[Floats,
+        "(columns, stages) lines by which a stage is exposed later than the line"]  # fmt: skip
 
 
 def line_elements(columns: int, y: float) -> Elements:

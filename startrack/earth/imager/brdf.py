@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.core import Curve, Floats, Unit, within
+from startrack.core import Curve, Floats, Parameters, Range, Unit
 from startrack.earth.terrain import Ground
 
 GRAZING = 1e-3  # least cosine, against division by zero
@@ -36,19 +36,11 @@ class RossLi:
 
 
 @dataclass(frozen=True)
-class Water:
-    """Waves, over water whose own light has the cover's `reflectance`.
+class Water(Parameters):
+    """Waves, over water whose own light has the cover's `reflectance`."""
 
-    wind        metre / second, 12.5 m above the water
-    refraction  1, refractive index
-    """
-
-    wind: Annotated[float, Unit("m / s")] = 5.0
-    refraction: float = 1.34
-
-    def __post_init__(self) -> None:
-        within(0, 20, wind=self.wind)
-        within(1.01, 3, refraction=self.refraction)
+    wind: Annotated[float, Unit("m / s"), Range(0, 20), "12.5 m above the water"] = 5.0
+    refraction: Annotated[float, Range(1.01, 3), "1, refractive index"] = 1.34
 
     @property
     def slope_variance(self) -> float:

@@ -12,16 +12,15 @@ from typing import Annotated, NamedTuple, Protocol
 import numpy as np
 
 from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
     Curve,
     Floats,
+    Parameters,
+    Range,
     Streams,
     Unit,
-    non_negative,
-    one_of,
-    positive,
     um,
-    whole,
-    within,
 )
 from startrack.earth.imager.land import TEXELS, on_texture
 from startrack.earth.terrain import (
@@ -51,51 +50,36 @@ ALBEDOS = {
 
 
 @dataclass(frozen=True)
-class CloudLayer:
-    """A thin sheet of cloud at one height.
+class CloudLayer(Parameters):
+    """A thin sheet of cloud at one height."""
 
-    height         metre above the ellipsoid; terrain that is higher stands out of it
-    optical_depth  1, vertical, the same at all wavelengths: of an even layer, the mean inside the
-                   clouds of a generated one, or the factor of the values of a file
-    file           raster of optical depth in any projection, relative to the scene file; no cloud
-                   where it has no value
-    band           1, the first, of the file
-    cover          1, fraction of the sky that a generated field of clouds covers; None for an even
-                   layer or a file
-    cell           metre, smallest detail of generated clouds, which repeat themselves after 1024
-    seed           of generated clouds
-    particles      ice or water, for the albedo of single scattering
-    albedo         1 over wavelength, instead
-    asymmetry      1, mean cosine of the scattering angle
-    temperature    kelvin; None for that of the US Standard Atmosphere at this height
-    """
-
-    height: Annotated[float, Unit("m", "km")]
-    optical_depth: float = 1.0
-    file: str = ""
-    band: int = 1
-    cover: float | None = None
-    cell: Annotated[float, Unit("m")] = 100.0
-    seed: int = 1
-    particles: str = "ice"
-    albedo: Curve | None = None
-    asymmetry: float = 0.85
-    temperature: Annotated[float | None, Unit("K", absolute=True)] = None
+    height: Annotated[float, Unit("m", "km"), Range(0, 30e3),
+        "above the ellipsoid; terrain that is higher stands out of it"]  # fmt: skip
+    optical_depth: Annotated[float, NON_NEGATIVE,
+        "1, vertical, the same at all wavelengths: of an even layer, the mean inside the clouds "
+        "of a generated one, or the factor of the values of a file"] = 1.0  # fmt: skip
+    file: Annotated[str,
+        "raster of optical depth in any projection, relative to the scene file; no cloud where "
+        "it has no value"] = ""  # fmt: skip
+    band: Annotated[int, Range(1, 2**16), "1, the first, of the file"] = 1
+    cover: Annotated[float | None, Range(0.001, 1),
+        "1, fraction of the sky that a generated field of clouds covers; None for an even layer "
+        "or a file"] = None  # fmt: skip
+    cell: Annotated[float, Unit("m"), POSITIVE,
+        "smallest detail of generated clouds, which repeat themselves after 1024"
+    ] = 100.0  # fmt: skip
+    seed: Annotated[int, Range(0, 2**31), "of generated clouds"] = 1
+    particles: Annotated[str, Range(choices=tuple(ALBEDOS)),
+        "ice or water, for the albedo of single scattering"] = "ice"  # fmt: skip
+    albedo: Annotated[Curve | None, "1 over wavelength, instead"] = None
+    asymmetry: Annotated[float, Range(-0.99, 0.99), "1, mean cosine of the scattering angle"] = 0.85
+    temperature: Annotated[float | None, Unit("K", absolute=True), Range(50, 400),
+        "kelvin; None for that of the US Standard Atmosphere at this height"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
-        within(0, 30e3, height=self.height)
-        non_negative(optical_depth=self.optical_depth)
-        if self.cover is not None:
-            within(0.001, 1, cover=self.cover)
-            if self.file:
-                raise ValueError("cover must be left out beside file, which has its own clouds")
-        whole(1, 2**16, band=self.band)
-        positive(cell=self.cell)
-        whole(0, 2**31, seed=self.seed)
-        one_of(tuple(ALBEDOS), particles=self.particles)
-        within(-0.99, 0.99, asymmetry=self.asymmetry)
-        if self.temperature is not None:
-            within(50, 400, temperature=self.temperature)
+        super().__post_init__()
+        if self.cover is not None and self.file:
+            raise ValueError("cover must be left out beside file, which has its own clouds")
 
     @property
     def kelvin(self) -> float:

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
     Curve,
     Floats,
+    Parameters,
+    Range,
     Streams,
     Unit,
-    finite,
-    non_negative,
-    positive,
-    whole,
-    within,
 )
 from startrack.earth.imager.brdf import (
     Angles,
@@ -40,31 +40,28 @@ DEPTHS = -1000.0  # metre, below all land
 
 
 @dataclass(frozen=True)
-class Cover:
+class Cover(Parameters):
     """Reflectance and temperature of ground above a height.
 
     It is Lambertian, or one of `ross_li`, `water` and `snow`.
-
-    above        metre above the ellipsoid
-    reflectance  1 over wavelength: of Lambertian ground; the isotropic weight of `ross_li`; of the
-                 light from below the surface of `water`; the white-sky albedo of `snow`. The
-                 emissivity is 1 minus it, or 1 minus the fraction of a uniform sky that is
-                 reflected
-    temperature  kelvin, at the height zero
     """
 
-    reflectance: Curve = GREY
-    temperature: Annotated[float, Unit("K", absolute=True)] = 288.0
-    above: Annotated[float, Unit("m")] = DEPTHS
+    reflectance: Annotated[Curve,
+        "1 over wavelength: of Lambertian ground; the isotropic weight of `ross_li`; of the "
+        "light from below the surface of `water`; the white-sky albedo of `snow`. The "
+        "emissivity is 1 minus it, or 1 minus the fraction of a uniform sky that is reflected"
+    ] = GREY  # fmt: skip
+    temperature: Annotated[float, Unit("K", absolute=True), Range(50, 3000),
+        "at the height zero"] = 288.0  # fmt: skip
+    above: Annotated[float, Unit("m"), FINITE, "above the ellipsoid"] = DEPTHS
     ross_li: RossLi | None = None
     water: Water | None = None
     snow: Snow | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if sum(law is not None for law in (self.ross_li, self.water, self.snow)) > 1:
             raise ValueError("only one of ross_li, water and snow must be given, got more")
-        within(50, 3000, temperature=self.temperature)
-        finite(above=self.above)
 
     @property
     def law(self) -> Law | None:
@@ -82,67 +79,47 @@ class Cover:
 
 
 @dataclass(frozen=True)
-class ReflectanceMap:
-    """A map of the terrain whose values are reflectance at one wavelength.
+class ReflectanceMap(Parameters):
+    """A map of the terrain whose values are reflectance at one wavelength."""
 
-    map     its name in `terrain.maps`
-    factor  1, by which values are multiplied, such as 1e-4 for Sentinel-2
-    offset  1, then added
-    """
-
-    map: str
-    wavelength: Annotated[float, Unit("m", "nm")]
-    factor: float = 1.0
-    offset: float = 0.0
-
-    def __post_init__(self) -> None:
-        positive(wavelength=self.wavelength)
-        finite(factor=self.factor, offset=self.offset)
+    map: Annotated[str, "its name in `terrain.maps`"]
+    wavelength: Annotated[float, Unit("m", "nm"), POSITIVE]
+    factor: Annotated[float, FINITE,
+        "1, by which values are multiplied, such as 1e-4 for Sentinel-2"] = 1.0  # fmt: skip
+    offset: Annotated[float, FINITE, "1, then added"] = 0.0
 
 
 @dataclass(frozen=True)
-class HotSpot:
-    """A fire, a blackbody that may be smaller than a pixel.
+class HotSpot(Parameters):
+    """A fire, a blackbody that may be smaller than a pixel."""
 
-    area  square metre
-    """
-
-    longitude: Annotated[float, Unit("rad", "deg")]
-    latitude: Annotated[float, Unit("rad", "deg")]
-    area: Annotated[float, Unit("m2")]
-    temperature: Annotated[float, Unit("K", absolute=True)] = 1000.0
-
-    def __post_init__(self) -> None:
-        finite(longitude=self.longitude)
-        within(-math.pi / 2, math.pi / 2, latitude=self.latitude)
-        positive(area=self.area)
-        within(50, 3000, temperature=self.temperature)
+    longitude: Annotated[float, Unit("rad", "deg"), FINITE]
+    latitude: Annotated[float, Unit("rad", "deg"), Range(-math.pi / 2, math.pi / 2)]
+    area: Annotated[float, Unit("m2"), POSITIVE, "square metre"]
+    temperature: Annotated[float, Unit("K", absolute=True), Range(50, 3000)] = 1000.0
 
 
 @dataclass(frozen=True)
-class Land:
-    """The surface of a scene.
+class Land(Parameters):
+    """The surface of a scene."""
 
-    covers        in the order of their heights; each holds up to the next
-    texture       1, rms of the relative variation of reflectance, a fractal from a seed
-    texture_cell  metre, its smallest detail
-    lapse         kelvin / metre, decrease of temperature with height
-    warming       kelvin, ground that faces the Sun minus ground in shadow
-    hot_spots     fires
-    maps          of reflectance, instead of that of the covers where they have values; linear
-                  between their wavelengths, constant beyond
-    """
-
-    covers: tuple[Cover, ...] = (Cover(),)
-    texture: float = 0.0
-    texture_cell: Annotated[float, Unit("m")] = 30.0
-    texture_seed: int = 1
-    lapse: Annotated[float, Unit("K / m", "K / km")] = 6.5e-3
-    warming: Annotated[float, Unit("K")] = 0.0
-    hot_spots: tuple[HotSpot, ...] = field(default_factory=tuple)
-    maps: tuple[ReflectanceMap, ...] = ()
+    covers: Annotated[tuple[Cover, ...],
+        "in the order of their heights; each holds up to the next"] = (Cover(),)  # fmt: skip
+    texture: Annotated[float, Range(0, 1),
+        "1, rms of the relative variation of reflectance, a fractal from a seed"] = 0.0  # fmt: skip
+    texture_cell: Annotated[float, Unit("m"), POSITIVE, "its smallest detail"] = 30.0
+    texture_seed: Annotated[int, Range(0, 2**31)] = 1
+    lapse: Annotated[float, Unit("K / m", "K / km"), FINITE,
+        "decrease of temperature with height"] = 6.5e-3  # fmt: skip
+    warming: Annotated[float, Unit("K"), NON_NEGATIVE,
+        "ground that faces the Sun minus ground in shadow"] = 0.0  # fmt: skip
+    hot_spots: Annotated[tuple[HotSpot, ...], "fires"] = field(default_factory=tuple)
+    maps: Annotated[tuple[ReflectanceMap, ...],
+        "of reflectance, instead of that of the covers where they have values; linear between "
+        "their wavelengths, constant beyond"] = ()  # fmt: skip
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.covers:
             raise ValueError("covers must be one or more, got none")
         heights = [cover.above for cover in self.covers]
@@ -151,11 +128,6 @@ class Land:
         lengths = [one.wavelength for one in self.maps]
         if any(b <= a for a, b in pairwise(lengths)):
             raise ValueError(f"maps must rise in their wavelengths, got {lengths}")
-        within(0, 1, texture=self.texture)
-        positive(texture_cell=self.texture_cell)
-        whole(0, 2**31, texture_seed=self.texture_seed)
-        non_negative(warming=self.warming)
-        finite(lapse=self.lapse)
 
 
 def reflectance(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Floats:

@@ -13,17 +13,18 @@ import numpy as np
 
 from startrack.core import (
     ALL,
+    FINITE,
     LIGHT_SPEED,
     PLANCK,
+    POSITIVE,
     Curve,
     Floats,
+    Parameters,
+    Range,
     Unit,
-    finite,
-    one_of,
     positive,
     shown,
     whole,
-    within,
 )
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Air
@@ -52,42 +53,31 @@ UNKNOWN = {
 
 
 @dataclass(frozen=True)
-class Reference:
-    """The light at the lens for which the SNR of a channel is required: one of the two.
+class Reference(Parameters):
+    """The light at the lens for which the SNR of a channel is required: one of the two."""
 
-    radiance     watt / m^2 / sr / m
-    temperature  kelvin, of a blackbody
-    """
-
-    radiance: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)")] = None
-    temperature: Annotated[float | None, Unit("K")] = None
+    radiance: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE,
+        "watt / m^2 / sr / m"] = None  # fmt: skip
+    temperature: Annotated[float | None, Unit("K"), Range(100, 2000), "of a blackbody"] = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         given = [each for each in (self.radiance, self.temperature) if each is not None]
         if len(given) != 1:
             raise ValueError(f"either radiance or temperature must be given, got {len(given)}")
-        if self.radiance is not None:
-            positive(radiance=self.radiance)
-        if self.temperature is not None:
-            within(100, 2000, temperature=self.temperature)
 
 
 @dataclass(frozen=True)
 class Performance:
-    """What is required of a channel, or was measured of it in orbit; None: unknown.
+    """What is required of a channel, or was measured of it in orbit; None: unknown."""
 
-    snr         1, at the light of `reference`
-    nedt        kelvin, noise-equivalent temperature difference, likewise
-    mtf         1, at Nyquist, the lower of both axes
-    saturation  watt / m^2 / sr / m, largest radiance that is measured
-    gsd         metre between columns
-    """
-
-    snr: float | None = None
-    nedt: Annotated[float | None, Unit("K", "mK")] = None
-    mtf: float | None = None
-    saturation: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)")] = None
-    gsd: Annotated[float | None, Unit("m")] = None
+    snr: Annotated[float | None, "1, at the light of `reference`"] = None
+    nedt: Annotated[float | None, Unit("K", "mK"),
+        "noise-equivalent temperature difference, likewise"] = None  # fmt: skip
+    mtf: Annotated[float | None, "1, at Nyquist, the lower of both axes"] = None
+    saturation: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"),
+        "watt / m^2 / sr / m, largest radiance that is measured"] = None  # fmt: skip
+    gsd: Annotated[float | None, Unit("m"), "metre between columns"] = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -96,43 +86,44 @@ class Performance:
 
 
 @dataclass(frozen=True)
-class Channel:
+class Channel(Parameters):
     """One image that a camera makes: a lens, a filter, a detector of one kind.
 
     Effects that its images do not simulate are refused: coefficients of distortion, an offset
     principal point, row delay, residual charge and crosstalk. Distortion, lateral colour,
     vignetting and images over the field are those of `lens_file`, `lens_family` or `psf_file`.
-
-    band      transmittance of the filter, 1 over wavelength
-    response  spectral response of the whole channel to radiance, over its peak, as it is measured;
-              None: that of band, transmission and quantum efficiency. With it `band` is left
-              out, and transmission and quantum efficiency are those at its mean wavelength
-    forwards  radian ahead of the camera's axis; different for stereo lines. With a lens table the
-              line lies there in the focal plane of the one lens, else it has a lens of its own
-    period    second from line to line; None for square pixels below, exposed all the time
-    average   columns of the detector that the ground segment averages to one; counts in the
-              figures of the channel, not in its images
-    reference, required, measured  light, required and measured performance, which
-              `startrack requirements` prints beside the predicted one
     """
 
     name: str
     optics: Optics
     detector: Detector
-    band: Curve = ALL
-    forwards: Annotated[float, Unit("rad", "deg")] = 0.0
-    period: Annotated[float, Unit("s", "ms")] | None = None
-    response: Curve | None = None
-    average: int = 1
-    reference: Reference | None = None
-    required: Performance = field(default_factory=Performance)
-    measured: Performance = field(default_factory=Performance)
+    band: Annotated[Curve, "transmittance of the filter, 1 over wavelength"] = ALL
+    forwards: Annotated[float, Unit("rad", "deg"), FINITE,
+        "radian ahead of the camera's axis; different for stereo lines. With a lens table the "
+        "line lies there in the focal plane of the one lens, else it has a lens of its own"
+    ] = 0.0  # fmt: skip
+    period: Annotated[Annotated[float, Unit("s", "ms")] | None, POSITIVE,
+        "from line to line; None for square pixels below, exposed all the time"] = None  # fmt: skip
+    response: Annotated[Curve | None,
+        "spectral response of the whole channel to radiance, over its peak, as it is measured; "
+        "None: that of band, transmission and quantum efficiency. With it `band` is left out, "
+        "and transmission and quantum efficiency are those at its mean wavelength"
+    ] = None  # fmt: skip
+    average: Annotated[int, Range(1, 64),
+        "columns of the detector that the ground segment averages to one; counts in the figures "
+        "of the channel, not in its images"] = 1  # fmt: skip
+    reference: Annotated[Reference | None,
+        "light, required and measured performance, which `startrack requirements` prints beside "
+        "the predicted one"] = None  # fmt: skip
+    required: Annotated[Performance,
+        "light, required and measured performance, which `startrack requirements` prints beside "
+        "the predicted one"] = field(default_factory=Performance)  # fmt: skip
+    measured: Annotated[Performance,
+        "light, required and measured performance, which `startrack requirements` prints beside "
+        "the predicted one"] = field(default_factory=Performance)  # fmt: skip
 
     def __post_init__(self) -> None:
-        finite(forwards=self.forwards)
-        whole(1, 64, average=self.average)
-        if self.period is not None:
-            positive(period=self.period)
+        super().__post_init__()
         if self.response is not None:
             if self.band != ALL:
                 raise ValueError("band must be left out beside response")
@@ -219,7 +210,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Spectrometer:
+class Spectrometer(Parameters):
     """Distortions of an imaging spectrometer, whose channels are bands of one spectrum.
 
         lambda(x) = lambda + smile (x / X)^2
@@ -227,31 +218,24 @@ class Spectrometer:
 
     with X half the line of the detector, lambda_m and Lambda the middle and half the range of the
     channels' mean wavelengths.
-
-    smile     metre, wavelength by which a channel at the ends of its line lies above that in its
-              middle: the image of a spectral line bends
-    keystone  metre on the detector, by which the longest wavelength's image lies farther out at the
-              ends of the line than that of the middle of the spectrum: the spectrum of a point is
-              oblique
     """
 
-    smile: Annotated[float, Unit("m", "nm")] = 0.0
-    keystone: Annotated[float, Unit("m", "um")] = 0.0
-
-    def __post_init__(self) -> None:
-        within(-1e-7, 1e-7, smile=self.smile)
-        within(-1e-3, 1e-3, keystone=self.keystone)
+    smile: Annotated[float, Unit("m", "nm"), Range(-1e-7, 1e-7),
+        "wavelength by which a channel at the ends of its line lies above that in its middle: "
+        "the image of a spectral line bends"] = 0.0  # fmt: skip
+    keystone: Annotated[float, Unit("m", "um"), Range(-1e-3, 1e-3),
+        "metre on the detector, by which the longest wavelength's image lies farther out at the "
+        "ends of the line than that of the middle of the spectrum: the spectrum of a point is "
+        "oblique"] = 0.0  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Imager:
-    """A camera with one or more channels that images extended scenes.
-
-    spectrometer  smile and keystone, where the channels are lines of one spectrum
-    """
+    """A camera with one or more channels that images extended scenes."""
 
     channels: tuple[Channel, ...]
-    spectrometer: Spectrometer | None = None
+    spectrometer: Annotated[Spectrometer | None,
+        "smile and keystone, where the channels are lines of one spectrum"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
         names = [channel.name for channel in self.channels]
@@ -276,49 +260,36 @@ class Imager:
 
 
 @dataclass(frozen=True)
-class Survey:
-    """An image to be rendered: camera, carrier, terrain, air and land.
+class Survey(Parameters):
+    """An image to be rendered: camera, carrier, terrain, air and land."""
 
-    camera         its channels
-    lines, columns  of the image; None for those of the whole detector
-    rays           along each side of a pixel
-    sky_rays       from each point that sample the sky; 0 for none
-    air            its state, one of the shipped tables; None: no air
-    land           reflectance and temperature of the ground
-    clouds         layers of cloud, which cast shadows
-    surroundings   1, reflectance of the ground around, which illuminates air and slopes; None for
-                   the mean of the image
-    sun_distance   astronomical unit
-    motion         drift and jitter of the camera, one motion for all channels: those that see the
-                   ground at different times do not register. Time is zero at the epoch
-    """
-
-    camera: Imager
+    camera: Annotated[Imager, "its channels"]
     terrain: Terrain
     orbit: Orbit | None = None
     tle: tuple[str, ...] = ()
     aircraft: Aircraft | None = None
     pointing: Pointing = field(default_factory=Pointing)
-    lines: int | None = None
-    columns: int | None = None
-    rays: int = 2
-    sky_rays: int = 0
-    air: Air | None = None
-    land: Land = field(default_factory=Land)
-    clouds: tuple[CloudLayer, ...] = ()
-    surroundings: float | None = None
-    sun_distance: float = 1.0
-    motion: Motion = field(default_factory=Motion)
+    lines: Annotated[int | None, "of the image; None for those of the whole detector"] = None
+    columns: Annotated[int | None, "of the image; None for those of the whole detector"] = None
+    rays: Annotated[int, Range(1, 16), "along each side of a pixel"] = 2
+    sky_rays: Annotated[int, Range(0, 2**12), "from each point that sample the sky; 0 for none"] = 0
+    air: Annotated[Air | None, "its state, one of the shipped tables; None: no air"] = None
+    land: Annotated[Land, "reflectance and temperature of the ground"] = field(default_factory=Land)
+    clouds: Annotated[tuple[CloudLayer, ...], "layers of cloud, which cast shadows"] = ()
+    surroundings: Annotated[float | None, Range(0, 1),
+        "1, reflectance of the ground around, which illuminates air and slopes; None for the "
+        "mean of the image"] = None  # fmt: skip
+    sun_distance: Annotated[float, POSITIVE, "astronomical unit"] = 1.0
+    motion: Annotated[Motion,
+        "drift and jitter of the camera, one motion for all channels: those that see the ground "
+        "at different times do not register. Time is zero at the epoch"
+    ] = field(default_factory=Motion)  # fmt: skip
 
     def __post_init__(self) -> None:
-        whole(1, 16, rays=self.rays)
+        super().__post_init__()
         for name in ("lines", "columns"):
             if getattr(self, name) is not None:
                 whole(2, 2**16, **{name: getattr(self, name)})
-        whole(0, 2**12, sky_rays=self.sky_rays)
-        if self.surroundings is not None:
-            within(0, 1, surroundings=self.surroundings)
-        positive(sun_distance=self.sun_distance)
         _ = self.carrier
 
     @property
@@ -406,24 +377,16 @@ def _read_spectra(table: dict[str, Any], folder: Path, place: str) -> None:
 
 
 @dataclass(frozen=True)
-class SpectrumFile:
+class SpectrumFile(Parameters):
     """A curve in a text file: a wavelength and a value in each line, and what follows.
 
     Lines that do not begin with two numbers, and values below -1, which mark what is missing, are
     left out. Between them may be commas, semicolons, tabs or spaces.
-
-    file    relative to the scene file
-    unit    of the wavelengths: nm or um
-    factor  1, by which values are multiplied: 0.01 for per cent
     """
 
-    file: str
-    unit: str = "um"
-    factor: float = 1.0
-
-    def __post_init__(self) -> None:
-        one_of(("nm", "um"), unit=self.unit)
-        finite(factor=self.factor)
+    file: Annotated[str, "relative to the scene file"]
+    unit: Annotated[str, Range(choices=("nm", "um")), "of the wavelengths: nm or um"] = "um"
+    factor: Annotated[float, FINITE, "1, by which values are multiplied: 0.01 for per cent"] = 1.0
 
     def read(self, folder: Path) -> dict[str, Any]:
         """As the table of a Curve; values are put into [0, 1].
