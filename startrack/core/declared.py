@@ -164,7 +164,8 @@ class Parameters:
     """
 
     def __post_init__(self) -> None:
-        for rule in _rules(type(self)):
+        kind: Any = type(self)
+        for rule in _rules(kind):
             value = getattr(self, rule.name)
             if value is None:
                 continue
@@ -184,7 +185,8 @@ def _with_full_names(rule: _Rule, value: Any) -> Any:
 
 def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
     """Key, group and name of all code that a parameter object names."""
-    for name, field in fields_of(type(value)).items():
+    kind: Any = type(value)
+    for name, field in fields_of(kind).items():
         held = getattr(value, name)
         where = f"{place}.{name}" if place else name
         for item in held if isinstance(held, tuple) else (held,):

@@ -94,7 +94,7 @@ def keys_of(kind: type, place: str = "") -> Iterator[Key]:
         shown = unit.shown if unit else ""
         yield Key(where, word, shown, _range(limits, unit), _default(field), meaning)
         if dataclasses.is_dataclass(inner):
-            yield from keys_of(inner, where)
+            yield from keys_of(typing.cast(type, inner), where)
 
 
 def range_of(field: Field) -> Range:
