@@ -9,12 +9,13 @@ from typing import Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    DESIGN,
+    SEED,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_design,
-    add_seed,
-    add_workers,
-    describe,
     positive,
     whole,
 )
@@ -59,55 +60,32 @@ UNITS = 6  # where a design varies and no number is asked for
 FAR = 0.1  # relative difference of the two columns from which on it is printed
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack budget`."""
-    describe(
-        parser,
-        "Prints the analytic budget, what of this design it does not count, and whether some "
-        "trials agree with it; with --montecarlo also the measured one, and a note where "
-        "the two differ by more than 10 %. With --out it writes budget.json, budget.png, sky.png "
-        "(stars and error over the sky) and curves.png (error over rate, magnitude and field). "
-        "The status is 3 if a part of the sky has no attitude.",
-    )
-    parser.set_defaults(claims=True)
-    add_design(parser)
-    parser.add_argument(
-        "--montecarlo", type=whole(1), metavar="N",
-        help="measure it on N random attitudes by switching causes (default: analytic only)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--times", type=whole(1), default=1, metavar="N",
-        help="with --montecarlo: frames per attitude, to separate constant from varying errors "
-        "(default: 1)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--units", type=whole(2), metavar="N",
-        help="add classes of error, levels and yield of N units of the design, drawn from its "
-        "[[variation]] tables and calibrated, at the begin and the end of its lifetime (default: "
-        f"{UNITS} where it has such tables)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--tolerances", action="store_true",
-        help="with --units: what halving the scale of each [[variation]] buys at the end of life, "
-        "the one that buys most first",
-    )  # fmt: skip
-    parser.add_argument(
-        "--profile", type=Path, metavar="PROFILE.toml",
-        help="simulate sequences along a profile; print absolute, mean, relative and drift errors",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sequences", type=whole(1), default=8, metavar="N",
-        help="with --profile: number of sequences, from random attitudes (default: 8)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--window", type=positive, default=1.0, metavar="SECONDS",
-        help="with --profile: time window of the mean errors, s (default: 1)",
-    )  # fmt: skip
-    add_seed(parser)
-    add_workers(parser)
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for budget.json and pictures"
-    )
+declare = Options(
+    "Prints the analytic budget, what of this design it does not count, and whether some trials "
+    "agree with it; with --montecarlo also the measured one, and a note where the two differ by "
+    "more than 10 %. With --out it writes budget.json, budget.png, sky.png (stars and error over "
+    "the sky) and curves.png (error over rate, magnitude and field). The status is 3 if a part of "
+    "the sky has no attitude.",
+    *DESIGN,
+    Option("--montecarlo N", "measure it on N random attitudes by switching causes (default: "
+           "analytic only)", whole(1)),
+    Option("--times N", "with --montecarlo: frames per attitude, to separate constant from "
+           "varying errors", whole(1), 1),
+    Option("--units N", "add classes of error, levels and yield of N units of the design, drawn "
+           "from its [[variation]] tables and calibrated, at the begin and the end of its "
+           f"lifetime (default: {UNITS} where it has such tables)", whole(2)),
+    Option("--tolerances", "with --units: what halving the scale of each [[variation]] buys at "
+           "the end of life, the one that buys most first"),
+    Option("--profile PROFILE.toml", "simulate sequences along a profile; print absolute, mean, "
+           "relative and drift errors", Path),
+    Option("--sequences N", "with --profile: number of sequences, from random attitudes", whole(1),
+           8),
+    Option("--window SECONDS", "with --profile: time window of the mean errors, s", positive, 1.0),
+    SEED,
+    WORKERS,
+    Option("--out DIR", "folder for budget.json and pictures", Path),
+    claims=True,
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from startrack.cli.options import as_wrong_use
-from startrack.cli.scheduler import open_workers
+from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.terminal import example, print_message, read_campaign
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
-from startrack.montecarlo import Sampling, warm
+from startrack.io import regular_file
+from startrack.montecarlo import Certificates, Sampling, cluster, pool, warm
 from startrack.optimise import Ledger, TrialRunner
 from startrack.trial import require_fidelity
 
@@ -26,6 +27,18 @@ class OpenCampaign(NamedTuple):
     campaign: Campaign
     runner: TrialRunner
     out: Path
+
+
+def open_workers(options: argparse.Namespace) -> AbstractContextManager[Executor]:
+    """The executor of --workers or --scheduler, not yet open."""
+    encrypted = (options.scheduler or "").startswith("tls://")
+    if encrypted != bool(options.tls):
+        raise WrongUse("--tls must be given with --scheduler tls://host:port, and with no other")
+    if not options.scheduler:
+        return pool(options.workers)
+    with as_wrong_use(ValueError, OSError):
+        files = [regular_file(path, "a file in PEM") for path in options.tls or ()]
+    return cluster(options.scheduler, Certificates(*files) if files else None)
 
 
 def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
 
 with deferred():
     from startrack.cli.terminal import in_arcsec, print_result
@@ -17,22 +17,17 @@ with deferred():
     from startrack.montecarlo import Store, combined
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack combine`."""
-    describe(
-        parser,
-        "A few rendered trials remove the bias; many statistical trials reduce the variance. The "
-        "estimate is that of the rendered trials, with a narrower interval. For example\n\n"
-        "  startrack montecarlo --trials 200 --control --store frames.sqlite\n"
-        "  startrack montecarlo --trials 20000 --fidelity covariance --store covariance.sqlite\n"
-        "  startrack combine frames.sqlite covariance.sqlite",
-    )
-    parser.add_argument(
-        "campaigns", type=Path, nargs="+", metavar="CAMPAIGN.sqlite",
-        help="stores of `montecarlo`, of one design and one seed, made without --sobol: a few "
-        "frames (best with --control), many windows, or very many trials of fidelity covariance. "
-        "The approximations of the other fidelities do not bias the estimate",
-    )  # fmt: skip
+declare = Options(
+    "A few rendered trials remove the bias; many statistical trials reduce the variance. The "
+    "estimate is that of the rendered trials, with a narrower interval. For example\n\n"
+    "  startrack montecarlo --trials 200 --control --store frames.sqlite\n"
+    "  startrack montecarlo --trials 20000 --fidelity covariance --store covariance.sqlite\n"
+    "  startrack combine frames.sqlite covariance.sqlite",
+    Option("campaigns CAMPAIGN.sqlite", "stores of `montecarlo`, of one design and one seed, made "
+           "without --sobol: a few frames (best with --control), many windows, or very many "
+           "trials of fidelity covariance. The approximations of the other fidelities do not bias "
+           "the estimate", Path, many="+"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

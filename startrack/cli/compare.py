@@ -9,14 +9,15 @@ from typing import Any, NamedTuple
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    SEED,
+    SET,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_fidelity,
-    add_seed,
-    add_set,
-    add_workers,
     as_wrong_use,
-    describe,
+    fidelity,
     whole,
 )
 
@@ -48,28 +49,19 @@ class Side(NamedTuple):
     drawn: tuple[int, str] | None
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack compare`."""
-    describe(
-        parser,
-        "Prints the parameters in which two designs differ, and their errors and availability "
-        "side by side, with the difference and its 95 % interval. Trials of the same seed have "
-        "the same skies and noise, so that their differences are paired and known better than "
-        "either error.",
-    )
-    for name in ("first", "second"):
-        parser.add_argument(
-            name, type=Path, metavar=name.upper(),
-            help="design file, or store of `montecarlo` (.sqlite)",
-        )  # fmt: skip
-    parser.add_argument(
-        "--trials", type=whole(2, 10**8), default=200, metavar="N",
-        help="trials of each design file; of two campaigns, all are used (default: 200)",
-    )  # fmt: skip
-    add_set(parser)
-    add_fidelity(parser, "of the trials of design files (default: frame); see montecarlo")
-    add_seed(parser)
-    add_workers(parser)
+declare = Options(
+    "Prints the parameters in which two designs differ, and their errors and availability side by "
+    "side, with the difference and its 95 % interval. Trials of the same seed have the same skies "
+    "and noise, so that their differences are paired and known better than either error.",
+    Option("first FIRST", "design file, or store of `montecarlo` (.sqlite)", Path),
+    Option("second SECOND", "design file, or store of `montecarlo` (.sqlite)", Path),
+    Option("--trials N", "trials of each design file; of two campaigns, all are used",
+           whole(2, 10**8), 200),
+    *SET,
+    fidelity("of the trials of design files (default: frame); see montecarlo"),
+    SEED,
+    WORKERS,
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

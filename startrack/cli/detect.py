@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, add_images, add_set, as_wrong_use, describe
+from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong_use, images
 
 with deferred():
     from startrack.cli.terminal import layout_of, print_failed_image, print_result, read_design
@@ -26,46 +26,24 @@ with deferred():
     from startrack.trial import psf_of
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack detect`."""
-    describe(
-        parser,
-        "Prints a row per spot, brightest first: position (the centre of the first pixel is 0, 0) "
-        "and its sigma, flux, signal-to-noise ratio, area. The status is 1 if an image cannot be "
-        "read; the others are searched.",
-    )
-    add_images(parser)
-    parser.add_argument(
-        "--design", type=Path, metavar="DESIGN.toml",
-        help="design file that gives the settings of the detection and the PSF",
-    )  # fmt: skip
-    add_set(parser)
-    parser.add_argument(
-        "--threshold", type=float, metavar="SIGMA", help="detection threshold (default: 5.5)"
-    )
-    parser.add_argument(
-        "--false", type=float, metavar="N",
-        help="set the threshold by the mean number of false spots per image, such as 0.05",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sigma",
-        type=float,
-        metavar="PIXEL",
-        help="sigma of the image of a star, pixel (default: 1)",
-    )
-    parser.add_argument(
-        "--centroid",
-        metavar="NAME",
-        help="centroid method: gravity (default), weighted, gaussian or likelihood",
-    )
-    parser.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
-    parser.add_argument("--flat", type=Path, metavar="IMAGE", help="flat field to divide by")
-    parser.add_argument(
-        "--overlay",
-        type=Path,
-        metavar="DIR",
-        help="folder for pictures of the images with their spots",
-    )
+declare = Options(
+    "Prints a row per spot, brightest first: position (the centre of the first pixel is 0, 0) and "
+    "its sigma, flux, signal-to-noise ratio, area. The status is 1 if an image cannot be read; "
+    "the others are searched.",
+    *images(),
+    Option("--design DESIGN.toml", "design file that gives the settings of the detection and the "
+           "PSF", Path),
+    *SET,
+    Option("--threshold SIGMA", "detection threshold (default: 5.5)", float),
+    Option("--false N", "set the threshold by the mean number of false spots per image, such as "
+           "0.05", float),
+    Option("--sigma PIXEL", "sigma of the image of a star, pixel (default: 1)", float),
+    Option("--centroid NAME", "centroid method: gravity (default), weighted, gaussian or "
+           "likelihood"),
+    Option("--dark IMAGE", "dark frame to subtract", Path),
+    Option("--flat IMAGE", "flat field to divide by", Path),
+    Option("--overlay DIR", "folder for pictures of the images with their spots", Path),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -19,10 +19,10 @@ from typing import TextIO, cast
 
 from startrack import __version__
 from startrack.cli.imports import load, postpone
-from startrack.cli.options import add_common, memory_of
+from startrack.cli.options import memory_of
 from startrack.cli.stopping import ignore_signals, one_line, stopped_by_signals, told
 
-# Each command is a file of this name with `declare(parser)` and `command(options)`. Only that of
+# Each command is a file of this name with `declare`, a table of options, and `command(options)`. Only that of
 # the called command is imported, and what it computes with when it runs.
 COMMANDS = {
     "simulate": "render one frame of a design to FITS and PNG",
@@ -170,5 +170,4 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         )  # fmt: skip
         if name == called:
             import_module(f"startrack.cli.{name}").declare(one)
-            add_common(one)
     return parser

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
 
 with deferred():
     from startrack.cli.terminal import finite, in_arcsec, print_message, print_result, progress
@@ -25,22 +25,15 @@ FRACTIONS = (0.5, 0.6827, 0.9545, 0.9973, 0.9999, 0.999999)
 SQLITE = b"SQLite format 3\0"
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack merge`."""
-    describe(
-        parser,
-        "The parts are stores (`montecarlo --first K --trials N --store PART.sqlite`) or sketches "
-        "(`--sketch PART.json`) of one campaign. The result has the same bytes in any order of the "
-        "parts. Parts of another design, seed, sampling or version are refused. Trials that "
-        "several stores have are kept once and reported, and refused where their outcomes differ; "
-        "sketches with a trial in two of them are refused.",
-    )
-    parser.add_argument(
-        "parts", type=Path, nargs="+", metavar="PART", help="stores, or sketches, of montecarlo"
-    )
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="FILE", help="file to write, of the same kind"
-    )
+declare = Options(
+    "The parts are stores (`montecarlo --first K --trials N --store PART.sqlite`) or sketches "
+    "(`--sketch PART.json`) of one campaign. The result has the same bytes in any order of the "
+    "parts. Parts of another design, seed, sampling or version are refused. Trials that several "
+    "stores have are kept once and reported, and refused where their outcomes differ; sketches "
+    "with a trial in two of them are refused.",
+    Option("parts PART", "stores, or sketches, of montecarlo", Path, many="+"),
+    Option("--out FILE", "file to write, of the same kind", Path, required=True),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -11,18 +11,19 @@ from typing import Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    ALLOW_CODE,
+    SEED,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_allow_code,
-    add_out,
-    add_seed,
-    add_workers,
+    address,
     as_wrong_use,
     decimal,
-    describe,
+    out,
     whole,
 )
-from startrack.cli.scheduler import address
 
 with deferred():
     import numpy as np
@@ -70,67 +71,38 @@ STORE = "mission.sqlite"  # in the folder of the results
 WORST = 10  # longest times without a valid head that are listed
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack mission`."""
-    describe(
-        parser,
-        "Moves a spacecraft along its orbit and attitude law, and prints when Sun, Moon and Earth "
-        "blind each of its heads, how many heads are valid, and whether the mission's requirements "
-        "are met. Writes report.html, summary.json, mission.png, beta.png and timeline.csv. The "
-        "status is 3 if a requirement is not met.",
-    )
-    parser.add_argument(
-        "mission", type=Path, nargs="*", metavar="MISSION.toml",
-        help="mission file (default: the example, catalogs/missions/sun-synchronous.toml: three "
-        "heads, a year); several write to folders of their names",
-    )  # fmt: skip
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="a value over that of the mission file, such as 'time.duration=30 d'; may be given "
-        "several times",
-    )  # fmt: skip
-    add_allow_code(parser)
-    parser.add_argument(
-        "--every", type=whole(1, 10**8), metavar="N",
-        help="steps between two rows of the table of the timeline (default: so that it has at "
-        f"most {ROWS} rows)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--table", default="csv", choices=("csv", "parquet", "netcdf"),
-        help="format of the timeline (default: csv; parquet needs pyarrow)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--spice", action="store_true",
-        help="write orbit and attitude of the rows of the table as kernels of SPICE: orbit.bsp, "
-        "attitude.bc with its clock, attitude.tsc (extra spice)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--place", action="store_true",
-        help="search for better mountings of the heads first, and compare; writes placed.toml and "
-        "placement.png",
-    )  # fmt: skip
-    parser.add_argument(
-        "--heads", type=whole(1, 8), nargs="+", metavar="N",
-        help="compare so many heads instead, each placed by a coarse search (default with "
-        "--baffle: as many as the mission has)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--baffle", type=decimal(1, 89), nargs="+", metavar="DEG",
-        help="compare baffles that keep the Sun out from such angles on instead, with their length "
-        "and mass (default with --heads: the exclusion angle of the first head)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--frame", type=decimal(0, 1e12), metavar="SECOND",
-        help="render what each head sees at this time after the begin instead: HEAD.fits, HEAD.png",
-    )  # fmt: skip
-    parser.add_argument(
-        "--scheduler", type=address, metavar="ADDRESS",
-        help="fly several missions on the workers of a Dask cluster that share the folder of the "
-        "results (tcp://host:port)",
-    )  # fmt: skip
-    add_workers(parser)
-    add_seed(parser)
-    add_out(parser, "startrack-mission")
+declare = Options(
+    "Moves a spacecraft along its orbit and attitude law, and prints when Sun, Moon and Earth "
+    "blind each of its heads, how many heads are valid, and whether the mission's requirements "
+    "are met. Writes report.html, summary.json, mission.png, beta.png and timeline.csv. The "
+    "status is 3 if a requirement is not met.",
+    Option("mission MISSION.toml", "mission file (default: the example, "
+           "catalogs/missions/sun-synchronous.toml: three heads, a year); several write to "
+           "folders of their names", Path, many="*"),
+    Option("--set KEY=VALUE", "a value over that of the mission file, such as 'time.duration=30 "
+           "d'; may be given several times", default=[], append=True),
+    ALLOW_CODE,
+    Option("--every N", "steps between two rows of the table of the timeline (default: so that it "
+           f"has at most {ROWS} rows)", whole(1, 10**8)),
+    Option("--table", "format of the timeline (default: csv; parquet needs pyarrow)",
+           ("csv", "parquet", "netcdf"), "csv"),
+    Option("--spice", "write orbit and attitude of the rows of the table as kernels of SPICE: "
+           "orbit.bsp, attitude.bc with its clock, attitude.tsc (extra spice)"),
+    Option("--place", "search for better mountings of the heads first, and compare; writes "
+           "placed.toml and placement.png"),
+    Option("--heads N", "compare so many heads instead, each placed by a coarse search (default "
+           "with --baffle: as many as the mission has)", whole(1, 8), many="+"),
+    Option("--baffle DEG", "compare baffles that keep the Sun out from such angles on instead, "
+           "with their length and mass (default with --heads: the exclusion angle of the first "
+           "head)", decimal(1, 89), many="+"),
+    Option("--frame SECOND", "render what each head sees at this time after the begin instead: "
+           "HEAD.fits, HEAD.png", decimal(0, 1e12)),
+    Option("--scheduler ADDRESS", "fly several missions on the workers of a Dask cluster that "
+           "share the folder of the results (tcp://host:port)", address),
+    WORKERS,
+    SEED,
+    out("startrack-mission"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -11,27 +11,28 @@ from typing import Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    DESIGN,
+    SCHEDULER,
+    SEED,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_design,
-    add_fidelity,
-    add_seed,
-    add_workers,
     as_wrong_use,
     decimal,
-    describe,
+    fidelity,
     positive,
     whole,
 )
-from startrack.cli.scheduler import add_scheduler
 
 with deferred():
     import numpy as np
     from numpy.typing import NDArray
 
     from startrack.budget import noise_only
+    from startrack.cli.campaign import open_workers
     from startrack.cli.merge import sketch_summary
-    from startrack.cli.scheduler import open_workers
     from startrack.cli.terminal import (
         example,
         finite,
@@ -73,99 +74,52 @@ STORE = "campaign.sqlite"
 UNREACHED = 1e-6  # without --precision: one that no campaign reaches
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack montecarlo`."""
-    describe(
-        parser,
-        "Each trial has a random attitude and independent noise. With --out it writes trials.csv, "
-        "errors.png, summary.json and campaign.sqlite, for `report` and `combine`. The status is 3 "
-        "if a trial has no correct attitude.",
-    )
-    parser.set_defaults(claims=True)
-    add_design(parser)
-    parser.add_argument(
-        "--trials",
-        type=whole(1, 10**9),
-        default=200,
-        metavar="N",
-        help="number of trials (default: 200)",
-    )
-    parser.add_argument(
-        "--first", type=whole(0, 2**62), default=0, metavar="K",
-        help="number of the first trial (default: 0), so that the jobs of a cluster run parts of "
-        "one campaign, which `startrack merge` puts together",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sketch", type=Path, metavar="FILE.json",
-        help="keep moments, quantiles within 0.1 %% and the worst trial in a file of some 1 MB "
-        "instead of all trials, from which an interrupted run continues; for up to 10^9 trials, "
-        "best of fidelity covariance",
-    )  # fmt: skip
-    add_seed(parser)
-    add_workers(parser)
-    add_fidelity(
-        parser,
-        "frame: render whole frames (default); window: only the pixels around stars, with the "
-        "same noise, in a fifth of the time; spots: draw the spots from their covariance, without "
-        "an image, and identify them; covariance: draw the spots, identification is assumed to be "
-        "perfect",
-    )
-    parser.add_argument(
-        "--sobol", action="store_true",
-        help="use attitudes from a Sobol sequence; 16 scrambled copies give the interval",
-    )  # fmt: skip
-    parser.add_argument(
-        "--control", action="store_true",
-        help="compute each frame's linearised error as a control variate; 2 times fewer trials for "
-        "the same interval, 5 times with a campaign of fidelity covariance (see `combine`)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--units", type=whole(1, 10**6), metavar="N",
-        help="N units of the design, drawn from its [[variation]] tables and calibrated, with "
-        "--trials of each; the summary has the yield and explains the worst unit",
-    )  # fmt: skip
-    parser.add_argument(
-        "--environments", type=whole(1, 10**6), default=10, metavar="N",
-        help="environments of each unit, its trials shared among them (default: 10)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--age", metavar="TIME",
-        help="age of the units, such as '5 yr' (default: the lifetime of the design)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for store, table and picture"
-    )
-    parser.add_argument(
-        "--table", type=Path, metavar="FILE", help="table of the trials: RA, Dec, roll, rate, "
-        "angles to Sun, Moon and Earth, status, reason, errors; CSV or Parquet, as the name ends",
-    )  # fmt: skip
-    parser.add_argument(
-        "--store", type=Path, metavar="FILE", help="store of all trials, from which an interrupted "
-        "run continues (default: campaign.sqlite in the folder of --out)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--precision", type=decimal(1e-6, 1), metavar="FRACTION",
-        help="stop when half the width of the interval of the statistic is below this fraction of "
-        "its value; --trials is then the largest number of trials",
-    )  # fmt: skip
-    parser.add_argument(
-        "--statistic", default="across",
-        choices=("across", "about", "availability", "across-99.73"),
-        help="statistic of --precision and --log: rms across (default) or about the boresight, the "
-        "angle that 99.73 %% of the errors across do not exceed, or the availability",
-    )  # fmt: skip
-    parser.add_argument(
-        "--confidence", type=decimal(0.5, 0.9999), default=0.95, metavar="FRACTION",
-        help="confidence of that interval (default: 0.95)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--seconds", type=positive, metavar="SECONDS", help="start no trial after this time, s"
-    )
-    add_scheduler(parser)
-    parser.add_argument(
-        "--log", type=Path, metavar="FILE",
-        help="append rate, statistic, interval and remaining time, one JSON object per line",
-    )  # fmt: skip
+declare = Options(
+    "Each trial has a random attitude and independent noise. With --out it writes trials.csv, "
+    "errors.png, summary.json and campaign.sqlite, for `report` and `combine`. The status is 3 if "
+    "a trial has no correct attitude.",
+    *DESIGN,
+    Option("--trials N", "number of trials", whole(1, 10**9), 200),
+    Option("--first K", "number of the first trial (default: 0), so that the jobs of a cluster "
+           "run parts of one campaign, which `startrack merge` puts together", whole(0, 2**62),
+           0),
+    Option("--sketch FILE.json", "keep moments, quantiles within 0.1 %% and the worst trial in a "
+           "file of some 1 MB instead of all trials, from which an interrupted run continues; for "
+           "up to 10^9 trials, best of fidelity covariance", Path),
+    SEED,
+    WORKERS,
+    fidelity("frame: render whole frames (default); window: only the pixels around stars, with "
+             "the same noise, in a fifth of the time; spots: draw the spots from their "
+             "covariance, without an image, and identify them; covariance: draw the spots, "
+             "identification is assumed to be perfect"),
+    Option("--sobol", "use attitudes from a Sobol sequence; 16 scrambled copies give the interval"),
+    Option("--control", "compute each frame's linearised error as a control variate; 2 times "
+           "fewer trials for the same interval, 5 times with a campaign of fidelity covariance "
+           "(see `combine`)"),
+    Option("--units N", "N units of the design, drawn from its [[variation]] tables and "
+           "calibrated, with --trials of each; the summary has the yield and explains the worst "
+           "unit", whole(1, 10**6)),
+    Option("--environments N", "environments of each unit, its trials shared among them",
+           whole(1, 10**6), 10),
+    Option("--age TIME", "age of the units, such as '5 yr' (default: the lifetime of the design)"),
+    Option("--out DIR", "folder for store, table and picture", Path),
+    Option("--table FILE", "table of the trials: RA, Dec, roll, rate, angles to Sun, Moon and "
+           "Earth, status, reason, errors; CSV or Parquet, as the name ends", Path),
+    Option("--store FILE", "store of all trials, from which an interrupted run continues "
+           "(default: campaign.sqlite in the folder of --out)", Path),
+    Option("--precision FRACTION", "stop when half the width of the interval of the statistic is "
+           "below this fraction of its value; --trials is then the largest number of trials",
+           decimal(1e-6, 1)),
+    Option("--statistic", "statistic of --precision and --log: rms across (default) or about the "
+           "boresight, the angle that 99.73 %% of the errors across do not exceed, or the "
+           "availability", ("across", "about", "availability", "across-99.73"), "across"),
+    Option("--confidence FRACTION", "confidence of that interval", decimal(0.5, 0.9999), 0.95),
+    Option("--seconds SECONDS", "start no trial after this time, s", positive),
+    *SCHEDULER,
+    Option("--log FILE", "append rate, statistic, interval and remaining time, one JSON object "
+           "per line", Path),
+    claims=True,
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -6,8 +6,7 @@ import argparse
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_campaign_options
-from startrack.cli.scheduler import add_scheduler
+from startrack.cli.options import Exit, Options, study
 
 with deferred():
     from startrack.cli.campaign import open_campaign
@@ -25,18 +24,13 @@ with deferred():
     from startrack.plots import draw_convergence
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack optimize`."""
-    add_campaign_options(
-        parser,
-        "optimize",
-        "Varies the variables of [campaign] under its requirements, and compares the best design "
-        "with the start on fresh trials. Writes best.toml (a design for any other command), "
-        "comparison.md, convergence.png, evaluations.csv, result.json, and ledger.sqlite, from "
-        "which the same command continues after an interruption. The status is 3 if a "
-        "requirement is not met.",
-    )
-    add_scheduler(parser)
+declare = Options(
+    "Varies the variables of [campaign] under its requirements, and compares the best design with "
+    "the start on fresh trials. Writes best.toml (a design for any other command), comparison.md, "
+    "convergence.png, evaluations.csv, result.json, and ledger.sqlite, from which the same "
+    "command continues after an interruption. The status is 3 if a requirement is not met.",
+    *study("optimize"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_campaign_options, as_wrong_use, whole
-from startrack.cli.scheduler import add_scheduler
+from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, whole
 
 with deferred():
     import numpy as np
@@ -19,33 +18,19 @@ with deferred():
     from startrack.plots import draw_front
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack pareto`."""
-    add_campaign_options(
-        parser,
-        "pareto",
-        "Finds designs that no other beats in both goals, by the analytic budget, and measures "
-        "each by trials. Writes front.md, front.png and result.json.",
-    )
-    add_scheduler(parser)
-    for which, goal in (("first", "across"), ("second", "mass")):
-        parser.add_argument(
-            f"--{which}", default=goal, metavar="GOAL",
-            help=f"{which} goal: across, about, both, or a level such as about-99.73; mass, power, "
-            f"data rate, volume or cost (default: {goal})",
-        )  # fmt: skip
-    parser.add_argument(
-        "--points",
-        type=whole(2, 1000),
-        default=7,
-        metavar="N",
-        help="number of designs on the front (default: 7)",
-    )
-    parser.add_argument(
-        "--method", choices=("epsilon", "weighted"), default="epsilon",
-        help="minimise the first goal under a limit on the second (epsilon; default), or minimise "
-        "a weighted sum of both",
-    )  # fmt: skip
+GOALS = (
+    "across, about, both, or a level such as about-99.73; mass, power, data rate, volume or cost"
+)
+declare = Options(
+    "Finds designs that no other beats in both goals, by the analytic budget, and measures each "
+    "by trials. Writes front.md, front.png and result.json.",
+    *study("pareto"),
+    Option("--first GOAL", f"first goal: {GOALS}", default="across"),
+    Option("--second GOAL", f"second goal: {GOALS}", default="mass"),
+    Option("--points N", "number of designs on the front", whole(2, 1000), 7),
+    Option("--method", "minimise the first goal under a limit on the second (epsilon; default), "
+           "or minimise a weighted sum of both", ("epsilon", "weighted"), "epsilon"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_campaign_options
-from startrack.cli.scheduler import add_scheduler
+from startrack.cli.options import Exit, Options, study
 
 with deferred():
     from startrack.cli.campaign import open_campaign
@@ -22,17 +21,12 @@ with deferred():
     from startrack.plots import draw_tolerance
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack sample`."""
-    add_campaign_options(
-        parser,
-        "sample",
-        "Samples the designs around this one whose error is larger by at most the fraction "
-        "`margin` of [campaign] and that meet its requirements. Writes tolerance.md, corner.png, "
-        "samples.csv and result.json. If the chains did not converge it writes nothing, and the "
-        "status is 3.",
-    )
-    add_scheduler(parser)
+declare = Options(
+    "Samples the designs around this one whose error is larger by at most the fraction `margin` "
+    "of [campaign] and that meet its requirements. Writes tolerance.md, corner.png, samples.csv "
+    "and result.json. If the chains did not converge it writes nothing, and the status is 3.",
+    *study("sample"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

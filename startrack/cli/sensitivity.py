@@ -6,8 +6,7 @@ import argparse
 import math
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_campaign_options, power_of_two
-from startrack.cli.scheduler import add_scheduler
+from startrack.cli.options import Exit, Option, Options, power_of_two, study
 
 with deferred():
     from startrack.cli.campaign import open_campaign
@@ -18,20 +17,14 @@ with deferred():
     from startrack.plots import draw_tornado
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack sensitivity`."""
-    add_campaign_options(
-        parser,
-        "sensitivity",
-        "Computes by the analytic budget the error with each variable at its bounds, its slope, "
-        "and its Sobol indices over the ranges of all variables. Writes sensitivity.md, "
-        "tornado.png and result.json.",
-    )
-    add_scheduler(parser)
-    parser.add_argument(
-        "--designs", type=power_of_two, default=64, metavar="N",
-        help="number of base designs of the Sobol indices, a power of two (default: 64)",
-    )  # fmt: skip
+declare = Options(
+    "Computes by the analytic budget the error with each variable at its bounds, its slope, and "
+    "its Sobol indices over the ranges of all variables. Writes sensitivity.md, tornado.png and "
+    "result.json.",
+    *study("sensitivity"),
+    Option("--designs N", "number of base designs of the Sobol indices, a power of two",
+           power_of_two, 64),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_design, add_out, add_seed, add_workers, describe, whole
+from startrack.cli.options import DESIGN, SEED, WORKERS, Exit, Option, Options, out, whole
 
 with deferred():
     from startrack.cli.terminal import (
@@ -28,33 +28,22 @@ with deferred():
     from startrack.sequence import Recording, Tracking, fly_sequences, summarise_sequences
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack sequence`."""
-    describe(
-        parser,
-        "Simulates a profile frame by frame, from random attitudes, and prints the errors of the "
-        "filter beside those of single frames. Writes frames.csv, sequence.png and summary.json. "
-        "The status is 3 if the attitude was not known after each frame.",
-    )
-    add_design(parser)
-    parser.add_argument(
-        "--profile", type=Path, metavar="PROFILE.toml",
-        help="file with the legs of the attitude profile, frame rate and gyroscope (default: the "
-        "example, catalogs/sequences/slew.toml, with a slew too fast for an attitude)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sequences", type=whole(1), default=8, metavar="N",
-        help="number of sequences, from random attitudes (default: 8)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--frames", choices=("fits", "png", "ser", "raw", "mkv"),
-        help="keep the frames of all sequences in the folder frames: FITS with WCS, 16-bit PNG, "
-        "SER, raw, or lossless video (mkv), and a table of their times and true attitudes for each "
-        "sequence",
-    )  # fmt: skip
-    add_seed(parser)
-    add_workers(parser)
-    add_out(parser, "startrack-sequence")
+declare = Options(
+    "Simulates a profile frame by frame, from random attitudes, and prints the errors of the "
+    "filter beside those of single frames. Writes frames.csv, sequence.png and summary.json. The "
+    "status is 3 if the attitude was not known after each frame.",
+    *DESIGN,
+    Option("--profile PROFILE.toml", "file with the legs of the attitude profile, frame rate and "
+           "gyroscope (default: the example, catalogs/sequences/slew.toml, with a slew too fast "
+           "for an attitude)", Path),
+    Option("--sequences N", "number of sequences, from random attitudes", whole(1), 8),
+    Option("--frames", "keep the frames of all sequences in the folder frames: FITS with WCS, "
+           "16-bit PNG, SER, raw, or lossless video (mkv), and a table of their times and true "
+           "attitudes for each sequence", ("fits", "png", "ser", "raw", "mkv")),
+    SEED,
+    WORKERS,
+    out("startrack-sequence"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -7,14 +7,15 @@ from pathlib import Path
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    SEED,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_campaign,
-    add_fidelity,
-    add_seed,
-    add_workers,
     as_wrong_use,
-    describe,
+    campaign,
+    fidelity,
     whole,
 )
 
@@ -52,39 +53,27 @@ with deferred():
     )
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack verify`."""
-    describe(
-        parser,
-        "Judges each requirement of [campaign.requirements], in the design's own condition, at "
-        "rest, and in all other conditions that it names: pass, fail, or not shown, with the "
-        "number of trials that would do. Errors and availability are shown by trials that no "
-        "other command uses, doubled until each is decided; either answer is wrong with a "
-        "probability of at most one minus the confidence that is required (default: 5 %). With "
-        "--out it writes verdict.md, verdict.json and ledger.sqlite, from which the same command "
-        "continues. The status is 3 if a requirement is not met, or not shown.",
-    )
-    add_campaign(parser)
-    parser.add_argument(
-        "--trials", type=whole(2, 10**8), default=8192, metavar="N",
-        help="trials in each condition at most (default: 8192)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--first", type=whole(2, 10**8), default=256, metavar="N",
-        help="trials in each condition at the first test (default: 256, or --trials if fewer)",
-    )  # fmt: skip
-    add_fidelity(
-        parser, "frame: render whole frames (default); window, spots, covariance: see montecarlo"
-    )
-    add_seed(parser)
-    add_workers(parser)
-    parser.add_argument(
-        "--units", type=whole(2, 10**5), metavar="N",
-        help="judge N units of the design instead, by the share that meets each requirement, at "
-        "the begin and the end of life; fidelity window by default",
-    )  # fmt: skip
-    parser.set_defaults(fidelity=None)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for results")
+declare = Options(
+    "Judges each requirement of [campaign.requirements], in the design's own condition, at rest, "
+    "and in all other conditions that it names: pass, fail, or not shown, with the number of "
+    "trials that would do. Errors and availability are shown by trials that no other command "
+    "uses, doubled until each is decided; either answer is wrong with a probability of at most "
+    "one minus the confidence that is required (default: 5 %). With --out it writes verdict.md, "
+    "verdict.json and ledger.sqlite, from which the same command continues. The status is 3 if a "
+    "requirement is not met, or not shown.",
+    *campaign(),
+    Option("--trials N", "trials in each condition at most", whole(2, 10**8), 8192),
+    Option("--first N", "trials in each condition at the first test (default: 256, or --trials if "
+           "fewer)", whole(2, 10**8), 256),
+    fidelity("frame: render whole frames (default); window, spots, covariance: see montecarlo"),
+    SEED,
+    WORKERS,
+    Option("--units N", "judge N units of the design instead, by the share that meets each "
+           "requirement, at the begin and the end of life; fidelity window by default",
+           whole(2, 10**5)),
+    Option("--out DIR", "folder for results", Path),
+    fidelity=None,
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
