@@ -44,13 +44,12 @@ with deferred():
         progress,
         read_design,
         read_sequence,
-        summary_values,
     )
     from startrack.cli.units import budgets_of, tolerances_of
     from startrack.core import arcsec
     from startrack.design import Case
     from startrack.io import save_json
-    from startrack.metrics import LEVELS, Interpretation
+    from startrack.metrics import LEVELS, Interpretation, summary_rows, to_json
     from startrack.montecarlo import pool
     from startrack.plots import draw_budget, draw_curves, draw_sky, rates_drawn
     from startrack.sequence import Sequence
@@ -107,7 +106,7 @@ def command(options: argparse.Namespace) -> int:
     checked = check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
     result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
-    result["check"] |= summary_values(checked.summary)
+    result["check"] |= to_json(summary_rows(checked.summary))
     alone = "the unit as designed, noise only; units follow\n" if options.units else ""
     text = [
         f"{alone}{_table(expected, found)}\n"

@@ -22,6 +22,7 @@ with deferred():
         subtract_dark,
     )
     from startrack.io import read_image
+    from startrack.metrics import Column, Table
     from startrack.plots import draw_spots
     from startrack.trial import psf_of
 
@@ -68,11 +69,12 @@ def command(options: argparse.Namespace) -> int:
             continue
         rows, columns = frame.image.shape
         chance = false_alarms(plan, columns, rows)
-        result = {"image": str(path), "status": "done", **_values(spots, chance)}
+        result: dict[str, Any] = {"image": str(path), "status": "done", "expected_false": chance}
+        result["spots"] = (table := _table(spots)).json()
         text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
         if options.overlay:
             result["overlay"] = str(_overlay(options.overlay, path, frame, spots))
-        print_result(options, result, "\n".join([text, *_table(spots)]))
+        print_result(options, result, "\n".join([text, *(table.text(()) if len(spots) else [])]))
     return status
 
 
@@ -92,39 +94,21 @@ def _settings(options: argparse.Namespace) -> tuple[Detection, Psf | None]:
     return replace(settings, **{k: v for k, v in given.items() if v is not None}), psf
 
 
-def _values(spots: Spots, chance: float) -> dict[str, Any]:
-    variance = spots.covariance
-    return {
-        "expected_false": chance,
-        "spots": [
-            {
-                "x": float(spots.x[i]),
-                "y": float(spots.y[i]),
-                "flux": float(spots.flux[i]),
-                "snr": float(spots.snr[i]),
-                "sigma_x": float(variance[i, 0, 0] ** 0.5),
-                "sigma_y": float(variance[i, 1, 1] ** 0.5),
-                "correlation": float(
-                    variance[i, 0, 1] / (variance[i, 0, 0] * variance[i, 1, 1]) ** 0.5
-                ),
-                "area": int(spots.area[i]),
-            }
-            for i in range(len(spots))
-        ],
-    }
-
-
-def _table(spots: Spots) -> list[str]:
-    if not len(spots):
-        return []
-    lines = ["    #  x (pixel)  y (pixel)  sigma x  sigma y   flux (DN)     SNR  area"]
-    for i in range(len(spots)):
-        across, down = spots.covariance[i, 0, 0] ** 0.5, spots.covariance[i, 1, 1] ** 0.5
-        lines.append(
-            f"{i + 1:5} {spots.x[i]:10.3f} {spots.y[i]:10.3f} {across:8.3f} {down:8.3f} "
-            f"{spots.flux[i]:11.1f} {spots.snr[i]:7.1f} {spots.area[i]:5}"
-        )
-    return lines
+def _table(spots: Spots) -> Table:
+    """A record for each spot, by its number."""
+    xx, xy, yy = (spots.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    columns = [
+        Column("", "#", lambda n: n + 1, form="d"),
+        Column("x", "x (pixel)", spots.x.item),
+        Column("y", "y (pixel)", spots.y.item),
+        Column("flux", "flux (DN)", spots.flux.item, form=".1f"),
+        Column("snr", "SNR", spots.snr.item, form=".1f"),
+        Column("sigma_x", "sigma x", lambda n: xx[n] ** 0.5),
+        Column("sigma_y", "sigma y", lambda n: yy[n] ** 0.5),
+        Column("correlation", "", lambda n: xy[n] / (xx[n] * yy[n]) ** 0.5),
+        Column("area", "area", spots.area.item, form="d"),
+    ]
+    return Table(columns, range(len(spots)))
 
 
 def _overlay(folder: Path, image: Path, frame: Frame, spots: Spots) -> Path:

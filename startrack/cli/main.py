@@ -22,8 +22,8 @@ from startrack.cli.imports import load, postpone
 from startrack.cli.options import memory_of
 from startrack.cli.stopping import ignore_signals, one_line, stopped_by_signals, told
 
-# Each command is a file of this name with `declare`, a table of options, and `command(options)`. Only that of
-# the called command is imported, and what it computes with when it runs.
+# Each command is a file of this name with `declare`, its table of options, and `command(options)`.
+# Only that of the called command is imported, and what it computes with when it runs.
 COMMANDS = {
     "simulate": "render one frame of a design to FITS and PNG",
     "psf": "compute how the optics of a design blur a star: width, energy, MTF",

@@ -7,7 +7,7 @@ import time
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
@@ -32,25 +32,34 @@ with deferred():
 
     from startrack.budget import noise_only
     from startrack.cli.campaign import open_workers
-    from startrack.cli.merge import sketch_summary
+    from startrack.cli.merge import sketch_rows
     from startrack.cli.terminal import (
         example,
         finite,
-        in_arcsec,
         print_message,
         print_result,
+        print_rows,
         progress,
         read_design,
-        summary_text,
-        summary_values,
     )
     from startrack.cli.units import require_units, trials_of
     from startrack.core import arcsec, parse
-    from startrack.design import Case, Fidelity, Requirements
+    from startrack.design import Case, Design, Fidelity, Requirements
     from startrack.io import save_json
-    from startrack.metrics import STATED_ALONE, Limits, summarise
+    from startrack.metrics import (
+        ARCSEC,
+        STATED_ALONE,
+        Limits,
+        Row,
+        bounds_json,
+        summarise,
+        summary_rows,
+        to_json,
+        to_lines,
+    )
     from startrack.montecarlo import (
         Ending,
+        Endings,
         Precision,
         Sampling,
         Store,
@@ -122,6 +131,14 @@ declare = Options(
 )  # fmt: skip
 
 
+class Trials(NamedTuple):
+    """The trials of a campaign, blocks of trials that failed, and trials per second."""
+
+    outcomes: NDArray[np.void]
+    failures: list[tuple[range, str]]
+    rate: float
+
+
 def command(options: argparse.Namespace) -> int:
     """Print the summary; with --out, write trials.csv, errors.png and summary.json.
 
@@ -130,8 +147,8 @@ def command(options: argparse.Namespace) -> int:
     """
     path = options.design or example()
     design = read_design(path, options.set)
-    case = design.case
-    needs = design.campaign.requirements if design.campaign else None
+    case, campaign = design.case, design.campaign
+    needs = campaign.requirements if campaign else None
     limits = needs.limits if needs else STATED_ALONE
     precision = (
         None if options.precision is None else _precision(options, options.precision, limits)
@@ -142,100 +159,55 @@ def command(options: argparse.Namespace) -> int:
         options.trials *= options.units
     with as_wrong_use(path=path):
         require_fidelity(case, sampling.fidelity)
-        conditions, refused = cases(case, design.campaign) if design.campaign else ((), ())
-    where: Path | None = options.store or (options.out / STORE if options.out else None)
+        conditions, refused = cases(case, campaign) if campaign else ((), ())
     workers = open_workers(options)
     warm(case, sampling)  # what no trial can do is refused before the first
-    began = time.perf_counter()
     if options.sketch:
         return _sketch(options, case, sampling, limits, workers)
-    numbers = range(options.first, options.first + options.trials)
-    with _open(where, case, options.seed, sampling) as store, workers as executor:
-        held = sum(
-            max(0, min(block.stop, numbers.stop) - max(block.start, numbers.start))
-            for block in store.done()
-        )
-        if held:
-            print_message(f"{where} holds {held} trials; continuing")
-        watched = precision or _precision(options, UNREACHED, limits)
-        with (
-            progress("trials", options.trials) as advance,
-            Watch(store, watched, options.trials, advance, options.log) as watch,
-        ):
-            advance(min(held, options.trials))
-            outcomes = resume(
-                store,
-                executor,
-                options.workers,
-                options.trials,
-                precision,
-                options.seconds,
-                watch,
-                first=options.first,
-            )
-        if design.campaign:
-            store.keep_campaign(design.campaign)
-        failures, done = store.failures(), len(outcomes)
+    where: Path | None = options.store or (options.out / STORE if options.out else None)
+    trials = _run(options, design, sampling, where, limits, precision, workers)
+    outcomes = judged = trials.outcomes
     attitudes = sampling.attitudes_of(options.seed, outcomes["trial"].tolist())
-    found = endings(
+    ends = endings(
         case, options.seed, outcomes, attitudes, limits, needs.min_keep_out if needs else None
     )
-    rate = (done - held) / (time.perf_counter() - began)
-    judged = outcomes
     if needs and sampling.attitudes == "random":
         judged = counted(needs, case, options.seed, outcomes)
     summary = summarise(judged, limits)
-    result = {
-        "design": str(path),
-        "seed": options.seed,
-        "fidelity": sampling.fidelity.value,
-    } | summary_values(summary)
-    result |= {"trials_per_s": rate}
-    text = f"{summary_text(summary, limits)}"
-    if design.campaign and needs and needs.accuracy:
-        values, lines = _required(needs, judged, sampling, options.seed)
-        others = [*(one.name for one in conditions[1:]), *refused]
-        result |= {"required": values, "conditions_not_run": others}
-        text += f"\n{lines}"
+    rows = summary_rows(summary, limits)
+    result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
+    result |= to_json(rows) | {"trials_per_s": trials.rate}
+    text = [*([summary.doubt] if summary.doubt else []), *to_lines(rows)]
+    if needs and needs.accuracy:
+        result["required"], lines = _required(needs, judged, sampling, options.seed)
+        others = [*(condition.name for condition in conditions[1:]), *refused]
+        result["conditions_not_run"] = others
+        text += lines
         if others:
-            text += (
-                f"\nthis is the design's own condition alone; `startrack verify` also judges: "
-                f"{'; '.join(others)}"
+            text.append(
+                "this is the design's own condition alone; `startrack verify` also judges: "
+                + "; ".join(others)
             )
     if sampling.units:
         required = needs.accuracy if needs else ()
-        values, lines = trials_of(case, options.seed, sampling, outcomes, required)
-        result |= {"units": values}
-        text += f"\n{lines}"
+        result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)
+        text += lines
     else:
-        text += f"\n{noise_only(case)}"
+        text.append(noise_only(case))
     result["noise_only"] = not sampling.units
-    text += f"\n{rate:.1f} trials/s, seed {options.seed}"
-    if sampling.control or options.sobol:
-        values, lines = _reduced_variance(outcomes, options.sobol)
-        result |= {"helped": values}
-        text += f"\n{lines}"
-    lost = {one.value: count for one, count in found.count().items() if count}
-    result["endings"] = lost
-    if set(lost) != {Ending.CORRECT.value}:
-        text += "\ntrials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items())
-    if precision:
-        width = half_width(precision.interval(outcomes))
-        result |= {"statistic": precision.statistic, "relative_half_width": width}
-        result |= {"confidence": precision.confidence, "precise": width <= precision.relative}
-        text += (
-            f"\n{precision.statistic} is known to {100 * width:.2f} % with "
-            f"{100 * precision.confidence:g} % confidence"
-        )
-    if failures:
-        last = last_words(failures[-1][1])
-        result["failed_trials"] = sum(len(numbers) for numbers, _ in failures)
+    text.append(f"{trials.rate:.1f} trials/s, seed {options.seed}")
+    more, lines = _details(options, sampling, outcomes, ends, precision)
+    result |= more
+    text += lines
+    if trials.failures:
+        result["failed_trials"] = sum(len(numbers) for numbers, _ in trials.failures)
+        last = last_words(trials.failures[-1][1])
         print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
     tables: list[Path | None] = [options.table, options.out / "trials.csv" if options.out else None]
     if any(tables):
-        table = with_causes(case, outcomes, attitudes, found)
+        table = with_causes(case, outcomes, attitudes, ends)
         with as_wrong_use(ValueError, ImportError):
             for wanted in filter(None, tables):
                 export(wanted, table)
@@ -243,8 +215,76 @@ def command(options: argparse.Namespace) -> int:
         draw_errors(options.out / "errors.png", outcomes, path.stem)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
-    print_result(options, result, text)
-    return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
+    print_result(options, result, "\n".join(text))
+    solved = summary.availability.value == 1 and not trials.failures
+    return Exit.DONE if solved else Exit.UNSOLVED
+
+
+def _run(
+    options: argparse.Namespace,
+    design: Design,
+    sampling: Sampling,
+    where: Path | None,
+    limits: Limits,
+    precision: Precision | None,
+    workers: AbstractContextManager[Executor],
+) -> Trials:
+    """Run the trials that the store does not hold yet."""
+    began = time.perf_counter()
+    numbers = range(options.first, options.first + options.trials)
+    with as_wrong_use():
+        opened = Store(where, design.case, options.seed, sampling)
+    with opened as store, workers as executor:
+        before = sum(
+            max(0, min(block.stop, numbers.stop) - max(block.start, numbers.start))
+            for block in store.done()
+        )
+        if before:
+            print_message(f"{where} holds {before} trials; continuing")
+        watched = precision or _precision(options, UNREACHED, limits)
+        with (
+            progress("trials", options.trials) as advance,
+            Watch(store, watched, options.trials, advance, options.log) as watch,
+        ):
+            advance(min(before, options.trials))
+            outcomes = resume(
+                store, executor, options.workers, options.trials, precision, options.seconds,
+                watch, first=options.first,
+            )  # fmt: skip
+        if design.campaign:
+            store.keep_campaign(design.campaign)
+        failures = store.failures()
+    rate = (len(outcomes) - before) / (time.perf_counter() - began)
+    return Trials(outcomes, failures, rate)
+
+
+def _details(
+    options: argparse.Namespace,
+    sampling: Sampling,
+    outcomes: NDArray[np.void],
+    ends: Endings,
+    precision: Precision | None,
+) -> tuple[dict[str, Any], list[str]]:
+    """What variance reduction saved, how trials ended, and how well the statistic is known."""
+    result: dict[str, Any] = {}
+    text = []
+    if sampling.control or options.sobol:
+        rows = _reduced_variance(outcomes, options.sobol)
+        result["helped"] = to_json(rows)
+        text += to_lines(rows)
+    lost = {end.value: count for end, count in ends.count().items() if count}
+    result["endings"] = lost
+    if set(lost) != {Ending.CORRECT.value}:
+        text.append("trials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items()))
+    if precision:
+        width = half_width(precision.interval(outcomes))
+        result |= {"statistic": precision.statistic, "relative_half_width": width}
+        result |= {"confidence": precision.confidence, "precise": width <= precision.relative}
+        text.append(
+            f"{precision.statistic} is known to {100 * width:.2f} % with "
+            f"{100 * precision.confidence:g} % confidence"
+        )
+    return result, text
 
 
 def _refuse_parts(options: argparse.Namespace) -> None:
@@ -275,10 +315,9 @@ def _sketch(
             options.sketch, case, options.seed, sampling, numbers, executor, options.workers,
             limits, advance,
         )  # fmt: skip
-    values, text = sketch_summary(sketch)
     head = {"sketch": str(options.sketch), "seed": options.seed, "fidelity": options.fidelity}
-    print_result(options, head | values, text)
-    return Exit.DONE if values["availability"] == 1 else Exit.UNSOLVED
+    print_rows(options, [*(Row(key, value) for key, value in head.items()), *sketch_rows(sketch)])
+    return Exit.DONE if sketch.counts["correct"] == sketch.trials else Exit.UNSOLVED
 
 
 def _precision(options: argparse.Namespace, relative: float, limits: Limits) -> Precision:
@@ -287,7 +326,7 @@ def _precision(options: argparse.Namespace, relative: float, limits: Limits) -> 
 
 def _required(
     needs: Requirements, outcomes: NDArray[np.void], sampling: Sampling, seed: int
-) -> tuple[dict[str, Any], str]:
+) -> tuple[dict[str, Any], list[str]]:
     """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`."""
     result, lines, tail = {}, [], 1 - needs.confidence
     attitudes = sampling.attitudes_of(seed, outcomes["trial"].tolist())
@@ -296,18 +335,18 @@ def _required(
         if claim.accuracy is None:
             continue
         bounds = claim.bounds(outcomes, boresight, tail, tail)
+        in_arcsec = bounds_json(bounds, ARCSEC)
         result[claim.name] = {
             "statistic": str(claim.accuracy.objective),
             "limit_arcsec": claim.limit / arcsec,
-            **{f"{name}_arcsec": value for name, value in in_arcsec(bounds).items()},
+            **{f"{name}_arcsec": value for name, value in in_arcsec.items()},
         }
-        shown = claim.answer(bounds).value
-        value, low, high = (one / arcsec for one in (bounds.value, bounds.low, bounds.high))
         lines.append(
             f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
-            f"{value:.3f} [{low:.3f}, {high:.3f}]: {shown} with {100 * needs.confidence:g} %"
+            "{value:.3f} [{low:.3f}, {high:.3f}]".format(**in_arcsec)
+            + f": {claim.answer(bounds).value} with {100 * needs.confidence:g} %"
         )
-    return result, "\n".join(lines)
+    return result, lines
 
 
 def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
@@ -323,26 +362,17 @@ def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
         return Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
 
 
-def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], str]:
+def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> list[Row]:
     """The errors with Sobol points and controls, and the factor of trials that these save."""
-    result: dict[str, Any] = {}
-    lines = []
+    rows = []
     for name, about in (("across", False), ("about", True)):
-        plain, reduced = (
-            mean_square(outcomes[list(OUTCOMES.names or ())], about),
-            mean_square(outcomes, about, sobol),
-        )
-        bounds, fewer = in_arcsec(reduced.root()), (plain.error / reduced.error) ** 2
-        result[f"{name}_rms_arcsec"] = bounds["value"]
-        result[f"{name}_rms_arcsec_95"] = [bounds["low"], bounds["high"]]
-        result[f"{name}_times_fewer"] = fewer
-        lines.append(
-            f"variance reduced, {name:6s} {bounds['value']:9.3f} arcsec rms [{bounds['low']:.3f}, "
-            f"{bounds['high']:.3f}], as with {fewer:.1f} times as many trials"
-        )
-    return result, "\n".join(lines)
-
-
-def _open(path: Path | None, case: Case, seed: int, sampling: Sampling) -> Store:
-    with as_wrong_use():
-        return Store(path, case, seed, sampling)
+        plain = mean_square(outcomes[list(OUTCOMES.names or ())], about)
+        reduced = mean_square(outcomes, about, sobol)
+        fewer = (plain.error / reduced.error) ** 2
+        note = f"rms, as with {fewer:.1f} times as many trials"
+        rows += [
+            Row(f"{name}_rms_arcsec", reduced.root(), f"variance reduced, {name}", ARCSEC,
+                note=note),
+            Row(f"{name}_times_fewer", fewer),
+        ]  # fmt: skip
+    return rows

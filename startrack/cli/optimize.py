@@ -10,9 +10,10 @@ from startrack.cli.options import Exit, Options, study
 
 with deferred():
     from startrack.cli.campaign import open_campaign
-    from startrack.cli.terminal import finite, print_result, progress, summary_values
+    from startrack.cli.terminal import finite, print_result, progress
     from startrack.design import Campaign, Design, Objective, save_design
     from startrack.io import save_json, save_text
+    from startrack.metrics import summary_rows, to_json
     from startrack.optimise import (
         Optimum,
         comparison,
@@ -62,8 +63,8 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
     return {
         "objective": str(Objective.read(campaign.objective)),
         "branch": optimum.branch,
-        "start": summary_values(optimum.fresh[0]),
-        "best": summary_values(optimum.fresh[1]),
+        "start": to_json(summary_rows(optimum.fresh[0])),
+        "best": to_json(summary_rows(optimum.fresh[1])),
         "factor": factor.value,
         "factor_95": [factor.low, factor.high],
         "optimism": optimism.value,

@@ -14,6 +14,7 @@ with deferred():
     from startrack.cli.terminal import finite, print_result, progress
     from startrack.design import DesignSpace
     from startrack.io import save_json, save_text
+    from startrack.metrics import markdown
     from startrack.optimise import UNITS, Goals, front
     from startrack.plots import draw_front
 
@@ -46,18 +47,17 @@ def command(options: argparse.Namespace) -> int:
             space, campaign, goals, runner, options.points, options.method, lambda _: advance(1)
         )
     units = [UNITS.get(goal, "arcsec") for goal in (goals.first, goals.second)]
-    names = list(points[0].values)
-    lines = [
-        f"| {goals.first} ({units[0]}) expected | tried | {goals.second} ({units[1]}) expected "
-        "| tried | " + " | ".join(space.labels()[name] for name in names) + " |",
-        "|---" * (4 + len(names)) + "|",
+    head = [
+        name
+        for goal, unit in zip((goals.first, goals.second), units, strict=True)
+        for name in (f"{goal} ({unit}) expected", "tried")
     ]
-    for one in points:
-        texts = space.text(space.design(np.array(one.coordinates))).values()
-        pairs = zip(one.expected, one.measured, strict=True)
-        goal = " | ".join(f"{expected:.4g} | {measured:.4g}" for expected, measured in pairs)
-        lines.append(f"| {goal} | " + " | ".join(texts) + " |")
-    table = "\n".join(lines)
+    rows = []
+    for point in points:
+        pairs = zip(point.expected, point.measured, strict=True)
+        values = space.text(space.design(np.array(point.coordinates))).values()
+        rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values])
+    table = "\n".join(markdown([*head, *space.labels().values()], rows))
     save_text(out / "front.md", table + "\n")
     draw_front(out / "front.png", points, goals, units, campaign.most_trials)
     result = {

@@ -13,9 +13,15 @@ with deferred():
     from startrack.cli.terminal import finite, print_result
     from startrack.design import DesignSpace, Objective
     from startrack.io import save_json, save_text
+    from startrack.metrics import Column, Table
     from startrack.optimise import Sensitivity, sensitivities, units_text
     from startrack.plots import draw_tornado
 
+
+MEANING = (
+    "Sobol indices of ln(error) over the ranges of the variables, by the analytic budget, with "
+    "95 % bootstrap intervals."
+)
 
 declare = Options(
     "Computes by the analytic budget the error with each variable at its bounds, its slope, and "
@@ -34,45 +40,31 @@ def command(options: argparse.Namespace) -> int:
         found = sensitivities(space, campaign, options.seed, options.designs)
     over = campaign.over_units(case)
     objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
-    table = _table(found, objective, space.labels())
+    shown = _table(found, objective, space.labels())
+    table = "\n".join([*shown.markdown(), "", MEANING])
     save_text(out / "sensitivity.md", table + "\n")
     draw_tornado(out / "tornado.png", found, objective)
-    result = {
-        "out": str(out),
-        "objective": objective,
-        "variables": {
-            one.name: {
-                "low_arcsec": one.low,
-                "high_arcsec": one.high,
-                "slope": one.slope,
-                "first": one.first.value,
-                "first_95": [one.first.low, one.first.high],
-                "total": one.total.value,
-                "total_95": [one.total.low, one.total.high],
-            }
-            for one in found
-        },
-    }
+    variables = dict(zip((one.name for one in found), shown.json(), strict=True))
+    result = {"out": str(out), "objective": objective, "variables": variables}
     save_json(out / "result.json", finite(result))
     print_result(options, result, f"{table}\n\nresults are in {out}")
     return Exit.DONE
 
 
-def _table(found: list[Sensitivity], objective: str, labels: dict[str, str]) -> str:
-    lines = [
-        f"| variable | {objective} at its bounds (arcsec) | d ln error / d ln variable "
-        "| first-order index | total index |",
-        "|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| {labels[one.name]} | {_text(one.low)} to {_text(one.high)} | {one.slope:+.2f} "
-        f"| {one.first.value:.2f} [{one.first.low:.2f}, {one.first.high:.2f}] "
-        f"| {one.total.value:.2f} [{one.total.low:.2f}, {one.total.high:.2f}] |"
-        for one in found
-    ]
-    lines += ["", "Sobol indices of ln(error) over the ranges of the variables, by the analytic "
-              "budget, with 95 % bootstrap intervals."]  # fmt: skip
-    return "\n".join(lines)
+def _table(found: list[Sensitivity], objective: str, labels: dict[str, str]) -> Table:
+    return Table(
+        [
+            Column("", "variable", lambda one: labels[one.name]),
+            Column("low_arcsec", "", lambda one: one.low),
+            Column("high_arcsec", "", lambda one: one.high),
+            Column("", f"{objective} at its bounds (arcsec)",
+                   lambda one: f"{_text(one.low)} to {_text(one.high)}"),
+            Column("slope", "d ln error / d ln variable", lambda one: one.slope, form="+.2f"),
+            Column("first", "first-order index", lambda one: one.first, form=".2f"),
+            Column("total", "total index", lambda one: one.total, form=".2f"),
+        ],
+        found,
+    )  # fmt: skip
 
 
 def _text(error: float) -> str:

@@ -14,7 +14,15 @@ from startrack.budget import noise_only
 from startrack.core import arcsec, deg, whole
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
-from startrack.metrics import STATED_ALONE, Interval, Summary, summarise
+from startrack.metrics import (
+    STATED_ALONE,
+    Interval,
+    Summary,
+    four_digits,
+    summarise,
+    summary_rows,
+    to_cells,
+)
 from startrack.montecarlo import Sampling, Store, origin
 from startrack.plots import SMEARS
 from startrack.population import unit_of
@@ -131,18 +139,6 @@ def _summary(store: Store, outcomes: NDArray[np.void]) -> Section:
     campaign = store.campaign
     limits = campaign.requirements.limits if campaign else STATED_ALONE
     summary = summarise(outcomes, limits)
-    off = (
-        "off by more than is stated (5 sigma)"
-        if limits == STATED_ALONE
-        else "off by more than is required"
-    )
-    rows = [
-        ["error across the boresight, rms per axis", *_cells(summary.across, arcsec), "arcsec"],
-        ["error about the boresight, rms", *_cells(summary.about, arcsec), "arcsec"],
-        ["availability: trials with a correct attitude", *_cells(summary.availability, 0.01), "%"],
-        [f"inaccurate attitudes, {off}", *_cells(summary.inaccurate, 0.01), "%"],
-        ["false attitudes, off by more than 0.5 deg", *_cells(summary.false, 0.01), "%"],
-    ]
     head = ["", "value", "from", "to", "unit"]
     text = (
         f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
@@ -151,7 +147,7 @@ def _summary(store: Store, outcomes: NDArray[np.void]) -> Section:
     alone = "" if store.sampling.units else f" {noise_only(store.case)}."
     return Section(
         "Summary",
-        table(f"Over {summary.trials} trials", head, rows)
+        table(f"Over {summary.trials} trials", head, to_cells(summary_rows(summary, limits)))
         + paragraph(text + alone)
         + _verdict(summary),
     )
@@ -276,7 +272,7 @@ def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], No
             continue
         rate = f"{1 / one.seconds:.0f}"
         time = f"{1e3 * one.seconds:.3g}"
-        difference = "0" if one.fidelity is Fidelity.FRAME else _digits(one.difference / arcsec)
+        difference = "0" if one.fidelity is Fidelity.FRAME else four_digits(one.difference / arcsec)
         rows.append([one.fidelity.value, time, rate, *_cells(one.across, arcsec), difference, ""])
     head = ["fidelity", "ms", "trials / s", "across (arcsec)", "from", "to", "difference", ""]
     return Section(
@@ -317,10 +313,4 @@ def _inputs(store: Store) -> Section:
 
 
 def _cells(one: Interval, unit: float) -> list[str]:
-    return [_digits(value / unit) for value in (one.value, one.low, one.high)]
-
-
-def _digits(value: float) -> str:
-    if not np.isfinite(value):
-        return "unknown" if np.isnan(value) else "open"
-    return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+    return [four_digits(value / unit) for value in (one.value, one.low, one.high)]
