@@ -33,8 +33,10 @@ with deferred():
         analytic,
         caveats,
         check,
+        error_curves,
         indices_of,
         measured,
+        rates_computed,
         survey,
     )
     from startrack.cli.terminal import (
@@ -51,7 +53,7 @@ with deferred():
     from startrack.io import save_json
     from startrack.metrics import LEVELS, Interpretation, summary_rows, to_json
     from startrack.montecarlo import pool
-    from startrack.plots import draw_budget, draw_curves, draw_sky, rates_drawn
+    from startrack.plots import draw_budget, draw_curves, draw_sky
     from startrack.sequence import Sequence
     from startrack.trial import TYPICAL, errors, lasting
 
@@ -132,9 +134,9 @@ def command(options: argparse.Namespace) -> int:
         required = campaign.requirements.accuracy if campaign else ()
         draw_budget(options.out / "budget.png", expected, found, Path(path).stem, required)
         draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
-        with progress("slew rates", rates_drawn(case)) as advance:
-            draw_curves(options.out / "curves.png", case, options.seed, Path(path).stem,
-                        advance=advance)  # fmt: skip
+        with progress("slew rates", rates_computed(case)) as advance:
+            curves = error_curves(case, options.seed, advance=advance)
+        draw_curves(options.out / "curves.png", curves, case, Path(path).stem)
         save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)
     print_result(options, result, "\n\n".join(text))

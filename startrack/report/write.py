@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,7 +11,15 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from startrack.budget import noise_only
+from startrack.budget import (
+    LONGEST,
+    SMEARS,
+    analytic_curve,
+    noise_only,
+    slew_rates,
+    slews,
+    star_errors,
+)
 from startrack.core import arcsec, deg, whole
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
@@ -23,24 +32,21 @@ from startrack.metrics import (
     summary_rows,
     to_cells,
 )
-from startrack.montecarlo import Sampling, Store, origin
-from startrack.plots import SMEARS
+from startrack.montecarlo import Sampling, Store, fidelity_comparison, origin
 from startrack.population import unit_of
-from startrack.report.causes import budget
 from startrack.report.distributions import FRACTIONS, exceedance, quantiles, sizes, sky_map
-from startrack.report.fidelities import fidelity_comparison
-from startrack.report.opening import design, lost, other_conditions, verdict
 from startrack.report.page import Section, code, page, panels, paragraph, table
-from startrack.report.stars import (
-    draw_slews,
-    draw_stars,
-    formula,
-    half_diagonal,
-    repeat_trials,
-    slews,
+from startrack.report.sections import (
+    budget,
+    design,
+    lost,
+    other_conditions,
+    show,
+    units,
+    verdict,
+    worst,
 )
-from startrack.report.units import units
-from startrack.report.worst import show, worst
+from startrack.report.stars import draw_slews, draw_stars
 
 MOST_POINTS = 5000  # trials on the map
 
@@ -204,11 +210,12 @@ def _closer(
 ) -> list[Section]:
     case, seed = store.case, store.seed
     numbers = outcomes["trial"][: depth.stars].tolist()
-    seen = repeat_trials(case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance)
-    stars = draw_stars(seen, half_diagonal(case))
+    seen = star_errors(case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance)
+    detector = case.instrument.detector
+    stars = draw_stars(seen, math.hypot(detector.columns, detector.rows) / 2)
     slewed = slews(case, seed, depth.slews, advance)
     rate = case.instrument.motion.rate
-    turned = draw_slews(slewed, rate, formula(case))
+    turned = draw_slews(slewed, rate, analytic_curve(case, slew_rates(case, LONGEST)))
     rows = [
         [f"{one.rate / deg:.3f}", f"{one.smear:g}", *_cells(one.across, arcsec),
          *_cells(one.fraction, 0.01)]
