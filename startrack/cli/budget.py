@@ -50,13 +50,14 @@ with deferred():
     from startrack.cli.units import budgets_of, tolerances_of
     from startrack.core import arcsec
     from startrack.design import Case
-    from startrack.io import save_json
+    from startrack.io import aligned, save_json
     from startrack.metrics import LEVELS, Interpretation, summary_rows, to_json
     from startrack.montecarlo import pool
     from startrack.plots import draw_budget, draw_curves, draw_sky
     from startrack.sequence import Sequence
     from startrack.trial import TYPICAL, errors, lasting
 
+Pair = tuple[float, float]  # across, about
 UNITS = 6  # where a design varies and no number is asked for
 FAR = 0.1  # relative difference of the two columns from which on it is printed
 
@@ -209,75 +210,67 @@ def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
 
 
 def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
-    """One line per cause, analytic beside measured."""
-    beside = {line.name: line for line in found.lines} if found else {}
-    head = f"{'arcsec rms per axis':<20}{'term':<18}{'across':>9}{'about':>9}"
-    if found:
-        head += f"   {'measured':>9}{'':>9}"
-    rows = [head]
+    """A row for each cause, analytic beside measured."""
+    both = [budget for budget in (expected, found) if budget]
+    measured_head = ["measured", "", ""] if found else []
+    rows = [["arcsec rms per axis", "term", "across", "about", *measured_head]]
+
+    def add(name: str, term: str, pairs: Iterable[Pair | None], note: str = "") -> None:
+        cells = [cell for pair in pairs for cell in _cells(pair)]
+        rows.append([name, term, *cells, *([note] if found else [])])
+
     named = {line.name: line for line in expected.lines}
-    for name in [*named, *(name for name in beside if name not in named)]:
-        rows.append(_row(named.get(name), beside.get(name), found))
-    rows.append("-" * len(head))
-    rows.append(_pair("root sum square", "", expected.sum, found.sum if found else None))
-    rows.append(_row(expected.whole, found.whole if found else None, found))
+    beside = {line.name: line for line in found.lines} if found else {}
+    for name in dict.fromkeys([*named, *beside]):
+        line, other = named.get(name), beside.get(name)
+        term = next(one.term.value if one.term else "" for one in (line, other) if one)
+        pairs = [(one.across, one.about) if one else None for one in (line, other)]
+        add(name, term, pairs[: len(both)], _difference(line, other, found))
+    add("root sum square", "", [budget.sum for budget in both])
+    add("end to end", "", [(budget.whole.across, budget.whole.about) for budget in both],
+        _difference(expected.whole, found.whole if found else None, found))  # fmt: skip
     for fraction in LEVELS:
-        sizes = [_levels(one, fraction) for one in (expected, found) if one]
-        rows.append(_pair(f"  {100 * fraction:g} % below", "", *sizes))
-    rows.append("")
-    available = [
-        f"{100 * one.availability:.2f} %, {one.stars:.1f} stars" for one in (expected, found) if one
-    ]
-    rows.append(f"available{'':<11}{' | measured '.join(available)}")
-    return "\n".join(rows)
+        add(f"  {100 * fraction:g} % below", "", [_levels(budget, fraction) for budget in both])
+    available = [f"{100 * one.availability:.2f} %, {one.stars:.1f} stars" for one in both]
+    return "\n".join([*aligned(rows, (0, 1)), "", f"available  {' | measured '.join(available)}"])
 
 
-def _levels(budget: Budget[Any], fraction: float) -> tuple[float, float]:
+def _cells(pair: Pair | None) -> list[str]:
+    return [f"{value / arcsec:.3f}" for value in pair] if pair else ["", ""]
+
+
+def _levels(budget: Budget[Any], fraction: float) -> Pair:
     spread = budget.whole.spread
     across, about = (spread.level(axes, fraction, Interpretation.MIXED) for axes in ((0, 1), (2,)))
     return across, about
 
 
-def _row(line: Line[Any] | None, other: Line[Any] | None, found: Budget[Any] | None) -> str:
-    known = line or other
-    assert known
-    here = (line.across, line.about) if line else None
-    there = (other.across, other.about) if other else None
-    row = _pair(known.name, known.term.value if known.term else "", here, there)
-    if here and there and found:
-        # A cause that is a small part of the whole may differ.
-        off = [
-            abs(a - b) / b
-            for a, b, all_ in zip(here, there, (found.across, found.about), strict=True)
-            if max(a, b) > FAR * all_
-        ]
-        if max(off, default=0) > FAR:
-            row += f"   differs by {100 * max(off):.0f} %"
-    return row
-
-
-def _pair(
-    name: str, term: str, here: tuple[float, float] | None, there: tuple[float, float] | None = None
-) -> str:
-    row = f"{name:<20}{term:<18}"
-    row += "".join(f"{value / arcsec:9.3f}" for value in here) if here else f"{'':>18}"
-    if there:
-        row += "   " + "".join(f"{value / arcsec:9.3f}" for value in there)
-    return row
+def _difference(line: Line[Any] | None, other: Line[Any] | None, found: Budget[Any] | None) -> str:
+    """By how much the two differ, where that is much; a cause that is a small part may differ."""
+    if not (line and other and found):
+        return ""
+    off = [
+        abs(a - b) / b
+        for a, b, end_to_end in (
+            (line.across, other.across, found.across), (line.about, other.about, found.about)
+        )
+        if max(a, b) > FAR * end_to_end
+    ]  # fmt: skip
+    return f"differs by {100 * max(off):.0f} %" if max(off, default=0) > FAR else ""
 
 
 def _index_table(indices: dict[str, Any], options: argparse.Namespace) -> str:
     rows = [
+        [
+            name, axis, f"{values[axis]:.3f}",
+            *(f"{values['levels'][way.value]['99.73 %'][axis]:.3f}" for way in Interpretation),
+            INDICES[name] if axis == "across" else "",
+        ]
+        for name, values in indices.items()
+        for axis in ("across", "about")
+    ]  # fmt: skip
+    head = (
         f"{options.profile}, {options.sequences} sequences, windows of {options.window:g} s; "
         "arcsec per axis: rms, and 99.73 % as temporal, ensemble, mixed"
-    ]
-    for name, meaning in INDICES.items():
-        values = indices[name]
-        for axis in ("across", "about"):
-            levels = [values["levels"][way.value]["99.73 %"][axis] for way in Interpretation]
-            rows.append(
-                f"{name:<5}{axis:<8}{values[axis]:9.3f}   "
-                + "".join(f"{value:9.3f}" for value in levels)
-                + (f"   {meaning}" if axis == "across" else "")
-            )
-    return "\n".join(rows)
+    )
+    return "\n".join([head, *aligned(rows, (0, 1, 6))])

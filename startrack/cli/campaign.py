@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from startrack.cli.options import WrongUse, as_wrong_use
-from startrack.cli.terminal import example, print_message, read_campaign
+from startrack.cli.terminal import example, finite, print_message, print_result, read_campaign
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
-from startrack.io import regular_file
+from startrack.io import regular_file, save_json, save_text
 from startrack.montecarlo import Certificates, Sampling, cluster, pool, warm
 from startrack.optimise import Ledger, TrialRunner
 from startrack.trial import require_fidelity
@@ -74,7 +74,7 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
     )
     if options.workers > 1 and not options.scheduler:
         for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
-            with suppress(Exception):  # a start that cannot be rendered is judged by the search
+            with suppress(ValueError):  # a start that cannot be rendered is judged by the search
                 warm(design.case, Sampling(fidelity))
     with (
         Ledger(options.out / LEDGER) as ledger,
@@ -82,3 +82,12 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
     ):
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
         yield OpenCampaign(design.case, campaign, runner, options.out)
+
+
+def write_study(
+    options: argparse.Namespace, name: str, table: str, result: dict[str, Any], ending: str = ""
+) -> None:
+    """Write the table of a study as Markdown, its result as JSON, and print both."""
+    save_text(options.out / f"{name}.md", table + "\n")
+    save_json(options.out / "result.json", finite(result))
+    print_result(options, result, f"{table}\n\n{ending}results are in {options.out}")

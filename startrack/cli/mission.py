@@ -31,6 +31,7 @@ with deferred():
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
     from startrack.core import Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, save_text, shipped, write_fits
+    from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
     from startrack.mission import (
         EDGES,
         PLANETS,
@@ -48,7 +49,6 @@ with deferred():
         load_mission,
         map_of,
         moved_plan,
-        over_beta,
         place,
         plan_of,
         reacquisition_of,
@@ -62,13 +62,18 @@ with deferred():
     )
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_frame, draw_mission, draw_placement
-    from startrack.report import write_mission_report
+    from startrack.report import (
+        beta_table,
+        heads_table,
+        spells_table,
+        verdict_table,
+        write_mission_report,
+    )
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
 YEAR = 365.25 * 86400  # second
 STORE = "mission.sqlite"  # in the folder of the results
-WORST = 10  # longest times without a valid head that are listed
 
 
 declare = Options(
@@ -266,27 +271,24 @@ def _trade(options: argparse.Namespace, path: Path, plan: Plan) -> int:
     angles = [one * deg for one in options.baffle or [plan.heads[0].limits.sun / deg]]
     with progress("searches", len(counts) * len(angles)) as advance:
         found = trades(plan, counts, angles, advance)
-    rows = [
-        {
-            "heads": one.heads, "baffle_deg": one.angle / deg, "baffle_length_m": one.length,
-            "mass_kg": one.mass, "longest_s": one.quality.longest, "one": one.quality.one,
-            "two": one.quality.two, "error_arcsec": one.quality.error / arcsec, "met": one.met,
-        }
-        for one in found
-    ]  # fmt: skip
-    result = {"mission": str(path), "trades": rows, "out": str(options.out)}
+    table = Table(
+        [
+            Column("heads", "heads", lambda one: one.heads, form="d"),
+            Column("baffle_deg", "baffle", lambda one: one.angle, Unit("deg", deg, deg), ".1f"),
+            Column("baffle_length_m", "length", lambda one: one.length, Unit("mm", 1e-3, 1), ".0f"),
+            Column("mass_kg", "mass", lambda one: one.mass, Unit("kg", 1, 1), ".2f"),
+            Column("longest_s", "longest", lambda one: one.quality.longest, SECOND, ".0f"),
+            Column("one", "one", lambda one: one.quality.one, PERCENT),
+            Column("two", "two", lambda one: one.quality.two, PERCENT),
+            Column("error_arcsec", "error", lambda one: one.quality.error, ARCSEC, ".2f"),
+            Column("met", "", lambda one: one.met),
+            Column("", "requirements", lambda one: "met" if one.met else "NOT MET"),
+        ],
+        found,
+    )
+    result = {"mission": str(path), "trades": table.json(), "out": str(options.out)}
     save_json(options.out / "trades.json", finite(result))
-    lines = [
-        f"{'heads':>5s}{'baffle (deg, mm)':>20s}{'mass (kg)':>11s}{'longest (s)':>13s}"
-        f"{'one (%)':>10s}{'two (%)':>10s}{'error (arcsec)':>16s}"
-    ]
-    for one in found:
-        quality = one.quality
-        lines.append(
-            f"{one.heads:5d}{one.angle / deg:10.1f}{1e3 * one.length:10.0f}{one.mass:11.2f}"
-            f"{quality.longest:13.0f}{100 * quality.one:10.3f}{100 * quality.two:10.3f}"
-            f"{quality.error / arcsec:16.2f}{'' if one.met else '  NOT MET'}"
-        )
+    lines = table.text(())
     lines.append("at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws")
     print_result(options, result, "\n".join(lines))
     return Exit.DONE if any(one.met for one in found) else Exit.UNSOLVED
@@ -423,26 +425,11 @@ def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
             "times": len(found.none.length),
             "histogram_edges_s": list(EDGES[:-1]),
             "histogram": [int(one) for one in found.none.histogram()],
-            "worst": [
-                {"begin_s": begin, "length_s": length} for begin, length in found.none.worst(WORST)
-            ],
+            "worst": spells_table(found.none).json(),
         },
         "heads": [_head_values(plan, flown, found, h) for h in range(len(plan.heads))],
-        "requirements": [
-            {"name": one.name, "limit": one.limit, "value": one.value, "met": one.met}
-            for one in _verdicts(plan, flown, found)
-        ],
-        "by_beta": [
-            {
-                "low_deg": one.low / deg,
-                "high_deg": one.high / deg,
-                "time": one.time,
-                "one": one.one,
-                "two": one.two,
-                "error_arcsec": one.error / arcsec,
-            }
-            for one in over_beta(flown)
-        ],
+        "requirements": verdict_table(_verdicts(plan, flown, found)).json(),
+        "by_beta": beta_table(flown).json(),
         "fused_rms_arcsec": [float(one / arcsec) for one in flown.rms],
         "worst_moments": [
             {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
@@ -496,17 +483,9 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
     lines = [
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",
-        f"{'blind (% of the time)':24s}{'Sun':>8s}{'Moon':>8s}{'Earth':>8s}{'ground':>8s}"
-        f"{'SAA':>8s}{'struct.':>8s}{'any':>8s}"
-        f"{'longest (min)':>15s}{'error across, about (arcsec)':>30s}",
+        "blind, % of the time; rms error while valid:",
+        *heads_table(plan, flown, found).text(),
     ]
-    for h, head in enumerate(plan.heads):
-        values = np.sqrt(flown.head_sum[h, 1:3] / max(flown.head_sum[h, 0], 1)) / arcsec
-        parts = "".join(f"{100 * found.causes[cause][h]:8.2f}" for cause in Blind)
-        lines.append(
-            f"{head.name[:23]:24s}{parts}{100 * (1 - found.alone[h]):8.2f}"
-            f"{found.each[h].longest / 60:15.1f}{values[0]:20.2f}{values[1]:10.2f}"
-        )
     for count in range(len(plan.heads), 0, -1):
         words = f"at least {count} head{'s' if count > 1 else ''}"
         lines.append(f"{words:24s}{100 * found.at_least(count):10.4f} % of the time")
@@ -536,12 +515,6 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
             f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / 86400:.2f} d "
             "after the begin"
         )
-    for one in _verdicts(plan, flown, found):
-        size, unit = (arcsec, "arcsec") if one.name == "max_error" else (1.0, "")
-        size, unit = (1.0, "s") if one.name == "max_blind" else (size, unit)
-        lines.append(
-            f"{one.name}: {one.value / size:.6g} {unit}".rstrip()
-            + f", required {one.limit / size:.6g} {unit}".rstrip()
-            + f": {'met' if one.met else 'NOT MET'}"
-        )
+    if met := _verdicts(plan, flown, found):
+        lines += verdict_table(met).text((0, 3))
     return "\n".join(lines)

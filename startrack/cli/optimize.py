@@ -9,10 +9,9 @@ from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, Options, study
 
 with deferred():
-    from startrack.cli.campaign import open_campaign
-    from startrack.cli.terminal import finite, print_result, progress
+    from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.terminal import progress
     from startrack.design import Campaign, Design, Objective, save_design
-    from startrack.io import save_json, save_text
     from startrack.metrics import summary_rows, to_json
     from startrack.optimise import (
         Optimum,
@@ -44,16 +43,10 @@ def command(options: argparse.Namespace) -> int:
     table = comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
     save_design(out / "best.toml", Design(optimum.best, campaign), note)
-    save_text(out / "comparison.md", table + "\n")
     write_evaluations(out / "evaluations.csv", optimum.evaluations)
     draw_convergence(out / "convergence.png", optimum, campaign.objective)
     result = {"out": str(out), "seed": options.seed, **optimum_values(optimum, campaign)}
-    save_json(out / "result.json", finite(result))
-    print_result(
-        options,
-        result,
-        f"{table}\n\nthe search ended: {optimum.ending}; results are in {out}",
-    )
+    write_study(options, "comparison", table, result, f"the search ended: {optimum.ending}; ")
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 
 

@@ -10,10 +10,9 @@ from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, wh
 with deferred():
     import numpy as np
 
-    from startrack.cli.campaign import open_campaign
-    from startrack.cli.terminal import finite, print_result, progress
+    from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.terminal import progress
     from startrack.design import DesignSpace
-    from startrack.io import save_json, save_text
     from startrack.metrics import markdown
     from startrack.optimise import UNITS, Goals, front
     from startrack.plots import draw_front
@@ -58,7 +57,6 @@ def command(options: argparse.Namespace) -> int:
         values = space.text(space.design(np.array(point.coordinates))).values()
         rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values])
     table = "\n".join(markdown([*head, *space.labels().values()], rows))
-    save_text(out / "front.md", table + "\n")
     draw_front(out / "front.png", points, goals, units, campaign.most_trials)
     result = {
         "out": str(out),
@@ -73,6 +71,5 @@ def command(options: argparse.Namespace) -> int:
             for one in points
         ],
     }
-    save_json(out / "result.json", finite(result))
-    print_result(options, result, f"{table}\n\nresults are in {out}")
+    write_study(options, "front", table, result)
     return Exit.DONE

@@ -8,9 +8,8 @@ from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, Options, study
 
 with deferred():
-    from startrack.cli.campaign import open_campaign
-    from startrack.cli.terminal import finite, print_result, progress
-    from startrack.io import save_json, save_text
+    from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.terminal import print_result, progress
     from startrack.optimise import (
         designs_needed,
         sample,
@@ -45,10 +44,8 @@ def command(options: argparse.Namespace) -> int:
         print_result(options, {"converged": False, "doubt": reason}, f"not converged: {reason}")
         return Exit.UNSOLVED
     table = tolerance_table(tolerance)
-    save_text(out / "tolerance.md", table + "\n")
     write_samples(out / "samples.csv", tolerance)
     draw_tolerance(out / "corner.png", tolerance)
     result = {"out": str(out), "seed": options.seed, **values}
-    save_json(out / "result.json", finite(result))
-    print_result(options, result, f"{table}\n\nresults are in {out}")
+    write_study(options, "tolerance", table, result)
     return Exit.DONE

@@ -9,10 +9,8 @@ from startrack.cli.imports import deferred
 from startrack.cli.options import Exit, Option, Options, power_of_two, study
 
 with deferred():
-    from startrack.cli.campaign import open_campaign
-    from startrack.cli.terminal import finite, print_result
+    from startrack.cli.campaign import open_campaign, write_study
     from startrack.design import DesignSpace, Objective
-    from startrack.io import save_json, save_text
     from startrack.metrics import Column, Table
     from startrack.optimise import Sensitivity, sensitivities, units_text
     from startrack.plots import draw_tornado
@@ -42,12 +40,10 @@ def command(options: argparse.Namespace) -> int:
     objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
     shown = _table(found, objective, space.labels())
     table = "\n".join([*shown.markdown(), "", MEANING])
-    save_text(out / "sensitivity.md", table + "\n")
     draw_tornado(out / "tornado.png", found, objective)
     variables = dict(zip((one.name for one in found), shown.json(), strict=True))
     result = {"out": str(out), "objective": objective, "variables": variables}
-    save_json(out / "result.json", finite(result))
-    print_result(options, result, f"{table}\n\nresults are in {out}")
+    write_study(options, "sensitivity", table, result)
     return Exit.DONE
 
 

@@ -10,7 +10,13 @@ earth          The page of an Earth camera: its figures, requirements, images, p
 """
 
 from startrack.report.earth import write_earth_report
-from startrack.report.mission import write_mission_report
+from startrack.report.mission import (
+    beta_table,
+    heads_table,
+    spells_table,
+    verdict_table,
+    write_mission_report,
+)
 from startrack.report.write import Depth, repeated, write_report
 
 # Public; the other imports serve other rooms.

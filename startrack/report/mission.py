@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import tomli_w
 
 from startrack.core import arcsec, deg
 from startrack.io import to_table
+from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
 from startrack.mission import (
     EDGES,
     Availability,
@@ -24,6 +26,9 @@ from startrack.mission import (
 from startrack.report.page import Section, code, embedded, page, paragraph, table
 
 DAY = 86400.0
+DEGREE = Unit("deg", deg, deg)
+MINUTE = Unit("min", 60.0, 1.0)
+BLIND = Unit("", 0.01, 1.0)  # percent, said by the caption
 MOST = 10  # rows of a list of the worst
 
 
@@ -64,40 +69,96 @@ def write_mission_report(
     return page(title, lead, sections)
 
 
-def _requirements(met: Sequence[Verdict]) -> Section:
-    if not met:
-        return Section("Requirements", paragraph("The mission names no requirement."))
-    rows = []
-    for one in met:
-        size = arcsec if one.name == "max_error" else 1.0
-        rows.append([
-            one.name, f"{one.value / size:.6g}", f"{one.limit / size:.6g}",
-            {"max_error": "arcsec", "max_blind": "s"}.get(one.name, "of the time"),
-            "met" if one.met else "NOT MET",
-        ])  # fmt: skip
-    return Section(
-        "Requirements",
-        table("Requirements of the mission", ["name", "value", "required", "unit", ""], rows),
+def verdict_table(met: Sequence[Verdict]) -> Table:
+    """Requirements of the mission; an error in arcsecond, in JSON all in SI."""
+    units = {"max_error": ARCSEC, "max_blind": SECOND}
+
+    def shown(verdict: Verdict, value: float) -> str:
+        unit = units.get(verdict.name, Unit("of the time", 1.0, 1.0))
+        return f"{value / unit.size:.6g} {unit.name}"
+
+    return Table(
+        [
+            Column("name", "requirement", lambda one: one.name),
+            Column("limit", "", lambda one: one.limit),
+            Column("value", "", lambda one: one.value),
+            Column("met", "", lambda one: one.met),
+            Column("", "value", lambda one: shown(one, one.value)),
+            Column("", "required", lambda one: shown(one, one.limit)),
+            Column("", "verdict", lambda one: "met" if one.met else "NOT MET"),
+        ],
+        met,
     )
 
 
+def heads_table(plan: Plan, flown: Flown, found: Availability) -> Table:
+    """How long each head is blind, and its error while it is valid."""
+    error = np.sqrt(flown.head_sum[:, 1:3] / np.maximum(flown.head_sum[:, :1], 1))
+    names = ("Sun", "Moon", "Earth", "ground", "SAA", "structure")
+    causes = [
+        Column("", name, found.causes[cause].item, BLIND, ".2f")
+        for name, cause in zip(names, Blind, strict=True)
+    ]
+    return Table(
+        [
+            Column("", "head", lambda h: plan.heads[h].name),
+            *causes,
+            Column("", "any", lambda h: 1 - found.alone[h], BLIND, ".2f"),
+            Column("", "longest", lambda h: found.each[h].longest, MINUTE, ".1f"),
+            Column("", "across", error[:, 0].item, ARCSEC, ".2f"),
+            Column("", "about", error[:, 1].item, ARCSEC, ".2f"),
+        ],
+        range(len(plan.heads)),
+    )
+
+
+def beta_table(flown: Flown) -> Table:
+    """Availability and error over the angle from the Sun to the plane of the orbit."""
+    return Table(
+        [
+            Column("", "beta (deg)", lambda one: f"{one.low / deg:.3g} to {one.high / deg:.3g}"),
+            Column("low_deg", "", lambda one: one.low, DEGREE),
+            Column("high_deg", "", lambda one: one.high, DEGREE),
+            Column("time", "of the time", lambda one: one.time, PERCENT, ".2f"),
+            Column("one", "one head", lambda one: one.one, PERCENT, ".4f"),
+            Column("two", "two heads", lambda one: one.two, PERCENT, ".4f"),
+            Column("error_arcsec", "worst axis", lambda one: one.error, ARCSEC, ".3g"),
+        ],
+        over_beta(flown),
+    )
+
+
+def spells_table(none: Spells) -> Table:
+    """The longest times without a valid head."""
+    return Table(
+        [
+            Column("begin_s", "begin", lambda spell: spell[0], SECOND, ".0f"),
+            Column("", "begin (day)", lambda spell: spell[0] / DAY),
+            Column("length_s", "length", lambda spell: spell[1], SECOND, "g"),
+        ],
+        none.worst(MOST),
+    )
+
+
+def _requirements(met: Sequence[Verdict]) -> Section:
+    if not met:
+        return Section("Requirements", paragraph("The mission names no requirement."))
+    shown = verdict_table(met)
+    return Section("Requirements", table("Requirements of the mission", shown.head, shown.cells))
+
+
 def _heads(plan: Plan, flown: Flown, found: Availability) -> Section:
-    rows = []
-    for h, head in enumerate(plan.heads):
-        causes = [f"{100 * found.causes[one][h]:.2f}" for one in Blind]
-        rows.append([
-            head.name, *causes, f"{100 * (1 - found.alone[h]):.2f}",
-            f"{found.each[h].longest / 60:.1f}",
-        ])  # fmt: skip
-    names = ["head", "Sun", "Moon", "Earth", "ground", "SAA", "structure", "any", "longest (min)"]
+    shown = heads_table(plan, flown, found)
     many = [
         [f"{count}", f"{100 * found.at_least(count):.4f}", f"{100 * found.heads[count:].sum():.4f}"]
         for count in range(len(plan.heads), 0, -1)
     ]
-    body = table("Blind, % of the time; a time may have several causes", names, rows)
+    caption = (
+        "Blind, % of the time (a time may have several causes), and rms error while it is valid"
+    )
     return Section(
         "Heads",
-        body
+        table(caption, shown.head, shown.cells)
         + table(
             "Fraction of the time with at least so many heads, %",
             ["heads", "with attitudes", "not blind"],
@@ -107,16 +168,8 @@ def _heads(plan: Plan, flown: Flown, found: Availability) -> Section:
 
 
 def _errors(plan: Plan, flown: Flown, checks: Sequence[Checked]) -> Section:
-    rows = []
-    for h, head in enumerate(plan.heads):
-        count, across, about, _ = flown.head_sum[h] / max(flown.head_sum[h, 0], 1)
-        if count:
-            rows.append([head.name, f"{across**0.5 / arcsec:.3g}", f"{about**0.5 / arcsec:.3g}"])
-    body = table(
-        "Rms error of each head while it is valid, arcsec", ["head", "across", "about"], rows
-    )
     fused = [[axis, f"{one / arcsec:.3g}"] for axis, one in zip("xyz", flown.rms, strict=True)]
-    body += table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
+    body = table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
     if not checks:
         body += paragraph(
             "By the error budget, which no trial checked (check.trials of the mission file)."
@@ -159,10 +212,8 @@ def _blinded(plan: Plan, found: Availability) -> Section:
 def _longest(none: Spells) -> str:
     if not len(none.length):
         return paragraph("A head is valid at all times.")
-    rows = [[f"{a:.0f}", f"{a / DAY:.3f}", f"{b:g}"] for a, b in none.worst(MOST)]
-    return table(
-        "Longest times without a valid head", ["begin (s)", "begin (day)", "length (s)"], rows
-    )
+    shown = spells_table(none)
+    return table("Longest times without a valid head", shown.head, shown.cells)
 
 
 def _reacquired(plan: Plan, flown: Flown) -> Section:
@@ -184,17 +235,9 @@ def _reacquired(plan: Plan, flown: Flown) -> Section:
 
 
 def _beta(flown: Flown) -> Section:
-    rows = [
-        [
-            f"{one.low / deg:.3g} to {one.high / deg:.3g}", f"{100 * one.time:.2f}",
-            f"{100 * one.one:.4f}", f"{100 * one.two:.4f}", f"{one.error / arcsec:.3g}",
-        ]
-        for one in over_beta(flown)
-    ]  # fmt: skip
-    head = ["beta (deg)", "of the time (%)", "one head (%)", "two heads (%)", "worst axis (arcsec)"]
-    return Section(
-        "Beta angle", table("By the angle from the Sun to the plane of the orbit", head, rows)
-    )
+    shown = beta_table(flown)
+    caption = "By the angle from the Sun to the plane of the orbit"
+    return Section("Beta angle", table(caption, shown.head, shown.cells))
 
 
 def _names(plan: Plan) -> list[str]:
