@@ -154,9 +154,9 @@ def _row(found: Found) -> Table:
     return Table(
         [
             Column("", "statistic", lambda _: f"{found.name} ({unit.name})"),
-            Column("first", "first", lambda one: one.first, unit, ".4g"),
-            Column("second", "second", lambda one: one.second, unit, ".4g"),
-            Column("difference", "difference", lambda one: one.change, unit, "+.3g"),
+            Column("first", "first", lambda row: row.first, unit, ".4g"),
+            Column("second", "second", lambda row: row.second, unit, ".4g"),
+            Column("difference", "difference", lambda row: row.change, unit, "+.3g"),
         ],
         [found],
     )

@@ -161,13 +161,14 @@ def geometry(options: argparse.Namespace) -> int:
                 whole = maps.setdefault(name, np.full((lines, columns), math.nan))
                 whole[strip.first : strip.first + strip.shape[0]] = values
             advance(strip.shape[0])
+    height = maps["height"]
     result: dict[str, Any] = {
         "scene": str(path),
         "lines": lines,
         "columns": columns,
         "seen": float(maps["hit"].mean()),
-        "shadow": _mean(maps["shadow"]),
-        "height_m": [_least(maps["height"]), _most(maps["height"])],
+        "shadow": _known(np.nanmean, maps["shadow"]),
+        "height_m": [_known(np.nanmin, height), _known(np.nanmax, height)],
         "levels": sorted({int(level) for level in maps["level"][maps["hit"] > 0]}),
         "png": str(options.out / "geometry.png"),
         "netcdf": str(options.out / "geometry.nc"),
@@ -264,39 +265,28 @@ def _lens_values(
 
 def _picture_text(result: dict[str, Any]) -> str:
     terms = ", ".join(f"{name} {value:.4g}" for name, value in result["radiance"].items())
-    return "\n".join(
-        [
-            f"{result['channel']}: {result['columns']} x {result['lines']} pixel, "
-            f"{100 * result['seen']:.1f} % see the ground",
-            f"radiance  {terms} W / m^2 / sr / um",
-            f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
-            f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
-            f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
-            *_lens_text(result),
-            *_moved_text(result),
-            f"wrote {result['fits']} and {result['png']}",
-            *([f"wrote {result['calibration']}"] if "calibration" in result else []),
-        ]
-    )
-
-
-def _lens_text(result: dict[str, Any]) -> list[str]:
-    if "illumination" not in result:
-        return []
-    across, along = result["lens_misregistration_px"]
-    return [
-        f"lens      darkest pixel {100 * result['illumination']:.1f} % of the brightest; at most "
-        f"{across:.3g} pixel across and {along:.3g} along off the first channel",
+    lines = [
+        f"{result['channel']}: {result['columns']} x {result['lines']} pixel, "
+        f"{100 * result['seen']:.1f} % see the ground",
+        f"radiance  {terms} W / m^2 / sr / um",
+        f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
+        f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
+        f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
     ]
-
-
-def _moved_text(result: dict[str, Any]) -> list[str]:
-    if "misregistration_px" not in result:
-        return []
-    across, along = result["misregistration_px"]
-    return [
-        f"motion    {across:.3g} pixel rms across and {along:.3g} along off the first channel",
-    ]
+    off = "pixel {}across and {:.3g} along off the first channel"
+    if "illumination" in result:
+        across, along = result["lens_misregistration_px"]
+        lines.append(
+            f"lens      darkest pixel {100 * result['illumination']:.1f} % of the brightest; at "
+            f"most {across:.3g} {off.format('', along)}"
+        )
+    if "misregistration_px" in result:
+        across, along = result["misregistration_px"]
+        lines.append(f"motion    {across:.3g} {off.format('rms ', along)}")
+    lines.append(f"wrote {result['fits']} and {result['png']}")
+    if "calibration" in result:
+        lines.append(f"wrote {result['calibration']}")
+    return "\n".join(lines)
 
 
 def processed(options: argparse.Namespace) -> int:
@@ -349,7 +339,7 @@ def _product_values(
     return {
         "channel": name, "projection": grid.system, "columns": grid.columns, "rows": grid.rows,
         "cell": [grid.step_x, grid.step_y], "resampling": settings.resampling,
-        "mean": {layer: _mean(values) for layer, values in product.layers.items()},
+        "mean": {layer: _known(np.nanmean, values) for layer, values in product.layers.items()},
         "flagged": {
             word: float((product.quality & bit > 0).mean()) for word, bit in QUALITY.items()
         },
@@ -453,16 +443,9 @@ def _values(strip: Strip) -> dict[str, Floats]:
     return values | {name: strip.mean(each) for name, each in ground.maps.items()}
 
 
-def _mean(values: Floats) -> float:
-    return float(np.nanmean(values)) if np.isfinite(values).any() else math.nan
-
-
-def _least(values: Floats) -> float:
-    return float(np.nanmin(values)) if np.isfinite(values).any() else math.nan
-
-
-def _most(values: Floats) -> float:
-    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
+def _known(statistic: Callable[[Floats], Any], values: Floats) -> float:
+    """A statistic of values of which some are not known; NaN where none is."""
+    return float(statistic(values)) if np.isfinite(values).any() else math.nan
 
 
 def _text(result: dict[str, Any]) -> str:

@@ -28,7 +28,7 @@ with deferred():
     from startrack.cli.terminal import layout_of, print_result, progress
     from startrack.core import ZERO_CELSIUS, deg, nm, um
     from startrack.detection import Detection, detect, plan_detection
-    from startrack.io import read_image
+    from startrack.io import aligned, read_image
     from startrack.optics import (
         LensTable,
         PsfFile,
@@ -372,40 +372,40 @@ def images_summary(found: PsfFile) -> dict[str, Any]:
 
 
 def _images_text(result: dict[str, Any]) -> str:
-    unit = result["unit"]
+    unit, waves = result["unit"], result["wavelength_nm"]
+    pixel = "the pixel included" if result["pixel_included"] else "without a pixel"
+    rows = [["field deg", f"width at half the peak, {unit}"]]
+    for angle, *widths in zip(result["field_deg"], *result["width"], strict=True):
+        rows.append([f"{angle:.3f}", "  ".join(f"{width:.3g}" for width in widths)])
     lines = [
         f"PSFs from {result['source']}",
-        f"samples       {result['samples']} a side, {result['spacing']:.4g} {unit} apart, "
-        + ("the pixel included" if result["pixel_included"] else "without a pixel"),
+        f"samples       {result['samples']} a side, {result['spacing']:.4g} {unit} apart, {pixel}",
         f"energy        {100 * result['energy']:.4g} % of the light",
+        f"wavelengths   {', '.join(f'{wave:.0f}' for wave in waves)} nm" if waves else "",
     ]
-    waves = result["wavelength_nm"]
-    if waves:
-        lines.append(f"wavelengths   {', '.join(f'{each:.0f}' for each in waves)} nm")
-    lines.append(f"field deg  width at half the peak, {unit}")
-    for angle, *widths in zip(result["field_deg"], *result["width"], strict=True):
-        lines.append(f"{angle:9.3f}  " + "  ".join(f"{each:.3g}" for each in widths))
-    return "\n".join(lines)
+    return "\n".join([*filter(None, lines), *aligned(rows, (1,))])
 
 
 def _text(result: dict[str, Any]) -> str:
     waves, degrees = result["wavelength_nm"], result["temperature_degc"]
+    columns = {
+        "field deg": ("field_deg", ".3f"),
+        "place mm": ("place_mm", ".4f"),
+        "distortion %": ("distortion_percent", ".3f"),
+        "lateral colour um": ("lateral_colour_um", ".2f"),
+        "wavefront waves rms": ("wavefront_rms_waves", ".3f"),
+        "illumination": ("illumination", ".4f"),
+    }
+    cells = [[format(value, form) for value in result[key]] for key, form in columns.values()]
     lines = [
         f"{result['name']}: {result['focal_length_mm']:.3f} mm, f/{result['f_number']:.3g} "
         f"({result['source']})",
-        f"wavelengths   {', '.join(f'{each:.0f}' for each in waves)} nm",
-        f"temperatures  {', '.join(f'{each:.4g}' for each in degrees)} degC",
+        f"wavelengths   {', '.join(f'{wave:.0f}' for wave in waves)} nm",
+        f"temperatures  {', '.join(f'{degree:.4g}' for degree in degrees)} degC",
         f"At {waves[len(waves) // 2]:.0f} nm and {degrees[len(degrees) // 2]:.4g} degC; lateral "
         "colour over all wavelengths; wavefront without tilt:",
-        "field deg  place mm  distortion %  lateral colour um  wavefront waves rms  illumination",
+        *aligned([list(columns), *map(list, zip(*cells, strict=True))], ()),
     ]
-    keys = ("field_deg", "place_mm", "distortion_percent", "lateral_colour_um")
-    more = ("wavefront_rms_waves", "illumination")
-    for row in zip(*(result[key] for key in (*keys, *more)), strict=True):
-        lines.append(
-            f"{row[0]:9.3f} {row[1]:9.4f} {row[2]:13.3f} {row[3]:18.2f} {row[4]:20.3f} "
-            f"{row[5]:13.4f}"
-        )
     if "terms_leave_waves" in result:
         lines.append(
             f"terms to Noll {result['terms']} leave at most {result['terms_leave_waves']:.2g} "

@@ -273,16 +273,16 @@ def _trade(options: argparse.Namespace, path: Path, plan: Plan) -> int:
         found = trades(plan, counts, angles, advance)
     table = Table(
         [
-            Column("heads", "heads", lambda one: one.heads, form="d"),
-            Column("baffle_deg", "baffle", lambda one: one.angle, Unit("deg", deg, deg), ".1f"),
-            Column("baffle_length_m", "length", lambda one: one.length, Unit("mm", 1e-3, 1), ".0f"),
-            Column("mass_kg", "mass", lambda one: one.mass, Unit("kg", 1, 1), ".2f"),
-            Column("longest_s", "longest", lambda one: one.quality.longest, SECOND, ".0f"),
-            Column("one", "one", lambda one: one.quality.one, PERCENT),
-            Column("two", "two", lambda one: one.quality.two, PERCENT),
-            Column("error_arcsec", "error", lambda one: one.quality.error, ARCSEC, ".2f"),
-            Column("met", "", lambda one: one.met),
-            Column("", "requirements", lambda one: "met" if one.met else "NOT MET"),
+            Column("heads", "heads", lambda row: row.heads, form="d"),
+            Column("baffle_deg", "baffle", lambda row: row.angle, Unit("deg", deg, deg), ".1f"),
+            Column("baffle_length_m", "length", lambda row: row.length, Unit("mm", 1e-3, 1), ".0f"),
+            Column("mass_kg", "mass", lambda row: row.mass, Unit("kg", 1, 1), ".2f"),
+            Column("longest_s", "longest", lambda row: row.quality.longest, SECOND, ".0f"),
+            Column("one", "one", lambda row: row.quality.one, PERCENT),
+            Column("two", "two", lambda row: row.quality.two, PERCENT),
+            Column("error_arcsec", "error", lambda row: row.quality.error, ARCSEC, ".2f"),
+            Column("met", "", lambda row: row.met),
+            Column("", "requirements", lambda row: "met" if row.met else "NOT MET"),
         ],
         found,
     )

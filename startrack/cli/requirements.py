@@ -29,7 +29,7 @@ with deferred():
         load_survey,
         margins_of,
     )
-    from startrack.io import from_table, read_table, shipped
+    from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective, units_text
 
 EARTH_TOO = (
@@ -79,12 +79,11 @@ def command(options: argparse.Namespace) -> int:
         for one in needs.accuracy
     }
     result |= {"accuracy": limits} if limits else {}
-    width = max(20, *(len(name) for name in margins))
-    lines = [f"{'requirement':{width}} {'margin':>8}"]
-    lines += [
-        f"{name:{width}} {margin:+8.3f}{'' if margin >= 0 else '  NOT MET'}"
+    rows = [
+        [name, f"{margin:+.3f}", "" if margin >= 0 else "NOT MET"]
         for name, margin in margins.items()
     ]
+    lines = aligned([["requirement", "margin", ""], *rows], (0, 2))
     lines += [
         "",
         *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),

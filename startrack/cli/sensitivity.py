@@ -50,14 +50,14 @@ def command(options: argparse.Namespace) -> int:
 def _table(found: list[Sensitivity], objective: str, labels: dict[str, str]) -> Table:
     return Table(
         [
-            Column("", "variable", lambda one: labels[one.name]),
-            Column("low_arcsec", "", lambda one: one.low),
-            Column("high_arcsec", "", lambda one: one.high),
+            Column("", "variable", lambda row: labels[row.name]),
+            Column("low_arcsec", "", lambda row: row.low),
+            Column("high_arcsec", "", lambda row: row.high),
             Column("", f"{objective} at its bounds (arcsec)",
-                   lambda one: f"{_text(one.low)} to {_text(one.high)}"),
-            Column("slope", "d ln error / d ln variable", lambda one: one.slope, form="+.2f"),
-            Column("first", "first-order index", lambda one: one.first, form=".2f"),
-            Column("total", "total index", lambda one: one.total, form=".2f"),
+                   lambda row: f"{_text(row.low)} to {_text(row.high)}"),
+            Column("slope", "d ln error / d ln variable", lambda row: row.slope, form="+.2f"),
+            Column("first", "first-order index", lambda row: row.first, form=".2f"),
+            Column("total", "total index", lambda row: row.total, form=".2f"),
         ],
         found,
     )  # fmt: skip

@@ -79,13 +79,13 @@ def verdict_table(met: Sequence[Verdict]) -> Table:
 
     return Table(
         [
-            Column("name", "requirement", lambda one: one.name),
-            Column("limit", "", lambda one: one.limit),
-            Column("value", "", lambda one: one.value),
-            Column("met", "", lambda one: one.met),
-            Column("", "value", lambda one: shown(one, one.value)),
-            Column("", "required", lambda one: shown(one, one.limit)),
-            Column("", "verdict", lambda one: "met" if one.met else "NOT MET"),
+            Column("name", "requirement", lambda row: row.name),
+            Column("limit", "", lambda row: row.limit),
+            Column("value", "", lambda row: row.value),
+            Column("met", "", lambda row: row.met),
+            Column("", "value", lambda row: shown(row, row.value)),
+            Column("", "required", lambda row: shown(row, row.limit)),
+            Column("", "verdict", lambda row: "met" if row.met else "NOT MET"),
         ],
         met,
     )
@@ -116,13 +116,13 @@ def beta_table(flown: Flown) -> Table:
     """Availability and error over the angle from the Sun to the plane of the orbit."""
     return Table(
         [
-            Column("", "beta (deg)", lambda one: f"{one.low / deg:.3g} to {one.high / deg:.3g}"),
-            Column("low_deg", "", lambda one: one.low, DEGREE),
-            Column("high_deg", "", lambda one: one.high, DEGREE),
-            Column("time", "of the time", lambda one: one.time, PERCENT, ".2f"),
-            Column("one", "one head", lambda one: one.one, PERCENT, ".4f"),
-            Column("two", "two heads", lambda one: one.two, PERCENT, ".4f"),
-            Column("error_arcsec", "worst axis", lambda one: one.error, ARCSEC, ".3g"),
+            Column("", "beta (deg)", lambda row: f"{row.low / deg:.3g} to {row.high / deg:.3g}"),
+            Column("low_deg", "", lambda row: row.low, DEGREE),
+            Column("high_deg", "", lambda row: row.high, DEGREE),
+            Column("time", "of the time", lambda row: row.time, PERCENT, ".2f"),
+            Column("one", "one head", lambda row: row.one, PERCENT, ".4f"),
+            Column("two", "two heads", lambda row: row.two, PERCENT, ".4f"),
+            Column("error_arcsec", "worst axis", lambda row: row.error, ARCSEC, ".3g"),
         ],
         over_beta(flown),
     )
