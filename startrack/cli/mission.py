@@ -63,7 +63,9 @@ with deferred():
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_frame, draw_mission, draw_placement
     from startrack.report import (
+        CHECKED,
         beta_table,
+        checks_table,
         heads_table,
         spells_table,
         verdict_table,
@@ -206,12 +208,12 @@ def _written(
     if job.spice:
         write_kernels(plan, every, job.out / "orbit.bsp", job.out / "attitude.bc")
     result = {
-        "mission": str(job.path), **_values(plan, flown, found), "check": _checks(plan, checks),
-        "out": str(job.out),
+        "mission": str(job.path), **_values(plan, flown, found),
+        "check": checks_table(plan, checks).json(), "out": str(job.out),
     }  # fmt: skip
     save_json(job.out / "summary.json", finite(result))
     _draw(job.out, plan, flown, found, checks, job.path.stem)
-    text = "\n".join([_text(plan, flown, found), *_told(plan, checks)])
+    text = "\n".join([_text(plan, flown, found), *_check_lines(plan, checks)])
     return result, text, all(one.met for one in _verdicts(plan, flown, found))
 
 
@@ -319,7 +321,7 @@ def _place(
             for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True)
         ],
         **{name: _values(one, flown, found[name]) for name, (one, flown) in pairs.items()},
-        "check": _checks(plan, checks),
+        "check": checks_table(plan, checks).json(),
         "out": str(options.out),
     }
     save_mission(options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew")
@@ -335,7 +337,7 @@ def _place(
         lines.append(f"{name}: azimuth {azimuth / deg:.1f}, elevation {elevation / deg:.1f} deg")
     text = "\n".join(
         ["before", _text(plan, before, found["before"]), "", *lines, "", "after",
-         _text(better, after, found["after"]), *_told(better, checks)]
+         _text(better, after, found["after"]), *_check_lines(better, checks)]
     )  # fmt: skip
     print_result(options, result, text)
     met = all(one.met for one in _verdicts(better, after, found["after"]))
@@ -365,42 +367,10 @@ def _draw(
     save_text(out / "report.html", text)
 
 
-def _checks(plan: Plan, checks: tuple[Checked, ...]) -> list[dict[str, Any]]:
-    """The trials beside the errors of the budget; ratios with their standard errors."""
-    return [
-        {
-            "heads": [plan.heads[h].name for h in one.heads],
-            "trials": one.trials,
-            "attitudes": one.attitudes,
-            "attitudes_expected": one.expected,
-            "across_ratio": one.across,
-            "about_ratio": one.about,
-            "corrected_across_ratio": one.corrected_across,
-            "corrected_about_ratio": one.corrected_about,
-        }
-        for one in checks
-    ]
-
-
-def _told(plan: Plan, checks: tuple[Checked, ...]) -> list[str]:
-    """How far the errors are off by trials, or that no trial says so."""
+def _check_lines(plan: Plan, checks: tuple[Checked, ...]) -> list[str]:
     if not checks:
         return ["errors are not checked by trials (--set check.trials=200)"]
-    lines = []
-    for one in checks:
-        names = ", ".join(plan.heads[h].name for h in one.heads)
-        across, about, left, turned = (
-            f"{value:.2f} +- {error:.2f}"
-            for value, error in (
-                one.across, one.about, one.corrected_across, one.corrected_about
-            )
-        )  # fmt: skip
-        lines.append(
-            f"{names}: {one.trials} trials, {one.attitudes} attitudes ({one.expected:.1f} "
-            f"expected); rms {across} across, {about} about, over that of the budget; corrected, "
-            f"on the half that did not fit it: {left}, {turned}"
-        )
-    return lines
+    return [f"{CHECKED}:", *checks_table(plan, checks).text()]
 
 
 def _verdicts(plan: Plan, flown: Flown, found: Availability) -> list[Verdict]:

@@ -11,7 +11,9 @@ earth          The page of an Earth camera: its figures, requirements, images, p
 
 from startrack.report.earth import write_earth_report
 from startrack.report.mission import (
+    CHECKED,
     beta_table,
+    checks_table,
     heads_table,
     spells_table,
     verdict_table,

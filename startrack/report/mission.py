@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,47 @@ def spells_table(none: Spells) -> Table:
     )
 
 
+CHECKED = (
+    "Rms of trials over that of the budget, with standard errors; corrected: on the half of the "
+    "trials that did not fit it"
+)
+
+
+def checks_table(plan: Plan, checks: Sequence[Checked]) -> Table:
+    """The trials beside the errors of the budget, for each group of heads."""
+
+    def names(row: Checked) -> list[str]:
+        return [plan.heads[h].name for h in row.heads]
+
+    ratios = {
+        "across": "across",
+        "about": "about",
+        "corrected_across": "across, corrected",
+        "corrected_about": "about, corrected",
+    }
+
+    def ratio(name: str) -> Callable[[Checked], str]:
+        return lambda row: "{:.3f} +- {:.3f}".format(*getattr(row, name))
+
+    return Table(
+        [
+            Column("heads", "", names),
+            Column("", "heads", lambda row: ", ".join(names(row))),
+            Column("trials", "trials", lambda row: row.trials, form="d"),
+            Column("attitudes", "attitudes", lambda row: row.attitudes, form="d"),
+            Column("attitudes_expected", "expected", lambda row: row.expected, form=".1f"),
+            *(Column(f"{name}_ratio", "", attrgetter(name)) for name in ratios),
+            *(
+                Column(
+                    "", title, lambda row, name=name: "{:.3f} +- {:.3f}".format(*getattr(row, name))
+                )
+                for name, title in ratios.items()
+            ),
+        ],
+        checks,
+    )
+
+
 def _requirements(met: Sequence[Verdict]) -> Section:
     if not met:
         return Section("Requirements", paragraph("The mission names no requirement."))
@@ -174,19 +216,9 @@ def _errors(plan: Plan, flown: Flown, checks: Sequence[Checked]) -> Section:
         body += paragraph(
             "By the error budget, which no trial checked (check.trials of the mission file)."
         )
-    for one in checks:
-        names = ", ".join(plan.heads[h].name for h in one.heads)
-        values = [
-            ["across", *map("{:.3f}".format, one.across + one.corrected_across)],
-            ["about", *map("{:.3f}".format, one.about + one.corrected_about)],
-        ]
-        columns = ["", "of the budget", "+-", "corrected, on the other half", "+-"]
-        body += table(
-            f"{names}: rms of {one.trials} trials over the expected rms, with standard errors; "
-            f"{one.attitudes} attitudes, {one.expected:.1f} expected",
-            columns,
-            values,
-        )
+    else:
+        shown = checks_table(plan, checks)
+        body += table(CHECKED, shown.head, shown.cells)
     moments = [[f"{s:.0f}", f"{s / DAY:.3f}", f"{e / arcsec:.3g}"] for s, e in flown.worst[:MOST]]
     body += table(
         "Worst moments: error about the worst axis, the largest of each part of the mission",
