@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import arcsec
+from startrack.core import arcsec, deg
 from startrack.io import aligned
-from startrack.metrics.judge import STATED, STATED_ALONE, Limits
+from startrack.metrics.judge import FALSE_ANGLE, STATED, STATED_ALONE, Limits
 from startrack.metrics.summary import Interval, Summary
 
 
@@ -215,14 +215,16 @@ def summary_rows(summary: Summary, limits: Limits = STATED_ALONE) -> list[Row]:
 
     limits  by which attitudes were judged to be right
     """
+    false = f"(off by more than {FALSE_ANGLE / deg:g} deg)"
     off = f"(off by more than {limits_text(limits)})"
     trusted = "(3 if the tracker's covariance is right)"
     return [
-        Row("across_rms_arcsec", summary.across, "across the boresight", ARCSEC,
+        Row("across_rms_arcsec", summary.across, "error across the boresight", ARCSEC,
             note="rms per axis"),
-        Row("about_rms_arcsec", summary.about, "about the boresight", ARCSEC, note="rms"),
-        Row("availability", summary.availability, "availability", PERCENT, ".2f"),
-        Row("false_attitudes", summary.false, "false attitudes", PERCENT, ".2f"),
+        Row("about_rms_arcsec", summary.about, "error about the boresight", ARCSEC, note="rms"),
+        Row("availability", summary.availability, "availability", PERCENT, ".2f",
+            "(trials with a correct attitude)"),
+        Row("false_attitudes", summary.false, "false attitudes", PERCENT, ".2f", false),
         Row("inaccurate_attitudes", summary.inaccurate, "inaccurate attitudes", PERCENT, ".2f",
             off),
         Row("nees", summary.nees, "error^2 / variance", PURE, ".2f", trusted),
