@@ -37,6 +37,7 @@ from .style import SKY as SKY
 from .style import SMALL as SMALL
 from .style import colour_bar as colour_bar
 from .style import colour_limits as colour_limits
+from .style import draw_intervals as draw_intervals
 from .style import legend_below as legend_below
 from .style import number as number
 from .style import outline as outline

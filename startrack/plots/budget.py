@@ -34,6 +34,7 @@ from startrack.plots.style import (
     YELLOW,
     colour_bar,
     colour_limits,
+    draw_intervals,
     legend_below,
     number,
     outline,
@@ -252,14 +253,9 @@ def _over_rate(axes: Axes, found: ErrorCurves) -> None:
                   label=f"{name}, analytic")  # fmt: skip
     for marker, name, colour in (("o", "across", BLUE), ("s", "about", RED)):
         rms = [getattr(checked.summary, name) for _, checked in tried]
-        value, low, high = (
-            np.array([getattr(interval, part) for interval in rms]) / arcsec
-            for part in ("value", "low", "high")
-        )
-        bars = [np.where(np.isfinite(end), end, 0) for end in (value - low, high - value)]
         trials = f"{tried[0][1].summary.trials} trials" if tried else "no trial"
-        axes.errorbar([rate / deg for rate, _ in tried], value, yerr=bars, fmt=marker, ms=5,
-                      mfc="white", color=colour, label=f"{name}, {trials} each, 95 %")  # fmt: skip
+        draw_intervals(axes, [rate / deg for rate, _ in tried], rms, arcsec, fmt=marker, ms=5,
+                       mfc="white", color=colour, label=f"{name}, {trials} each, 95 %")  # fmt: skip
     below = [
         f"{one.summary.availability.value:.0%} at {number(rate / deg)}"
         for rate, one in tried

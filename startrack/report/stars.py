@@ -16,6 +16,7 @@ from startrack.plots import (
     BLACK,
     BLUE,
     RED,
+    draw_intervals,
     legend_below,
     styled,
 )
@@ -73,17 +74,13 @@ def draw_slews(
     ):
         figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
         axes = figure.subplots()
-        value, low, high = (
-            np.array([getattr(getattr(one, name), part) for one in slewed]) / unit
-            for part in ("value", "low", "high")
-        )
         if expected and any(expected.budgets):
             _shade(axes, expected)
             axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=RED,
                       label="analytic budget")  # fmt: skip
-        # One trial, or none, gives no interval.
-        bars = [np.where(np.isfinite(end), end, 0) for end in (value - low, high - value)]
-        axes.errorbar(rate, value, yerr=bars, fmt="o-", ms=4, color=BLUE, label="trials, 95 %")
+        intervals = [getattr(slew, name) for slew in slewed]
+        draw_intervals(axes, rate, intervals, unit, fmt="o-", ms=4, color=BLUE,
+                       label="trials, 95 %")  # fmt: skip
         axes.axvline(design_rate / deg, color=BLACK, lw=1, ls=":", label="rate of the design")
         axes.set(xlabel="slew rate (deg / s)", ylabel=label)
         axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))
