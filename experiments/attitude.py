@@ -33,8 +33,8 @@ from validation import show, validation
 from startrack import Case, Fidelity, arcsec, deg, load_design, shipped
 from startrack import run_trials as outcomes_of
 from startrack.attitude import Observability, align
-from startrack.benchmark.attitude import SOLVERS as OURS
-from startrack.benchmark.attitude import Solver, aligned, fields
+from startrack.benchmark.solving import SOLVERS as OURS
+from startrack.benchmark.solving import Solver, aligned, fields
 from startrack.budget import analytic, measured
 from startrack.metrics import attitude_bound
 from startrack.montecarlo import Serial

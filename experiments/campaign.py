@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import OUTCOMES, Case, Design, Fidelity, load_design, save_design, shipped
-from startrack.benchmark.trials import sized
+from startrack.benchmark.studies import sized
 from startrack.metrics import summarise
 from startrack.montecarlo import Precision, Sampling, Serial, Store, dask_pool, pool, resume, run
 

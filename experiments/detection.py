@@ -24,20 +24,21 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from startrack import Frame, Streams, read_image
-from startrack.benchmark.detection import Finder, limit
-from startrack.benchmark.detection import finders as ours
-from startrack.benchmark.starfield import (
+from startrack.benchmark.detection import (
     BACKGROUND,
     READ_NOISE,
     SIDE,
+    Finder,
     expose,
     field,
     flux_of,
+    limit,
     paint,
     paired,
     snr_of,
     spot_positions,
 )
+from startrack.benchmark.detection import finders as ours
 from startrack.core import Floats
 from startrack.detection import Detection, detect, subtract_dark
 

@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Spots, deg
 from startrack.attitude import SolverSettings, solve
-from startrack.benchmark.identification import (
+from startrack.benchmark.solving import (
     LIMIT_G,
     SETTINGS,
     SIZE,

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import arcsec, deg
 from startrack.attitude import align
-from startrack.benchmark.attitude import unit
+from startrack.benchmark.solving import unit
 from startrack.core import Floats
 
 

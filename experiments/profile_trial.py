@@ -33,7 +33,7 @@ import cv2
 import startrack
 from startrack import Case, Fidelity, load_design, run_trials, shipped
 from startrack.benchmark import versions
-from startrack.benchmark.table import spent
+from startrack.benchmark.stage import spent
 from startrack.io.saving import save_json, save_text
 
 HOME = Path(startrack.__file__).parent

@@ -32,8 +32,16 @@ import psf_figures
 import psf_peers
 
 from startrack import Psf
-from startrack.benchmark.psf import FIELD, NOLL, WAVELENGTH, Pattern, by_rings
-from startrack.benchmark.stamping import centroid, exact, lens
+from startrack.benchmark.optics import (
+    FIELD,
+    NOLL,
+    WAVELENGTH,
+    Pattern,
+    by_rings,
+    centroid,
+    exact,
+    lens,
+)
 from startrack.detector.stamp import stamp
 from startrack.optics import pixel_psf
 from startrack.optics.closed_forms import airy

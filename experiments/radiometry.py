@@ -29,7 +29,7 @@ import one_thread  # noqa: F401
 from scipy.spatial.transform import Rotation
 
 from startrack import Streams, arcsec, deg, load_design, nm, observe, shipped, um
-from startrack.benchmark.radiance import ALBEDO, image, scenery
+from startrack.benchmark.earth import ALBEDO, image, scenery
 from startrack.core import Floats
 from startrack.earth.atmosphere import (
     Air,

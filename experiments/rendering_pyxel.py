@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from startrack import Streams
-from startrack.benchmark.noise import law
+from startrack.benchmark.frame import law
 from startrack.core import Floats
 from startrack.detector import Detector, read_out
 

@@ -30,7 +30,7 @@ from leaving_out import Effect, Found, Gap, View, Way, leave_out
 from matplotlib.axes import Axes
 
 from startrack.benchmark import versions
-from startrack.benchmark.table import figure, spent
+from startrack.benchmark.stage import figure, spent
 from startrack.io.saving import save_json, save_text
 from startrack.plots import CYCLE, LINES, RED, SMALL, legend_below, picture, save_picture, styled
 

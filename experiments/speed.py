@@ -39,7 +39,7 @@ from startrack import (
     stars_in_field,
     throughput,
 )
-from startrack.benchmark.trials import sized
+from startrack.benchmark.studies import sized
 from startrack.catalog import open_sky
 from startrack.detector.expose import arriving
 from startrack.metrics import summarise

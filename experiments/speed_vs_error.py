@@ -44,20 +44,16 @@ from startrack.benchmark import (
     draw_benchmark,
     markdown,
     measure,
-    trials,
     values,
     versions,
 )
-from startrack.benchmark import attitude as attitudes
 from startrack.benchmark import detection as spots
+from startrack.benchmark import earth as rays
 from startrack.benchmark import frame as frames
-from startrack.benchmark import identification as skies
-from startrack.benchmark import noise as noises
-from startrack.benchmark import optimiser as hills
-from startrack.benchmark import psf as patterns
-from startrack.benchmark import stamping as stamps
-from startrack.benchmark import terrain as rays
-from startrack.benchmark.terrain import mountains
+from startrack.benchmark import optics as patterns
+from startrack.benchmark import solving as skies
+from startrack.benchmark import studies as hills
+from startrack.benchmark.earth import mountains
 from startrack.io.saving import save_json, save_text
 
 PACKAGES = (
@@ -121,8 +117,10 @@ def pattern(name: str) -> dict[str, Way]:
 
 def stamper(name: str) -> dict[str, Way]:
     found = psf_peers.present()
-    draw = (found[name] if name in found else missing(name)).gauss_stamp(stamps.SIGMA, stamps.BOX)
-    return {name: lambda: [draw(x, y) for x, y in stamps.star_positions()]}
+    draw = (found[name] if name in found else missing(name)).gauss_stamp(
+        patterns.SIGMA, patterns.BOX
+    )
+    return {name: lambda: [draw(x, y) for x, y in patterns.star_positions()]}
 
 
 def missing(name: str) -> Any:
@@ -130,15 +128,15 @@ def missing(name: str) -> Any:
 
 
 def noise_of(name: str, draw: Callable[..., Any]) -> dict[str, Way]:
-    even = np.full((noises.SIZE, noises.SIZE), noises.BACKGROUND)
-    draw(even[:8, :8], noises.CAMERA, 0)
-    return {name: lambda: [draw(even, noises.CAMERA, n) for n in range(noises.FRAMES)]}
+    even = np.full((frames.SIZE, frames.SIZE), frames.BACKGROUND)
+    draw(even[:8, :8], frames.EVEN_CAMERA, 0)
+    return {name: lambda: [draw(even, frames.EVEN_CAMERA, n) for n in range(frames.FRAMES)]}
 
 
 def pyxel() -> dict[str, Way]:
     ccd = camera()
-    even = np.full((noises.SIZE, noises.SIZE), noises.BACKGROUND)
-    return {"pyxel": lambda: [chain(ccd, even, 0.0, 1 + n) for n in range(noises.FRAMES)]}
+    even = np.full((frames.SIZE, frames.SIZE), frames.BACKGROUND)
+    return {"pyxel": lambda: [chain(ccd, even, 0.0, 1 + n) for n in range(frames.FRAMES)]}
 
 
 def galsim_frame() -> dict[str, Way]:
@@ -191,7 +189,7 @@ def solver(name: str) -> dict[str, Way]:
 
 
 def aligner() -> dict[str, Way]:
-    _, b, r = attitudes.fields(attitudes.MANY, attitudes.STARS, np.radians(10), 0.0, 1)
+    _, b, r = skies.fields(skies.MANY, skies.STARS, np.radians(10), 0.0, 1)
     return {"scipy": lambda: scipy_one_by_one(b, r, np.ones(b.shape[:2]))}
 
 
@@ -202,10 +200,10 @@ def embree() -> dict[str, Way]:
 
 
 def two_programs() -> dict[str, Way]:
-    one = galsim_tetra3(trials.example())
+    one = galsim_tetra3(hills.example())
     if one is None:
         return missing("galsim or tetra3rs")
-    return {"galsim + tetra3rs": lambda: np.array([one(n) for n in range(trials.TRIALS)])}
+    return {"galsim + tetra3rs": lambda: np.array([one(n) for n in range(hills.TRIALS)])}
 
 
 def search(name: str, by: Callable[..., Floats], package: str) -> dict[str, Way]:

@@ -30,7 +30,7 @@ import one_thread  # noqa: F401  before numpy
 from numpy.typing import NDArray
 
 from startrack import Streams
-from startrack.benchmark.terrain import (
+from startrack.benchmark.earth import (
     HEIGHT,
     RELIEF,
     STEP,

@@ -1,44 +1,43 @@
 """CPU time and error of each stage, on work that anyone can repeat.
 
-stage            Stage, Row, and their measurement in turns
-psf, stamping, noise, frame, detection, identification, attitude, terrain, radiance, trials,
-optimiser        the stages, one a file
-starfield        frames of stars for several stages
-table            Markdown, plain values and a picture of the results
+stage      Stage, Row, their measurement in turns, and the table and picture of the results
+optics     psf and stamping
+frame      frame and noise
+detection  detection and centroid, on frames of stars that other stages use, too
+solving    identification and attitude
+earth      terrain and radiance
+studies    montecarlo and optimiser
 """
 
 from collections.abc import Callable
 
-from startrack.benchmark import (
-    attitude,
-    detection,
-    frame,
-    identification,
-    noise,
-    optimiser,
-    psf,
-    radiance,
-    stamping,
-    terrain,
-    trials,
+from startrack.benchmark import detection, earth, frame, optics, solving, studies
+from startrack.benchmark.stage import (
+    Clocked,
+    Row,
+    Stage,
+    Way,
+    draw_benchmark,
+    markdown,
+    measure,
+    values,
+    versions,
 )
-from startrack.benchmark.stage import Clocked, Row, Stage, Way, measure
-from startrack.benchmark.table import draw_benchmark, markdown, values, versions
 
 # In the order in which the light goes.
 STAGES: dict[str, Callable[[], Stage]] = {
-    "psf": psf.psf,
-    "stamping": stamping.stamping,
-    "noise": noise.noise,
+    "psf": optics.psf,
+    "stamping": optics.stamping,
+    "noise": frame.noise,
     "frame": frame.frame,
     "detection": detection.detection,
     "centroid": detection.centroid,
-    "identification": identification.identification,
-    "attitude": attitude.attitude,
-    "terrain": terrain.terrain,
-    "radiance": radiance.radiance,
-    "montecarlo": trials.montecarlo,
-    "optimiser": optimiser.optimiser,
+    "identification": solving.identification,
+    "attitude": solving.attitude,
+    "terrain": earth.terrain,
+    "radiance": earth.radiance,
+    "montecarlo": studies.montecarlo,
+    "optimiser": studies.optimiser,
 }
 
 __all__ = [

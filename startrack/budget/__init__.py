@@ -14,18 +14,31 @@ indices    Simulated sequences -> the error indices of the standard, over member
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
 units      Case -> error budgets of many units at an age: classes of error and levels.
 residuals  Case -> errors of single stars in trials, over their position in the field and magnitude.
+curves     Case -> its error over slew rate, by analysis and by trials, and that of its stars.
 """
 
 from startrack.budget.analytic import analytic
 from startrack.budget.budget import Budget, Law, Line, Sample, Spread
 from startrack.budget.causes import Cause, causes
 from startrack.budget.check import Check, check, differences
+from startrack.budget.curves import (
+    LONGEST,
+    SMEARS,
+    Curve,
+    ErrorCurves,
+    Slew,
+    analytic_curve,
+    error_curves,
+    rates_computed,
+    slew_rates,
+    slews,
+)
 from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
 from startrack.budget.indices import INDICES, indices_of
 from startrack.budget.left_out import caveats, noise_only, refusal
 from startrack.budget.measured import measured
-from startrack.budget.residuals import residuals
+from startrack.budget.residuals import Residuals, StarErrors, residuals, star_errors
 from startrack.budget.survey import Survey, circles, survey
 from startrack.budget.units import UnitBudgets, joined, unit_budgets
 from startrack.trial import Term

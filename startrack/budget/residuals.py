@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from startrack.catalog import open_sky
 from startrack.core import Floats, Ints, Streams
 from startrack.design import Case
-from startrack.trial import colour_correction, observe, random_attitude
+from startrack.motion import stability
+from startrack.trial import Record, colour_correction, observe, random_attitude
 
 
 class Residuals(NamedTuple):
@@ -44,3 +47,54 @@ def residuals(case: Case, seed: int, trials: int) -> Residuals:
         magnitude = stars.magnitude_g[star] + faint[star]
         parts.append(Residuals(np.full(len(star), number), pixel, magnitude, found - pixel))
     return Residuals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+class StarErrors(NamedTuple):
+    """Matched stars of some trials.
+
+    magnitude  (n,) G
+    radius     (n,) pixel, from the middle of the frame
+    error      (n, 2) pixel, centroid minus true position at the middle of the exposure
+    trials     from how many trials
+    """
+
+    magnitude: Floats
+    radius: Floats
+    error: Floats
+    trials: int
+
+
+def star_errors(
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    icrs_to_camera: Rotation,
+    progress: Callable[[int], None],
+) -> StarErrors:
+    """Repeat trials, and keep what `Outcome` does not: the error of each star.
+
+    icrs_to_camera  the true attitude of each
+    """
+    rows = [np.empty((0, 4))]
+    for number, attitude in zip(numbers, icrs_to_camera, strict=True):
+        rows.append(_stars(case, observe(case, attitude, Streams(seed, number))))
+        progress(1)
+    magnitude, radius, x, y = np.concatenate(rows).T
+    return StarErrors(magnitude, radius, np.column_stack([x, y]), len(numbers))
+
+
+def _stars(case: Case, record: Record) -> Floats:
+    """(m, 4): magnitude, radius and error of the matched stars, at the mean line of sight."""
+    if not record.outcome.solved or record.outcome.false:
+        return np.empty((0, 4))
+    camera, matches = case.instrument.camera, record.matches
+    # A centroid measures the mean position in the exposure, so the true one is at the mean line of
+    # sight.
+    mean = stability(record.path).mean
+    turned = record.icrs_to_camera.apply(matches.direction)
+    position = camera.project(turned + np.cross(mean, turned))
+    spots = np.column_stack([record.spots.x, record.spots.y])[matches.spot]
+    # Directions of the tracker's catalogue, so the magnitudes are looked up by direction.
+    near = np.argmax(matches.direction @ record.stars.direction.T, axis=1)
+    radius = np.hypot(*(position - camera.centre).T)
+    return np.column_stack([record.stars.magnitude_g[near], radius, spots - position])

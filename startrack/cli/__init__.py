@@ -1,28 +1,23 @@
 """The command `startrack`: one file per command, which declares its own options.
 
 main                The list of commands, and the exit status of their errors.
-options             What commands share: exit status, wrong use, readers of numbers, and common
+options             What commands share: exit status, wrong use, readers of numbers, tables of
                     options.
 stopping            A signal or an error -> what ends a command, and the words that tell it.
 terminal            Inputs by name, and outputs: results on standard output, messages on standard
                     error.
 imports             Imports of a command's file -> done when the command runs, so that its help
                     needs none of them.
-campaign            What the commands on campaigns share: the design, the runner of its trials, and
-                    the folder.
-scheduler           --workers, --scheduler and --tls -> the executor that trials run on.
+campaign            What the commands on campaigns share: the design, the workers, the runner of
+                    trials, and the folder.
 beside              At the first run, another process compiles while this one works.
 bench               `startrack bench`: the CPU time and the error of every stage, on this machine.
 budget              `startrack budget`: the error of a design cause by cause.
 calibrate           `startrack calibrate`: the camera model of images of stars, or of a table.
-calibrate_table     Tables in `startrack calibrate`: the camera of a table of stars, and the order
-                    that it bears.
 combine             `startrack combine`: one error from campaigns of different fidelity.
 compare             `startrack compare`: two designs or campaigns side by side.
 detect              `startrack detect`: the stars of images.
 earth               `startrack earth`: geometry and images of Earth cameras over terrain.
-earth_requirements  Earth cameras in `startrack requirements`: figures of a camera, or parameters
-                    for goals.
 init                `startrack init`: a design file to begin with.
 export              `startrack export`: a design as data and code for other programs.
 keys                `startrack keys`: what a design file may hold.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_out, as_wrong_use, describe
+from startrack.cli.options import Exit, Option, Options, as_wrong_use, out
 
 with deferred():
     import cv2
@@ -16,16 +16,13 @@ with deferred():
     from startrack.io import save_json, save_text
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack bench`."""
-    describe(parser, "Writes bench.md, bench.json and bench.png.")
-    parser.add_argument(
-        "stages", nargs="*", metavar="STAGE",
-        help="stages to measure: psf, stamping, noise, frame, detection, centroid, identification, "
-        "attitude, terrain, radiance, montecarlo, optimiser (default: all, which takes some "
-        "minutes)",
-    )  # fmt: skip
-    add_out(parser, "startrack-bench")
+declare = Options(
+    "Writes bench.md, bench.json and bench.png.",
+    Option("stages STAGE", "stages to measure: psf, stamping, noise, frame, detection, centroid, "
+           "identification, attitude, terrain, radiance, montecarlo, optimiser (default: all, "
+           "which takes some minutes)", many="*"),
+    out("startrack-bench"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

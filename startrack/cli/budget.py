@@ -9,12 +9,13 @@ from typing import Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    DESIGN,
+    SEED,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_design,
-    add_seed,
-    add_workers,
-    describe,
     positive,
     whole,
 )
@@ -32,8 +33,10 @@ with deferred():
         analytic,
         caveats,
         check,
+        error_curves,
         indices_of,
         measured,
+        rates_computed,
         survey,
     )
     from startrack.cli.terminal import (
@@ -43,71 +46,48 @@ with deferred():
         progress,
         read_design,
         read_sequence,
-        summary_values,
     )
     from startrack.cli.units import budgets_of, tolerances_of
     from startrack.core import arcsec
     from startrack.design import Case
-    from startrack.io import save_json
-    from startrack.metrics import LEVELS, Interpretation
+    from startrack.io import aligned, save_json
+    from startrack.metrics import LEVELS, Interpretation, summary_rows, to_json
     from startrack.montecarlo import pool
-    from startrack.plots import draw_budget, draw_curves, draw_sky, rates_drawn
+    from startrack.plots import draw_budget, draw_curves, draw_sky
     from startrack.sequence import Sequence
     from startrack.trial import TYPICAL, errors, lasting
 
+Pair = tuple[float, float]  # across, about
 UNITS = 6  # where a design varies and no number is asked for
 FAR = 0.1  # relative difference of the two columns from which on it is printed
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack budget`."""
-    describe(
-        parser,
-        "Prints the analytic budget, what of this design it does not count, and whether some "
-        "trials agree with it; with --montecarlo also the measured one, and a note where "
-        "the two differ by more than 10 %. With --out it writes budget.json, budget.png, sky.png "
-        "(stars and error over the sky) and curves.png (error over rate, magnitude and field). "
-        "The status is 3 if a part of the sky has no attitude.",
-    )
-    parser.set_defaults(claims=True)
-    add_design(parser)
-    parser.add_argument(
-        "--montecarlo", type=whole(1), metavar="N",
-        help="measure it on N random attitudes by switching causes (default: analytic only)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--times", type=whole(1), default=1, metavar="N",
-        help="with --montecarlo: frames per attitude, to separate constant from varying errors "
-        "(default: 1)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--units", type=whole(2), metavar="N",
-        help="add classes of error, levels and yield of N units of the design, drawn from its "
-        "[[variation]] tables and calibrated, at the begin and the end of its lifetime (default: "
-        f"{UNITS} where it has such tables)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--tolerances", action="store_true",
-        help="with --units: what halving the scale of each [[variation]] buys at the end of life, "
-        "the one that buys most first",
-    )  # fmt: skip
-    parser.add_argument(
-        "--profile", type=Path, metavar="PROFILE.toml",
-        help="simulate sequences along a profile; print absolute, mean, relative and drift errors",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sequences", type=whole(1), default=8, metavar="N",
-        help="with --profile: number of sequences, from random attitudes (default: 8)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--window", type=positive, default=1.0, metavar="SECONDS",
-        help="with --profile: time window of the mean errors, s (default: 1)",
-    )  # fmt: skip
-    add_seed(parser)
-    add_workers(parser)
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for budget.json and pictures"
-    )
+declare = Options(
+    "Prints the analytic budget, what of this design it does not count, and whether some trials "
+    "agree with it; with --montecarlo also the measured one, and a note where the two differ by "
+    "more than 10 %. With --out it writes budget.json, budget.png, sky.png (stars and error over "
+    "the sky) and curves.png (error over rate, magnitude and field). The status is 3 if a part of "
+    "the sky has no attitude.",
+    *DESIGN,
+    Option("--montecarlo N", "measure it on N random attitudes by switching causes (default: "
+           "analytic only)", whole(1)),
+    Option("--times N", "with --montecarlo: frames per attitude, to separate constant from "
+           "varying errors", whole(1), 1),
+    Option("--units N", "add classes of error, levels and yield of N units of the design, drawn "
+           "from its [[variation]] tables and calibrated, at the begin and the end of its "
+           f"lifetime (default: {UNITS} where it has such tables)", whole(2)),
+    Option("--tolerances", "with --units: what halving the scale of each [[variation]] buys at "
+           "the end of life, the one that buys most first"),
+    Option("--profile PROFILE.toml", "simulate sequences along a profile; print absolute, mean, "
+           "relative and drift errors", Path),
+    Option("--sequences N", "with --profile: number of sequences, from random attitudes", whole(1),
+           8),
+    Option("--window SECONDS", "with --profile: time window of the mean errors, s", positive, 1.0),
+    SEED,
+    WORKERS,
+    Option("--out DIR", "folder for budget.json and pictures", Path),
+    claims=True,
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -129,7 +109,7 @@ def command(options: argparse.Namespace) -> int:
     checked = check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
     result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
-    result["check"] |= summary_values(checked.summary)
+    result["check"] |= to_json(summary_rows(checked.summary))
     alone = "the unit as designed, noise only; units follow\n" if options.units else ""
     text = [
         f"{alone}{_table(expected, found)}\n"
@@ -155,9 +135,9 @@ def command(options: argparse.Namespace) -> int:
         required = campaign.requirements.accuracy if campaign else ()
         draw_budget(options.out / "budget.png", expected, found, Path(path).stem, required)
         draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
-        with progress("slew rates", rates_drawn(case)) as advance:
-            draw_curves(options.out / "curves.png", case, options.seed, Path(path).stem,
-                        advance=advance)  # fmt: skip
+        with progress("slew rates", rates_computed(case)) as advance:
+            curves = error_curves(case, options.seed, advance=advance)
+        draw_curves(options.out / "curves.png", curves, case, Path(path).stem)
         save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)
     print_result(options, result, "\n\n".join(text))
@@ -230,75 +210,67 @@ def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
 
 
 def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
-    """One line per cause, analytic beside measured."""
-    beside = {line.name: line for line in found.lines} if found else {}
-    head = f"{'arcsec rms per axis':<20}{'term':<18}{'across':>9}{'about':>9}"
-    if found:
-        head += f"   {'measured':>9}{'':>9}"
-    rows = [head]
+    """A row for each cause, analytic beside measured."""
+    both = [budget for budget in (expected, found) if budget]
+    measured_head = ["measured", "", ""] if found else []
+    rows = [["arcsec rms per axis", "term", "across", "about", *measured_head]]
+
+    def add(name: str, term: str, pairs: Iterable[Pair | None], note: str = "") -> None:
+        cells = [cell for pair in pairs for cell in _cells(pair)]
+        rows.append([name, term, *cells, *([note] if found else [])])
+
     named = {line.name: line for line in expected.lines}
-    for name in [*named, *(name for name in beside if name not in named)]:
-        rows.append(_row(named.get(name), beside.get(name), found))
-    rows.append("-" * len(head))
-    rows.append(_pair("root sum square", "", expected.sum, found.sum if found else None))
-    rows.append(_row(expected.whole, found.whole if found else None, found))
+    beside = {line.name: line for line in found.lines} if found else {}
+    for name in dict.fromkeys([*named, *beside]):
+        line, other = named.get(name), beside.get(name)
+        term = next(one.term.value if one.term else "" for one in (line, other) if one)
+        pairs = [(one.across, one.about) if one else None for one in (line, other)]
+        add(name, term, pairs[: len(both)], _difference(line, other, found))
+    add("root sum square", "", [budget.sum for budget in both])
+    add("end to end", "", [(budget.whole.across, budget.whole.about) for budget in both],
+        _difference(expected.whole, found.whole if found else None, found))  # fmt: skip
     for fraction in LEVELS:
-        sizes = [_levels(one, fraction) for one in (expected, found) if one]
-        rows.append(_pair(f"  {100 * fraction:g} % below", "", *sizes))
-    rows.append("")
-    available = [
-        f"{100 * one.availability:.2f} %, {one.stars:.1f} stars" for one in (expected, found) if one
-    ]
-    rows.append(f"available{'':<11}{' | measured '.join(available)}")
-    return "\n".join(rows)
+        add(f"  {100 * fraction:g} % below", "", [_levels(budget, fraction) for budget in both])
+    available = [f"{100 * one.availability:.2f} %, {one.stars:.1f} stars" for one in both]
+    return "\n".join([*aligned(rows, (0, 1)), "", f"available  {' | measured '.join(available)}"])
 
 
-def _levels(budget: Budget[Any], fraction: float) -> tuple[float, float]:
+def _cells(pair: Pair | None) -> list[str]:
+    return [f"{value / arcsec:.3f}" for value in pair] if pair else ["", ""]
+
+
+def _levels(budget: Budget[Any], fraction: float) -> Pair:
     spread = budget.whole.spread
     across, about = (spread.level(axes, fraction, Interpretation.MIXED) for axes in ((0, 1), (2,)))
     return across, about
 
 
-def _row(line: Line[Any] | None, other: Line[Any] | None, found: Budget[Any] | None) -> str:
-    known = line or other
-    assert known
-    here = (line.across, line.about) if line else None
-    there = (other.across, other.about) if other else None
-    row = _pair(known.name, known.term.value if known.term else "", here, there)
-    if here and there and found:
-        # A cause that is a small part of the whole may differ.
-        off = [
-            abs(a - b) / b
-            for a, b, all_ in zip(here, there, (found.across, found.about), strict=True)
-            if max(a, b) > FAR * all_
-        ]
-        if max(off, default=0) > FAR:
-            row += f"   differs by {100 * max(off):.0f} %"
-    return row
-
-
-def _pair(
-    name: str, term: str, here: tuple[float, float] | None, there: tuple[float, float] | None = None
-) -> str:
-    row = f"{name:<20}{term:<18}"
-    row += "".join(f"{value / arcsec:9.3f}" for value in here) if here else f"{'':>18}"
-    if there:
-        row += "   " + "".join(f"{value / arcsec:9.3f}" for value in there)
-    return row
+def _difference(line: Line[Any] | None, other: Line[Any] | None, found: Budget[Any] | None) -> str:
+    """By how much the two differ, where that is much; a cause that is a small part may differ."""
+    if not (line and other and found):
+        return ""
+    off = [
+        abs(a - b) / b
+        for a, b, end_to_end in (
+            (line.across, other.across, found.across), (line.about, other.about, found.about)
+        )
+        if max(a, b) > FAR * end_to_end
+    ]  # fmt: skip
+    return f"differs by {100 * max(off):.0f} %" if max(off, default=0) > FAR else ""
 
 
 def _index_table(indices: dict[str, Any], options: argparse.Namespace) -> str:
     rows = [
+        [
+            name, axis, f"{values[axis]:.3f}",
+            *(f"{values['levels'][way.value]['99.73 %'][axis]:.3f}" for way in Interpretation),
+            INDICES[name] if axis == "across" else "",
+        ]
+        for name, values in indices.items()
+        for axis in ("across", "about")
+    ]  # fmt: skip
+    head = (
         f"{options.profile}, {options.sequences} sequences, windows of {options.window:g} s; "
         "arcsec per axis: rms, and 99.73 % as temporal, ensemble, mixed"
-    ]
-    for name, meaning in INDICES.items():
-        values = indices[name]
-        for axis in ("across", "about"):
-            levels = [values["levels"][way.value]["99.73 %"][axis] for way in Interpretation]
-            rows.append(
-                f"{name:<5}{axis:<8}{values[axis]:9.3f}   "
-                + "".join(f"{value:9.3f}" for value in levels)
-                + (f"   {meaning}" if axis == "across" else "")
-            )
-    return "\n".join(rows)
+    )
+    return "\n".join([head, *aligned(rows, (0, 1, 6))])

@@ -10,13 +10,15 @@ from typing import Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    FIELD_AND_SKY,
     KNOWN,
     Exit,
+    Group,
+    Option,
+    Options,
     WrongUse,
-    add_field_and_sky,
-    add_images,
     as_wrong_use,
-    describe,
+    images,
     whole,
 )
 
@@ -24,24 +26,37 @@ with deferred():
     import numpy as np
 
     from startrack.calibration import (
+        OUTLIER,
         UNKNOWNS,
         Calibrated,
         Calibration,
+        FieldFit,
+        Names,
+        Order,
         Prior,
+        StarTable,
+        Unseen,
+        assumed_array,
+        borne,
         calibrate,
+        cross_validate_all,
+        fit_field,
         is_star_table,
+        orders_of,
+        read_star_table,
+        residuals,
         sample_camera,
     )
-    from startrack.cli.calibrate_table import calibrate_table
     from startrack.cli.terminal import (
         finite,
         layout_of,
         print_message,
         print_result,
+        progress,
         read_stars,
         save_camera,
     )
-    from startrack.core import Camera, Frame, Matches, Spots, within
+    from startrack.core import Camera, Frame, Matches, Spots, arcsec, within
     from startrack.design import Tracker
     from startrack.detection import Detection, subtract_dark
     from startrack.identification import Identification, PatternIndexes
@@ -50,91 +65,60 @@ with deferred():
     from startrack.plots import draw_corner
     from startrack.trial import lost_in_space
 
+ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
+WARM = {"auto": None, "none": False, "linear": True}
 ROUNDS = 3  # a better camera model matches more stars
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack calibrate`."""
-    describe(
-        parser,
-        "Solves images, fits one camera model to all of them, and prints focal length, principal "
-        "point and distortion with their sigma. The status is 3 if an image has no attitude.\n\n"
-        "A table of stars (CSV with a line of names, ECSV, FITS or VOTable) takes the place of the "
-        "images: a row for each star, of one camera at one attitude. Its columns are found "
-        "by their names, with the unit at the end of a name (_arcsec, _arcmin, _deg, _rad, _px, "
-        "_c, _k) or in the table:\n\n"
-        "  directions   y_angle and z_angle about a boresight +x, tan(y_angle) = y / x;\n"
-        "               x_angle and y_angle about a boresight +z; ra and dec; or the unit\n"
-        "               vector ux, uy, uz (also direction_x, ...)\n"
-        "  pixels       column and row, or x and y\n"
-        "  temperature  temperature or camera_temperature; may be missing\n"
-        "  weights      weight (an inverse variance) or sigma; may be missing\n\n"
-        "Pixels below -0.5 are taken to be counted from the middle of the array. The fit is "
-        "robust: beyond 2 sigma of the typical residual a star counts less, beyond 6 not at all. "
-        "Cross-validation (the residual of each star to a fit without its tenth of the table) says "
-        "which order the stars bear: the one of fewest unknowns within a standard error of the "
-        "best, which is the result.\n\n"
-        "  startrack calibrate stars.csv --camera camera.toml\n"
-        "  startrack calibrate stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row",
-    )
-    add_images(parser, " of one camera; or one table of stars")
-    parser.add_argument(
-        "--fov",
-        type=float,
-        metavar="DEG",
-        help="approximate field of view across the columns, degree; needed by images",
-    )
-    add_field_and_sky(parser)
-    parser.add_argument(
-        "--principal", type=float, default=20.0, metavar="PX",
-        help="images: prior sigma of the principal point, pixel; 0 fixes it at the centre "
-        "(default: 20)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--distortion", choices=("none", "radial", "full", "1", "2", "3", "auto"),
-        help="distortion to fit: none, k1 (radial; default of images) or k1, k2, p1, p2 (full); of "
-        "a table also a polynomial over the field of order 1, 2 or 3, or auto: the best of all "
-        "(default)",
-    )  # fmt: skip
-    table = parser.add_argument_group("tables of stars")
-    table.add_argument(
-        "--temperature-terms", choices=("auto", "none", "linear"), default="auto",
-        help="whether boresight and scale move with temperature (default: auto, both are tried)",
-    )  # fmt: skip
-    table.add_argument(
-        "--directions", metavar="NAMES", help="columns of directions, such as yag:arcsec,zag:arcsec"
-    )
-    table.add_argument(
-        "--directions-are", choices=("vectors", "radec", "yz", "xy"),
-        help="what these columns are (default: by their names)",
-    )  # fmt: skip
-    table.add_argument("--pixels", metavar="NAMES", help="columns of pixels, such as col,row")
-    table.add_argument(
-        "--temperature", metavar="NAME", help="column of temperature, such as t:K; '' for none"
-    )
-    table.add_argument("--weight", metavar="NAME", help="column of weights; '' for none")
-    table.add_argument(
-        "--size", metavar="COLUMNS,ROWS", help="pixels of the array (default: as the table needs)"
-    )
-    table.add_argument(
-        "--first-pixel", metavar="X,Y",
-        help="place of the first pixel's centre as the table counts (default: 0,0)",
-    )  # fmt: skip
-    table.add_argument(
-        "--folds", type=whole(2), default=10, metavar="N",
-        help="parts of the table in the cross-validation (default: 10)",
-    )  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="FILE", help="JSON file for the result")
-    parser.add_argument(
-        "--camera", type=Path, metavar="FILE",
-        help="TOML file for the camera: `solve --camera` reads it, and its table [tracker.camera] "
-        "is what a tracker of a design believes",
-    )  # fmt: skip
-    parser.add_argument(
-        "--posterior", type=Path, metavar="DIR",
-        help="folder for posterior.json and corner.png: sample the posterior of focal length, "
-        "principal point, k1 and PSF width",
-    )  # fmt: skip
+declare = Options(
+    "Solves images, fits one camera model to all of them, and prints focal length, principal "
+    "point and distortion with their sigma. The status is 3 if an image has no attitude.\n\n"
+    "A table of stars (CSV with a line of names, ECSV, FITS or VOTable) takes the place of the "
+    "images: a row for each star, of one camera at one attitude. Its columns are found "
+    "by their names, with the unit at the end of a name (_arcsec, _arcmin, _deg, _rad, _px, "
+    "_c, _k) or in the table:\n\n"
+    "  directions   y_angle and z_angle about a boresight +x, tan(y_angle) = y / x;\n"
+    "               x_angle and y_angle about a boresight +z; ra and dec; or the unit\n"
+    "               vector ux, uy, uz (also direction_x, ...)\n"
+    "  pixels       column and row, or x and y\n"
+    "  temperature  temperature or camera_temperature; may be missing\n"
+    "  weights      weight (an inverse variance) or sigma; may be missing\n\n"
+    "Pixels below -0.5 are taken to be counted from the middle of the array. The fit is "
+    "robust: beyond 2 sigma of the typical residual a star counts less, beyond 6 not at all. "
+    "Cross-validation (the residual of each star to a fit without its tenth of the table) says "
+    "which order the stars bear: the one of fewest unknowns within a standard error of the "
+    "best, which is the result.\n\n"
+    "  startrack calibrate stars.csv --camera camera.toml\n"
+    "  startrack calibrate stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row",
+    *images(" of one camera; or one table of stars"),
+    Option("--fov DEG", "approximate field of view across the columns, degree; needed by images",
+           float),
+    *FIELD_AND_SKY,
+    Option("--principal PX", "images: prior sigma of the principal point, pixel; 0 fixes it at "
+           "the centre", float, 20.0),
+    Option("--distortion", "distortion to fit: none, k1 (radial; default of images) or k1, k2, "
+           "p1, p2 (full); of a table also a polynomial over the field of order 1, 2 or 3, or "
+           "auto: the best of all (default)", ("none", "radial", "full", "1", "2", "3", "auto")),
+    Group("tables of stars",
+        Option("--temperature-terms", "whether boresight and scale move with temperature "
+               "(default: auto, both are tried)", ("auto", "none", "linear"), "auto"),
+        Option("--directions NAMES", "columns of directions, such as yag:arcsec,zag:arcsec"),
+        Option("--directions-are", "what these columns are (default: by their names)",
+               ("vectors", "radec", "yz", "xy")),
+        Option("--pixels NAMES", "columns of pixels, such as col,row"),
+        Option("--temperature NAME", "column of temperature, such as t:K; '' for none"),
+        Option("--weight NAME", "column of weights; '' for none"),
+        Option("--size COLUMNS,ROWS", "pixels of the array (default: as the table needs)"),
+        Option("--first-pixel X,Y", "place of the first pixel's centre as the table counts "
+               "(default: 0,0)"),
+        Option("--folds N", "parts of the table in the cross-validation", whole(2), 10),
+    ),
+    Option("--out FILE", "JSON file for the result", Path),
+    Option("--camera FILE", "TOML file for the camera: `solve --camera` reads it, and its table "
+           "[tracker.camera] is what a tracker of a design believes", Path),
+    Option("--posterior DIR", "folder for posterior.json and corner.png: sample the posterior of "
+           "focal length, principal point, k1 and PSF width", Path),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -142,7 +126,7 @@ def command(options: argparse.Namespace) -> int:
     with as_wrong_use(ValueError, OSError):
         tables = any(is_star_table(path) for path in options.images)
     if tables:
-        return calibrate_table(options)
+        return _calibrate_table(options)
     if options.fov is None:
         raise WrongUse("--fov must be given with images, the field of view in degrees")
     if options.distortion not in (None, "none", "radial", "full"):
@@ -269,4 +253,170 @@ def _text(found: Calibrated, images: int) -> str:
     for name, error in zip(UNKNOWNS, sigma, strict=True):
         value = getattr(found.camera, name)
         lines.append(f"{name:16} {value:12.5g} " + (f"+- {error:.2g}" if error else "not fitted"))
+    return "\n".join(lines)
+
+
+def _calibrate_table(options: argparse.Namespace) -> int:
+    """Fit cameras of the orders that are asked for, and print what stars bear them out."""
+    if len(options.images) != 1 or options.posterior:
+        raise WrongUse("a table of stars must be given alone, and without --posterior")
+    path: Path = options.images[0]
+    with as_wrong_use(ValueError, OSError):
+        table = read_star_table(path, _names(options))
+        columns, rows, first = _array(options, table)
+        orders = orders_of(table, options.distortion or "auto", WARM[options.temperature_terms])
+        with progress("cross-validation", len(orders)) as advance:
+            found = cross_validate_all(table, orders, columns, rows, first, options.folds, advance)
+        chosen = borne(found)
+        fit = fit_field(table, chosen.order, columns, rows, first)
+    result = _table_values(path, table, found, chosen, fit, first)
+    if options.out:
+        save_json(options.out, finite(result))
+    if options.camera:
+        save_camera(options.camera, fit.camera)
+    if options.size is None:
+        print_message(
+            f"startrack calibrate: no --size, so that an array of {columns} x {rows} pixels is "
+            f"assumed, whose first pixel's centre is ({first[0]:g}, {first[1]:g}) in the table"
+        )
+    print_result(options, result, _table_text(result, found, chosen))
+    return Exit.DONE
+
+
+def _names(options: argparse.Namespace) -> Names:
+    def listed(text: str | None) -> tuple[str, ...]:
+        return tuple(one.strip() for one in text.split(",")) if text else ()
+
+    return Names(
+        listed(options.directions), options.directions_are, listed(options.pixels),
+        options.temperature, options.weight,
+    )  # fmt: skip
+
+
+def _array(options: argparse.Namespace, table: StarTable) -> tuple[int, int, tuple[float, float]]:
+    """Columns, rows and the place of the first pixel's centre in the table."""
+    if options.size is None:
+        if options.first_pixel is not None:
+            raise ValueError("--first-pixel must come with --size")
+        return assumed_array(table)
+    columns, rows = (_whole(one) for one in _pair(options.size, "--size"))
+    first = (
+        (0.0, 0.0) if options.first_pixel is None else _pair(options.first_pixel, "--first-pixel")
+    )
+    return columns, rows, first
+
+
+def _pair(text: str, name: str) -> tuple[float, float]:
+    try:
+        first, second = (float(one) for one in text.replace("x", ",").split(","))
+        if math.isfinite(first + second):
+            return first, second
+    except ValueError:
+        pass
+    raise ValueError(f"{name} must be two numbers such as 1024,1024, got {text!r}")
+
+
+def _whole(number: float) -> int:
+    if not (number.is_integer() and 1 <= number <= 2**20):
+        raise ValueError(f"--size must be whole numbers from 1 to 1048576, got {number:g}")
+    return int(number)
+
+
+def _axes(table: StarTable) -> tuple[str, str]:
+    return ANGLES.get(table.kind, ("ra_cos_dec", "dec"))
+
+
+def _table_values(
+    path: Path, table: StarTable, found: tuple[Unseen, ...], chosen: Unseen, fit: FieldFit,
+    first: tuple[float, float],
+) -> dict[str, Any]:  # fmt: skip
+    camera = fit.camera
+    angle, _ = residuals(fit, table, first)
+    used = fit.used
+    result: dict[str, Any] = {
+        "status": "calibrated",
+        "table": str(path),
+        "stars": len(table),
+        "rows_left_out": table.left_out,
+        "outliers": int((~used).sum()),
+        "columns_used": dict(table.columns),
+        "first_pixel": list(first),
+        "chosen": _order(chosen.order),
+        "camera": {
+            "columns": camera.columns,
+            "rows": camera.rows,
+            "focal_length_px": camera.focal_length_px,
+            **{name: getattr(camera, name) for name in ("k1", "k2", "p1", "p2")},
+            "polynomial": None,
+        },
+        "table_to_camera_xyzw": [float(x) for x in fit.attitude.as_quat(canonical=True)],
+        "fov_x_deg": math.degrees(camera.fov_x),
+        "names": list(fit.names),
+        "sigma": dict(zip(fit.names, np.sqrt(fit.covariance.diagonal()).tolist(), strict=True)),
+        "covariance": fit.covariance.tolist(),
+        "residual_rms_px": _rms(fit.residual[used].ravel()),
+        "residual_rms_arcsec": _by_axis(table, _columns_rms(angle[used])),
+        "unseen_rms_px": math.sqrt(chosen.mean_square),
+        "unseen_rms_arcsec": _by_axis(table, chosen.rms),
+        "orders": [_unseen(table, one) for one in found],
+    }
+    if camera.polynomial is not None:
+        shown = camera.polynomial
+        result["camera"]["polynomial"] = {
+            "x": list(shown.x),
+            "y": list(shown.y),
+            "x_per_kelvin": list(shown.x_per_kelvin),
+            "y_per_kelvin": list(shown.y_per_kelvin),
+            "temperature_k": shown.temperature,
+            "reference_k": shown.reference,
+        }
+    return result
+
+
+def _order(order: Order) -> dict[str, Any]:
+    return {
+        "name": str(order), "distortion": order.model,
+        "temperature_terms": "linear" if order.warm else "none", "unknowns": order.unknowns,
+    }  # fmt: skip
+
+
+def _unseen(table: StarTable, one: Unseen) -> dict[str, Any]:
+    return {
+        **_order(one.order),
+        "unseen_rms_arcsec": _by_axis(table, one.rms),
+        "unseen_rms_px": math.sqrt(one.mean_square),
+        "unseen_rms_px_sigma": one.standard_error / (2 * math.sqrt(one.mean_square)),
+        "outliers": int((~one.inlier).sum()),
+        "unseen_rms_arcsec_with_outliers": _by_axis(table, _columns_rms(one.angle)),
+    }
+
+
+def _by_axis(table: StarTable, values: np.ndarray) -> dict[str, float]:
+    return dict(zip(_axes(table), (values / arcsec).tolist(), strict=True))
+
+
+def _columns_rms(values: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+def _rms(values: np.ndarray) -> float:
+    return math.sqrt(float(np.mean(values**2)))
+
+
+def _table_text(result: dict[str, Any], found: tuple[Unseen, ...], chosen: Unseen) -> str:
+    camera = result["camera"]
+    first, second = result["unseen_rms_arcsec"]
+    lines = [
+        f"{result['stars']} stars, {result['outliers']} beyond {OUTLIER:g} sigma left out; "
+        f"{result['chosen']['name']}: residual {result['residual_rms_px']:.4f} px",
+        f"focal length {camera['focal_length_px']:.3f} px, field {result['fov_x_deg']:.4f} deg",
+        "",
+        f"on stars that the fit has not seen   {first:>9} arcsec {second:>11} arcsec   px",
+    ]
+    for one, values in zip(found, result["orders"], strict=True):
+        across, down = values["unseen_rms_arcsec"].values()
+        mark = "  <- borne by the stars" if one is chosen else ""
+        lines.append(
+            f"{values['name']:44} {across:9.3f} {down:18.3f} {values['unseen_rms_px']:8.4f}{mark}"
+        )
     return "\n".join(lines)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from startrack.cli.options import as_wrong_use
-from startrack.cli.scheduler import open_workers
-from startrack.cli.terminal import example, print_message, read_campaign
+from startrack.cli.options import WrongUse, as_wrong_use
+from startrack.cli.terminal import example, finite, print_message, print_result, read_campaign
 from startrack.core import Refused
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
-from startrack.montecarlo import Sampling, warm
+from startrack.io import regular_file, save_json, save_text
+from startrack.montecarlo import Certificates, Sampling, cluster, pool, warm
 from startrack.optimise import Ledger, TrialRunner
 from startrack.trial import require_fidelity
 
@@ -27,6 +28,18 @@ class OpenCampaign(NamedTuple):
     campaign: Campaign
     runner: TrialRunner
     out: Path
+
+
+def open_workers(options: argparse.Namespace) -> AbstractContextManager[Executor]:
+    """The executor of --workers or --scheduler, not yet open."""
+    encrypted = (options.scheduler or "").startswith("tls://")
+    if encrypted != bool(options.tls):
+        raise WrongUse("--tls must be given with --scheduler tls://host:port, and with no other")
+    if not options.scheduler:
+        return pool(options.workers)
+    with as_wrong_use(ValueError, OSError):
+        files = [regular_file(path, "a file in PEM") for path in options.tls or ()]
+    return cluster(options.scheduler, Certificates(*files) if files else None)
 
 
 def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
@@ -70,3 +83,12 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
     ):
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
         yield OpenCampaign(design.case, campaign, runner, options.out)
+
+
+def write_study(
+    options: argparse.Namespace, name: str, table: str, result: dict[str, Any], ending: str = ""
+) -> None:
+    """Write the table of a study as Markdown, its result as JSON, and print both."""
+    save_text(options.out / f"{name}.md", table + "\n")
+    save_json(options.out / "result.json", finite(result))
+    print_result(options, result, f"{table}\n\n{ending}results are in {options.out}")

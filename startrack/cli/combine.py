@@ -6,33 +6,29 @@ import argparse
 import math
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
 
 with deferred():
-    from startrack.cli.terminal import in_arcsec, print_result
+    from startrack.cli.terminal import print_rows
+    from startrack.core import arcsec
     from startrack.design import Fidelity
+    from startrack.metrics import ARCSEC, Row
     from startrack.montecarlo import Store, combined
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack combine`."""
-    describe(
-        parser,
-        "A few rendered trials remove the bias; many statistical trials reduce the variance. The "
-        "estimate is that of the rendered trials, with a narrower interval. For example\n\n"
-        "  startrack montecarlo --trials 200 --control --store frames.sqlite\n"
-        "  startrack montecarlo --trials 20000 --fidelity covariance --store covariance.sqlite\n"
-        "  startrack combine frames.sqlite covariance.sqlite",
-    )
-    parser.add_argument(
-        "campaigns", type=Path, nargs="+", metavar="CAMPAIGN.sqlite",
-        help="stores of `montecarlo`, of one design and one seed, made without --sobol: a few "
-        "frames (best with --control), many windows, or very many trials of fidelity covariance. "
-        "The approximations of the other fidelities do not bias the estimate",
-    )  # fmt: skip
+declare = Options(
+    "A few rendered trials remove the bias; many statistical trials reduce the variance. The "
+    "estimate is that of the rendered trials, with a narrower interval. For example\n\n"
+    "  startrack montecarlo --trials 200 --control --store frames.sqlite\n"
+    "  startrack montecarlo --trials 20000 --fidelity covariance --store covariance.sqlite\n"
+    "  startrack combine frames.sqlite covariance.sqlite",
+    Option("campaigns CAMPAIGN.sqlite", "stores of `montecarlo`, of one design and one seed, made "
+           "without --sobol: a few frames (best with --control), many windows, or very many "
+           "trials of fidelity covariance. The approximations of the other fidelities do not bias "
+           "the estimate", Path, many="+"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -47,26 +43,21 @@ def command(options: argparse.Namespace) -> int:
         for store, (table, _) in zip(stores, levels, strict=True):
             if not len(table):
                 raise WrongUse(f"{store.path} must hold trials, but holds none")
-    result: dict[str, Any] = {"trials": {kind.value: len(table) for table, kind in levels}}
     counted = ", ".join(f"{len(table)} of {kind}" for table, kind in levels)
-    lines = [f"{counted}; intervals: 95 % confidence"]
+    rows = [Row("trials", {kind.value: len(table) for table, kind in levels})]
     for name, about in (("across", False), ("about", True)):
         with as_wrong_use():
-            together = in_arcsec(combined(levels, about).root())
-        alone = in_arcsec(combined(levels[:1], about).root())
-        result[f"{name}_rms_arcsec"] = together["value"]
-        result[f"{name}_rms_arcsec_95"] = [together["low"], together["high"]]
-        result[f"{name}_alone_rms_arcsec_95"] = [alone["low"], alone["high"]]
-        by_itself = (
-            f"[{alone['low']:.3f}, {alone['high']:.3f}]"
-            if math.isfinite(alone["low"])
-            else "of too few trials for an interval"
-        )
-        lines.append(
-            f"{name:6s} {together['value']:9.3f} arcsec rms "
-            f"[{together['low']:.3f}, {together['high']:.3f}], alone {by_itself}"
-        )
-    print_result(options, result, "\n".join(lines))
+            together = combined(levels, about).root()
+        alone = combined(levels[:1], about).root()
+        ends = [alone.low / arcsec, alone.high / arcsec]
+        by_itself = "of too few trials for an interval"
+        if math.isfinite(alone.low):
+            by_itself = f"[{ends[0]:.3f}, {ends[1]:.3f}]"
+        rows += [
+            Row(f"{name}_rms_arcsec", together, name, ARCSEC, note=f"rms, alone {by_itself}"),
+            Row(f"{name}_alone_rms_arcsec_95", ends),
+        ]
+    print_rows(options, rows, f"{counted} trials; intervals: 95 % confidence")
     return Exit.DONE
 
 

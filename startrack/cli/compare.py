@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    SEED,
+    SET,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_fidelity,
-    add_seed,
-    add_set,
-    add_workers,
     as_wrong_use,
-    describe,
+    fidelity,
     whole,
 )
 
@@ -25,10 +25,9 @@ with deferred():
     from numpy.typing import NDArray
 
     from startrack.cli.terminal import print_result, progress, read_design
-    from startrack.core import arcsec
     from startrack.design import Campaign, Case, Fidelity
     from startrack.io import aligned, to_table
-    from startrack.metrics import STATED_ALONE
+    from startrack.metrics import ARCSEC, PERCENT, STATED_ALONE, Column, Table
     from startrack.montecarlo import Difference as Found
     from startrack.montecarlo import Sampling, Store, differences, pool, run, warm
 
@@ -48,28 +47,19 @@ class Side(NamedTuple):
     drawn: tuple[int, str] | None
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack compare`."""
-    describe(
-        parser,
-        "Prints the parameters in which two designs differ, and their errors and availability "
-        "side by side, with the difference and its 95 % interval. Trials of the same seed have "
-        "the same skies and noise, so that their differences are paired and known better than "
-        "either error.",
-    )
-    for name in ("first", "second"):
-        parser.add_argument(
-            name, type=Path, metavar=name.upper(),
-            help="design file, or store of `montecarlo` (.sqlite)",
-        )  # fmt: skip
-    parser.add_argument(
-        "--trials", type=whole(2, 10**8), default=200, metavar="N",
-        help="trials of each design file; of two campaigns, all are used (default: 200)",
-    )  # fmt: skip
-    add_set(parser)
-    add_fidelity(parser, "of the trials of design files (default: frame); see montecarlo")
-    add_seed(parser)
-    add_workers(parser)
+declare = Options(
+    "Prints the parameters in which two designs differ, and their errors and availability side by "
+    "side, with the difference and its 95 % interval. Trials of the same seed have the same skies "
+    "and noise, so that their differences are paired and known better than either error.",
+    Option("first FIRST", "design file, or store of `montecarlo` (.sqlite)", Path),
+    Option("second SECOND", "design file, or store of `montecarlo` (.sqlite)", Path),
+    Option("--trials N", "trials of each design file; of two campaigns, all are used",
+           whole(2, 10**8), 200),
+    *SET,
+    fidelity("of the trials of design files (default: frame); see montecarlo"),
+    SEED,
+    WORKERS,
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -93,7 +83,7 @@ def command(options: argparse.Namespace) -> int:
         "paired": paired,
         "trials": [len(one), len(two)],
         "parameters": {name: list(pair) for name, pair in changed.items()},
-        "statistics": {each.name: _values(each) for each in found},
+        "statistics": {each.name: _row(each).json()[0] for each in found},
     }
     print_result(options, result, _text(options, changed, found, paired, (len(one), len(two))))
     return Exit.DONE
@@ -158,18 +148,18 @@ def _short(value: Any) -> str:
     return text if len(text) <= WIDEST else f"{text[: WIDEST - 3]}..."
 
 
-def _unit(one: Found) -> float:
-    return 1.0 if one.name == "availability" else arcsec
-
-
-def _values(one: Found) -> dict[str, Any]:
-    unit = _unit(one)
-    return {
-        "first": one.first / unit,
-        "second": one.second / unit,
-        "difference": one.change.value / unit,
-        "difference_95": [one.change.low / unit, one.change.high / unit],
-    }
+def _row(found: Found) -> Table:
+    """A statistic of both, and its difference."""
+    unit = PERCENT if found.name == "availability" else ARCSEC
+    return Table(
+        [
+            Column("", "statistic", lambda _: f"{found.name} ({unit.name})"),
+            Column("first", "first", lambda row: row.first, unit, ".4g"),
+            Column("second", "second", lambda row: row.second, unit, ".4g"),
+            Column("difference", "difference", lambda row: row.change, unit, "+.3g"),
+        ],
+        [found],
+    )
 
 
 def _text(
@@ -181,19 +171,7 @@ def _text(
 ) -> str:
     rows = [["", str(options.first), str(options.second), "difference"]]
     rows += [[name, *pair, ""] for name, pair in changed.items()]
-    for one in found:
-        unit, name = (0.01, f"{one.name} (%)") if one.name == "availability" else (
-            arcsec, f"{one.name} (arcsec)"
-        )  # fmt: skip
-        first, second = (
-            f"{value / unit:.4g}" if math.isfinite(value) else "none"
-            for value in (one.first, one.second)
-        )
-        change, low, high = (
-            f"{value / unit:+.3g}" for value in (one.change.value, one.change.low, one.change.high)
-        )
-        known = math.isfinite(one.change.value)
-        rows.append([name, first, second, f"{change} [{low}, {high}]" if known else "none"])
+    rows += [_row(one).cells[0] for one in found]
     how = (
         f"on the same skies and noise in {trials[0]} trials; errors of those that both solved"
         if paired

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, add_images, add_set, as_wrong_use, describe
+from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong_use, images
 
 with deferred():
     from startrack.cli.terminal import layout_of, print_failed_image, print_result, read_design
@@ -22,50 +22,29 @@ with deferred():
         subtract_dark,
     )
     from startrack.io import read_image
+    from startrack.metrics import Column, Table
     from startrack.plots import draw_spots
     from startrack.trial import psf_of
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack detect`."""
-    describe(
-        parser,
-        "Prints a row per spot, brightest first: position (the centre of the first pixel is 0, 0) "
-        "and its sigma, flux, signal-to-noise ratio, area. The status is 1 if an image cannot be "
-        "read; the others are searched.",
-    )
-    add_images(parser)
-    parser.add_argument(
-        "--design", type=Path, metavar="DESIGN.toml",
-        help="design file that gives the settings of the detection and the PSF",
-    )  # fmt: skip
-    add_set(parser)
-    parser.add_argument(
-        "--threshold", type=float, metavar="SIGMA", help="detection threshold (default: 5.5)"
-    )
-    parser.add_argument(
-        "--false", type=float, metavar="N",
-        help="set the threshold by the mean number of false spots per image, such as 0.05",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sigma",
-        type=float,
-        metavar="PIXEL",
-        help="sigma of the image of a star, pixel (default: 1)",
-    )
-    parser.add_argument(
-        "--centroid",
-        metavar="NAME",
-        help="centroid method: gravity (default), weighted, gaussian or likelihood",
-    )
-    parser.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
-    parser.add_argument("--flat", type=Path, metavar="IMAGE", help="flat field to divide by")
-    parser.add_argument(
-        "--overlay",
-        type=Path,
-        metavar="DIR",
-        help="folder for pictures of the images with their spots",
-    )
+declare = Options(
+    "Prints a row per spot, brightest first: position (the centre of the first pixel is 0, 0) and "
+    "its sigma, flux, signal-to-noise ratio, area. The status is 1 if an image cannot be read; "
+    "the others are searched.",
+    *images(),
+    Option("--design DESIGN.toml", "design file that gives the settings of the detection and the "
+           "PSF", Path),
+    *SET,
+    Option("--threshold SIGMA", "detection threshold (default: 5.5)", float),
+    Option("--false N", "set the threshold by the mean number of false spots per image, such as "
+           "0.05", float),
+    Option("--sigma PIXEL", "sigma of the image of a star, pixel (default: 1)", float),
+    Option("--centroid NAME", "centroid method: gravity (default), weighted, gaussian or "
+           "likelihood"),
+    Option("--dark IMAGE", "dark frame to subtract", Path),
+    Option("--flat IMAGE", "flat field to divide by", Path),
+    Option("--overlay DIR", "folder for pictures of the images with their spots", Path),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -90,11 +69,12 @@ def command(options: argparse.Namespace) -> int:
             continue
         rows, columns = frame.image.shape
         chance = false_alarms(plan, columns, rows)
-        result = {"image": str(path), "status": "done", **_values(spots, chance)}
+        result: dict[str, Any] = {"image": str(path), "status": "done", "expected_false": chance}
+        result["spots"] = (table := _table(spots)).json()
         text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
         if options.overlay:
             result["overlay"] = str(_overlay(options.overlay, path, frame, spots))
-        print_result(options, result, "\n".join([text, *_table(spots)]))
+        print_result(options, result, "\n".join([text, *(table.text(()) if len(spots) else [])]))
     return status
 
 
@@ -114,39 +94,21 @@ def _settings(options: argparse.Namespace) -> tuple[Detection, Psf | None]:
     return replace(settings, **{k: v for k, v in given.items() if v is not None}), psf
 
 
-def _values(spots: Spots, chance: float) -> dict[str, Any]:
-    variance = spots.covariance
-    return {
-        "expected_false": chance,
-        "spots": [
-            {
-                "x": float(spots.x[i]),
-                "y": float(spots.y[i]),
-                "flux": float(spots.flux[i]),
-                "snr": float(spots.snr[i]),
-                "sigma_x": float(variance[i, 0, 0] ** 0.5),
-                "sigma_y": float(variance[i, 1, 1] ** 0.5),
-                "correlation": float(
-                    variance[i, 0, 1] / (variance[i, 0, 0] * variance[i, 1, 1]) ** 0.5
-                ),
-                "area": int(spots.area[i]),
-            }
-            for i in range(len(spots))
-        ],
-    }
-
-
-def _table(spots: Spots) -> list[str]:
-    if not len(spots):
-        return []
-    lines = ["    #  x (pixel)  y (pixel)  sigma x  sigma y   flux (DN)     SNR  area"]
-    for i in range(len(spots)):
-        across, down = spots.covariance[i, 0, 0] ** 0.5, spots.covariance[i, 1, 1] ** 0.5
-        lines.append(
-            f"{i + 1:5} {spots.x[i]:10.3f} {spots.y[i]:10.3f} {across:8.3f} {down:8.3f} "
-            f"{spots.flux[i]:11.1f} {spots.snr[i]:7.1f} {spots.area[i]:5}"
-        )
-    return lines
+def _table(spots: Spots) -> Table:
+    """A record for each spot, by its number."""
+    xx, xy, yy = (spots.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
+    columns = [
+        Column("", "#", lambda n: n + 1, form="d"),
+        Column("x", "x (pixel)", spots.x.item),
+        Column("y", "y (pixel)", spots.y.item),
+        Column("flux", "flux (DN)", spots.flux.item, form=".1f"),
+        Column("snr", "SNR", spots.snr.item, form=".1f"),
+        Column("sigma_x", "sigma x", lambda n: xx[n] ** 0.5),
+        Column("sigma_y", "sigma y", lambda n: yy[n] ** 0.5),
+        Column("correlation", "", lambda n: xy[n] / (xx[n] * yy[n]) ** 0.5),
+        Column("area", "area", spots.area.item, form="d"),
+    ]
+    return Table(columns, range(len(spots)))
 
 
 def _overlay(folder: Path, image: Path, frame: Frame, spots: Spots) -> Path:

@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, add_out, add_part, add_seed, as_wrong_use
+from startrack.cli.options import (
+    SEED,
+    Exit,
+    Option,
+    Options,
+    Parts,
+    WrongUse,
+    as_wrong_use,
+    out,
+)
 
 with deferred():
     import numpy as np
@@ -86,78 +95,47 @@ MAPS = {
 }
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack earth` and its parts."""
-    parser.description = EARTH
-    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
-    geometry = add_part(
-        parts, "geometry", "compute height, shadow, incidence and level of each pixel",
+declare = Parts(
+    EARTH,
+    geometry=("compute height, shadow, incidence and level of each pixel", Options(
         "Writes geometry.png and geometry.nc (NetCDF).",
-    )  # fmt: skip
-    geometry.add_argument(
-        "scene", type=Path, nargs="?", metavar="SCENE.toml",
-        help="scene file (default: the example, mountains)",
-    )  # fmt: skip
-    add_seed(geometry)
-    add_out(geometry, "startrack-earth")
-    render = add_part(
-        parts, "render",
-        "render images: digital numbers, and the radiance in its five terms",
+        Option("scene SCENE.toml", "scene file (default: the example, mountains)", Path, many="?"),
+        SEED,
+        out("startrack-earth"),
+    )),
+    render=("render images: digital numbers, and the radiance in its five terms", Options(
         "Writes a FITS and a PNG file of each channel.",
-    )  # fmt: skip
-    render.add_argument(
-        "scene", nargs="?", metavar="SCENE",
-        help="scene file, or one of the catalogue: waoss, hsrs (default), mertis, ads40, "
-        "sentinel2-msi, landsat8-oli, landsat8-tirs",
-    )  # fmt: skip
-    add_seed(render)
-    render.add_argument(
-        "--geotiff", action="store_true", help="also write GeoTIFF files (extra `earth`)"
-    )
-    render.add_argument(
-        "--calibration", type=int, nargs="?", const=0, metavar="EXPOSURES",
-        help="also write dark and flat frames, for `process`: means of so many exposures "
-        "(default: 256 lines of a scanner, 16 frames of a matrix)",
-    )  # fmt: skip
-    add_out(render, "startrack-earth")
-    process = add_part(
-        parts, "process", "turn raw images into radiance, reflectance and maps on the terrain",
+        Option("scene SCENE", "scene file, or one of the catalogue: waoss, hsrs (default), mertis, "
+               "ads40, sentinel2-msi, landsat8-oli, landsat8-tirs", many="?"),
+        SEED,
+        Option("--geotiff", "also write GeoTIFF files (extra `earth`)"),
+        Option("--calibration EXPOSURES", "also write dark and flat frames, for `process`: means "
+               "of so many exposures (default: 256 lines of a scanner, 16 frames of a matrix)", int,
+               many="?", const=0),
+        out("startrack-earth"),
+    )),
+    process=("turn raw images into radiance, reflectance and maps on the terrain", Options(
         "Reads CHANNEL.fits and CHANNEL-calibration.fits, as `render --calibration` writes them. "
         "Writes CHANNEL-map.tif and CHANNEL-quality.tif (GeoTIFF; extra `earth`), "
         "CHANNEL-map.png, and earth.html, a page of camera, images and products. Camera, flight "
         "and terrain are those of the scene file; of its land nothing is used.",
-    )  # fmt: skip
-    process.add_argument(
-        "scene", nargs="?", metavar="SCENE",
-        help="scene file, or one of the catalogue (default: hsrs), that was rendered",
-    )  # fmt: skip
-    process.add_argument(
-        "--raw", type=Path, metavar="DIR", default=Path("startrack-earth"),
-        help="folder of the images and frames (default: startrack-earth)",
-    )  # fmt: skip
-    process.add_argument(
-        "--projection", choices=("utm", "geographic"), default="utm",
-        help="of the map: UTM in the zone of the image's middle (default), or longitude and "
-        "latitude; on WGS84",
-    )  # fmt: skip
-    process.add_argument(
-        "--cell", type=float, metavar="METRE",
-        help="size of a cell (default: of a pixel in the middle of the image, rounded)",
-    )  # fmt: skip
-    process.add_argument(
-        "--resampling", choices=("bilinear", "nearest", "cubic"), default="bilinear",
-        help="how values between pixels are found (default: bilinear)",
-    )  # fmt: skip
-    add_out(process, "startrack-earth")
-    terrain = add_part(
-        parts, "terrain", "print the area of height files, and the table that a scene needs"
-    )
-    terrain.add_argument(
-        "files",
-        nargs="+",
-        metavar="FILE",
-        help="height files, or a quoted pattern such as 'dem/*.tif'",
-    )
+        Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs), that was "
+               "rendered", many="?"),
+        Option("--raw DIR", "folder of the images and frames (default: startrack-earth)", Path,
+               Path("startrack-earth")),
+        Option("--projection", "of the map: UTM in the zone of the image's middle (default), or "
+               "longitude and latitude; on WGS84", ("utm", "geographic"), "utm"),
+        Option("--cell METRE", "size of a cell (default: of a pixel in the middle of the image, "
+               "rounded)", float),
+        Option("--resampling", "how values between pixels are found",
+               ("bilinear", "nearest", "cubic"), "bilinear"),
+        out("startrack-earth"),
+    )),
+    terrain=("print the area of height files, and the table that a scene needs", Options(
+        "",
+        Option("files FILE", "height files, or a quoted pattern such as 'dem/*.tif'", many="+"),
+    )),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -183,13 +161,14 @@ def geometry(options: argparse.Namespace) -> int:
                 whole = maps.setdefault(name, np.full((lines, columns), math.nan))
                 whole[strip.first : strip.first + strip.shape[0]] = values
             advance(strip.shape[0])
+    height = maps["height"]
     result: dict[str, Any] = {
         "scene": str(path),
         "lines": lines,
         "columns": columns,
         "seen": float(maps["hit"].mean()),
-        "shadow": _mean(maps["shadow"]),
-        "height_m": [_least(maps["height"]), _most(maps["height"])],
+        "shadow": _known(np.nanmean, maps["shadow"]),
+        "height_m": [_known(np.nanmin, height), _known(np.nanmax, height)],
         "levels": sorted({int(level) for level in maps["level"][maps["hit"] > 0]}),
         "png": str(options.out / "geometry.png"),
         "netcdf": str(options.out / "geometry.nc"),
@@ -286,39 +265,28 @@ def _lens_values(
 
 def _picture_text(result: dict[str, Any]) -> str:
     terms = ", ".join(f"{name} {value:.4g}" for name, value in result["radiance"].items())
-    return "\n".join(
-        [
-            f"{result['channel']}: {result['columns']} x {result['lines']} pixel, "
-            f"{100 * result['seen']:.1f} % see the ground",
-            f"radiance  {terms} W / m^2 / sr / um",
-            f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
-            f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
-            f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
-            *_lens_text(result),
-            *_moved_text(result),
-            f"wrote {result['fits']} and {result['png']}",
-            *([f"wrote {result['calibration']}"] if "calibration" in result else []),
-        ]
-    )
-
-
-def _lens_text(result: dict[str, Any]) -> list[str]:
-    if "illumination" not in result:
-        return []
-    across, along = result["lens_misregistration_px"]
-    return [
-        f"lens      darkest pixel {100 * result['illumination']:.1f} % of the brightest; at most "
-        f"{across:.3g} pixel across and {along:.3g} along off the first channel",
+    lines = [
+        f"{result['channel']}: {result['columns']} x {result['lines']} pixel, "
+        f"{100 * result['seen']:.1f} % see the ground",
+        f"radiance  {terms} W / m^2 / sr / um",
+        f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
+        f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
+        f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
     ]
-
-
-def _moved_text(result: dict[str, Any]) -> list[str]:
-    if "misregistration_px" not in result:
-        return []
-    across, along = result["misregistration_px"]
-    return [
-        f"motion    {across:.3g} pixel rms across and {along:.3g} along off the first channel",
-    ]
+    off = "pixel {}across and {:.3g} along off the first channel"
+    if "illumination" in result:
+        across, along = result["lens_misregistration_px"]
+        lines.append(
+            f"lens      darkest pixel {100 * result['illumination']:.1f} % of the brightest; at "
+            f"most {across:.3g} {off.format('', along)}"
+        )
+    if "misregistration_px" in result:
+        across, along = result["misregistration_px"]
+        lines.append(f"motion    {across:.3g} {off.format('rms ', along)}")
+    lines.append(f"wrote {result['fits']} and {result['png']}")
+    if "calibration" in result:
+        lines.append(f"wrote {result['calibration']}")
+    return "\n".join(lines)
 
 
 def processed(options: argparse.Namespace) -> int:
@@ -371,7 +339,7 @@ def _product_values(
     return {
         "channel": name, "projection": grid.system, "columns": grid.columns, "rows": grid.rows,
         "cell": [grid.step_x, grid.step_y], "resampling": settings.resampling,
-        "mean": {layer: _mean(values) for layer, values in product.layers.items()},
+        "mean": {layer: _known(np.nanmean, values) for layer, values in product.layers.items()},
         "flagged": {
             word: float((product.quality & bit > 0).mean()) for word, bit in QUALITY.items()
         },
@@ -475,16 +443,9 @@ def _values(strip: Strip) -> dict[str, Floats]:
     return values | {name: strip.mean(each) for name, each in ground.maps.items()}
 
 
-def _mean(values: Floats) -> float:
-    return float(np.nanmean(values)) if np.isfinite(values).any() else math.nan
-
-
-def _least(values: Floats) -> float:
-    return float(np.nanmin(values)) if np.isfinite(values).any() else math.nan
-
-
-def _most(values: Floats) -> float:
-    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
+def _known(statistic: Callable[[Floats], Any], values: Floats) -> float:
+    """A statistic of values of which some are not known; NaN where none is."""
+    return float(statistic(values)) if np.isfinite(values).any() else math.nan
 
 
 def _text(result: dict[str, Any]) -> str:

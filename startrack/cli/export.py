@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    DESIGN,
     Exit,
+    Option,
+    Options,
+    Parts,
     WrongUse,
-    add_design,
-    add_out,
-    add_part,
     as_wrong_use,
     decimal,
+    out,
     positive,
     whole,
 )
@@ -44,80 +46,53 @@ if TYPE_CHECKING:
     from startrack.mission import HeadModel
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the parts of `startrack export`."""
-    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
-    aocs = add_part(
-        parts,
-        "aocs",
-        "write the error of a design as JSON and C, for simulators of attitude control",
+declare = Parts(
+    "",
+    aocs=("write the error of a design as JSON and C, for simulators of attitude control", Options(
         "Writes startrack_head.json, and startrack_head.c, .h and _data.h, C99 that needs its libm "
         "alone: errors over time with their noise, errors over the pixel and the field, bias and "
         "thermo-elastic swing; availability over the slew rate and the angles to Sun, Moon and "
         "Earth; latency; the convention of the quaternion.",
-    )
-    add_design(aocs)
-    aocs.add_argument(
-        "--also", nargs="+", default=[], choices=("fmu", "basilisk", "42"), metavar="FORM",
-        help="fmu: startrack_head.fmu (FMI 2.0, co-simulation), with a library for this platform "
-        "where there is a C compiler; basilisk: startrack_basilisk.py, for its starTracker module; "
-        "42: startrack_42.txt, the block of a spacecraft file",
-    )  # fmt: skip
-    aocs.add_argument(
-        "--rate", type=decimal(0, 360), metavar="DEG/S",
-        help="slew rate that --also basilisk and 42 are for (default: that of the design)",
-    )  # fmt: skip
-    add_out(aocs, "startrack-export")
-    catalogue = add_part(
-        parts,
-        "catalogue",
+        *DESIGN,
+        Option("--also FORM", "fmu: startrack_head.fmu (FMI 2.0, co-simulation), with a library "
+               "for this platform where there is a C compiler; basilisk: startrack_basilisk.py, "
+               "for its starTracker module; 42: startrack_42.txt, the block of a spacecraft file",
+               ("fmu", "basilisk", "42"), [], many="+"),
+        Option("--rate DEG/S", "slew rate that --also basilisk and 42 are for (default: that of "
+               "the design)", decimal(0, 360)),
+        out("startrack-export"),
+    )),
+    catalogue=(
         "write the guide stars of a design and the triangles of them, for its flight software",
+        Options(
         "Writes startrack_guide.bin (layout: docs/onboard.md), the same bytes as "
         "startrack_guide_data.h, the stars as startrack_guide.csv, and a reader in C99, "
         "startrack_guide.c and .h: the star nearest to a direction, the stars in a cone, the "
         "triangles like a given one, and the stars of a list of directions at an unknown attitude. "
         "Directions are ICRS, seen from the barycentre. The same arguments give the same files.",
-    )
-    add_design(catalogue)
-    catalogue.add_argument(
-        "--limit", type=decimal(-2, 21), metavar="MAG",
-        help="magnitude of the faintest star in the band of the instrument: that of sunlike stars "
-        "is their G (default: limit_g of the tracker's catalogue)",
-    )  # fmt: skip
-    catalogue.add_argument(
-        "--epoch", type=decimal(), metavar="YEAR",
-        help="Julian year to which proper motions move the stars, such as 2031.5 (default: that of "
-        "the tracker's catalogue)",
-    )  # fmt: skip
-    catalogue.add_argument(
-        "--resolution", type=positive, metavar="ARCSEC",
-        help="stars closer than this are one star, at their centre of light (default: as the "
-        "design's identification, 1/512 of the field)",
-    )  # fmt: skip
-    for name, which in (
-        ("doubles", "stars that are several within the resolution"),
-        ("variables", "variable stars of the list"),
-    ):
-        catalogue.add_argument(
-            f"--{name}", choices=("mark", "omit"), default="mark",
-            help=f"{which}: mark them with a flag, or leave them out (default: mark)",
-        )  # fmt: skip
-    catalogue.add_argument(
-        "--variable-list", type=Path, metavar="FILE",
-        help="CSV with ra, dec (degree, J2000) of variable stars (default: 197 of the General "
-        "Catalogue of Variable Stars that vary by a magnitude or more)",
-    )  # fmt: skip
-    catalogue.add_argument(
-        "--per-field", type=whole(3, 40), default=16, metavar="N",
-        help="guide stars in the area of a field: a star with N brighter ones in the circle of "
-        "this area around it is left out (default: 16)",
-    )  # fmt: skip
-    catalogue.add_argument(
-        "--pattern-stars", type=whole(3, 12), default=6, metavar="N",
-        help="the brightest of any circle that fits into a field, which form triangles (default: "
-        "5); an index of more of them is larger and finds skies with more false spots",
-    )  # fmt: skip
-    add_out(catalogue, "startrack-export")
+        *DESIGN,
+        Option("--limit MAG", "magnitude of the faintest star in the band of the instrument: that "
+               "of sunlike stars is their G (default: limit_g of the tracker's catalogue)",
+               decimal(-2, 21)),
+        Option("--epoch YEAR", "Julian year to which proper motions move the stars, such as 2031.5 "
+               "(default: that of the tracker's catalogue)", decimal()),
+        Option("--resolution ARCSEC", "stars closer than this are one star, at their centre of "
+               "light (default: as the design's identification, 1/512 of the field)", positive),
+        Option("--doubles", "stars that are several within the resolution: mark them with a flag, "
+               "or leave them out (default: mark)", ("mark", "omit"), "mark"),
+        Option("--variables", "variable stars of the list: mark them with a flag, or leave them "
+               "out (default: mark)", ("mark", "omit"), "mark"),
+        Option("--variable-list FILE", "CSV with ra, dec (degree, J2000) of variable stars "
+               "(default: 197 of the General Catalogue of Variable Stars that vary by a magnitude "
+               "or more)", Path),
+        Option("--per-field N", "guide stars in the area of a field: a star with N brighter ones "
+               "in the circle of this area around it is left out", whole(3, 40), 16),
+        Option("--pattern-stars N", "the brightest of any circle that fits into a field, which "
+               "form triangles (default: 6); an index of more of them is larger and finds skies "
+               "with more false spots", whole(3, 12), 6),
+        out("startrack-export"),
+    )),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
 
 with deferred():
     from startrack.cli.terminal import print_result
@@ -14,25 +14,15 @@ with deferred():
     from startrack.io import save_text
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack init`."""
-    describe(
-        parser,
-        "Writes a design file with what each value means beside it, to be edited. For example\n\n"
-        "  startrack init mine.toml --from imx250",
-    )
-    parser.add_argument(
-        "design", nargs="?", type=Path, default=Path("design.toml"), metavar="DESIGN",
-        help="file to write; it must not exist yet (default: design.toml)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--from", dest="product", default="", metavar="DETECTOR",
-        help="detector of the catalogue, such as imx250; another name lists all (default: a "
-        "generic CMOS array of 512 x 512 pixels)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--all", action="store_true", help="add the keys that may be left out, as comments"
-    )
+declare = Options(
+    "Writes a design file with what each value means beside it, to be edited. For example\n\n"
+    "  startrack init mine.toml --from imx250",
+    Option("design DESIGN", "file to write; it must not exist yet (default: design.toml)", Path,
+           Path("design.toml"), many="?"),
+    Option("--from DETECTOR", "detector of the catalogue, such as imx250; another name lists all "
+           "(default: a generic CMOS array of 512 x 512 pixels)", default="", dest="product"),
+    Option("--all", "add the keys that may be left out, as comments"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ import shutil
 from textwrap import fill
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, describe
+from startrack.cli.options import Exit, Option, Options, WrongUse
 
 with deferred():
     import difflib
@@ -19,25 +19,18 @@ with deferred():
 WIDEST = 100  # letters of a line
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack keys`."""
-    describe(
-        parser,
-        "Prints each key of a design file with its type, the unit that its value is written with, "
-        "its range and default, what it means, and which fidelities take it where some do not (in "
-        "brackets: run without it): all, or those of one table. For example\n\n"
-        "  startrack keys instrument.detector\n\n"
-        "--schema prints a JSON Schema of them, by which editors complete and check design files: "
-        "with taplo, as in VS Code's Even Better TOML, by a first line\n\n"
-        "  #:schema ./design.schema.json",
-    )
-    parser.add_argument(
-        "table", nargs="?", default="", metavar="TABLE",
-        help="table or key, such as instrument.optics (default: all)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--schema", action="store_true", help="print the JSON Schema of a whole design file"
-    )
+declare = Options(
+    "Prints each key of a design file with its type, the unit that its value is written with, "
+    "its range and default, what it means, and which fidelities take it where some do not (in "
+    "brackets: run without it): all, or those of one table. For example\n\n"
+    "  startrack keys instrument.detector\n\n"
+    "--schema prints a JSON Schema of them, by which editors complete and check design files: "
+    "with taplo, as in VS Code's Even Better TOML, by a first line\n\n"
+    "  #:schema ./design.schema.json",
+    Option("table TABLE", "table or key, such as instrument.optics (default: all)", default="",
+           many="?"),
+    Option("--schema", "print the JSON Schema of a whole design file"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

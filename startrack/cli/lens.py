@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, add_images, add_part, as_wrong_use, whole
+from startrack.cli.options import (
+    Exit,
+    Option,
+    Options,
+    Parts,
+    WrongUse,
+    as_wrong_use,
+    images,
+    whole,
+)
 
 with deferred():
     import numpy as np
@@ -19,7 +28,7 @@ with deferred():
     from startrack.cli.terminal import layout_of, print_result, progress
     from startrack.core import ZERO_CELSIUS, deg, nm, um
     from startrack.detection import Detection, detect, plan_detection
-    from startrack.io import read_image
+    from startrack.io import aligned, read_image
     from startrack.optics import (
         LensTable,
         PsfFile,
@@ -66,93 +75,49 @@ Huygens PSFs and FITS become a file of PSFs (psf_file); catalogs/psfs/README.md 
 """
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack lens` and its parts."""
-    parser.description = LENS
-    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
-    part = add_part(parts, "import", "trace a prescription, or take exported PSFs", IMPORT)
-    part.add_argument(
-        "files", type=Path, nargs="+", metavar="FILE",
-        help="prescription: Zemax .zmx, CODE V .seq, or optiland .json; or Huygens PSFs or "
-        "wavefront maps saved by Zemax as .txt, one for each wavelength and field; or PSFs .fits",
-    )  # fmt: skip
-    part.add_argument(
-        "--field", type=float, metavar="DEG",
-        help="of a prescription, needed: largest angle from the axis, to the corner of the "
-        "detector, degree",
-    )  # fmt: skip
-    part.add_argument(
-        "--focal-length", type=float, metavar="MM", help="of wavefront maps, needed: mm"
-    )
-    part.add_argument("--f-number", type=float, metavar="N", help="of wavefront maps, needed")
-    part.add_argument(
-        "--flip", action="store_true",
-        help="wavefront maps are positive where the path is shorter (default: longer)",
-    )  # fmt: skip
-    part.add_argument(
-        "--fields", type=whole(2, 200), default=9, metavar="N",
-        help="field angles from the axis to that (default: 9)",
-    )  # fmt: skip
-    part.add_argument(
-        "--band", type=float, nargs=2, default=(400.0, 1000.0), metavar=("NM", "NM"),
-        help="shortest and longest wavelength, nm (default: 400 1000)",
-    )  # fmt: skip
-    part.add_argument(
-        "--wavelengths", type=whole(1, 200), default=7, metavar="N",
-        help="wavelengths in the band, denser in the blue (default: 7)",
-    )  # fmt: skip
-    part.add_argument(
-        "--temperatures", type=float, nargs="+", default=[20.0], metavar="DEGC",
-        help="temperatures of the lens, degC (default: 20)",
-    )  # fmt: skip
-    part.add_argument(
-        "--terms", type=whole(4, 231), default=66, metavar="N",
-        help="largest Noll index of the wavefront (default: 66)",
-    )  # fmt: skip
-    part.add_argument("--vacuum", action="store_true", help="trace the lens in vacuum, not in air")
-    part.add_argument(
-        "--check", action="store_true",
-        help="also trace between the nodes, and print the error of the interpolation",
-    )  # fmt: skip
-    part.add_argument(
-        "--name", dest="title", metavar="TEXT", help="name of the lens (default: that of the file)"
-    )
-    part.add_argument(
-        "--source", metavar="TEXT", help="where its numbers come from (default: name of the file)"
-    )
-    part.add_argument(
-        "--out", type=Path, metavar="FILE",
-        help="lens table to write (default: name of the first file with .fits)",
-    )  # fmt: skip
-    measure = add_part(
-        parts, "measure", "reconstruct an oversampled PSF from images of stars",
+declare = Parts(
+    LENS,
+    import_=("trace a prescription, or take exported PSFs", Options(
+        IMPORT,
+        Option("files FILE", "prescription: Zemax .zmx, CODE V .seq, or optiland .json; or "
+               "Huygens PSFs or wavefront maps saved by Zemax as .txt, one for each wavelength "
+               "and field; or PSFs .fits", Path, many="+"),
+        Option("--field DEG", "of a prescription, needed: largest angle from the axis, to the "
+               "corner of the detector, degree", float),
+        Option("--focal-length MM", "of wavefront maps, needed: mm", float),
+        Option("--f-number N", "of wavefront maps, needed", float),
+        Option("--flip", "wavefront maps are positive where the path is shorter (default: longer)"),
+        Option("--fields N", "field angles from the axis to that", whole(2, 200), 9),
+        Option("--band NM NM", "shortest and longest wavelength, nm (default: 400 1000)", float,
+               (400.0, 1000.0)),
+        Option("--wavelengths N", "wavelengths in the band, denser in the blue", whole(1, 200), 7),
+        Option("--temperatures DEGC", "temperatures of the lens, degC (default: 20)", float, [20.0],
+               many="+"),
+        Option("--terms N", "largest Noll index of the wavefront", whole(4, 231), 66),
+        Option("--vacuum", "trace the lens in vacuum, not in air"),
+        Option("--check", "also trace between the nodes, and print the error of the interpolation"),
+        Option("--name TEXT", "name of the lens (default: that of the file)", dest="title"),
+        Option("--source TEXT", "where its numbers come from (default: name of the file)"),
+        Option("--out FILE", "lens table to write (default: name of the first file with .fits)",
+               Path),
+    )),
+    measure=("reconstruct an oversampled PSF from images of stars", Options(
         "Takes the brightest stars that stand alone and are not saturated, of all images together, "
         "and writes the PSF that they share as FITS, for psf_file of a design: fractions of a "
         "star's light in pixels, with OVERSAMP samples per pixel.",
-    )  # fmt: skip
-    add_images(measure)
-    measure.add_argument(
-        "--half", type=whole(3, 50), default=7, metavar="PIXEL",
-        help="half side of the box around a star, pixel (default: 7)",
-    )  # fmt: skip
-    measure.add_argument(
-        "--oversampling", type=whole(2, 8), default=4, metavar="N",
-        help="samples per pixel (default: 4)",
-    )  # fmt: skip
-    measure.add_argument(
-        "--stars", type=whole(8, 5000), default=300, metavar="N",
-        help="how many stars at most (default: 300)",
-    )  # fmt: skip
-    measure.add_argument(
-        "--saturation", type=float, default=0.9, metavar="FRACTION",
-        help="of an image's largest number, at and above which a star is left out (default: 0.9)",
-    )  # fmt: skip
-    measure.add_argument(
-        "--out", type=Path, default=Path("psf.fits"), metavar="FILE",
-        help="file to write (default: psf.fits)",
-    )  # fmt: skip
-    show = add_part(parts, "show", "print what a lens table holds")
-    show.add_argument("table", metavar="TABLE", help="lens table, or name of a shipped one")
+        *images(),
+        Option("--half PIXEL", "half side of the box around a star, pixel", whole(3, 50), 7),
+        Option("--oversampling N", "samples per pixel", whole(2, 8), 4),
+        Option("--stars N", "how many stars at most", whole(8, 5000), 300),
+        Option("--saturation FRACTION", "of an image's largest number, at and above which a star "
+               "is left out", float, 0.9),
+        Option("--out FILE", "file to write (default: psf.fits)", Path, Path("psf.fits")),
+    )),
+    show=("print what a lens table holds", Options(
+        "",
+        Option("table TABLE", "lens table, or name of a shipped one"),
+    )),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -407,40 +372,40 @@ def images_summary(found: PsfFile) -> dict[str, Any]:
 
 
 def _images_text(result: dict[str, Any]) -> str:
-    unit = result["unit"]
+    unit, waves = result["unit"], result["wavelength_nm"]
+    pixel = "the pixel included" if result["pixel_included"] else "without a pixel"
+    rows = [["field deg", f"width at half the peak, {unit}"]]
+    for angle, *widths in zip(result["field_deg"], *result["width"], strict=True):
+        rows.append([f"{angle:.3f}", "  ".join(f"{width:.3g}" for width in widths)])
     lines = [
         f"PSFs from {result['source']}",
-        f"samples       {result['samples']} a side, {result['spacing']:.4g} {unit} apart, "
-        + ("the pixel included" if result["pixel_included"] else "without a pixel"),
+        f"samples       {result['samples']} a side, {result['spacing']:.4g} {unit} apart, {pixel}",
         f"energy        {100 * result['energy']:.4g} % of the light",
+        f"wavelengths   {', '.join(f'{wave:.0f}' for wave in waves)} nm" if waves else "",
     ]
-    waves = result["wavelength_nm"]
-    if waves:
-        lines.append(f"wavelengths   {', '.join(f'{each:.0f}' for each in waves)} nm")
-    lines.append(f"field deg  width at half the peak, {unit}")
-    for angle, *widths in zip(result["field_deg"], *result["width"], strict=True):
-        lines.append(f"{angle:9.3f}  " + "  ".join(f"{each:.3g}" for each in widths))
-    return "\n".join(lines)
+    return "\n".join([*filter(None, lines), *aligned(rows, (1,))])
 
 
 def _text(result: dict[str, Any]) -> str:
     waves, degrees = result["wavelength_nm"], result["temperature_degc"]
+    columns = {
+        "field deg": ("field_deg", ".3f"),
+        "place mm": ("place_mm", ".4f"),
+        "distortion %": ("distortion_percent", ".3f"),
+        "lateral colour um": ("lateral_colour_um", ".2f"),
+        "wavefront waves rms": ("wavefront_rms_waves", ".3f"),
+        "illumination": ("illumination", ".4f"),
+    }
+    cells = [[format(value, form) for value in result[key]] for key, form in columns.values()]
     lines = [
         f"{result['name']}: {result['focal_length_mm']:.3f} mm, f/{result['f_number']:.3g} "
         f"({result['source']})",
-        f"wavelengths   {', '.join(f'{each:.0f}' for each in waves)} nm",
-        f"temperatures  {', '.join(f'{each:.4g}' for each in degrees)} degC",
+        f"wavelengths   {', '.join(f'{wave:.0f}' for wave in waves)} nm",
+        f"temperatures  {', '.join(f'{degree:.4g}' for degree in degrees)} degC",
         f"At {waves[len(waves) // 2]:.0f} nm and {degrees[len(degrees) // 2]:.4g} degC; lateral "
         "colour over all wavelengths; wavefront without tilt:",
-        "field deg  place mm  distortion %  lateral colour um  wavefront waves rms  illumination",
+        *aligned([list(columns), *map(list, zip(*cells, strict=True))], ()),
     ]
-    keys = ("field_deg", "place_mm", "distortion_percent", "lateral_colour_um")
-    more = ("wavefront_rms_waves", "illumination")
-    for row in zip(*(result[key] for key in (*keys, *more)), strict=True):
-        lines.append(
-            f"{row[0]:9.3f} {row[1]:9.4f} {row[2]:13.3f} {row[3]:18.2f} {row[4]:20.3f} "
-            f"{row[5]:13.4f}"
-        )
     if "terms_leave_waves" in result:
         lines.append(
             f"terms to Noll {result['terms']} leave at most {result['terms_leave_waves']:.2g} "

@@ -19,11 +19,11 @@ from typing import TextIO, cast
 
 from startrack import __version__
 from startrack.cli.imports import load, postpone
-from startrack.cli.options import add_common, memory_of
+from startrack.cli.options import memory_of
 from startrack.cli.stopping import ignore_signals, one_line, stopped_by_signals, told
 
-# Each command is a file of this name with `declare(parser)` and `command(options)`. Only that of
-# the called command is imported, and what it computes with when it runs.
+# Each command is a file of this name with `declare`, its table of options, and `command(options)`.
+# Only that of the called command is imported, and what it computes with when it runs.
 COMMANDS = {
     "simulate": "render one frame of a design to FITS and PNG",
     "psf": "compute how the optics of a design blur a star: width, energy, MTF",
@@ -170,5 +170,4 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         )  # fmt: skip
         if name == called:
             import_module(f"startrack.cli.{name}").declare(one)
-            add_common(one)
     return parser

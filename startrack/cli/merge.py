@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
 
 with deferred():
-    from startrack.cli.terminal import finite, in_arcsec, print_message, print_result, progress
+    from startrack.cli.terminal import print_message, print_result, print_rows, progress
     from startrack.core import arcsec
     from startrack.io import regular_file
-    from startrack.metrics import Interval
+    from startrack.metrics import ARCSEC, PERCENT, PURE, Row, bounds_json
     from startrack.montecarlo import (
         Sketch,
         merge_sketches,
@@ -25,22 +25,15 @@ FRACTIONS = (0.5, 0.6827, 0.9545, 0.9973, 0.9999, 0.999999)
 SQLITE = b"SQLite format 3\0"
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack merge`."""
-    describe(
-        parser,
-        "The parts are stores (`montecarlo --first K --trials N --store PART.sqlite`) or sketches "
-        "(`--sketch PART.json`) of one campaign. The result has the same bytes in any order of the "
-        "parts. Parts of another design, seed, sampling or version are refused. Trials that "
-        "several stores have are kept once and reported, and refused where their outcomes differ; "
-        "sketches with a trial in two of them are refused.",
-    )
-    parser.add_argument(
-        "parts", type=Path, nargs="+", metavar="PART", help="stores, or sketches, of montecarlo"
-    )
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="FILE", help="file to write, of the same kind"
-    )
+declare = Options(
+    "The parts are stores (`montecarlo --first K --trials N --store PART.sqlite`) or sketches "
+    "(`--sketch PART.json`) of one campaign. The result has the same bytes in any order of the "
+    "parts. Parts of another design, seed, sampling or version are refused. Trials that several "
+    "stores have are kept once and reported, and refused where their outcomes differ; sketches "
+    "with a trial in two of them are refused.",
+    Option("parts PART", "stores, or sketches, of montecarlo", Path, many="+"),
+    Option("--out FILE", "file to write, of the same kind", Path, required=True),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -58,8 +51,8 @@ def command(options: argparse.Namespace) -> int:
         with as_wrong_use():
             sketch = merge_sketches(parts, advance)
     save_sketch(options.out, sketch)
-    values, text = sketch_summary(sketch)
-    print_result(options, {"merged": str(options.out), "parts": len(parts)} | values, text)
+    rows = [Row("merged", str(options.out)), Row("parts", len(parts)), *sketch_rows(sketch)]
+    print_rows(options, rows)
     return Exit.DONE
 
 
@@ -83,38 +76,34 @@ def _stores(options: argparse.Namespace, parts: list[Path], advance: Any) -> int
     return Exit.DONE
 
 
-def sketch_summary(sketch: Sketch) -> tuple[dict[str, Any], str]:
-    """A sketch for JSON, and as text, with 95 % confidence intervals."""
-    values: dict[str, Any] = {"trials": sketch.trials, "ranges": [list(r) for r in sketch.ranges]}
-    lines = [f"trials                {sketch.trials:9d}; intervals: 95 % confidence"]
-    for which in ("across", "about"):
-        found = in_arcsec(sketch.rms(which))
-        values[f"{which}_rms_arcsec"] = found["value"]
-        values[f"{which}_rms_arcsec_95"] = [found["low"], found["high"]]
-        lines.append(f"{which} the boresight".ljust(22) + f"{_shown(found, 1)} arcsec rms")
-    for name in ("availability", "false"):
-        count = sketch.counts["correct" if name == "availability" else "false"]
-        values[name] = count / sketch.trials
-    there = sketch.availability
-    values["availability_95"] = [there.low, there.high]
-    percent = Interval(*(100 * one for one in (there.value, there.low, there.high)))
-    lines.append(f"availability          {_shown(vars(percent), 1)} %")
-    lines.append(f"false attitudes       {sketch.counts['false']:9d}")
-    values["nees"] = sketch.mean("nees")
-    lines.append(f"error^2 / variance    {values['nees']:9.3f} (3 expected)")
-    values["quantiles"] = []
-    for fraction in FRACTIONS:
-        for name in ("across", "z"):
-            found = in_arcsec(sketch.quantile(name, fraction))
-            values["quantiles"].append({"of": name, "fraction": fraction} | found)
-            text = "across" if name == "across" else "about"
-            lines.append(f"{text:6s} {100 * fraction:10.6g} %   {_shown(found, 1)} arcsec")
+def sketch_rows(sketch: Sketch) -> list[Row]:
+    """What a sketch holds, with 95 % confidence intervals."""
+    there, false = sketch.availability, sketch.counts["false"]
+    rows = [
+        Row("trials", sketch.trials, "trials", PURE, "d", "(intervals: 95 % confidence)"),
+        Row("ranges", [list(numbers) for numbers in sketch.ranges]),
+        *(
+            Row(f"{name}_rms_arcsec", sketch.rms(name), f"{name} the boresight", ARCSEC, ".4g",
+                "rms")
+            for name in ("across", "about")
+        ),
+        Row("availability", sketch.counts["correct"] / sketch.trials),
+        Row("false", false / sketch.trials, "false attitudes", PERCENT, ".4g"),
+        Row("availability_95", [there.low, there.high]),
+        Row("", there, "availability", PERCENT, ".4g"),
+        Row("nees", sketch.mean("nees"), "error^2 / variance", note="(3 expected)"),
+    ]  # fmt: skip
+    levels = {(part, of): sketch.quantile(of, part) for part in FRACTIONS for of in ("across", "z")}
+    of_json = [
+        {"of": of, "fraction": part} | bounds_json(found, ARCSEC)
+        for (part, of), found in levels.items()
+    ]
+    rows.append(Row("quantiles", of_json))
+    for (part, of), found in levels.items():
+        label = f"{'about' if of == 'z' else of}, {100 * part:.6g} % below"
+        rows.append(Row("", found, label, ARCSEC, ".4g"))
     if sketch.counts["judged"]:
-        error, trial = sketch.worst[0] / arcsec, -sketch.worst[1]
-        values["worst"] = {"trial": trial, "across_arcsec": error}
-        lines.append(f"largest error across  {error:9.3f} arcsec, in trial {trial}")
-    return finite(values), "\n".join(lines)
-
-
-def _shown(found: dict[str, float], unit: float) -> str:
-    return f"{found['value'] / unit:9.4g} [{found['low'] / unit:.4g}, {found['high'] / unit:.4g}]"
+        error, trial = sketch.worst[0], -sketch.worst[1]
+        rows.append(Row("worst", {"trial": trial, "across_arcsec": error / arcsec}))
+        rows.append(Row("", error, "largest error across", ARCSEC, note=f"in trial {trial}"))
+    return rows

@@ -11,18 +11,19 @@ from typing import Any
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    ALLOW_CODE,
+    SEED,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_allow_code,
-    add_out,
-    add_seed,
-    add_workers,
+    address,
     as_wrong_use,
     decimal,
-    describe,
+    out,
     whole,
 )
-from startrack.cli.scheduler import address
 
 with deferred():
     import numpy as np
@@ -30,6 +31,7 @@ with deferred():
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
     from startrack.core import Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, save_text, shipped, write_fits
+    from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
     from startrack.mission import (
         EDGES,
         PLANETS,
@@ -47,7 +49,6 @@ with deferred():
         load_mission,
         map_of,
         moved_plan,
-        over_beta,
         place,
         plan_of,
         reacquisition_of,
@@ -61,76 +62,54 @@ with deferred():
     )
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_frame, draw_mission, draw_placement
-    from startrack.report import write_mission_report
+    from startrack.report import (
+        CHECKED,
+        beta_table,
+        checks_table,
+        heads_table,
+        spells_table,
+        verdict_table,
+        write_mission_report,
+    )
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
 YEAR = 365.25 * 86400  # second
 STORE = "mission.sqlite"  # in the folder of the results
-WORST = 10  # longest times without a valid head that are listed
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack mission`."""
-    describe(
-        parser,
-        "Moves a spacecraft along its orbit and attitude law, and prints when Sun, Moon and Earth "
-        "blind each of its heads, how many heads are valid, and whether the mission's requirements "
-        "are met. Writes report.html, summary.json, mission.png, beta.png and timeline.csv. The "
-        "status is 3 if a requirement is not met.",
-    )
-    parser.add_argument(
-        "mission", type=Path, nargs="*", metavar="MISSION.toml",
-        help="mission file (default: the example, catalogs/missions/sun-synchronous.toml: three "
-        "heads, a year); several write to folders of their names",
-    )  # fmt: skip
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="a value over that of the mission file, such as 'time.duration=30 d'; may be given "
-        "several times",
-    )  # fmt: skip
-    add_allow_code(parser)
-    parser.add_argument(
-        "--every", type=whole(1, 10**8), metavar="N",
-        help="steps between two rows of the table of the timeline (default: so that it has at "
-        f"most {ROWS} rows)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--table", default="csv", choices=("csv", "parquet", "netcdf"),
-        help="format of the timeline (default: csv; parquet needs pyarrow)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--spice", action="store_true",
-        help="write orbit and attitude of the rows of the table as kernels of SPICE: orbit.bsp, "
-        "attitude.bc with its clock, attitude.tsc (extra spice)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--place", action="store_true",
-        help="search for better mountings of the heads first, and compare; writes placed.toml and "
-        "placement.png",
-    )  # fmt: skip
-    parser.add_argument(
-        "--heads", type=whole(1, 8), nargs="+", metavar="N",
-        help="compare so many heads instead, each placed by a coarse search (default with "
-        "--baffle: as many as the mission has)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--baffle", type=decimal(1, 89), nargs="+", metavar="DEG",
-        help="compare baffles that keep the Sun out from such angles on instead, with their length "
-        "and mass (default with --heads: the exclusion angle of the first head)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--frame", type=decimal(0, 1e12), metavar="SECOND",
-        help="render what each head sees at this time after the begin instead: HEAD.fits, HEAD.png",
-    )  # fmt: skip
-    parser.add_argument(
-        "--scheduler", type=address, metavar="ADDRESS",
-        help="fly several missions on the workers of a Dask cluster that share the folder of the "
-        "results (tcp://host:port)",
-    )  # fmt: skip
-    add_workers(parser)
-    add_seed(parser)
-    add_out(parser, "startrack-mission")
+declare = Options(
+    "Moves a spacecraft along its orbit and attitude law, and prints when Sun, Moon and Earth "
+    "blind each of its heads, how many heads are valid, and whether the mission's requirements "
+    "are met. Writes report.html, summary.json, mission.png, beta.png and timeline.csv. The "
+    "status is 3 if a requirement is not met.",
+    Option("mission MISSION.toml", "mission file (default: the example, "
+           "catalogs/missions/sun-synchronous.toml: three heads, a year); several write to "
+           "folders of their names", Path, many="*"),
+    Option("--set KEY=VALUE", "a value over that of the mission file, such as 'time.duration=30 "
+           "d'; may be given several times", default=[], append=True),
+    ALLOW_CODE,
+    Option("--every N", "steps between two rows of the table of the timeline (default: so that it "
+           f"has at most {ROWS} rows)", whole(1, 10**8)),
+    Option("--table", "format of the timeline (default: csv; parquet needs pyarrow)",
+           ("csv", "parquet", "netcdf"), "csv"),
+    Option("--spice", "write orbit and attitude of the rows of the table as kernels of SPICE: "
+           "orbit.bsp, attitude.bc with its clock, attitude.tsc (extra spice)"),
+    Option("--place", "search for better mountings of the heads first, and compare; writes "
+           "placed.toml and placement.png"),
+    Option("--heads N", "compare so many heads instead, each placed by a coarse search (default "
+           "with --baffle: as many as the mission has)", whole(1, 8), many="+"),
+    Option("--baffle DEG", "compare baffles that keep the Sun out from such angles on instead, "
+           "with their length and mass (default with --heads: the exclusion angle of the first "
+           "head)", decimal(1, 89), many="+"),
+    Option("--frame SECOND", "render what each head sees at this time after the begin instead: "
+           "HEAD.fits, HEAD.png", decimal(0, 1e12)),
+    Option("--scheduler ADDRESS", "fly several missions on the workers of a Dask cluster that "
+           "share the folder of the results (tcp://host:port)", address),
+    WORKERS,
+    SEED,
+    out("startrack-mission"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -229,12 +208,12 @@ def _written(
     if job.spice:
         write_kernels(plan, every, job.out / "orbit.bsp", job.out / "attitude.bc")
     result = {
-        "mission": str(job.path), **_values(plan, flown, found), "check": _checks(plan, checks),
-        "out": str(job.out),
+        "mission": str(job.path), **_values(plan, flown, found),
+        "check": checks_table(plan, checks).json(), "out": str(job.out),
     }  # fmt: skip
     save_json(job.out / "summary.json", finite(result))
     _draw(job.out, plan, flown, found, checks, job.path.stem)
-    text = "\n".join([_text(plan, flown, found), *_told(plan, checks)])
+    text = "\n".join([_text(plan, flown, found), *_check_lines(plan, checks)])
     return result, text, all(one.met for one in _verdicts(plan, flown, found))
 
 
@@ -294,27 +273,24 @@ def _trade(options: argparse.Namespace, path: Path, plan: Plan) -> int:
     angles = [one * deg for one in options.baffle or [plan.heads[0].limits.sun / deg]]
     with progress("searches", len(counts) * len(angles)) as advance:
         found = trades(plan, counts, angles, advance)
-    rows = [
-        {
-            "heads": one.heads, "baffle_deg": one.angle / deg, "baffle_length_m": one.length,
-            "mass_kg": one.mass, "longest_s": one.quality.longest, "one": one.quality.one,
-            "two": one.quality.two, "error_arcsec": one.quality.error / arcsec, "met": one.met,
-        }
-        for one in found
-    ]  # fmt: skip
-    result = {"mission": str(path), "trades": rows, "out": str(options.out)}
+    table = Table(
+        [
+            Column("heads", "heads", lambda row: row.heads, form="d"),
+            Column("baffle_deg", "baffle", lambda row: row.angle, Unit("deg", deg, deg), ".1f"),
+            Column("baffle_length_m", "length", lambda row: row.length, Unit("mm", 1e-3, 1), ".0f"),
+            Column("mass_kg", "mass", lambda row: row.mass, Unit("kg", 1, 1), ".2f"),
+            Column("longest_s", "longest", lambda row: row.quality.longest, SECOND, ".0f"),
+            Column("one", "one", lambda row: row.quality.one, PERCENT),
+            Column("two", "two", lambda row: row.quality.two, PERCENT),
+            Column("error_arcsec", "error", lambda row: row.quality.error, ARCSEC, ".2f"),
+            Column("met", "", lambda row: row.met),
+            Column("", "requirements", lambda row: "met" if row.met else "NOT MET"),
+        ],
+        found,
+    )
+    result = {"mission": str(path), "trades": table.json(), "out": str(options.out)}
     save_json(options.out / "trades.json", finite(result))
-    lines = [
-        f"{'heads':>5s}{'baffle (deg, mm)':>20s}{'mass (kg)':>11s}{'longest (s)':>13s}"
-        f"{'one (%)':>10s}{'two (%)':>10s}{'error (arcsec)':>16s}"
-    ]
-    for one in found:
-        quality = one.quality
-        lines.append(
-            f"{one.heads:5d}{one.angle / deg:10.1f}{1e3 * one.length:10.0f}{one.mass:11.2f}"
-            f"{quality.longest:13.0f}{100 * quality.one:10.3f}{100 * quality.two:10.3f}"
-            f"{quality.error / arcsec:16.2f}{'' if one.met else '  NOT MET'}"
-        )
+    lines = table.text(())
     lines.append("at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws")
     print_result(options, result, "\n".join(lines))
     return Exit.DONE if any(one.met for one in found) else Exit.UNSOLVED
@@ -345,7 +321,7 @@ def _place(
             for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True)
         ],
         **{name: _values(one, flown, found[name]) for name, (one, flown) in pairs.items()},
-        "check": _checks(plan, checks),
+        "check": checks_table(plan, checks).json(),
         "out": str(options.out),
     }
     save_mission(options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew")
@@ -361,7 +337,7 @@ def _place(
         lines.append(f"{name}: azimuth {azimuth / deg:.1f}, elevation {elevation / deg:.1f} deg")
     text = "\n".join(
         ["before", _text(plan, before, found["before"]), "", *lines, "", "after",
-         _text(better, after, found["after"]), *_told(better, checks)]
+         _text(better, after, found["after"]), *_check_lines(better, checks)]
     )  # fmt: skip
     print_result(options, result, text)
     met = all(one.met for one in _verdicts(better, after, found["after"]))
@@ -391,42 +367,10 @@ def _draw(
     save_text(out / "report.html", text)
 
 
-def _checks(plan: Plan, checks: tuple[Checked, ...]) -> list[dict[str, Any]]:
-    """The trials beside the errors of the budget; ratios with their standard errors."""
-    return [
-        {
-            "heads": [plan.heads[h].name for h in one.heads],
-            "trials": one.trials,
-            "attitudes": one.attitudes,
-            "attitudes_expected": one.expected,
-            "across_ratio": one.across,
-            "about_ratio": one.about,
-            "corrected_across_ratio": one.corrected_across,
-            "corrected_about_ratio": one.corrected_about,
-        }
-        for one in checks
-    ]
-
-
-def _told(plan: Plan, checks: tuple[Checked, ...]) -> list[str]:
-    """How far the errors are off by trials, or that no trial says so."""
+def _check_lines(plan: Plan, checks: tuple[Checked, ...]) -> list[str]:
     if not checks:
         return ["errors are not checked by trials (--set check.trials=200)"]
-    lines = []
-    for one in checks:
-        names = ", ".join(plan.heads[h].name for h in one.heads)
-        across, about, left, turned = (
-            f"{value:.2f} +- {error:.2f}"
-            for value, error in (
-                one.across, one.about, one.corrected_across, one.corrected_about
-            )
-        )  # fmt: skip
-        lines.append(
-            f"{names}: {one.trials} trials, {one.attitudes} attitudes ({one.expected:.1f} "
-            f"expected); rms {across} across, {about} about, over that of the budget; corrected, "
-            f"on the half that did not fit it: {left}, {turned}"
-        )
-    return lines
+    return [f"{CHECKED}:", *checks_table(plan, checks).text()]
 
 
 def _verdicts(plan: Plan, flown: Flown, found: Availability) -> list[Verdict]:
@@ -451,26 +395,11 @@ def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
             "times": len(found.none.length),
             "histogram_edges_s": list(EDGES[:-1]),
             "histogram": [int(one) for one in found.none.histogram()],
-            "worst": [
-                {"begin_s": begin, "length_s": length} for begin, length in found.none.worst(WORST)
-            ],
+            "worst": spells_table(found.none).json(),
         },
         "heads": [_head_values(plan, flown, found, h) for h in range(len(plan.heads))],
-        "requirements": [
-            {"name": one.name, "limit": one.limit, "value": one.value, "met": one.met}
-            for one in _verdicts(plan, flown, found)
-        ],
-        "by_beta": [
-            {
-                "low_deg": one.low / deg,
-                "high_deg": one.high / deg,
-                "time": one.time,
-                "one": one.one,
-                "two": one.two,
-                "error_arcsec": one.error / arcsec,
-            }
-            for one in over_beta(flown)
-        ],
+        "requirements": verdict_table(_verdicts(plan, flown, found)).json(),
+        "by_beta": beta_table(flown).json(),
         "fused_rms_arcsec": [float(one / arcsec) for one in flown.rms],
         "worst_moments": [
             {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
@@ -524,17 +453,9 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
     lines = [
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",
-        f"{'blind (% of the time)':24s}{'Sun':>8s}{'Moon':>8s}{'Earth':>8s}{'ground':>8s}"
-        f"{'SAA':>8s}{'struct.':>8s}{'any':>8s}"
-        f"{'longest (min)':>15s}{'error across, about (arcsec)':>30s}",
+        "blind, % of the time; rms error while valid:",
+        *heads_table(plan, flown, found).text(),
     ]
-    for h, head in enumerate(plan.heads):
-        values = np.sqrt(flown.head_sum[h, 1:3] / max(flown.head_sum[h, 0], 1)) / arcsec
-        parts = "".join(f"{100 * found.causes[cause][h]:8.2f}" for cause in Blind)
-        lines.append(
-            f"{head.name[:23]:24s}{parts}{100 * (1 - found.alone[h]):8.2f}"
-            f"{found.each[h].longest / 60:15.1f}{values[0]:20.2f}{values[1]:10.2f}"
-        )
     for count in range(len(plan.heads), 0, -1):
         words = f"at least {count} head{'s' if count > 1 else ''}"
         lines.append(f"{words:24s}{100 * found.at_least(count):10.4f} % of the time")
@@ -564,12 +485,6 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
             f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / 86400:.2f} d "
             "after the begin"
         )
-    for one in _verdicts(plan, flown, found):
-        size, unit = (arcsec, "arcsec") if one.name == "max_error" else (1.0, "")
-        size, unit = (1.0, "s") if one.name == "max_blind" else (size, unit)
-        lines.append(
-            f"{one.name}: {one.value / size:.6g} {unit}".rstrip()
-            + f", required {one.limit / size:.6g} {unit}".rstrip()
-            + f": {'met' if one.met else 'NOT MET'}"
-        )
+    if met := _verdicts(plan, flown, found):
+        lines += verdict_table(met).text((0, 3))
     return "\n".join(lines)

@@ -7,49 +7,59 @@ import time
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    DESIGN,
+    SCHEDULER,
+    SEED,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_design,
-    add_fidelity,
-    add_seed,
-    add_workers,
     as_wrong_use,
     decimal,
-    describe,
+    fidelity,
     positive,
     whole,
 )
-from startrack.cli.scheduler import add_scheduler
 
 with deferred():
     import numpy as np
     from numpy.typing import NDArray
 
     from startrack.budget import noise_only
-    from startrack.cli.merge import sketch_summary
-    from startrack.cli.scheduler import open_workers
+    from startrack.cli.campaign import open_workers
+    from startrack.cli.merge import sketch_rows
     from startrack.cli.terminal import (
         example,
         finite,
-        in_arcsec,
         print_message,
         print_result,
+        print_rows,
         progress,
         read_design,
-        summary_text,
-        summary_values,
     )
     from startrack.cli.units import require_units, trials_of
     from startrack.core import arcsec, parse
-    from startrack.design import Case, Fidelity, Requirements
+    from startrack.design import Case, Design, Fidelity, Requirements
     from startrack.io import save_json
-    from startrack.metrics import STATED_ALONE, Limits, summarise
+    from startrack.metrics import (
+        ARCSEC,
+        STATED_ALONE,
+        Limits,
+        Row,
+        bounds_json,
+        summarise,
+        summary_rows,
+        to_json,
+        to_lines,
+    )
     from startrack.montecarlo import (
         Ending,
+        Endings,
         Precision,
         Sampling,
         Store,
@@ -73,99 +83,60 @@ STORE = "campaign.sqlite"
 UNREACHED = 1e-6  # without --precision: one that no campaign reaches
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack montecarlo`."""
-    describe(
-        parser,
-        "Each trial has a random attitude and independent noise. With --out it writes trials.csv, "
-        "errors.png, summary.json and campaign.sqlite, for `report` and `combine`. The status is 3 "
-        "if a trial has no correct attitude.",
-    )
-    parser.set_defaults(claims=True)
-    add_design(parser)
-    parser.add_argument(
-        "--trials",
-        type=whole(1, 10**9),
-        default=200,
-        metavar="N",
-        help="number of trials (default: 200)",
-    )
-    parser.add_argument(
-        "--first", type=whole(0, 2**62), default=0, metavar="K",
-        help="number of the first trial (default: 0), so that the jobs of a cluster run parts of "
-        "one campaign, which `startrack merge` puts together",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sketch", type=Path, metavar="FILE.json",
-        help="keep moments, quantiles within 0.1 %% and the worst trial in a file of some 1 MB "
-        "instead of all trials, from which an interrupted run continues; for up to 10^9 trials, "
-        "best of fidelity covariance",
-    )  # fmt: skip
-    add_seed(parser)
-    add_workers(parser)
-    add_fidelity(
-        parser,
-        "frame: render whole frames (default); window: only the pixels around stars, with the "
-        "same noise, in a fifth of the time; spots: draw the spots from their covariance, without "
-        "an image, and identify them; covariance: draw the spots, identification is assumed to be "
-        "perfect",
-    )
-    parser.add_argument(
-        "--sobol", action="store_true",
-        help="use attitudes from a Sobol sequence; 16 scrambled copies give the interval",
-    )  # fmt: skip
-    parser.add_argument(
-        "--control", action="store_true",
-        help="compute each frame's linearised error as a control variate; 2 times fewer trials for "
-        "the same interval, 5 times with a campaign of fidelity covariance (see `combine`)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--units", type=whole(1, 10**6), metavar="N",
-        help="N units of the design, drawn from its [[variation]] tables and calibrated, with "
-        "--trials of each; the summary has the yield and explains the worst unit",
-    )  # fmt: skip
-    parser.add_argument(
-        "--environments", type=whole(1, 10**6), default=10, metavar="N",
-        help="environments of each unit, its trials shared among them (default: 10)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--age", metavar="TIME",
-        help="age of the units, such as '5 yr' (default: the lifetime of the design)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for store, table and picture"
-    )
-    parser.add_argument(
-        "--table", type=Path, metavar="FILE", help="table of the trials: RA, Dec, roll, rate, "
-        "angles to Sun, Moon and Earth, status, reason, errors; CSV or Parquet, as the name ends",
-    )  # fmt: skip
-    parser.add_argument(
-        "--store", type=Path, metavar="FILE", help="store of all trials, from which an interrupted "
-        "run continues (default: campaign.sqlite in the folder of --out)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--precision", type=decimal(1e-6, 1), metavar="FRACTION",
-        help="stop when half the width of the interval of the statistic is below this fraction of "
-        "its value; --trials is then the largest number of trials",
-    )  # fmt: skip
-    parser.add_argument(
-        "--statistic", default="across",
-        choices=("across", "about", "availability", "across-99.73"),
-        help="statistic of --precision and --log: rms across (default) or about the boresight, the "
-        "angle that 99.73 %% of the errors across do not exceed, or the availability",
-    )  # fmt: skip
-    parser.add_argument(
-        "--confidence", type=decimal(0.5, 0.9999), default=0.95, metavar="FRACTION",
-        help="confidence of that interval (default: 0.95)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--seconds", type=positive, metavar="SECONDS", help="start no trial after this time, s"
-    )
-    add_scheduler(parser)
-    parser.add_argument(
-        "--log", type=Path, metavar="FILE",
-        help="append rate, statistic, interval and remaining time, one JSON object per line",
-    )  # fmt: skip
+declare = Options(
+    "Each trial has a random attitude and independent noise. With --out it writes trials.csv, "
+    "errors.png, summary.json and campaign.sqlite, for `report` and `combine`. The status is 3 if "
+    "a trial has no correct attitude.",
+    *DESIGN,
+    Option("--trials N", "number of trials", whole(1, 10**9), 200),
+    Option("--first K", "number of the first trial (default: 0), so that the jobs of a cluster "
+           "run parts of one campaign, which `startrack merge` puts together", whole(0, 2**62),
+           0),
+    Option("--sketch FILE.json", "keep moments, quantiles within 0.1 %% and the worst trial in a "
+           "file of some 1 MB instead of all trials, from which an interrupted run continues; for "
+           "up to 10^9 trials, best of fidelity covariance", Path),
+    SEED,
+    WORKERS,
+    fidelity("frame: render whole frames (default); window: only the pixels around stars, with "
+             "the same noise, in a fifth of the time; spots: draw the spots from their "
+             "covariance, without an image, and identify them; covariance: draw the spots, "
+             "identification is assumed to be perfect"),
+    Option("--sobol", "use attitudes from a Sobol sequence; 16 scrambled copies give the interval"),
+    Option("--control", "compute each frame's linearised error as a control variate; 2 times "
+           "fewer trials for the same interval, 5 times with a campaign of fidelity covariance "
+           "(see `combine`)"),
+    Option("--units N", "N units of the design, drawn from its [[variation]] tables and "
+           "calibrated, with --trials of each; the summary has the yield and explains the worst "
+           "unit", whole(1, 10**6)),
+    Option("--environments N", "environments of each unit, its trials shared among them",
+           whole(1, 10**6), 10),
+    Option("--age TIME", "age of the units, such as '5 yr' (default: the lifetime of the design)"),
+    Option("--out DIR", "folder for store, table and picture", Path),
+    Option("--table FILE", "table of the trials: RA, Dec, roll, rate, angles to Sun, Moon and "
+           "Earth, status, reason, errors; CSV or Parquet, as the name ends", Path),
+    Option("--store FILE", "store of all trials, from which an interrupted run continues "
+           "(default: campaign.sqlite in the folder of --out)", Path),
+    Option("--precision FRACTION", "stop when half the width of the interval of the statistic is "
+           "below this fraction of its value; --trials is then the largest number of trials",
+           decimal(1e-6, 1)),
+    Option("--statistic", "statistic of --precision and --log: rms across (default) or about the "
+           "boresight, the angle that 99.73 %% of the errors across do not exceed, or the "
+           "availability", ("across", "about", "availability", "across-99.73"), "across"),
+    Option("--confidence FRACTION", "confidence of that interval", decimal(0.5, 0.9999), 0.95),
+    Option("--seconds SECONDS", "start no trial after this time, s", positive),
+    *SCHEDULER,
+    Option("--log FILE", "append rate, statistic, interval and remaining time, one JSON object "
+           "per line", Path),
+    claims=True,
+)  # fmt: skip
+
+
+class Trials(NamedTuple):
+    """The trials of a campaign, blocks of trials that failed, and trials per second."""
+
+    outcomes: NDArray[np.void]
+    failures: list[tuple[range, str]]
+    rate: float
 
 
 def command(options: argparse.Namespace) -> int:
@@ -176,8 +147,8 @@ def command(options: argparse.Namespace) -> int:
     """
     path = options.design or example()
     design = read_design(path, options.set)
-    case = design.case
-    needs = design.campaign.requirements if design.campaign else None
+    case, campaign = design.case, design.campaign
+    needs = campaign.requirements if campaign else None
     limits = needs.limits if needs else STATED_ALONE
     precision = (
         None if options.precision is None else _precision(options, options.precision, limits)
@@ -188,100 +159,55 @@ def command(options: argparse.Namespace) -> int:
         options.trials *= options.units
     with as_wrong_use(path=path):
         require_fidelity(case, sampling.fidelity)
-        conditions, refused = cases(case, design.campaign) if design.campaign else ((), ())
-    where: Path | None = options.store or (options.out / STORE if options.out else None)
+        conditions, refused = cases(case, campaign) if campaign else ((), ())
     workers = open_workers(options)
     warm(case, sampling)  # what no trial can do is refused before the first
-    began = time.perf_counter()
     if options.sketch:
         return _sketch(options, case, sampling, limits, workers)
-    numbers = range(options.first, options.first + options.trials)
-    with _open(where, case, options.seed, sampling) as store, workers as executor:
-        held = sum(
-            max(0, min(block.stop, numbers.stop) - max(block.start, numbers.start))
-            for block in store.done()
-        )
-        if held:
-            print_message(f"{where} holds {held} trials; continuing")
-        watched = precision or _precision(options, UNREACHED, limits)
-        with (
-            progress("trials", options.trials) as advance,
-            Watch(store, watched, options.trials, advance, options.log) as watch,
-        ):
-            advance(min(held, options.trials))
-            outcomes = resume(
-                store,
-                executor,
-                options.workers,
-                options.trials,
-                precision,
-                options.seconds,
-                watch,
-                first=options.first,
-            )
-        if design.campaign:
-            store.keep_campaign(design.campaign)
-        failures, done = store.failures(), len(outcomes)
+    where: Path | None = options.store or (options.out / STORE if options.out else None)
+    trials = _run(options, design, sampling, where, limits, precision, workers)
+    outcomes = judged = trials.outcomes
     attitudes = sampling.attitudes_of(options.seed, outcomes["trial"].tolist())
-    found = endings(
+    ends = endings(
         case, options.seed, outcomes, attitudes, limits, needs.min_keep_out if needs else None
     )
-    rate = (done - held) / (time.perf_counter() - began)
-    judged = outcomes
     if needs and sampling.attitudes == "random":
         judged = counted(needs, case, options.seed, outcomes)
     summary = summarise(judged, limits)
-    result = {
-        "design": str(path),
-        "seed": options.seed,
-        "fidelity": sampling.fidelity.value,
-    } | summary_values(summary)
-    result |= {"trials_per_s": rate}
-    text = f"{summary_text(summary, limits)}"
-    if design.campaign and needs and needs.accuracy:
-        values, lines = _required(needs, judged, sampling, options.seed)
-        others = [*(one.name for one in conditions[1:]), *refused]
-        result |= {"required": values, "conditions_not_run": others}
-        text += f"\n{lines}"
+    rows = summary_rows(summary, limits)
+    result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
+    result |= to_json(rows) | {"trials_per_s": trials.rate}
+    text = [*([summary.doubt] if summary.doubt else []), *to_lines(rows)]
+    if needs and needs.accuracy:
+        result["required"], lines = _required(needs, judged, sampling, options.seed)
+        others = [*(condition.name for condition in conditions[1:]), *refused]
+        result["conditions_not_run"] = others
+        text += lines
         if others:
-            text += (
-                f"\nthis is the design's own condition alone; `startrack verify` also judges: "
-                f"{'; '.join(others)}"
+            text.append(
+                "this is the design's own condition alone; `startrack verify` also judges: "
+                + "; ".join(others)
             )
     if sampling.units:
         required = needs.accuracy if needs else ()
-        values, lines = trials_of(case, options.seed, sampling, outcomes, required)
-        result |= {"units": values}
-        text += f"\n{lines}"
+        result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)
+        text += lines
     else:
-        text += f"\n{noise_only(case)}"
+        text.append(noise_only(case))
     result["noise_only"] = not sampling.units
-    text += f"\n{rate:.1f} trials/s, seed {options.seed}"
-    if sampling.control or options.sobol:
-        values, lines = _reduced_variance(outcomes, options.sobol)
-        result |= {"helped": values}
-        text += f"\n{lines}"
-    lost = {one.value: count for one, count in found.count().items() if count}
-    result["endings"] = lost
-    if set(lost) != {Ending.CORRECT.value}:
-        text += "\ntrials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items())
-    if precision:
-        width = half_width(precision.interval(outcomes))
-        result |= {"statistic": precision.statistic, "relative_half_width": width}
-        result |= {"confidence": precision.confidence, "precise": width <= precision.relative}
-        text += (
-            f"\n{precision.statistic} is known to {100 * width:.2f} % with "
-            f"{100 * precision.confidence:g} % confidence"
-        )
-    if failures:
-        last = last_words(failures[-1][1])
-        result["failed_trials"] = sum(len(numbers) for numbers, _ in failures)
+    text.append(f"{trials.rate:.1f} trials/s, seed {options.seed}")
+    more, lines = _details(options, sampling, outcomes, ends, precision)
+    result |= more
+    text += lines
+    if trials.failures:
+        result["failed_trials"] = sum(len(numbers) for numbers, _ in trials.failures)
+        last = last_words(trials.failures[-1][1])
         print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
     tables: list[Path | None] = [options.table, options.out / "trials.csv" if options.out else None]
     if any(tables):
-        table = with_causes(case, outcomes, attitudes, found)
+        table = with_causes(case, outcomes, attitudes, ends)
         with as_wrong_use(ValueError, ImportError):
             for wanted in filter(None, tables):
                 export(wanted, table)
@@ -289,8 +215,76 @@ def command(options: argparse.Namespace) -> int:
         draw_errors(options.out / "errors.png", outcomes, path.stem)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
-    print_result(options, result, text)
-    return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
+    print_result(options, result, "\n".join(text))
+    solved = summary.availability.value == 1 and not trials.failures
+    return Exit.DONE if solved else Exit.UNSOLVED
+
+
+def _run(
+    options: argparse.Namespace,
+    design: Design,
+    sampling: Sampling,
+    where: Path | None,
+    limits: Limits,
+    precision: Precision | None,
+    workers: AbstractContextManager[Executor],
+) -> Trials:
+    """Run the trials that the store does not hold yet."""
+    began = time.perf_counter()
+    numbers = range(options.first, options.first + options.trials)
+    with as_wrong_use():
+        opened = Store(where, design.case, options.seed, sampling)
+    with opened as store, workers as executor:
+        before = sum(
+            max(0, min(block.stop, numbers.stop) - max(block.start, numbers.start))
+            for block in store.done()
+        )
+        if before:
+            print_message(f"{where} holds {before} trials; continuing")
+        watched = precision or _precision(options, UNREACHED, limits)
+        with (
+            progress("trials", options.trials) as advance,
+            Watch(store, watched, options.trials, advance, options.log) as watch,
+        ):
+            advance(min(before, options.trials))
+            outcomes = resume(
+                store, executor, options.workers, options.trials, precision, options.seconds,
+                watch, first=options.first,
+            )  # fmt: skip
+        if design.campaign:
+            store.keep_campaign(design.campaign)
+        failures = store.failures()
+    rate = (len(outcomes) - before) / (time.perf_counter() - began)
+    return Trials(outcomes, failures, rate)
+
+
+def _details(
+    options: argparse.Namespace,
+    sampling: Sampling,
+    outcomes: NDArray[np.void],
+    ends: Endings,
+    precision: Precision | None,
+) -> tuple[dict[str, Any], list[str]]:
+    """What variance reduction saved, how trials ended, and how well the statistic is known."""
+    result: dict[str, Any] = {}
+    text = []
+    if sampling.control or options.sobol:
+        rows = _reduced_variance(outcomes, options.sobol)
+        result["helped"] = to_json(rows)
+        text += to_lines(rows)
+    lost = {end.value: count for end, count in ends.count().items() if count}
+    result["endings"] = lost
+    if set(lost) != {Ending.CORRECT.value}:
+        text.append("trials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items()))
+    if precision:
+        width = half_width(precision.interval(outcomes))
+        result |= {"statistic": precision.statistic, "relative_half_width": width}
+        result |= {"confidence": precision.confidence, "precise": width <= precision.relative}
+        text.append(
+            f"{precision.statistic} is known to {100 * width:.2f} % with "
+            f"{100 * precision.confidence:g} % confidence"
+        )
+    return result, text
 
 
 def _refuse_parts(options: argparse.Namespace) -> None:
@@ -321,10 +315,9 @@ def _sketch(
             options.sketch, case, options.seed, sampling, numbers, executor, options.workers,
             limits, advance,
         )  # fmt: skip
-    values, text = sketch_summary(sketch)
     head = {"sketch": str(options.sketch), "seed": options.seed, "fidelity": options.fidelity}
-    print_result(options, head | values, text)
-    return Exit.DONE if values["availability"] == 1 else Exit.UNSOLVED
+    print_rows(options, [*(Row(key, value) for key, value in head.items()), *sketch_rows(sketch)])
+    return Exit.DONE if sketch.counts["correct"] == sketch.trials else Exit.UNSOLVED
 
 
 def _precision(options: argparse.Namespace, relative: float, limits: Limits) -> Precision:
@@ -333,7 +326,7 @@ def _precision(options: argparse.Namespace, relative: float, limits: Limits) -> 
 
 def _required(
     needs: Requirements, outcomes: NDArray[np.void], sampling: Sampling, seed: int
-) -> tuple[dict[str, Any], str]:
+) -> tuple[dict[str, Any], list[str]]:
     """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`."""
     result, lines, tail = {}, [], 1 - needs.confidence
     attitudes = sampling.attitudes_of(seed, outcomes["trial"].tolist())
@@ -342,18 +335,18 @@ def _required(
         if claim.accuracy is None:
             continue
         bounds = claim.bounds(outcomes, boresight, tail, tail)
+        in_arcsec = bounds_json(bounds, ARCSEC)
         result[claim.name] = {
             "statistic": str(claim.accuracy.objective),
             "limit_arcsec": claim.limit / arcsec,
-            **{f"{name}_arcsec": value for name, value in in_arcsec(bounds).items()},
+            **{f"{name}_arcsec": value for name, value in in_arcsec.items()},
         }
-        shown = claim.answer(bounds).value
-        value, low, high = (one / arcsec for one in (bounds.value, bounds.low, bounds.high))
         lines.append(
             f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
-            f"{value:.3f} [{low:.3f}, {high:.3f}]: {shown} with {100 * needs.confidence:g} %"
+            "{value:.3f} [{low:.3f}, {high:.3f}]".format(**in_arcsec)
+            + f": {claim.answer(bounds).value} with {100 * needs.confidence:g} %"
         )
-    return result, "\n".join(lines)
+    return result, lines
 
 
 def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
@@ -369,26 +362,17 @@ def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
         return Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
 
 
-def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> tuple[dict[str, Any], str]:
+def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> list[Row]:
     """The errors with Sobol points and controls, and the factor of trials that these save."""
-    result: dict[str, Any] = {}
-    lines = []
+    rows = []
     for name, about in (("across", False), ("about", True)):
-        plain, reduced = (
-            mean_square(outcomes[list(OUTCOMES.names or ())], about),
-            mean_square(outcomes, about, sobol),
-        )
-        bounds, fewer = in_arcsec(reduced.root()), (plain.error / reduced.error) ** 2
-        result[f"{name}_rms_arcsec"] = bounds["value"]
-        result[f"{name}_rms_arcsec_95"] = [bounds["low"], bounds["high"]]
-        result[f"{name}_times_fewer"] = fewer
-        lines.append(
-            f"variance reduced, {name:6s} {bounds['value']:9.3f} arcsec rms [{bounds['low']:.3f}, "
-            f"{bounds['high']:.3f}], as with {fewer:.1f} times as many trials"
-        )
-    return result, "\n".join(lines)
-
-
-def _open(path: Path | None, case: Case, seed: int, sampling: Sampling) -> Store:
-    with as_wrong_use():
-        return Store(path, case, seed, sampling)
+        plain = mean_square(outcomes[list(OUTCOMES.names or ())], about)
+        reduced = mean_square(outcomes, about, sobol)
+        fewer = (plain.error / reduced.error) ** 2
+        note = f"rms, as with {fewer:.1f} times as many trials"
+        rows += [
+            Row(f"{name}_rms_arcsec", reduced.root(), f"variance reduced, {name}", ARCSEC,
+                note=note),
+            Row(f"{name}_times_fewer", fewer),
+        ]  # fmt: skip
+    return rows

@@ -6,14 +6,13 @@ import argparse
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_campaign_options
-from startrack.cli.scheduler import add_scheduler
+from startrack.cli.options import Exit, Options, study
 
 with deferred():
-    from startrack.cli.campaign import open_campaign
-    from startrack.cli.terminal import finite, print_result, progress, summary_values
+    from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.terminal import progress
     from startrack.design import Campaign, Design, Objective, save_design
-    from startrack.io import save_json, save_text
+    from startrack.metrics import summary_rows, to_json
     from startrack.optimise import (
         Optimum,
         comparison,
@@ -25,18 +24,13 @@ with deferred():
     from startrack.plots import draw_convergence
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack optimize`."""
-    add_campaign_options(
-        parser,
-        "optimize",
-        "Varies the variables of [campaign] under its requirements, and compares the best design "
-        "with the start on fresh trials. Writes best.toml (a design for any other command), "
-        "comparison.md, convergence.png, evaluations.csv, result.json, and ledger.sqlite, from "
-        "which the same command continues after an interruption. The status is 3 if a "
-        "requirement is not met.",
-    )
-    add_scheduler(parser)
+declare = Options(
+    "Varies the variables of [campaign] under its requirements, and compares the best design with "
+    "the start on fresh trials. Writes best.toml (a design for any other command), comparison.md, "
+    "convergence.png, evaluations.csv, result.json, and ledger.sqlite, from which the same "
+    "command continues after an interruption. The status is 3 if a requirement is not met.",
+    *study("optimize"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -49,16 +43,10 @@ def command(options: argparse.Namespace) -> int:
     table = comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
     save_design(out / "best.toml", Design(optimum.best, campaign), note)
-    save_text(out / "comparison.md", table + "\n")
     write_evaluations(out / "evaluations.csv", optimum.evaluations)
     draw_convergence(out / "convergence.png", optimum, campaign.objective)
     result = {"out": str(out), "seed": options.seed, **optimum_values(optimum, campaign)}
-    save_json(out / "result.json", finite(result))
-    print_result(
-        options,
-        result,
-        f"{table}\n\nthe search ended: {optimum.ending}; results are in {out}",
-    )
+    write_study(options, "comparison", table, result, f"the search ended: {optimum.ending}; ")
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 
 
@@ -68,8 +56,8 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
     return {
         "objective": str(Objective.read(campaign.objective)),
         "branch": optimum.branch,
-        "start": summary_values(optimum.fresh[0]),
-        "best": summary_values(optimum.fresh[1]),
+        "start": to_json(summary_rows(optimum.fresh[0])),
+        "best": to_json(summary_rows(optimum.fresh[1])),
         "factor": factor.value,
         "factor_95": [factor.low, factor.high],
         "optimism": optimism.value,

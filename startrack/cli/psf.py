@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, add_design, add_out, describe
+from startrack.cli.options import DESIGN, Exit, Options, WrongUse, out
 
 with deferred():
     import numpy as np
@@ -39,16 +39,12 @@ NYQUIST = 0.5  # cycle / pixel
 SMALL = 0.01  # fill factor, least of a detector, so that images through a lens are without pixels
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack psf`."""
-    describe(
-        parser,
-        "Prints the diffraction model with its error bound, the width, the energy within circles "
-        "and pixels, and the MTF at the Nyquist frequency factor by factor. Writes psf.png and "
-        "psf.json.",
-    )
-    add_design(parser)
-    add_out(parser, "startrack-psf")
+declare = Options(
+    "Prints the diffraction model with its error bound, the width, the energy within circles and "
+    "pixels, and the MTF at the Nyquist frequency factor by factor. Writes psf.png and psf.json.",
+    *DESIGN,
+    out("startrack-psf"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

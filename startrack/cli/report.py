@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_allow_code, as_wrong_use, describe, whole
+from startrack.cli.options import ALLOW_CODE, Exit, Option, Options, as_wrong_use, whole
 
 with deferred():
     from startrack.cli.terminal import print_result, progress
@@ -15,41 +15,25 @@ with deferred():
     from startrack.report import Depth, repeated, write_report
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack report`."""
-    describe(
-        parser,
-        "The page has the design, a verdict on each requirement, the summary, causes of lost "
-        "trials, distributions, maps of the sky, error budget, error over magnitude, field and "
-        "slew rate, fidelities, the worst trials with their frames, and all inputs. "
-        "Some trials are repeated for it; their numbers set the time.",
-    )
-    parser.add_argument(
-        "campaign", type=Path, metavar="CAMPAIGN.sqlite", help="store of `montecarlo`"
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE.html", help="page to write (default: beside the campaign)"
-    )
-    parser.add_argument(
-        "--title", metavar="TEXT", help="title of the page (default: the name of the campaign)"
-    )
-    parser.add_argument("--author", default="", metavar="NAME", help="author, for the page's head")
-    add_allow_code(parser)
-    for name, least, default, text in (
-        ("stars", 1, 60, "trials whose single stars are measured"),
-        ("slews", 1, 60, "trials at each of seven slew rates"),
-        ("budget", 2, 60, "trials that the error budget is measured on"),
-        ("fidelity-trials", 2, 60, "trials at each fidelity, to compare them"),
-        ("worst", 0, 3, "worst trials to show with their frames"),
-        ("conditions", 2, 200, "trials in each condition of the verdict, but the design's own"),
-    ):
-        parser.add_argument(
-            f"--{name}", type=whole(least), default=default, metavar="N",
-            help=f"{text} (default: {default})",
-        )  # fmt: skip
-    parser.add_argument(
-        "--rungs", dest="fidelity_trials", type=whole(2), help=argparse.SUPPRESS,
-    )  # fmt: skip
+declare = Options(
+    "The page has the design, a verdict on each requirement, the summary, causes of lost trials, "
+    "distributions, maps of the sky, error budget, error over magnitude, field and slew rate, "
+    "fidelities, the worst trials with their frames, and all inputs. Some trials are repeated for "
+    "it; their numbers set the time.",
+    Option("campaign CAMPAIGN.sqlite", "store of `montecarlo`", Path),
+    Option("--out FILE.html", "page to write (default: beside the campaign)", Path),
+    Option("--title TEXT", "title of the page (default: the name of the campaign)"),
+    Option("--author NAME", "author, for the page's head", default=""),
+    ALLOW_CODE,
+    Option("--stars N", "trials whose single stars are measured", whole(1), 60),
+    Option("--slews N", "trials at each of seven slew rates", whole(1), 60),
+    Option("--budget N", "trials that the error budget is measured on", whole(2), 60),
+    Option("--fidelity-trials N", "trials at each fidelity, to compare them", whole(2), 60),
+    Option("--worst N", "worst trials to show with their frames", whole(0), 3),
+    Option("--conditions N", "trials in each condition of the verdict, but the design's own",
+           whole(2), 200),
+    Option("--rungs", argparse.SUPPRESS, whole(2), dest="fidelity_trials"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -4,16 +4,32 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, WrongUse, add_campaign, describe
+from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign
 
 with deferred():
     from startrack.budget import caveats
-    from startrack.cli.earth_requirements import earth_requirements
     from startrack.cli.terminal import example, print_result, read_design
-    from startrack.core import arcsec
+    from startrack.core import arcsec, um
     from startrack.design import Objective
+    from startrack.earth.imager import (
+        Channel,
+        Figures,
+        First,
+        Goals,
+        Survey,
+        cameras,
+        figures_of,
+        first_parameters,
+        known,
+        load_survey,
+        margins_of,
+    )
+    from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective, units_text
 
 EARTH_TOO = (
@@ -24,19 +40,16 @@ EARTH_TOO = (
 )
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack requirements`."""
-    describe(
-        parser,
-        "Prints the margin of each requirement and the error by the analytic budget. The status "
-        "is 3 if a requirement is not met.",
-    )
-    add_campaign(parser, EARTH_TOO)
+declare = Options(
+    "Prints the margin of each requirement and the error by the analytic budget. The status is 3 "
+    "if a requirement is not met.",
+    *campaign(EARTH_TOO),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the margins of a design and its error by the analytic budget."""
-    earth = earth_requirements(options)
+    earth = _earth_requirements(options)
     if earth is not None:
         return earth
     path = options.campaign or example()
@@ -66,12 +79,11 @@ def command(options: argparse.Namespace) -> int:
         for one in needs.accuracy
     }
     result |= {"accuracy": limits} if limits else {}
-    width = max(20, *(len(name) for name in margins))
-    lines = [f"{'requirement':{width}} {'margin':>8}"]
-    lines += [
-        f"{name:{width}} {margin:+8.3f}{'' if margin >= 0 else '  NOT MET'}"
+    rows = [
+        [name, f"{margin:+.3f}", "" if margin >= 0 else "NOT MET"]
         for name, margin in margins.items()
     ]
+    lines = aligned([["requirement", "margin", ""], *rows], (0, 2))
     lines += [
         "",
         *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
@@ -87,3 +99,105 @@ def command(options: argparse.Namespace) -> int:
     ]
     print_result(options, result, "\n".join(lines))
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _earth_requirements(options: argparse.Namespace) -> int | None:
+    """Print the figures or parameters of an Earth camera; None if the file is another."""
+    path = options.campaign
+    if path is None:
+        return None
+    if str(path) in cameras():
+        path = shipped(f"scenes/{path}.toml")
+    with as_wrong_use():
+        table = read_table(path, f"a design file, or one of {', '.join(cameras())}")
+        if options.set and ("camera" in table or "goals" in table):
+            raise ValueError(f"--set must be given with design files alone, got {path}")
+        if "goals" in table and len(table) == 1:
+            return _print_parameters(options, path, from_table(Goals, table["goals"], "goals"))
+        if "camera" in table:
+            return _print_figures(options, load_survey(path))
+    return None
+
+
+def _print_figures(options: argparse.Namespace, survey: Survey) -> int:
+    """Print the figures of each channel; the status is 3 if a requirement of one is not met."""
+    met = True
+    for channel, height, found in figures_of(survey):
+        margins = margins_of(channel, found)
+        met = met and all(margin >= 0 for margin in margins.values())
+        result: dict[str, Any] = {"channel": channel.name, "height_m": height, **asdict(found)}
+        result |= {"required": known(channel.required), "measured": known(channel.measured)}
+        result |= {"margins": margins}
+        print_result(options, result, _figures_text(channel, found, height))
+    return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _print_parameters(options: argparse.Namespace, path: Path, goals: Goals) -> int:
+    """Print the parameters of the smallest camera that meets the goals."""
+    first = first_parameters(goals)
+    print_result(options, {"goals": str(path), **asdict(first)}, _first_text(first))
+    return Exit.DONE
+
+
+def _figures_text(channel: Channel, found: Figures, height: float) -> str:
+    """The result as text."""
+    bits = math.log2(found.dynamics)
+    beside = {name: _beside(channel, name) for name in vars(channel.required)}
+    missed = [name for name, margin in margins_of(channel, found).items() if margin < 0]
+    edge = (
+        ""
+        if found.illumination is None
+        else (f", lowest over the field; light {100 * found.illumination:.1f} % of the middle's")
+    )
+    step = "" if found.nedt is None else f", NEdT {1e3 * found.nedt:.4g} mK{beside['nedt']}"
+    return "\n".join(
+        [
+            f"{channel.name} from {height / 1e3:.4g} km",
+            f"  pixel on the ground  {found.gsd:.4g} m, every {found.sampling_across:.4g} m "
+            f"across and {found.sampling_along:.4g} m along{beside['gsd']}",
+            f"  swath                {found.swath / 1e3:.4g} km, "
+            f"{math.degrees(found.field):.2f} deg",
+            f"  Rayleigh             {found.rayleigh:.4g} m on the ground",
+            f"  MTF at Nyquist       {found.mtf_across:.3f} across, {found.mtf_along:.3f} along"
+            f"{beside['mtf']}{edge}",
+            f"  SNR                  {found.snr:.4g} at {found.radiance * um:.4g} "
+            f"W / m^2 / sr / um{beside['snr']}: {found.electrons:.4g} electrons, "
+            f"noise {found.noise:.4g}{step}",
+            f"  dynamic range        {found.dynamics:.4g}, {bits:.1f} bit; saturates at "
+            f"{found.saturation * um:.4g} W / m^2 / sr / um{beside['saturation']}",
+            f"  pixel rate           {found.clock / 1e6:.4g} Mpixel / s, a line in "
+            f"{1e3 * found.period:.4g} ms; {found.data_rate / 1e6:.4g} Mbit / s",
+            *([f"  NOT MET              {', '.join(missed)}"] if missed else []),
+        ]
+    )
+
+
+def _beside(channel: Channel, name: str) -> str:
+    """What is required and was measured, as text behind the predicted value."""
+    unit, scale = {"saturation": ("", um), "nedt": (" mK", 1e3), "gsd": (" m", 1.0)}.get(
+        name, ("", 1.0)
+    )
+    values = {
+        kind: getattr(one, name)
+        for kind, one in (("required", channel.required), ("measured", channel.measured))
+    }
+    told = [
+        f"{kind} {value * scale:.4g}{unit}" for kind, value in values.items() if value is not None
+    ]
+    return f" ({', '.join(told)})" if told else ""
+
+
+def _first_text(first: First) -> str:
+    """The result as text."""
+    return "\n".join(
+        [
+            f"focal length  {1e3 * first.focal_length:.4g} mm",
+            f"aperture      {1e3 * first.aperture:.4g} mm, f/{first.f_number:.3g}: for Rayleigh "
+            f"{1e3 * first.for_rayleigh:.4g} mm, MTF {1e3 * first.for_mtf:.4g} mm, "
+            f"SNR {1e3 * first.for_snr:.4g} mm",
+            f"line          {first.columns} pixel every {1e3 * first.period:.4g} ms, exposed "
+            f"{1e3 * first.exposure:.4g} ms: {first.electrons:.4g} electrons",
+            f"pixel rate    {first.clock / 1e6:.4g} Mpixel / s, "
+            f"{first.data_rate / 1e6:.4g} Mbit / s",
+        ]
+    )

@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 
 from startrack.cli.imports import deferred
-from startrack.cli.options import Exit, add_campaign_options
-from startrack.cli.scheduler import add_scheduler
+from startrack.cli.options import Exit, Options, study
 
 with deferred():
-    from startrack.cli.campaign import open_campaign
-    from startrack.cli.terminal import finite, print_result, progress
-    from startrack.io import save_json, save_text
+    from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.terminal import print_result, progress
     from startrack.optimise import (
         designs_needed,
         sample,
@@ -22,17 +20,12 @@ with deferred():
     from startrack.plots import draw_tolerance
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack sample`."""
-    add_campaign_options(
-        parser,
-        "sample",
-        "Samples the designs around this one whose error is larger by at most the fraction "
-        "`margin` of [campaign] and that meet its requirements. Writes tolerance.md, corner.png, "
-        "samples.csv and result.json. If the chains did not converge it writes nothing, and the "
-        "status is 3.",
-    )
-    add_scheduler(parser)
+declare = Options(
+    "Samples the designs around this one whose error is larger by at most the fraction `margin` "
+    "of [campaign] and that meet its requirements. Writes tolerance.md, corner.png, samples.csv "
+    "and result.json. If the chains did not converge it writes nothing, and the status is 3.",
+    *study("sample"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -51,10 +44,8 @@ def command(options: argparse.Namespace) -> int:
         print_result(options, {"converged": False, "doubt": reason}, f"not converged: {reason}")
         return Exit.UNSOLVED
     table = tolerance_table(tolerance)
-    save_text(out / "tolerance.md", table + "\n")
     write_samples(out / "samples.csv", tolerance)
     draw_tolerance(out / "corner.png", tolerance)
     result = {"out": str(out), "seed": options.seed, **values}
-    save_json(out / "result.json", finite(result))
-    print_result(options, result, f"{table}\n\nresults are in {out}")
+    write_study(options, "tolerance", table, result)
     return Exit.DONE

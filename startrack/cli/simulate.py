@@ -9,14 +9,15 @@ from pathlib import Path
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    DESIGN,
     LARGEST_SEED,
+    SEED,
     Exit,
-    add_design,
-    add_out,
-    add_seed,
+    Option,
+    Options,
     as_wrong_use,
     decimal,
-    describe,
+    out,
     whole,
 )
 
@@ -29,39 +30,20 @@ with deferred():
     from startrack.trial import observe, random_attitude
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack simulate`."""
-    describe(
-        parser,
-        "Writes frame.fits, with its WCS and a table of its true stars, and frame.png. Without "
-        "--ra, --dec and --roll it uses the random attitude of this seed and trial; if one is "
-        "given, the others are 0.",
-    )
-    add_design(parser)
-    parser.add_argument(
-        "--ra", type=decimal(), metavar="DEG", help="right ascension of the boresight, ICRS, degree"
-    )
-    parser.add_argument(
-        "--dec",
-        type=decimal(-90, 90),
-        metavar="DEG",
-        help="declination of the boresight, ICRS, degree",
-    )
-    parser.add_argument(
-        "--roll", type=decimal(), metavar="DEG",
-        help="celestial north, counter-clockwise from image up, degree",
-    )  # fmt: skip
-    add_seed(parser)
-    parser.add_argument(
-        "--trial", type=whole(0, LARGEST_SEED), default=0, metavar="N",
-        help="number of the trial within the seed (default: 0)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--pixels", choices=("png", "ser", "raw"),
-        help="write the image also as pixels.png of 16 bits, pixels.ser or pixels-*.raw, with time "
-        "and true attitude in pixels.csv",
-    )  # fmt: skip
-    add_out(parser, "startrack-simulate")
+declare = Options(
+    "Writes frame.fits, with its WCS and a table of its true stars, and frame.png. Without --ra, "
+    "--dec and --roll it uses the random attitude of this seed and trial; if one is given, the "
+    "others are 0.",
+    *DESIGN,
+    Option("--ra DEG", "right ascension of the boresight, ICRS, degree", decimal()),
+    Option("--dec DEG", "declination of the boresight, ICRS, degree", decimal(-90, 90)),
+    Option("--roll DEG", "celestial north, counter-clockwise from image up, degree", decimal()),
+    SEED,
+    Option("--trial N", "number of the trial within the seed", whole(0, LARGEST_SEED), 0),
+    Option("--pixels", "write the image also as pixels.png of 16 bits, pixels.ser or "
+           "pixels-*.raw, with time and true attitude in pixels.csv", ("png", "ser", "raw")),
+    out("startrack-simulate"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

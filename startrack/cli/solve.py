@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    FIELD_AND_SKY,
     KNOWN,
     Exit,
-    add_field_and_sky,
-    add_images,
+    Option,
+    Options,
     as_wrong_use,
-    describe,
+    images,
 )
 
 with deferred():
@@ -50,41 +51,23 @@ if TYPE_CHECKING:
 THRESHOLDS = (5.0, 4.0)
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack solve`."""
-    describe(
-        parser,
-        "Prints the boresight of each image, its roll, its field of view and the probability of a "
-        "false match. Without --camera the lens is unknown: its distortion is estimated where the "
-        "stars show it, and the boresight is the direction of the centre of the image. The status "
-        "is 3 if an image has no attitude, with the reason, and 1 if one cannot be read.",
-    )
-    add_images(parser)
-    parser.add_argument(
-        "--fov", type=float, metavar="DEG",
-        help="field of view across the columns, degree (default: search from 2 to 90)",
-    )  # fmt: skip
-    add_field_and_sky(parser)
-    parser.add_argument(
-        "--camera", type=Path, metavar="FILE",
-        help="calibrated camera, from `calibrate --camera`, or a design with [tracker.camera]",
-    )  # fmt: skip
-    parser.add_argument(
-        "--tables", type=Path, metavar="DIR",
-        help="folder for FITS files as astrometry.net writes them: spots (.axy), matches (.corr) "
-        "and WCS (.wcs) of each image",
-    )  # fmt: skip
-    parser.add_argument(
-        "--keys", choices=("startrack", "tetra3"), default="startrack",
-        help="names of the values of --json: its own (default), or those of tetra3, described in "
-        "docs/json.md",
-    )  # fmt: skip
-    parser.add_argument(
-        "--overlay",
-        type=Path,
-        metavar="DIR",
-        help="folder for pictures of the images with their stars",
-    )
+declare = Options(
+    "Prints the boresight of each image, its roll, its field of view and the probability of a "
+    "false match. Without --camera the lens is unknown: its distortion is estimated where the "
+    "stars show it, and the boresight is the direction of the centre of the image. The status is "
+    "3 if an image has no attitude, with the reason, and 1 if one cannot be read.",
+    *images(),
+    Option("--fov DEG", "field of view across the columns, degree (default: search from 2 to 90)",
+           float),
+    *FIELD_AND_SKY,
+    Option("--camera FILE", "calibrated camera, from `calibrate --camera`, or a design with "
+           "[tracker.camera]", Path),
+    Option("--tables DIR", "folder for FITS files as astrometry.net writes them: spots (.axy), "
+           "matches (.corr) and WCS (.wcs) of each image", Path),
+    Option("--keys", "names of the values of --json: its own (default), or those of tetra3, "
+           "described in docs/json.md", ("startrack", "tetra3"), "startrack"),
+    Option("--overlay DIR", "folder for pictures of the images with their stars", Path),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import Selection, open_sky
 from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, told
-from startrack.core import UNKEPT, Camera, Stars, arcsec, used_code
+from startrack.core import UNKEPT, Camera, Stars, used_code
 from startrack.design import Campaign, Design, load_design
 from startrack.io import (
     Layout,
@@ -32,7 +32,7 @@ from startrack.io import (
     shipped,
     to_table,
 )
-from startrack.metrics import STATED, STATED_ALONE, Interval, Limits, Summary
+from startrack.metrics import Row, to_json, to_lines
 from startrack.sequence import Sequence, load_sequence
 
 EXAMPLE = "designs/nanosatellite.toml"
@@ -121,6 +121,12 @@ def print_result(options: argparse.Namespace, result: dict[str, Any], text: str)
         # The name of a file may hold what its encoding cannot.
         encoding = sys.stdout.encoding or "utf-8"
         print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+
+
+def print_rows(options: argparse.Namespace, rows: Iterable[Row], *more: str) -> None:
+    """Print the rows of a result, and in text more lines below them."""
+    shown = list(rows)
+    print_result(options, to_json(shown), "\n".join([*to_lines(shown), *more]))
 
 
 def print_failed_image(options: argparse.Namespace, path: Path, error: Exception) -> None:
@@ -234,68 +240,3 @@ def pointing_text(icrs_to_camera: Rotation, digits: int, of_roll: int) -> str:
     ra, dec, roll = celestial(icrs_to_camera)
     turned = round(roll, of_roll) % 360  # so that 359.99 is never printed as 360.0
     return f"RA {ra:.{digits}f}, Dec {dec:+.{digits}f}, roll {turned:.{of_roll}f} deg"
-
-
-def in_arcsec(interval: Interval) -> dict[str, float]:
-    """An interval of radians in arcseconds."""
-    return {name: getattr(interval, name) / arcsec for name in ("value", "low", "high")}
-
-
-def limits_text(limits: Limits) -> str:
-    """The error of a correct attitude, in words."""
-    stated = f"{STATED:g} standard deviations that the tracker states"
-    parts = [
-        f"{limit / arcsec:.3g} arcsec {name}" if limit else f"{stated}, {name}"
-        for name, limit in (("across", limits.across), ("about", limits.about))
-    ]
-    return stated if limits == STATED_ALONE else " or ".join(parts)
-
-
-def summary_values(summary: Summary) -> dict[str, Any]:
-    """A summary for JSON, with 95 % confidence intervals."""
-    across, about = in_arcsec(summary.across), in_arcsec(summary.about)
-    return {
-        "across_rms_arcsec": across["value"],
-        "across_rms_arcsec_95": [across["low"], across["high"]],
-        "about_rms_arcsec": about["value"],
-        "about_rms_arcsec_95": [about["low"], about["high"]],
-        "availability": summary.availability.value,
-        "availability_95": [summary.availability.low, summary.availability.high],
-        "false_attitudes": summary.false.value,
-        "false_attitudes_95": [summary.false.low, summary.false.high],
-        "inaccurate_attitudes": summary.inaccurate.value,
-        "inaccurate_attitudes_95": [summary.inaccurate.low, summary.inaccurate.high],
-        "nees": summary.nees,
-        "beyond_ten_sigma": summary.beyond,
-        "covariance_doubt": summary.doubt,
-        "stars": summary.stars,
-        "trials": summary.trials,
-    }
-
-
-def summary_text(summary: Summary, limits: Limits = STATED_ALONE) -> str:
-    """A summary as text.
-
-    limits  by which attitudes were judged to be right
-    """
-    across, about = in_arcsec(summary.across), in_arcsec(summary.about)
-    fraction = summary.availability
-    return "\n".join(
-        [
-            *([summary.doubt] if summary.doubt else []),
-            f"across the boresight  {across['value']:9.3f} arcsec rms per axis "
-            f"[{across['low']:.3f}, {across['high']:.3f}]",
-            f"about the boresight   {about['value']:9.3f} arcsec rms "
-            f"[{about['low']:.3f}, {about['high']:.3f}]",
-            f"availability          {100 * fraction.value:9.2f} % "
-            f"[{100 * fraction.low:.2f}, {100 * fraction.high:.2f}]",
-            f"false attitudes       {100 * summary.false.value:9.2f} % "
-            f"[{100 * summary.false.low:.2f}, {100 * summary.false.high:.2f}]",
-            f"inaccurate attitudes  {100 * summary.inaccurate.value:9.2f} % "
-            f"[{100 * summary.inaccurate.low:.2f}, {100 * summary.inaccurate.high:.2f}]: "
-            f"off by more than {limits_text(limits)}",
-            f"matched stars         {summary.stars:9.1f}",
-            f"error^2 / variance    {summary.nees:9.2f} (3 if the tracker's covariance is right)",
-            f"trials                {summary.trials:9d}; intervals: 95 % confidence",
-        ]
-    )

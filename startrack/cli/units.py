@@ -14,11 +14,11 @@ with deferred():
 
     from startrack.budget import Term, UnitBudgets, unit_budgets
     from startrack.cli.options import as_wrong_use
-    from startrack.cli.terminal import in_arcsec, progress
+    from startrack.cli.terminal import progress
     from startrack.core import arcsec
     from startrack.design import YEAR, Accuracy, Campaign, Case, Fidelity, Objective
     from startrack.io import aligned
-    from startrack.metrics import LEVELS, Interpretation, Interval
+    from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json
     from startrack.montecarlo import Sampling
     from startrack.optimise import allocation, halved
     from startrack.population import explain, per_unit
@@ -76,7 +76,7 @@ def tolerances_of(
         "halved": [
             {
                 "tolerance": one.name,
-                "gain_arcsec": in_arcsec(one.level),
+                "gain_arcsec": bounds_json(one.level, ARCSEC),
                 "yields": [
                     {"requirement": str(limit.objective), "most_arcsec": limit.most / arcsec}
                     | asdict(more)
@@ -112,7 +112,7 @@ def trials_of(
     sampling: Sampling,
     outcomes: NDArray[np.void],
     required: tuple[Accuracy, ...],
-) -> tuple[dict[str, Any], str]:
+) -> tuple[dict[str, Any], list[str]]:
     """What trials of units say: their errors, the yield of each accuracy, and the worst unit."""
     units, fidelity = sampling.units, sampling.fidelity
     assert units
@@ -137,7 +137,7 @@ def trials_of(
         values["worst"] = {"unit": worst, "removes": dict(parts)}
         shown = "; ".join(f"{name} {100 * part:+.0f} %" for name, part in parts[:4])
         lines.append(f"worst unit {worst}; as designed instead changes its rms across by: {shown}")
-    return values, "\n".join(lines)
+    return values, lines
 
 
 def yield_values(one: Accuracy, share: Interval) -> dict[str, Any]:

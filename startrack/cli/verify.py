@@ -7,14 +7,15 @@ from pathlib import Path
 
 from startrack.cli.imports import deferred
 from startrack.cli.options import (
+    SEED,
+    WORKERS,
     Exit,
+    Option,
+    Options,
     WrongUse,
-    add_campaign,
-    add_fidelity,
-    add_seed,
-    add_workers,
     as_wrong_use,
-    describe,
+    campaign,
+    fidelity,
     whole,
 )
 
@@ -33,7 +34,7 @@ with deferred():
         read_design,
     )
     from startrack.cli.units import require_units
-    from startrack.design import Campaign, Case, Fidelity
+    from startrack.design import Case, Fidelity
     from startrack.io import save_json, save_text
     from startrack.montecarlo import Sampling, pool, warm
     from startrack.optimise import VERIFYING, VERIFYING_UNIT, Ledger, TrialRunner
@@ -52,39 +53,27 @@ with deferred():
     )
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack verify`."""
-    describe(
-        parser,
-        "Judges each requirement of [campaign.requirements], in the design's own condition, at "
-        "rest, and in all other conditions that it names: pass, fail, or not shown, with the "
-        "number of trials that would do. Errors and availability are shown by trials that no "
-        "other command uses, doubled until each is decided; either answer is wrong with a "
-        "probability of at most one minus the confidence that is required (default: 5 %). With "
-        "--out it writes verdict.md, verdict.json and ledger.sqlite, from which the same command "
-        "continues. The status is 3 if a requirement is not met, or not shown.",
-    )
-    add_campaign(parser)
-    parser.add_argument(
-        "--trials", type=whole(2, 10**8), default=8192, metavar="N",
-        help="trials in each condition at most (default: 8192)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--first", type=whole(2, 10**8), default=256, metavar="N",
-        help="trials in each condition at the first test (default: 256, or --trials if fewer)",
-    )  # fmt: skip
-    add_fidelity(
-        parser, "frame: render whole frames (default); window, spots, covariance: see montecarlo"
-    )
-    add_seed(parser)
-    add_workers(parser)
-    parser.add_argument(
-        "--units", type=whole(2, 10**5), metavar="N",
-        help="judge N units of the design instead, by the share that meets each requirement, at "
-        "the begin and the end of life; fidelity window by default",
-    )  # fmt: skip
-    parser.set_defaults(fidelity=None)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for results")
+declare = Options(
+    "Judges each requirement of [campaign.requirements], in the design's own condition, at rest, "
+    "and in all other conditions that it names: pass, fail, or not shown, with the number of "
+    "trials that would do. Errors and availability are shown by trials that no other command "
+    "uses, doubled until each is decided; either answer is wrong with a probability of at most "
+    "one minus the confidence that is required (default: 5 %). With --out it writes verdict.md, "
+    "verdict.json and ledger.sqlite, from which the same command continues. The status is 3 if a "
+    "requirement is not met, or not shown.",
+    *campaign(),
+    Option("--trials N", "trials in each condition at most", whole(2, 10**8), 8192),
+    Option("--first N", "trials in each condition at the first test (default: 256, or --trials if "
+           "fewer)", whole(2, 10**8), 256),
+    fidelity("frame: render whole frames (default); window, spots, covariance: see montecarlo"),
+    SEED,
+    WORKERS,
+    Option("--units N", "judge N units of the design instead, by the share that meets each "
+           "requirement, at the begin and the end of life; fidelity window by default",
+           whole(2, 10**5)),
+    Option("--out DIR", "folder for results", Path),
+    fidelity=None,
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
@@ -105,64 +94,46 @@ def command(options: argparse.Namespace) -> int:
         judged, _ = cases(design.case, campaign)
         for one in judged:
             require_fidelity(one.case, fidelity)
+        if options.units:
+            require_units(design.case)
     if options.units:
-        return _units(options, path, design.case, campaign, fidelity)
-    warm(design.case, Sampling(fidelity))  # what no trial can do is refused before the first
-    ledger = options.out / LEDGER if options.out else None
+        ages = len(dict.fromkeys((0.0, design.case.end_of_life)))
+        total = options.units * campaign.trials_per_unit * ages * len(judged)
+    else:
+        warm(design.case, Sampling(fidelity))  # what no trial can do is refused before the first
+        total = options.trials * len(judged)
     with (
-        Ledger(ledger) as kept,
+        Ledger(options.out / LEDGER if options.out else None) as ledger,
         pool(options.workers) as executor,
-        progress("trials", options.trials * len(judged)) as advance,
+        progress("trials", total) as advance,
     ):
-        runner = TrialRunner(options.seed, executor, options.workers, kept)
+        runner = TrialRunner(options.seed, executor, options.workers, ledger)
 
         def trials(case: Case, number: int) -> NDArray[np.void]:
             return runner.run(case, number, fidelity, VERIFYING, advance)
 
-        found = verify(
-            design.case, campaign, trials, options.seed, looks,
-            lambda name, number: advance(0, f"{name}: {number} trials"),
-        )  # fmt: skip
-    table = f"{verdict_text(found)}\n{noise_only(design.case)}"
-    result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
-    result |= verdict_values(found) | {"noise_only": True}
-    if options.out:
-        save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
-        save_json(options.out / "verdict.json", finite(result))
-        result["out"] = str(options.out)
-    for reason in found.left:
-        print_message(f"not judged: {reason}")
-    print_result(options, result, table)
-    return Exit.DONE if found.answer is Answer.PASS else Exit.UNSOLVED
-
-
-def _units(
-    options: argparse.Namespace, path: Path, case: Case, campaign: Campaign, fidelity: Fidelity
-) -> int:
-    """Print the verdicts by yields; with --out, write them."""
-    with as_wrong_use(path=path):
-        require_units(case)
-        judged = cases(case, campaign)[0]
-    ages = len(dict.fromkeys((0.0, case.end_of_life)))
-    total = options.units * campaign.trials_per_unit * ages * len(judged)
-    with (
-        Ledger(options.out / LEDGER if options.out else None) as kept,
-        pool(options.workers) as executor,
-        progress("trials", total) as advance,
-    ):
-        runner = TrialRunner(options.seed, executor, options.workers, kept)
-
-        def trials(case: Case, how: Units) -> NDArray[np.void]:
+        def of_units(case: Case, how: Units) -> NDArray[np.void]:
             first, number = VERIFYING_UNIT * how.trials, options.units * how.trials
             return runner.run(case, number, fidelity, first, advance, how)
 
-        found = verify_units(case, campaign, trials, options.units, options.seed)
-    table = unit_text(found)
+        if options.units:
+            by_units = verify_units(design.case, campaign, of_units, options.units, options.seed)
+            answer, table, values = by_units.answer, unit_text(by_units), unit_values(by_units)
+        else:
+            found = verify(
+                design.case, campaign, trials, options.seed, looks,
+                lambda name, number: advance(0, f"{name}: {number} trials"),
+            )  # fmt: skip
+            answer, values = found.answer, verdict_values(found)
+            table = f"{verdict_text(found)}\n{noise_only(design.case)}"
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
-    result |= unit_values(found) | {"noise_only": False}
+    result |= values | {"noise_only": not options.units}
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
         save_json(options.out / "verdict.json", finite(result))
         result["out"] = str(options.out)
+    if not options.units:
+        for reason in values["not_judged"]:
+            print_message(f"not judged: {reason}")
     print_result(options, result, table)
-    return Exit.DONE if found.answer is Answer.PASS else Exit.UNSOLVED
+    return Exit.DONE if answer is Answer.PASS else Exit.UNSOLVED

@@ -3,6 +3,7 @@
 bounds   Cramer-Rao bounds of centroid and attitude, and the error of the centre of gravity.
 judge    Outcome of one trial from its estimate and the true attitude; which attitudes are correct.
 summary  Rms errors and availability of many outcomes, each with its interval.
+results  Results as rows and tables of records, and how they are written: JSON, text, Markdown.
 levels   Size of the error that is not exceeded at a stated confidence level.
 indices  The error indices of ECSS-E-ST-60-10C from a sequence of errors.
 """
@@ -28,6 +29,24 @@ from startrack.metrics.levels import (
     level_interval,
     levels,
     quantile_of_few,
+)
+from startrack.metrics.results import (
+    ARCSEC,
+    PERCENT,
+    PURE,
+    SECOND,
+    Column,
+    Row,
+    Table,
+    Unit,
+    bounds_json,
+    four_digits,
+    limits_text,
+    markdown,
+    summary_rows,
+    to_cells,
+    to_json,
+    to_lines,
 )
 from startrack.metrics.summary import (
     Interval,

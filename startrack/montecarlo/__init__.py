@@ -18,6 +18,7 @@ resume       Do the trials that a store lacks: the same bytes, however often it 
 sketch       Outcomes of any number of trials -> a Sketch of fixed size: moments, quantiles, tails.
 merge        Stores of parts of a campaign -> one store, with the same bytes in any order of the
              parts.
+fidelities   CPU time and error of the same trials at each fidelity.
 watch        A store that is being filled -> its progress and statistic, from time to time.
 """
 
@@ -31,6 +32,7 @@ from startrack.montecarlo.estimate import (
     stratified,
     two_levels,
 )
+from startrack.montecarlo.fidelities import fidelity_comparison
 from startrack.montecarlo.mean_square import combined, mean_square
 from startrack.montecarlo.merge import Merged, merge_stores
 from startrack.montecarlo.paired import Difference, differences

@@ -14,7 +14,7 @@ from startrack.budget import analytic, caveats, differences
 from startrack.core import Refused, arcsec
 from startrack.design import YEAR, Campaign, Objective, OverUnits
 from startrack.io import save_csv
-from startrack.metrics import Interval
+from startrack.metrics import Interval, markdown
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.forecast import without_units
@@ -52,40 +52,28 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     space = optimum.space
     before, after = space.text(optimum.start), space.text(optimum.best)
     lines = [f"Best design: {optimum.fresh[1].doubt}.", ""] if optimum.fresh[1].doubt else []
-    lines += ["| | start | best |", "|---|---|---|"]
-    shown_as = space.labels()
-    lines += [f"| {shown_as[name]} | {before[name]} | {after[name]} |" for name in before]
     start, best = optimum.fresh
-    lines += _units_rows(optimum, campaign)
+    pair, needs, shown_as = (optimum.start, optimum.best), campaign.requirements, space.labels()
+    rows = [[shown_as[name], before[name], after[name]] for name in before]
+    rows += _units_rows(optimum, campaign)
     for name in ("across", "about"):
-        lines.append(
-            f"| rms error {name} the boresight (arcsec) "
-            f"| {_written(getattr(start, name))} | {_written(getattr(best, name))} |"
-        )
-    lines.append(
-        f"| availability (%) | {_written(start.availability, 0.01)} "
-        f"| {_written(best.availability, 0.01)} |"
-    )
-    lines.append(f"| matched stars | {start.stars:.1f} | {best.stars:.1f} |")
-    needs = campaign.requirements
-    for title, of in (
-        (f"mass (kg), at most {needs.max_mass:g}", needs.mass),
-        (f"power (W), at most {needs.max_power:g}", needs.power),
-    ):
-        lines.append(f"| {title} | {of(optimum.start):.3f} | {of(optimum.best):.3f} |")
+        errors = (_written(getattr(fresh, name)) for fresh in optimum.fresh)
+        rows.append([f"rms error {name} the boresight (arcsec)", *errors])
+    rows += [
+        ["availability (%)", *(_written(fresh.availability, 0.01) for fresh in optimum.fresh)],
+        ["matched stars", *(f"{fresh.stars:.1f}" for fresh in optimum.fresh)],
+        [f"mass (kg), at most {needs.max_mass:g}", *(f"{needs.mass(case):.3f}" for case in pair)],
+        [f"power (W), at most {needs.max_power:g}", *(f"{needs.power(case):.3f}" for case in pair)],
+    ]
     if needs.max_cost is not None:
-        costs = " | ".join(f"{needs.cost(one):.5g}" for one in (optimum.start, optimum.best))
-        lines.append(f"| cost, at most {needs.max_cost:g} | {costs} |")
-    rates = [one.instrument.detector.update_rate for one in (optimum.start, optimum.best)]
-    lines.append(
-        f"| update rate (Hz), at least {needs.min_update_rate:g} "
-        f"| {rates[0]:.2f} | {rates[1]:.2f} |"
-    )
-    sky = [margins_of(needs, one)["stars in the sky"] for one in (optimum.start, optimum.best)]
-    lines.append(
-        f"| margin (mag) for {needs.min_stars} stars in {100 * needs.sky_fraction:g} % of the "
-        f"sky | {sky[0]:+.2f} | {sky[1]:+.2f} |"
-    )
+        costs = (f"{needs.cost(case):.5g}" for case in pair)
+        rows.append([f"cost, at most {needs.max_cost:g}", *costs])
+    rates = (f"{case.instrument.detector.update_rate:.2f}" for case in pair)
+    rows.append([f"update rate (Hz), at least {needs.min_update_rate:g}", *rates])
+    sky = f"{needs.min_stars} stars in {100 * needs.sky_fraction:g} % of the sky"
+    margins = (f"{margins_of(needs, case)['stars in the sky']:+.2f}" for case in pair)
+    rows.append([f"margin (mag) for {sky}", *margins])
+    lines += markdown(["", "start", "best"], rows)
     factor, optimism, fraction = optimum.factor, optimum.optimism, optimum.availability
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     tuning = optimum.tuning_error / arcsec
@@ -141,22 +129,18 @@ def units_text(over: OverUnits, campaign: Campaign) -> str:
     )
 
 
-def _units_rows(optimum: Optimum, campaign: Campaign) -> list[str]:
+def _units_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
     """Rows of the level over fresh units, and of the yields; none where designs are judged."""
     units = optimum.units
     if units is None:
         return []
-    lines = [
-        f"| {units_text(units.over, campaign)} (arcsec) | {_written(units.start)} "
-        f"| {_written(units.best)} |"
-    ]
+    level = f"{units_text(units.over, campaign)} (arcsec)"
+    rows = [[level, _written(units.start), _written(units.best)]]
     for one in units.yields:
         most = one.accuracy.most / arcsec
-        lines.append(
-            f"| yield: {one.accuracy.objective} at most {most:.{_digits(most)}f} arcsec (%) "
-            f"| {_written(one.start, 0.01)} | {_written(one.best, 0.01)} |"
-        )
-    return lines
+        label = f"yield: {one.accuracy.objective} at most {most:.{_digits(most)}f} arcsec (%)"
+        rows.append([label, _written(one.start, 0.01), _written(one.best, 0.01)])
+    return rows
 
 
 def units_values(units: ComparedUnits) -> dict[str, Any]:
@@ -256,15 +240,9 @@ def tolerance_table(tolerance: Tolerance) -> str:
     points = np.quantile(tolerance.samples, FRACTIONS, axis=0)
     texts = [space.text(space.design(coordinates)) for coordinates in points]
     centre, shown_as = space.text(space.case), space.labels()
-    head = (
-        "| variable | design | "
-        + " | ".join(f"{100 * fraction:g} %" for fraction in FRACTIONS)
-        + " |"
-    )
-    lines = [head, "|---" * (2 + len(FRACTIONS)) + "|"]
-    for name in centre:
-        row = " | ".join(text[name] for text in texts)
-        lines.append(f"| {shown_as[name]} | {centre[name]} | {row} |")
+    head = ["variable", "design", *(f"{100 * fraction:g} %" for fraction in FRACTIONS)]
+    rows = [[shown_as[name], centre[name], *(text[name] for text in texts)] for name in centre]
+    lines = markdown(head, rows)
     lines += [
         "",
         f"Quantiles of the designs that keep the error below {tolerance.limit / arcsec:.2f} "

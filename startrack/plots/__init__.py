@@ -2,15 +2,13 @@
 
 style     One look for all pictures: size, letters, colours, numbers; and how they are saved.
 stretch   Frame -> brightness of a picture in which faint stars are seen, at any size.
-names     Proper names of the brightest stars.
 frames    Pictures of frames and solutions.
-errors    Picture of the errors of many trials.
+errors    Pictures of errors: of many trials, and of one sequence in time.
 psf       The picture of a PSF: the image of a star over its pixels, and its modulation transfer.
 earth     Pictures of Earth scenes: geometry over the image; image and radiance.
-sequence  Picture of the errors of one sequence in time.
 mission   Pictures of missions: when heads are blind, over season, orbit and direction.
-budget    Pictures of an error budget: its causes, and the sky.
-curves    Picture of an error budget beside trials: over slew rate, magnitude and field position.
+budget    Pictures of an error budget: its causes, the sky, and beside trials its curves over slew
+          rate, magnitude and field position.
 optimise  Pictures of studies: convergence, samples, Pareto fronts and sensitivities.
 """
 

@@ -1,19 +1,13 @@
 # Those in the `__all__` of `__init__.py` are public, the others serve other rooms.
 
 from .budget import draw_budget as draw_budget
+from .budget import draw_curves as draw_curves
 from .budget import draw_sky as draw_sky
-from .curves import LONGEST as LONGEST
-from .curves import SMEARS as SMEARS
-from .curves import Curve as Curve
-from .curves import analytic_curve as analytic_curve
-from .curves import draw_curves as draw_curves
-from .curves import rates_drawn as rates_drawn
-from .curves import slew_rates as slew_rates
-from .curves import slewing as slewing
 from .earth import draw_geometry as draw_geometry
 from .earth import draw_picture as draw_picture
 from .earth import draw_product as draw_product
 from .errors import draw_errors as draw_errors
+from .errors import draw_sequence as draw_sequence
 from .frames import draw_frame as draw_frame
 from .frames import draw_solution as draw_solution
 from .frames import draw_spots as draw_spots
@@ -28,7 +22,6 @@ from .optimise import draw_tornado as draw_tornado
 from .optimise import draw_variables as draw_variables
 from .psf import Curves as Curves
 from .psf import draw_psf as draw_psf
-from .sequence import draw_sequence as draw_sequence
 from .style import BLACK as BLACK
 from .style import BLUE as BLUE
 from .style import CYCLE as CYCLE
@@ -44,6 +37,7 @@ from .style import SKY as SKY
 from .style import SMALL as SMALL
 from .style import colour_bar as colour_bar
 from .style import colour_limits as colour_limits
+from .style import draw_intervals as draw_intervals
 from .style import legend_below as legend_below
 from .style import number as number
 from .style import outline as outline

@@ -1,9 +1,10 @@
-"""Pictures of an error budget: its causes, and the sky."""
+"""Pictures of an error budget: its causes, the sky, and curves over rate, magnitude and field."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from startrack.budget import Budget, Line, Survey, Term
-from startrack.core import Floats, arcsec
+from startrack.budget import Budget, Curve, ErrorCurves, Line, Residuals, Survey, Term
+from startrack.core import Floats, Ints, arcsec, deg
 from startrack.design import Accuracy, Case
 from startrack.metrics import Interval, rms_interval
+from startrack.montecarlo import quantile_interval
 from startrack.plots.style import (
     BLACK,
     BLUE,
+    CYCLE,
     GREEN,
     GREY,
+    LETTERS,
+    LINES,
     NO_VALUE,
     ORANGE,
     PURPLE,
@@ -29,13 +34,17 @@ from startrack.plots.style import (
     YELLOW,
     colour_bar,
     colour_limits,
+    draw_intervals,
+    legend_below,
     number,
     outline,
     panel_title,
     picture,
     save_picture,
+    say,
     styled,
 )
+from startrack.trial import Errors
 
 COLOURS = {
     Term.BIAS: GREY,
@@ -48,6 +57,12 @@ COLOURS = {
 }
 WHOLE = "0.8"  # grey of the bar end to end
 TOP = 0.98  # of the directions whose error has a colour of its own
+MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
+AVAILABLE = 0.99  # of the sky
+FLOOR = 0.01  # of the least total error; smaller causes are not drawn
+FEWEST = 10  # stars of a magnitude or a part of the field that have a point
+IN_A_PART = 30  # stars in a part of the field, on average, below which there are fewer parts
+PARTS = (8, 6, 4, 3, 2)  # along a side of the field
 
 
 @styled
@@ -208,3 +223,148 @@ def _worst(axes: Axes, found: Survey, values: Floats, least: bool) -> str:
     )
     blind = float(np.isnan(values).mean())
     return f"{text}; grey: no attitude, {100 * blind:.1f} % of the sky" if blind else text
+
+
+@styled
+def draw_curves(path: Path | None, found: ErrorCurves, case: Case, title: str) -> Figure:
+    """The error over slew rate, and that of single stars over magnitude and field position."""
+    figure = picture(12.0, title)
+    panels = figure.subplot_mosaic(
+        [["rates"] * 2, ["stars"] * 2, ["place", "count"]], height_ratios=(1.05, 1, 1)
+    )
+    rates, stars, place, count = (panels[name] for name in ("rates", "stars", "place", "count"))
+    _over_rate(rates, found)
+    good = np.hypot(*found.seen.error.T) < 1.0
+    seen = Residuals(*(column[good] for column in found.seen))
+    _over_magnitude(stars, found.stars, seen)
+    _over_field((place, count), found, case, seen)
+    if not good.all():
+        stars.plot([], [], " ", label=f"{(~good).sum()} stars off by a pixel or more left out")
+        legend_below(stars, 2)
+    return save_picture(path, figure)
+
+
+def _over_rate(axes: Axes, found: ErrorCurves) -> None:
+    curve, tried = found.curve, found.tried
+    rates = curve.rate[:: found.steps]
+    shown = curve.rate / deg
+    for style, name, colour in (("-", "across", BLUE), ("--", "about", RED)):
+        axes.plot(shown, getattr(curve, name) / arcsec, style, color=colour,
+                  label=f"{name}, analytic")  # fmt: skip
+    for marker, name, colour in (("o", "across", BLUE), ("s", "about", RED)):
+        rms = [getattr(checked.summary, name) for _, checked in tried]
+        trials = f"{tried[0][1].summary.trials} trials" if tried else "no trial"
+        draw_intervals(axes, [rate / deg for rate, _ in tried], rms, arcsec, fmt=marker, ms=5,
+                       mfc="white", color=colour, label=f"{name}, {trials} each, 95 %")  # fmt: skip
+    below = [
+        f"{one.summary.availability.value:.0%} at {number(rate / deg)}"
+        for rate, one in tried
+        if one.summary.availability.value < AVAILABLE
+    ]
+    differs = [number(rate / deg) for rate, one in tried if one.differs]
+    _shade_rates(axes, curve)
+    axes.set_xscale("symlog", linthresh=max(rates[1] / deg, 1e-9))
+    axes.set(yscale="log", xlim=(-0.2 * shown[1], 1.15 * shown[-1]))
+    axes.set_xticks(rates / deg, [number(one) for one in rates / deg])
+    axes.set(xlabel="rate about x (deg/s)", ylabel="error (arcsec rms per axis)")
+    text = "over the slew rate"
+    if differs:
+        text += f"; formula and trials differ at {', '.join(differs)} deg/s"
+    if below:
+        text += f"; trials with a correct attitude: {', '.join(below)} deg/s, else 99 % or more"
+    panel_title(axes, text)
+    legend_below(axes, 2)
+
+
+def _shade_rates(axes: Axes, curve: Curve) -> None:
+    """Rates at which the formula leaves out more than at rest, or a part of the sky is lost."""
+    shown = curve.rate / deg
+    few = np.flatnonzero(curve.available < AVAILABLE)
+    if len(few):
+        axes.axvline(shown[few[0]], color=GREY, ls=":", lw=1.5,
+                     label="from here less than 99 % of the sky, analytic")  # fmt: skip
+    first = curve.first_left_out
+    if first is not None:
+        axes.axvspan(
+            shown[first], 1.15 * shown[-1], color="0.9", zorder=0,
+            label=fill(f"shaded: analytic without {curve.new_left_out}", LETTERS // 2),
+        )  # fmt: skip
+
+
+def _over_magnitude(axes: Axes, star: Errors, seen: Residuals) -> None:
+    total = np.sqrt(_total(star))
+    floor = FLOOR * float(total.min())
+    for (name, covariance), colour, line in zip(star.random.items(), CYCLE, LINES, strict=False):
+        own = np.sqrt(_variance(covariance))
+        drawn = np.where(own >= floor, own, np.nan)
+        part = "" if (own >= floor).all() else f", where above {number(floor)} pixel"
+        axes.plot(star.magnitude, drawn, ls=line, color=colour, lw=1.2, label=name + part)
+    axes.plot(star.magnitude, total, "-", color=BLACK, lw=1.8, label="all, analytic")
+    at, found = [], []
+    for low in np.arange(np.floor(star.magnitude[0]), star.magnitude[-1], 0.5):
+        mine = seen.error[(seen.magnitude >= low) & (seen.magnitude < low + 0.5)]
+        if len(mine) >= FEWEST:
+            at.append(low + 0.25)
+            one = quantile_interval(np.abs(mine).ravel(), 0.5)
+            found.append((one.value / MEDIAN, one.low / MEDIAN, one.high / MEDIAN))
+    if found:
+        value, lowest, highest = np.array(found).T
+        bars = [value - lowest, np.where(np.isfinite(highest), highest - value, 0)]
+        axes.errorbar(at, value, yerr=bars, fmt="o", ms=4.5, mfc="white", color=BLACK,
+                      label="trials: median size over 0.6745, 95 %")  # fmt: skip
+    axes.set(
+        yscale="log", xlabel="magnitude G of a solar-type star", ylabel="error (pixel per axis)"
+    )
+    panel_title(axes, "error of a star over its magnitude")
+    legend_below(axes, 2)
+
+
+def _over_field(panels: tuple[Axes, Axes], found: ErrorCurves, case: Case, seen: Residuals) -> None:
+    """Maps of the field: error over the analytic one, and number of stars."""
+    camera, position, trials = case.instrument.camera, seen.position, found.trials
+    parts = next((n for n in PARTS if len(position) >= IN_A_PART * n * n), PARTS[-1])
+    edges = [np.linspace(-0.5, n - 0.5, parts + 1) for n in (camera.columns, camera.rows)]
+    cell = [
+        np.clip(np.searchsorted(edge, one) - 1, 0, parts - 1)
+        for edge, one in zip(edges, position.T, strict=True)
+    ]
+    known = np.zeros((parts, parts))
+    np.add.at(known, tuple(cell), 1)
+    # Over the analytic error of its magnitude; medians, because neighbours cause outliers.
+    star = found.stars
+    normal = np.sqrt(np.interp(seen.magnitude, star.magnitude, _total(star)))
+    size = _medians(np.abs(seen.error) / normal[:, None] / MEDIAN, cell, parts)
+    for axes, values, label in (
+        (panels[0], size, "error of a star over the analytic (ratio)"),
+        (panels[1], known / trials, "matched stars (number per frame)"),
+    ):
+        low, high = colour_limits(values)
+        shown = axes.pcolormesh(*edges, values.T, vmin=low, vmax=high)
+        axes.set_facecolor(NO_VALUE)
+        axes.set(xlabel="x, column (pixel)", ylabel="y, row (pixel)", aspect="equal")
+        axes.invert_yaxis()
+        axes.grid(visible=False)
+        colour_bar(shown, axes, values, label, orientation="horizontal", aspect=22)
+        empty = f"; grey: fewer than {FEWEST} stars" if np.isnan(values).any() else ""
+        panel_title(axes, f"over the field: {trials} trials, {len(position)} stars{empty}", 36)
+        if not len(position):
+            say(axes, "no matched star")
+
+
+def _medians(values: Floats, cell: list[Ints], parts: int) -> Floats:
+    """Median of each part of the field, NaN where it has few stars."""
+    found = np.full((parts, parts), np.nan)
+    for i, j in np.ndindex(parts, parts):
+        mine = values[(cell[0] == i) & (cell[1] == j)]
+        if len(mine) >= FEWEST:
+            found[i, j] = np.median(mine)
+    return found
+
+
+def _total(star: Errors) -> Floats:
+    """Variance per axis (m,) of all random causes of single stars."""
+    return np.asarray(sum(_variance(each) for each in star.random.values()))
+
+
+def _variance(covariance: Floats) -> Floats:
+    return np.maximum(np.trace(covariance, axis1=1, axis2=2) / 2, 0.0)

@@ -1,4 +1,4 @@
-"""Picture of the errors of many trials."""
+"""Pictures of errors: of many trials, and of one sequence in time."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from startrack.core import Floats, arcsec
+from startrack.core import Floats, arcsec, deg
 from startrack.metrics import Interval, summarise
 from startrack.plots.style import (
     BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
     RED,
     legend_below,
     number,
@@ -23,6 +28,7 @@ from startrack.plots.style import (
     say,
     styled,
 )
+from startrack.sequence import Mode
 
 BINS = 41
 
@@ -104,3 +110,67 @@ def _about(axes: Axes, z: Floats, rms: Interval) -> None:
 def _interval_text(interval: Interval) -> str:
     value, low, high = (number(x / arcsec) for x in (interval.value, interval.low, interval.high))
     return f"{value} [{low}, {high}] arcsec"
+
+
+MODES = {
+    Mode.SEARCHING: (RED, "X"),
+    Mode.ACQUIRED: (PURPLE, "D"),
+    Mode.TRACKED: (GREEN, "o"),
+    Mode.COASTED: (ORANGE, "s"),
+}
+AXES = {"x": "about x", "y": "about y", "z": "about the boresight"}
+TYPICAL = 8.0  # median errors up to which the axis is linear
+
+
+@styled
+def draw_sequence(path: Path | None, table: NDArray[np.void], title: str) -> Figure:
+    """Rate and mode, and the error about each axis: of each frame alone and of the filter."""
+    figure = picture(10.5, title)
+    rate, *panels = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1.6, 1.6, 1.6))
+    time = table["time"]
+    rate.step(time, table["rate"] / deg, where="mid", color=GREY, lw=1)
+    for mode, (colour, marker) in MODES.items():
+        here = table["mode"] == mode
+        if here.any():
+            rate.plot(time[here], table["rate"][here] / deg, marker, ms=4, color=colour,
+                      label=f"{mode.name.lower()} ({here.sum()} frames)")  # fmt: skip
+    rate.set(ylabel="rate (deg/s)")
+    rate.set_ylim(0, 1.15 * max(float(table["rate"].max() / deg), 1e-6))
+    legend_below(rate, 2, labels=False)
+    for axes, (axis, label) in zip(panels, AXES.items(), strict=True):
+        _over_time(axes, table, axis, f"error {label} (arcsec)")
+    panels[-1].set_xlabel("time (s)")
+    legend_below(panels[-1], 2)
+    for axes in panels:
+        axes.yaxis.set_minor_locator(NullLocator())
+    return save_picture(path, figure)
+
+
+def _over_time(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> None:
+    time = table["time"]
+    filtered, sigma = (table[name + axis] / arcsec for name in ("filtered_", "filtered_sigma_"))
+    alone, wrong = table[f"error_{axis}"] / arcsec, table["false"]
+    axes.fill_between(time, -3 * sigma, 3 * sigma, color=BLUE, alpha=0.15, lw=0,
+                      label="3 sigma that the filter states")  # fmt: skip
+    axes.plot(time, filtered, "-", lw=1.3, color=BLUE, label="filter")
+    axes.plot(time[~wrong], alone[~wrong], ".", ms=5, color=RED, label="frame alone")
+    if wrong.any():
+        axes.plot(time[wrong], alone[wrong], "kX", ms=6, label="frame alone, false attitude")
+    known = np.abs(alone[~wrong])
+    scale = max(float(np.nanmedian(known)) * TYPICAL, 1e-3) if np.isfinite(known).any() else 1.0
+    scale = float(f"{scale:.1g}")
+    # A coasting filter drifts by degrees; linear near zero, logarithmic beyond.
+    shown = np.concatenate([alone, filtered, 3 * sigma])
+    largest = float(np.nanmax(np.abs(shown))) if np.isfinite(shown).any() else scale
+    if largest > 3 * scale:
+        axes.set_yscale("symlog", linthresh=scale, linscale=1.5)
+        ends = [scale * 10.0**n for n in range(1 + int(np.log10(largest / scale)))]
+        axes.set_yticks(
+            [*(-end for end in reversed(ends)), 0.0, *ends],
+            [*(f"-{end:g}" for end in reversed(ends)), "0", *(f"{end:g}" for end in ends)],
+        )
+        panel_title(axes, f"axis linear to ±{scale:g} arcsec, logarithmic beyond; largest drawn "
+                          f"{number(largest)} arcsec")  # fmt: skip
+    axes.set_ylim(-1.3 * largest, 1.3 * largest)
+    axes.set_ylabel(label)
+    axes.axhline(0, color=GREY, lw=0.5)

@@ -6,7 +6,7 @@ A picture is 1280 pixels wide. Its letters stay legible on a phone, which shows 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from textwrap import fill
@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 
 from startrack.core import Floats
 from startrack.io import save_figure
+from startrack.metrics import Interval
 
 # Colours that readers who confuse red and green tell apart, too. Source: Okabe and Ito (2008),
 # Color Universal Design.
@@ -121,6 +122,18 @@ def legend_below(axes: Axes, columns: int = 3, labels: bool = True) -> None:
         loc="upper left", bbox_to_anchor=(-0.02, 0.0), bbox_transform=axes.transAxes + down,
         ncols=columns, borderaxespad=0, columnspacing=1.2, handlelength=2.2,
     )  # fmt: skip
+
+
+def draw_intervals(
+    axes: Axes, at: ArrayLike, intervals: Sequence[Interval], unit: float, **look: Any
+) -> None:
+    """Values at places, with the bars of their intervals; none where an end is not finite."""
+    value, low, high = (
+        np.array([getattr(interval, part) for interval in intervals]) / unit
+        for part in ("value", "low", "high")
+    )
+    bars = [np.where(np.isfinite(end), end, 0) for end in (value - low, high - value)]
+    axes.errorbar(at, value, yerr=bars, **look)
 
 
 def colour_limits(values: ArrayLike, part: float = 1.0, low: float | None = None) -> tuple[

@@ -1,20 +1,24 @@
 """A campaign, a mission or an Earth camera as one HTML page.
 
 page           One self-contained HTML page from sections and figures.
-opening        The first sections: the design in ten lines, the verdicts, the lost trials.
-causes         Section: the error budget, analytic and measured.
+sections       Sections: design, verdicts, lost trials, error budget, units, worst trials.
 stars          Section: errors of single stars, and of the attitude against slew rate.
-fidelities     CPU time and error of the same trials at each fidelity.
 distributions  Distributions, quantiles and sky maps of the errors of many trials.
-units          Section: yields of units, the spread of their errors, and the worst one explained.
-worst          The trials with the largest errors, with their frames.
 write          The page from a campaign's store.
 mission        The page of a mission.
 earth          The page of an Earth camera: its figures, requirements, images, products and scene.
 """
 
 from startrack.report.earth import write_earth_report
-from startrack.report.mission import write_mission_report
+from startrack.report.mission import (
+    CHECKED,
+    beta_table,
+    checks_table,
+    heads_table,
+    spells_table,
+    verdict_table,
+    write_mission_report,
+)
 from startrack.report.write import Depth, repeated, write_report
 
 # Public; the other imports serve other rooms.

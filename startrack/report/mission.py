@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from pathlib import Path
 
+import numpy as np
 import tomli_w
 
 from startrack.core import arcsec, deg
 from startrack.io import to_table
+from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
 from startrack.mission import (
     EDGES,
     Availability,
@@ -24,6 +27,9 @@ from startrack.mission import (
 from startrack.report.page import Section, code, embedded, page, paragraph, table
 
 DAY = 86400.0
+DEGREE = Unit("deg", deg, deg)
+MINUTE = Unit("min", 60.0, 1.0)
+BLIND = Unit("", 0.01, 1.0)  # percent, said by the caption
 MOST = 10  # rows of a list of the worst
 
 
@@ -64,40 +70,137 @@ def write_mission_report(
     return page(title, lead, sections)
 
 
-def _requirements(met: Sequence[Verdict]) -> Section:
-    if not met:
-        return Section("Requirements", paragraph("The mission names no requirement."))
-    rows = []
-    for one in met:
-        size = arcsec if one.name == "max_error" else 1.0
-        rows.append([
-            one.name, f"{one.value / size:.6g}", f"{one.limit / size:.6g}",
-            {"max_error": "arcsec", "max_blind": "s"}.get(one.name, "of the time"),
-            "met" if one.met else "NOT MET",
-        ])  # fmt: skip
-    return Section(
-        "Requirements",
-        table("Requirements of the mission", ["name", "value", "required", "unit", ""], rows),
+def verdict_table(met: Sequence[Verdict]) -> Table:
+    """Requirements of the mission; an error in arcsecond, in JSON all in SI."""
+    units = {"max_error": ARCSEC, "max_blind": SECOND}
+
+    def shown(verdict: Verdict, value: float) -> str:
+        unit = units.get(verdict.name, Unit("of the time", 1.0, 1.0))
+        return f"{value / unit.size:.6g} {unit.name}"
+
+    return Table(
+        [
+            Column("name", "requirement", lambda row: row.name),
+            Column("limit", "", lambda row: row.limit),
+            Column("value", "", lambda row: row.value),
+            Column("met", "", lambda row: row.met),
+            Column("", "value", lambda row: shown(row, row.value)),
+            Column("", "required", lambda row: shown(row, row.limit)),
+            Column("", "verdict", lambda row: "met" if row.met else "NOT MET"),
+        ],
+        met,
     )
 
 
+def heads_table(plan: Plan, flown: Flown, found: Availability) -> Table:
+    """How long each head is blind, and its error while it is valid."""
+    error = np.sqrt(flown.head_sum[:, 1:3] / np.maximum(flown.head_sum[:, :1], 1))
+    names = ("Sun", "Moon", "Earth", "ground", "SAA", "structure")
+    causes = [
+        Column("", name, found.causes[cause].item, BLIND, ".2f")
+        for name, cause in zip(names, Blind, strict=True)
+    ]
+    return Table(
+        [
+            Column("", "head", lambda h: plan.heads[h].name),
+            *causes,
+            Column("", "any", lambda h: 1 - found.alone[h], BLIND, ".2f"),
+            Column("", "longest", lambda h: found.each[h].longest, MINUTE, ".1f"),
+            Column("", "across", error[:, 0].item, ARCSEC, ".2f"),
+            Column("", "about", error[:, 1].item, ARCSEC, ".2f"),
+        ],
+        range(len(plan.heads)),
+    )
+
+
+def beta_table(flown: Flown) -> Table:
+    """Availability and error over the angle from the Sun to the plane of the orbit."""
+    return Table(
+        [
+            Column("", "beta (deg)", lambda row: f"{row.low / deg:.3g} to {row.high / deg:.3g}"),
+            Column("low_deg", "", lambda row: row.low, DEGREE),
+            Column("high_deg", "", lambda row: row.high, DEGREE),
+            Column("time", "of the time", lambda row: row.time, PERCENT, ".2f"),
+            Column("one", "one head", lambda row: row.one, PERCENT, ".4f"),
+            Column("two", "two heads", lambda row: row.two, PERCENT, ".4f"),
+            Column("error_arcsec", "worst axis", lambda row: row.error, ARCSEC, ".3g"),
+        ],
+        over_beta(flown),
+    )
+
+
+def spells_table(none: Spells) -> Table:
+    """The longest times without a valid head."""
+    return Table(
+        [
+            Column("begin_s", "begin", lambda spell: spell[0], SECOND, ".0f"),
+            Column("", "begin (day)", lambda spell: spell[0] / DAY),
+            Column("length_s", "length", lambda spell: spell[1], SECOND, "g"),
+        ],
+        none.worst(MOST),
+    )
+
+
+CHECKED = (
+    "Rms of trials over that of the budget, with standard errors; corrected: on the half of the "
+    "trials that did not fit it"
+)
+
+
+def checks_table(plan: Plan, checks: Sequence[Checked]) -> Table:
+    """The trials beside the errors of the budget, for each group of heads."""
+
+    def names(row: Checked) -> list[str]:
+        return [plan.heads[h].name for h in row.heads]
+
+    ratios = {
+        "across": "across",
+        "about": "about",
+        "corrected_across": "across, corrected",
+        "corrected_about": "about, corrected",
+    }
+
+    def ratio(name: str) -> Callable[[Checked], str]:
+        return lambda row: "{:.3f} +- {:.3f}".format(*getattr(row, name))
+
+    return Table(
+        [
+            Column("heads", "", names),
+            Column("", "heads", lambda row: ", ".join(names(row))),
+            Column("trials", "trials", lambda row: row.trials, form="d"),
+            Column("attitudes", "attitudes", lambda row: row.attitudes, form="d"),
+            Column("attitudes_expected", "expected", lambda row: row.expected, form=".1f"),
+            *(Column(f"{name}_ratio", "", attrgetter(name)) for name in ratios),
+            *(
+                Column(
+                    "", title, lambda row, name=name: "{:.3f} +- {:.3f}".format(*getattr(row, name))
+                )
+                for name, title in ratios.items()
+            ),
+        ],
+        checks,
+    )
+
+
+def _requirements(met: Sequence[Verdict]) -> Section:
+    if not met:
+        return Section("Requirements", paragraph("The mission names no requirement."))
+    shown = verdict_table(met)
+    return Section("Requirements", table("Requirements of the mission", shown.head, shown.cells))
+
+
 def _heads(plan: Plan, flown: Flown, found: Availability) -> Section:
-    rows = []
-    for h, head in enumerate(plan.heads):
-        causes = [f"{100 * found.causes[one][h]:.2f}" for one in Blind]
-        rows.append([
-            head.name, *causes, f"{100 * (1 - found.alone[h]):.2f}",
-            f"{found.each[h].longest / 60:.1f}",
-        ])  # fmt: skip
-    names = ["head", "Sun", "Moon", "Earth", "ground", "SAA", "structure", "any", "longest (min)"]
+    shown = heads_table(plan, flown, found)
     many = [
         [f"{count}", f"{100 * found.at_least(count):.4f}", f"{100 * found.heads[count:].sum():.4f}"]
         for count in range(len(plan.heads), 0, -1)
     ]
-    body = table("Blind, % of the time; a time may have several causes", names, rows)
+    caption = (
+        "Blind, % of the time (a time may have several causes), and rms error while it is valid"
+    )
     return Section(
         "Heads",
-        body
+        table(caption, shown.head, shown.cells)
         + table(
             "Fraction of the time with at least so many heads, %",
             ["heads", "with attitudes", "not blind"],
@@ -107,33 +210,15 @@ def _heads(plan: Plan, flown: Flown, found: Availability) -> Section:
 
 
 def _errors(plan: Plan, flown: Flown, checks: Sequence[Checked]) -> Section:
-    rows = []
-    for h, head in enumerate(plan.heads):
-        count, across, about, _ = flown.head_sum[h] / max(flown.head_sum[h, 0], 1)
-        if count:
-            rows.append([head.name, f"{across**0.5 / arcsec:.3g}", f"{about**0.5 / arcsec:.3g}"])
-    body = table(
-        "Rms error of each head while it is valid, arcsec", ["head", "across", "about"], rows
-    )
     fused = [[axis, f"{one / arcsec:.3g}"] for axis, one in zip("xyz", flown.rms, strict=True)]
-    body += table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
+    body = table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
     if not checks:
         body += paragraph(
             "By the error budget, which no trial checked (check.trials of the mission file)."
         )
-    for one in checks:
-        names = ", ".join(plan.heads[h].name for h in one.heads)
-        values = [
-            ["across", *map("{:.3f}".format, one.across + one.corrected_across)],
-            ["about", *map("{:.3f}".format, one.about + one.corrected_about)],
-        ]
-        columns = ["", "of the budget", "+-", "corrected, on the other half", "+-"]
-        body += table(
-            f"{names}: rms of {one.trials} trials over the expected rms, with standard errors; "
-            f"{one.attitudes} attitudes, {one.expected:.1f} expected",
-            columns,
-            values,
-        )
+    else:
+        shown = checks_table(plan, checks)
+        body += table(CHECKED, shown.head, shown.cells)
     moments = [[f"{s:.0f}", f"{s / DAY:.3f}", f"{e / arcsec:.3g}"] for s, e in flown.worst[:MOST]]
     body += table(
         "Worst moments: error about the worst axis, the largest of each part of the mission",
@@ -159,10 +244,8 @@ def _blinded(plan: Plan, found: Availability) -> Section:
 def _longest(none: Spells) -> str:
     if not len(none.length):
         return paragraph("A head is valid at all times.")
-    rows = [[f"{a:.0f}", f"{a / DAY:.3f}", f"{b:g}"] for a, b in none.worst(MOST)]
-    return table(
-        "Longest times without a valid head", ["begin (s)", "begin (day)", "length (s)"], rows
-    )
+    shown = spells_table(none)
+    return table("Longest times without a valid head", shown.head, shown.cells)
 
 
 def _reacquired(plan: Plan, flown: Flown) -> Section:
@@ -184,17 +267,9 @@ def _reacquired(plan: Plan, flown: Flown) -> Section:
 
 
 def _beta(flown: Flown) -> Section:
-    rows = [
-        [
-            f"{one.low / deg:.3g} to {one.high / deg:.3g}", f"{100 * one.time:.2f}",
-            f"{100 * one.one:.4f}", f"{100 * one.two:.4f}", f"{one.error / arcsec:.3g}",
-        ]
-        for one in over_beta(flown)
-    ]  # fmt: skip
-    head = ["beta (deg)", "of the time (%)", "one head (%)", "two heads (%)", "worst axis (arcsec)"]
-    return Section(
-        "Beta angle", table("By the angle from the Sun to the plane of the orbit", head, rows)
-    )
+    shown = beta_table(flown)
+    caption = "By the angle from the Sun to the plane of the orbit"
+    return Section("Beta angle", table(caption, shown.head, shown.cells))
 
 
 def _names(plan: Plan) -> list[str]:

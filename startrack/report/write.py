@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
@@ -11,29 +12,42 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from startrack.budget import noise_only
+from startrack.budget import (
+    LONGEST,
+    SMEARS,
+    analytic_curve,
+    noise_only,
+    slew_rates,
+    slews,
+    star_errors,
+)
 from startrack.core import Parameters, Range, arcsec, deg
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
-from startrack.metrics import STATED_ALONE, Interval, Summary, summarise
-from startrack.montecarlo import Sampling, Store, origin
-from startrack.plots import SMEARS
-from startrack.population import unit_of
-from startrack.report.causes import budget
-from startrack.report.distributions import FRACTIONS, exceedance, quantiles, sizes, sky_map
-from startrack.report.fidelities import fidelity_comparison
-from startrack.report.opening import design, lost, other_conditions, verdict
-from startrack.report.page import Section, code, page, panels, paragraph, table
-from startrack.report.stars import (
-    draw_slews,
-    draw_stars,
-    formula,
-    half_diagonal,
-    repeat_trials,
-    slews,
+from startrack.metrics import (
+    STATED_ALONE,
+    Interval,
+    Summary,
+    four_digits,
+    summarise,
+    summary_rows,
+    to_cells,
 )
-from startrack.report.units import units
-from startrack.report.worst import show, worst
+from startrack.montecarlo import Sampling, Store, fidelity_comparison, origin
+from startrack.population import unit_of
+from startrack.report.distributions import FRACTIONS, exceedance, quantiles, sizes, sky_map
+from startrack.report.page import Section, code, page, panels, paragraph, table
+from startrack.report.sections import (
+    budget,
+    design,
+    lost,
+    other_conditions,
+    show,
+    units,
+    verdict,
+    worst,
+)
+from startrack.report.stars import draw_slews, draw_stars
 
 MOST_POINTS = 5000  # trials on the map
 
@@ -126,18 +140,6 @@ def _summary(store: Store, outcomes: NDArray[np.void]) -> Section:
     campaign = store.campaign
     limits = campaign.requirements.limits if campaign else STATED_ALONE
     summary = summarise(outcomes, limits)
-    off = (
-        "off by more than is stated (5 sigma)"
-        if limits == STATED_ALONE
-        else "off by more than is required"
-    )
-    rows = [
-        ["error across the boresight, rms per axis", *_cells(summary.across, arcsec), "arcsec"],
-        ["error about the boresight, rms", *_cells(summary.about, arcsec), "arcsec"],
-        ["availability: trials with a correct attitude", *_cells(summary.availability, 0.01), "%"],
-        [f"inaccurate attitudes, {off}", *_cells(summary.inaccurate, 0.01), "%"],
-        ["false attitudes, off by more than 0.5 deg", *_cells(summary.false, 0.01), "%"],
-    ]
     head = ["", "value", "from", "to", "unit"]
     text = (
         f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
@@ -146,7 +148,7 @@ def _summary(store: Store, outcomes: NDArray[np.void]) -> Section:
     alone = "" if store.sampling.units else f" {noise_only(store.case)}."
     return Section(
         "Summary",
-        table(f"Over {summary.trials} trials", head, rows)
+        table(f"Over {summary.trials} trials", head, to_cells(summary_rows(summary, limits)))
         + paragraph(text + alone)
         + _verdict(summary),
     )
@@ -203,11 +205,12 @@ def _closer(
 ) -> list[Section]:
     case, seed = store.case, store.seed
     numbers = outcomes["trial"][: depth.stars].tolist()
-    seen = repeat_trials(case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance)
-    stars = draw_stars(seen, half_diagonal(case))
+    seen = star_errors(case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance)
+    detector = case.instrument.detector
+    stars = draw_stars(seen, math.hypot(detector.columns, detector.rows) / 2)
     slewed = slews(case, seed, depth.slews, advance)
     rate = case.instrument.motion.rate
-    turned = draw_slews(slewed, rate, formula(case))
+    turned = draw_slews(slewed, rate, analytic_curve(case, slew_rates(case, LONGEST)))
     rows = [
         [f"{one.rate / deg:.3f}", f"{one.smear:g}", *_cells(one.across, arcsec),
          *_cells(one.fraction, 0.01)]
@@ -271,7 +274,7 @@ def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], No
             continue
         rate = f"{1 / one.seconds:.0f}"
         time = f"{1e3 * one.seconds:.3g}"
-        difference = "0" if one.fidelity is Fidelity.FRAME else _digits(one.difference / arcsec)
+        difference = "0" if one.fidelity is Fidelity.FRAME else four_digits(one.difference / arcsec)
         rows.append([one.fidelity.value, time, rate, *_cells(one.across, arcsec), difference, ""])
     head = ["fidelity", "ms", "trials / s", "across (arcsec)", "from", "to", "difference", ""]
     return Section(
@@ -312,10 +315,4 @@ def _inputs(store: Store) -> Section:
 
 
 def _cells(one: Interval, unit: float) -> list[str]:
-    return [_digits(value / unit) for value in (one.value, one.low, one.high)]
-
-
-def _digits(value: float) -> str:
-    if not np.isfinite(value):
-        return "unknown" if np.isnan(value) else "open"
-    return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+    return [four_digits(value / unit) for value in (one.value, one.low, one.high)]

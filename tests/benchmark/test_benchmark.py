@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from startrack.benchmark import Clocked, Stage, markdown, measure, values
-from startrack.benchmark.stage import ROUNDS
-from startrack.benchmark.stamping import exact
-from startrack.benchmark.table import figure, spent
+from startrack.benchmark.optics import exact
+from startrack.benchmark.stage import ROUNDS, figure, spent
 from startrack.cli import main as cli
 
 

@@ -41,7 +41,7 @@ def test_a_traceback_is_printed_with_debug_only(capsys, monkeypatch, debug):
     def broken(_):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(command, "earth_requirements", broken)
+    monkeypatch.setattr(command, "_earth_requirements", broken)
     assert main(["requirements", *["--debug"] * debug]) == 1
     err = capsys.readouterr().err
     assert ("Traceback" in err) == debug

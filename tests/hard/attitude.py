@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Observability, align
-from startrack.benchmark.attitude import fields
+from startrack.benchmark.solving import fields
 from tests.hard.case import hard, refused
 
 CASES = json.loads((Path(__file__).parents[1] / "oracle" / "wahba_cases.json").read_text())["cases"]

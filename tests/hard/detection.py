@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from startrack.benchmark.starfield import paint
+from startrack.benchmark.detection import paint
 from startrack.core.streams import Streams
 from startrack.core.values import Frame
 from startrack.detection import Detection, detect

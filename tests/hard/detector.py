@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.benchmark.stamping import lens
+from startrack.benchmark.optics import lens
 from startrack.core import poisson_quantile
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams

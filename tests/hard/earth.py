@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from startrack.benchmark.terrain import HEIGHT, STEP, image_rays, mountains, random_rays, towards
+from startrack.benchmark.earth import HEIGHT, STEP, image_rays, mountains, random_rays, towards
 from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, index
 from startrack.earth.terrain.trace import trace
 from tests.hard.case import hard, refused

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.benchmark.identification import SETTINGS, Regime, Seen, design, sky, spots_at, wrong
+from startrack.benchmark.solving import SETTINGS, Regime, Seen, design, sky, spots_at, wrong
 from startrack.core.values import Spots
 from startrack.identification import Identification, build_index, identify
 from tests.hard.case import hard, refused

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.budget import Survey, analytic
+from startrack.budget import Survey, analytic, curves, error_curves
 from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
 from startrack.design import Accuracy, Objective
 from startrack.metrics import Interval
 from startrack.optimise import Evaluation, Goals, Optimum, Point, Sensitivity
 from startrack.plots import (
-    curves,
     draw_budget,
     draw_convergence,
     draw_corner,
+    draw_curves,
     draw_errors,
     draw_frame,
     draw_front,
@@ -266,7 +266,7 @@ def test_effects_that_a_formula_leaves_out_are_named(drawn, small, monkeypatch):
     lagging = dataclasses.replace(small.case.instrument.detector, lag=0.01)
     instrument = dataclasses.replace(small.case.instrument, detector=lagging)
     case = dataclasses.replace(small.case, instrument=instrument)
-    figure, _ = drawn(curves.draw_curves, case, 1, "small", trials=4)
+    figure, _ = drawn(draw_curves, error_curves(case, 1, trials=4), case, "small")
     rates = figure.axes[0]
     labels = rates.get_legend_handles_labels()[1]
     assert any("across, analytic" in one for one in labels)

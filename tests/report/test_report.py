@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 
+from startrack.budget import curves
 from startrack.cli.main import main
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec
@@ -19,14 +20,11 @@ from startrack.montecarlo.run import run
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
-from startrack.plots import curves
 from startrack.population import Units, per_unit
-from startrack.report import stars, write_report
-from startrack.report.causes import budget
+from startrack.report import write, write_report
 from startrack.report.distributions import sky_map
-from startrack.report.opening import design, lost, verdict
 from startrack.report.page import Section, code, page, paragraph, table
-from startrack.report.units import units
+from startrack.report.sections import budget, design, lost, units, verdict
 from startrack.report.write import Depth
 from startrack.trial.chain import OUTCOMES, observe
 from startrack.verification import boresights
@@ -41,7 +39,7 @@ def _few_rates():
     """Each rate takes a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(curves, "BETWEEN", 0)
-        for module in (curves, stars):
+        for module in (curves, write):
             patch.setattr(module, "SMEARS", (0.0, 1.0))
         yield
 

@@ -1,4 +1,4 @@
-"""The example's design space on the analytic budget: the best score within a number of tries."""
+"""Whole trials on real skies, and a search of a design space on the analytic budget."""
 
 from __future__ import annotations
 
@@ -8,11 +8,55 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from startrack.benchmark.stage import Stage
-from startrack.core import Floats
-from startrack.design import DesignSpace, load_design
+from startrack.core import Floats, arcsec, deg
+from startrack.design import Case, DesignSpace, Fidelity, load_design
 from startrack.io import shipped
 from startrack.optimise import Search, foresee, least, prospect
+from startrack.trial import run_trials
+
+SEED, TRIALS, SIDE = 5, 32, 1024
+FALSE = 0.5 * deg  # an attitude that is off by more is not counted
+
+
+def example() -> Case:
+    """The design that is shipped, with as many pixels as the peers' examples."""
+    return sized(load_design(shipped("designs/noise_only.toml")).case, SIDE)
+
+
+def sized(case: Case, pixels: int) -> Case:
+    """The same field and lens on so many pixels a side."""
+    instrument = case.instrument
+    detector = instrument.detector
+    pitch = detector.pixel_pitch * detector.columns / pixels
+    detector = replace(detector, columns=pixels, rows=pixels, pixel_pitch=pitch)
+    return replace(case, instrument=replace(instrument, detector=detector))
+
+
+def montecarlo() -> Stage:
+    """All fidelities on the same skies; answers are angles across the boresight, radian."""
+    case = example()
+
+    def angles(fidelity: Fidelity) -> NDArray[np.float64]:
+        found = run_trials(case, SEED, range(TRIALS), fidelity)
+        return np.where(found["solved"], np.hypot(found["error_x"], found["error_y"]), np.nan)
+
+    def judge(angle: NDArray[np.float64]) -> float:
+        correct = angle[np.isfinite(angle) & (angle < FALSE)]
+        return float(np.sqrt(np.mean(correct**2) / 2)) / arcsec if len(correct) else math.nan
+
+    return Stage(
+        "montecarlo",
+        f"a trial of the example on {SIDE} x {SIDE} pixels: render, detect, identify, solve, judge",
+        f"rms per axis across the boresight of {TRIALS} trials, arcsec",
+        {fidelity.value: partial(angles, fidelity) for fidelity in Fidelity},
+        judge,
+        pieces=TRIALS,
+    )
+
 
 TRIES = 100
 LONG = 300  # tries of the reference search

@@ -1,0 +1,184 @@
+"""Case -> its error over slew rate, by analysis and by trials, and that of its stars in trials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from startrack.budget.analytic import analytic
+from startrack.budget.budget import Budget
+from startrack.budget.check import Check, check
+from startrack.budget.residuals import Residuals, residuals
+from startrack.core import Floats, Refused
+from startrack.design import Case
+from startrack.metrics import Interval, summarise
+from startrack.montecarlo import Serial, run
+from startrack.trial import Errors, errors
+
+SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
+LONGEST = 8.0  # of those of the formula, which takes ten seconds for a longer one
+BETWEEN = 1  # rates of the formula between two of the trials
+TRIALS = 60  # whose stars are evaluated
+
+
+class Curve(NamedTuple):
+    """Analytic error over the slew rate.
+
+    rate     (n,) radian / second
+    budgets  of each; None where no field is solved
+    """
+
+    rate: Floats
+    budgets: tuple[Budget[Any] | None, ...]
+
+    @property
+    def across(self) -> Floats:
+        """Radian, rms per axis; NaN where no field is solved."""
+        return np.array([one.across if one else math.nan for one in self.budgets])
+
+    @property
+    def about(self) -> Floats:
+        """Radian, rms; NaN where no field is solved."""
+        return np.array([one.about if one else math.nan for one in self.budgets])
+
+    @property
+    def available(self) -> Floats:
+        """Fraction of the sky."""
+        return np.array([one.availability if one else 0.0 for one in self.budgets])
+
+    @property
+    def left_out(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that the formula does not count at each rate."""
+        return tuple(one.left_out if one else () for one in self.budgets)
+
+    @property
+    def first_left_out(self) -> int | None:
+        """Index of the first rate at which the formula leaves out more than at rest."""
+        rest = len(self.left_out[0])
+        return next((k for k, found in enumerate(self.left_out) if len(found) > rest), None)
+
+    @property
+    def new_left_out(self) -> str:
+        """What it leaves out there, beyond what it leaves out at rest."""
+        first = self.first_left_out
+        if first is None:
+            return ""
+        # Their amounts may differ, the words do not.
+        known = {_words(one) for one in self.left_out[0]}
+        return "; ".join(one for one in self.left_out[first] if _words(one) not in known)
+
+
+def _words(phrase: str) -> str:
+    return "".join(letter for letter in phrase if not letter.isdigit() and letter != ".")
+
+
+def slewing(case: Case, rate: float) -> Case:
+    """The design at another slew rate (radian / second) about x, all else as it is."""
+    motion = replace(case.instrument.motion, rate_x=rate, rate_y=0.0, rate_z=0.0)
+    return replace(case, instrument=replace(case.instrument, motion=motion))
+
+
+def slew_rates(case: Case, longest: float = math.inf) -> Floats:
+    """Radian / second, of the smears `SMEARS` up to the longest (pixel)."""
+    instrument = case.instrument
+    pixel = 1 / instrument.camera.focal_length_px
+    smears = np.array([smear for smear in SMEARS if smear <= longest])
+    return smears * pixel / instrument.detector.exposure
+
+
+def analytic_curve(
+    case: Case, rates: Floats, advance: Callable[[int], None] | None = None
+) -> Curve:
+    """The analytic budget at some slew rates, of which `advance` is called after each."""
+    found = []
+    for rate in rates:
+        found.append(_budget(case, float(rate)))
+        if advance:
+            advance(1)
+    return Curve(rates, tuple(found))
+
+
+def _budget(case: Case, rate: float) -> Budget[Any] | None:
+    """None where no field is solved."""
+    try:
+        return analytic(slewing(case, rate))
+    except Refused:
+        return None
+
+
+def between(rates: Floats) -> Floats:
+    """The rates, and some in equal steps between each two."""
+    steps = BETWEEN + 1
+    return np.interp(np.arange(steps * (len(rates) - 1) + 1) / steps, range(len(rates)), rates)
+
+
+class Slew(NamedTuple):
+    """Error and availability at one slew rate.
+
+    rate      radian / second
+    smear     pixel
+    across    radian, rms per axis
+    fraction  of trials with a correct attitude
+    """
+
+    rate: float
+    smear: float
+    across: Interval
+    fraction: Interval
+
+
+def slews(case: Case, seed: int, trials: int, progress: Callable[[int], None]) -> list[Slew]:
+    """The same trials at other slew rates, about x, all else as in the design."""
+    result = []
+    for smear, rate in zip(SMEARS, slew_rates(case).tolist(), strict=True):
+        turned = slewing(case, rate)
+        summary = summarise(run(turned, trials, seed, Serial(), progress=progress))
+        result.append(Slew(rate, smear, summary.across, summary.availability))
+    return result
+
+
+class ErrorCurves(NamedTuple):
+    """What the error of a case depends on.
+
+    curve   the analytic budget over slew rates
+    steps   of these between two rates of the trials
+    tried   slew rates, radian / second, and what trials say there
+    stars   errors of single stars over their magnitude, by formula
+    seen    stars of some trials
+    trials  number of these
+    """
+
+    curve: Curve
+    steps: int
+    tried: tuple[tuple[float, Check], ...]
+    stars: Errors
+    seen: Residuals
+    trials: int
+
+
+def error_curves(
+    case: Case, seed: int, trials: int = TRIALS, advance: Callable[[int], None] | None = None
+) -> ErrorCurves:
+    """The error over slew rate, and that of single stars.
+
+    seed, trials  of the frames whose stars are evaluated
+    advance       called after each of `rates_computed`
+    """
+    rates = slew_rates(case, LONGEST)
+    curve = analytic_curve(case, between(rates), advance)
+    tried = tuple(
+        (float(rate), check(slewing(case, float(rate)), budget, seed))
+        for rate, budget in zip(rates, curve.budgets[:: BETWEEN + 1], strict=True)
+        if budget
+    )
+    seen = residuals(case, seed, trials)
+    return ErrorCurves(curve, BETWEEN + 1, tried, errors(case), seen, trials)
+
+
+def rates_computed(case: Case) -> int:
+    """Number of slew rates of the formula."""
+    return len(between(slew_rates(case, LONGEST)))

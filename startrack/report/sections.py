@@ -1,0 +1,342 @@
+"""Sections of the page: design, verdicts, lost trials, error budget, units, worst trials."""
+
+from __future__ import annotations
+
+import base64
+import math
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.budget import (
+    Budget,
+    Line,
+    Sample,
+    analytic,
+    caveats,
+    differences,
+    measured,
+)
+from startrack.catalog import open_sky
+from startrack.core import Floats, Refused, Streams, arcsec, deg, mm, um
+from startrack.design import YEAR, Case, Fidelity, Objective
+from startrack.io import celestial
+from startrack.metrics import STATED_ALONE, Summary, fraction_interval, rms_interval
+from startrack.montecarlo import Ending, Serial, Store, endings, run
+from startrack.plots import BLACK, BLUE, RED, draw_solution, legend_below, say, styled
+from startrack.population import PerUnit, explain, per_unit, unit_errors
+from startrack.report.page import HIGH, WIDE, Picture, Section, figure, panels, paragraph, table
+from startrack.trial import observe
+from startrack.verification import (
+    VERDICT_HEAD,
+    Looks,
+    Verdict,
+    cases,
+    verdict_notes,
+    verdict_rows,
+    verify,
+)
+
+OTHER = 2 * 10**8  # number of the first trial in the other conditions, which no command repeats
+
+
+def design(case: Case) -> Section:
+    """The design in ten lines."""
+    instrument, tracker = case.instrument, case.tracker
+    optics, detector, camera = instrument.optics, instrument.detector, instrument.camera
+    field = [
+        2 * math.atan(n / 2 / camera.focal_length_px) / deg for n in (camera.columns, camera.rows)
+    ]
+    scene, motion, identification = case.scene, instrument.motion, tracker.identification
+    sky = "none" if scene.background_g is None else f"G {scene.background_g:g} per arcsec^2"
+    jitter = " with jitter" if motion.tones or motion.broadband else ""
+    rows = [
+        ["lens", f"{optics.focal_length / mm:.4g} mm, f/{optics.f_number:.3g}, aperture "
+                 f"{optics.aperture / mm:.3g} mm, blur {optics.blur / um:.3g} um"],
+        ["detector", f"{detector.columns} x {detector.rows} pixels of "
+                     f"{detector.pitch / um:.3g} um, {detector.bits} bit"],
+        ["field", f"{field[0]:.2f} x {field[1]:.2f} deg, {1 / camera.focal_length_px / arcsec:.1f} "
+                  "arcsec a pixel"],
+        ["exposure", f"{1e3 * detector.exposure:.4g} ms, {detector.update_rate:.3g} frames / s"],
+        ["noise", f"read {detector.read_noise:.3g} electron, dark current "
+                  f"{detector.dark_current:.3g} electron / s, PRNU {100 * detector.prnu:.2g} %"],
+        ["sky", f"background {sky}; lights: {', '.join(scene.lights) or 'none'}"],
+        ["stars", f"{case.catalog.source} {case.catalog.extent}"],
+        ["motion", f"{motion.rate / deg:.3g} deg / s{jitter}"],
+        ["detection", f"threshold {tracker.detection.threshold:g}" if tracker.detection.threshold
+                      else "threshold from the false spots allowed"],
+        ["identification", f"{identification.min_matches} stars at least; focal length known to "
+                           f"{100 * identification.focal_tolerance:.2g} %"],
+    ]  # fmt: skip
+    return Section("Design", table("The design in ten lines", ["part", "value"], rows))
+
+
+def verdict(
+    store: Store, outcomes: NDArray[np.void], trials: int, advance: Callable[[int], None]
+) -> Section:
+    """Each requirement of the campaign, by analysis and by trials.
+
+    trials  in each condition but the design's own, whose trials are those of the store
+    """
+    campaign = store.campaign
+    if campaign is None:
+        return Section("Verdict", paragraph("The design names no requirement."))
+    if store.sampling.attitudes != "random":
+        return Section("Verdict", paragraph("A verdict needs trials at random attitudes."))
+
+    def of(case: Case, number: int) -> NDArray[np.void]:
+        if case == store.case:
+            return outcomes
+        fidelity = store.sampling.fidelity
+        return run(case, trials, store.seed, Serial(), OTHER, progress=advance, fidelity=fidelity)
+
+    confidence = campaign.requirements.confidence
+    looks = Looks(len(outcomes), len(outcomes), 1 - confidence) if len(outcomes) > 1 else None
+    if looks is None:
+        return Section("Verdict", paragraph("A verdict needs two trials or more."))
+    found = verify(store.case, campaign, of, store.seed, looks)
+    own = found.verdicts[0].condition
+    counts = [one.number if one.condition == own else trials for one in found.verdicts]
+    found = replace(found, verdicts=tuple(map(_counted, found.verdicts, counts)))
+    lines = verdict_notes(found)
+    lines[-1] = (
+        f"Tested once: the design's own condition on the {len(outcomes)} trials of the campaign, "
+        f"each other one on {trials}. {lines[-1].partition('decided; ')[2]} "
+        "Each end of the bounds is one-sided, as the test asks; intervals elsewhere are two-sided."
+    )
+    return Section(
+        "Verdict",
+        paragraph(f"All requirements together: {found.answer.value}.")
+        + table("Requirements", VERDICT_HEAD, verdict_rows(found))
+        + "".join(paragraph(line) for line in lines),
+    )
+
+
+def _counted(one: Verdict, number: int) -> Verdict:
+    """With the number of trials that were run; those by formula have none."""
+    return replace(one, number=number) if one.trials else one
+
+
+def other_conditions(store: Store) -> int:
+    """Number of conditions whose trials `verdict` runs."""
+    campaign = store.campaign
+    return len(cases(store.case, campaign)[0]) - 1 if campaign else 0
+
+
+def lost(store: Store, outcomes: NDArray[np.void]) -> Section:
+    """How trials ended, with counts."""
+    needs = campaign.requirements if (campaign := store.campaign) else None
+    attitudes = store.sampling.attitudes_of(store.seed, outcomes["trial"].tolist())
+    limits, keep_out = (needs.limits, needs.min_keep_out) if needs else (STATED_ALONE, None)
+    found = endings(store.case, store.seed, outcomes, attitudes, limits, keep_out)
+    rows, percent = [], partial("{:.3g}".format)
+    for one, count in found.count().items():
+        share = fraction_interval(count, len(outcomes))
+        example = next(
+            (
+                f"trial {outcomes['trial'][n]}: {found.reason[n]}"
+                for n, each in enumerate(found.ending)
+                if each is one and one is not Ending.CORRECT
+            ),
+            "",
+        )
+        each = (percent(100 * value) for value in (share.value, share.low, share.high))
+        rows.append([one.value, str(count), *each, example])
+    head = ["end", "trials", "%", "from", "to", "the first"]
+    return Section("Lost trials", table("How the trials ended", head, rows))
+
+
+TITLE = "Error budget"
+
+
+def budget(
+    case: Case, seed: int, members: int, summary: Summary, advance: Callable[[int], None]
+) -> Section:
+    """Each cause in the terms of ECSS-E-ST-60-20C, analytic and measured; or why there is none.
+
+    summary  of the campaign's trials, with which the formulas are compared
+
+    A detector that scans has no budget, nor has a design that finds no attitude.
+    """
+    try:
+        expected = analytic(case)
+        found = measured(case, members, seed, Serial(), progress=advance)
+    except Refused as error:
+        return Section(TITLE, paragraph(f"There is none for this design: {error}."))
+    beside = {line.name: line for line in found.lines}
+    named = {line.name: line for line in expected.lines}
+    rows = []
+    for name in [*named, *(name for name in beside if name not in named)]:
+        pair = named.get(name), beside.get(name)
+        term = next(line.term.value for line in pair if line and line.term)
+        rows.append([name, term, *_cells(pair[0]), *_intervals(pair[1])])
+    rows.append(["root sum square", "", *_sum(expected), *_sum(found)])
+    rows.append(["end to end", "", *_cells(expected.whole), *_intervals(found.whole)])
+    head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
+    return Section(
+        TITLE,
+        table("Rms per axis, arcsec", head, rows)
+        + paragraph(
+            "By the analytic budget an attitude is available in "
+            f"{100 * expected.availability:.2f} % of the sky with {expected.stars:.1f} stars; "
+            f"over {members} trials, in which each cause is switched off in turn, "
+            f"in {100 * found.availability:.2f} % with {found.stars:.1f}."
+        )
+        + "".join(
+            paragraph(f"{one[0].upper()}{one[1:]}.")
+            for one in (
+                *caveats(case, expected.left_out, expected.refused),
+                *(f"formula and trials differ: {one}" for one in differences(expected, summary)),
+            )
+        ),
+    )
+
+
+def _cells(line: Any) -> list[str]:
+    if line is None:
+        return ["none", "none"]
+    return [f"{line.across / arcsec:.3f}", f"{line.about / arcsec:.3f}"]
+
+
+def _intervals(line: Line[Sample] | None) -> list[str]:
+    """Measured, with their 95 % intervals over the members."""
+    if line is None:
+        return ["none", "none"]
+    square = (line.spread.error**2).mean(axis=1)
+    found = rms_interval(square[:, :2].mean(axis=1)), rms_interval(square[:, 2])
+    return [
+        f"{one.value / arcsec:.3f} [{one.low / arcsec:.3f}, {one.high / arcsec:.3f}]"
+        for one in found
+    ]
+
+
+def _sum(one: Budget[Any]) -> list[str]:
+    across, about = one.sum
+    return [f"{across / arcsec:.3f}", f"{about / arcsec:.3f}"]
+
+
+SHOWN = 6  # numbers that changed the worst unit most
+
+
+def units(store: Store, outcomes: NDArray[np.void]) -> list[Section]:
+    """The section on units; none where all trials are of the unit as designed."""
+    how = store.sampling.units
+    if how is None:
+        return []
+    found, years = per_unit(outcomes), how.age / YEAR
+    needs = store.campaign.requirements.accuracy if store.campaign else ()
+    rows, limits = [], {}
+    for one in needs:
+        errors = unit_errors(one.objective, outcomes, outcomes["unit"])
+        share = fraction_interval(int((errors <= one.most).sum()), len(errors))
+        cells = [f"{100 * each:.1f}" for each in (share.value, share.low, share.high)]
+        rows.append([str(one.objective), f"{one.most / arcsec:.4g}", *cells])
+        if one.objective == Objective(one.name):
+            limits[one.name] = one.most
+    shown = table(
+        f"Yield: units that meet each limit, at {years:g} years",
+        ["requirement", "at most (arcsec)", "%", "from", "to"],
+        rows,
+    ) if rows else paragraph("The design limits no error, so that there is no yield.")  # fmt: skip
+    pictures = [
+        _spread(errors, name, limits.get(name))
+        for name, errors in (("across", found.across), ("about", found.about))
+    ]
+    caption = (
+        f"Rms error of each of {len(found.unit)} units, over {how.trials} trials in "
+        f"{how.environments} environments at {years:g} years."
+    )
+    text = paragraph(
+        "Summary, distributions and sky are of all units together, the worst trials each of its "
+        "unit; the sections on stars, slew rate, budget and fidelities, and the verdict's other "
+        "conditions, are of the unit as designed."
+    )
+    return [
+        Section("Units", shown + panels(pictures, "units", caption) + _worst(store, found) + text)
+    ]
+
+
+@styled
+def _spread(errors: Floats, name: str, limit: float | None) -> Picture:
+    """Histogram of the rms of the units."""
+    figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+    axes, known = figure.subplots(), errors[np.isfinite(errors)] / arcsec
+    picture = Picture(figure, f"Histogram of the rms {name} the boresight of {len(known)} units")
+    axes.set(xlabel=f"rms {name} the boresight (arcsec)", ylabel="units")
+    if not len(known):
+        say(axes, "no attitude")
+        return picture
+    bins = min(max(int(2 * len(known) ** 0.5), 5), 40)
+    axes.hist(known, bins=bins, color=BLUE, alpha=0.6)
+    for fraction, style in ((0.5, "-"), (0.95, "--")):
+        axes.axvline(float(np.quantile(known, fraction)), color=BLACK, ls=style, lw=1.2,
+                     label=f"{100 * fraction:g} % of units below")  # fmt: skip
+    if limit is not None:
+        axes.axvline(limit / arcsec, color=RED, lw=1.5, label="required")
+    axes.set_xlim(0, None)
+    legend_below(axes, 2)
+    return picture
+
+
+def _worst(store: Store, found: PerUnit) -> str:
+    """What made the worst unit bad, number by number."""
+    how, worst = store.sampling.units, found.worst
+    if how is None or worst is None:
+        return ""
+    rms = float(np.nanmax(found.across)) / arcsec
+    if store.sampling.fidelity is not Fidelity.COVARIANCE:
+        return paragraph(
+            f"The worst unit is {worst}, with {rms:.3g} arcsec rms across. What made it bad is "
+            "explained for trials of fidelity covariance."
+        )
+    parts = explain(store.case, store.seed, how, worst)[:SHOWN]
+    rows = [[name, f"{100 * change:+.0f}"] for name, change in parts]
+    head = ["as designed instead", "change of its rms across (%)"]
+    return table(f"The worst unit, {worst}: {rms:.3g} arcsec rms across", head, rows)
+
+
+def worst(outcomes: NDArray[np.void], count: int) -> NDArray[np.int64]:
+    """Numbers of the worst trials: false attitudes, then none, then the largest errors."""
+    size = np.hypot(outcomes["error_x"], outcomes["error_y"])
+    badness = np.where(outcomes["solved"], size, math.pi)
+    badness = np.where(outcomes["false"], 2 * math.pi, badness)
+    return np.asarray(outcomes["trial"][np.argsort(-badness, kind="stable")[:count]], np.int64)
+
+
+def show(case: Case, seed: int, number: int, icrs_to_camera: Rotation) -> str:
+    """A trial, repeated, as a picture with its result as the caption (HTML)."""
+    record = observe(case, icrs_to_camera, Streams(seed, number))
+    outcome = record.outcome
+    ra, dec, _ = celestial(record.icrs_to_camera)
+    where = f"Trial {number}, boresight at RA {ra:.1f} deg, dec {dec:+.1f} deg"
+    if not outcome.solved:
+        result = f"no attitude: {record.estimate.reason}"
+    else:
+        error = math.hypot(outcome.error_x, outcome.error_y) / arcsec
+        result = (
+            f"{'FALSE, ' if outcome.false else ''}{error:.2f} arcsec across, "
+            f"{abs(outcome.error_z) / arcsec:.1f} about the boresight, {outcome.stars} stars"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "frame.jpg"
+        draw_solution(
+            path,
+            record.frame,
+            record.spots,
+            record.matches,
+            record.estimate.icrs_to_camera,
+            open_sky(case.believed_catalog).stars,
+            f"trial {number}",
+        )
+        jpeg = base64.b64encode(path.read_bytes()).decode()
+    picture = f'<img alt="{escape(where)}" src="data:image/jpeg;base64,{jpeg}">'
+    return figure(picture, f"{where}: {result}.")
