@@ -20,7 +20,7 @@ from pathlib import Path
 from statistics import mode
 from textwrap import dedent
 from types import ModuleType
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import pdoc
 import pygments
@@ -128,7 +128,8 @@ def _tell_declared_meanings() -> None:
     """Of the fields of parameters, which their declarations have in place of the docstrings."""
     for _, names in public():
         for thing in (name.thing for name in names if is_dataclass(name.thing)):
-            meanings = {name: field.meaning for name, field in fields_of(thing).items()}
+            kind: Any = thing
+            meanings = {name: field.meaning for name, field in fields_of(kind).items()}
             rows = "".join(f"\n{name}  {text}" for name, text in meanings.items() if text)
             thing.__doc__ = inspect.cleandoc(thing.__doc__ or "") + ("\n" + rows) * bool(rows)
 
