@@ -8,10 +8,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import in_arcsec, print_result
     from startrack.design import Fidelity
     from startrack.montecarlo import Store, combined

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, WrongUse, add_out, add_part, add_seed, as_wrong_use
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.cli.terminal import print_result, progress

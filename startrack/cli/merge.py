@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, WrongUse, as_wrong_use, describe
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import finite, in_arcsec, print_message, print_result, progress
     from startrack.core import arcsec
     from startrack.io import regular_file

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     Exit,
     WrongUse,
@@ -25,7 +25,7 @@ from startrack.cli.options import (
 )
 from startrack.cli.scheduler import add_scheduler
 
-with deferred():
+if wanted(__name__):
     import numpy as np
     from numpy.typing import NDArray
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, add_campaign_options
 from startrack.cli.scheduler import add_scheduler
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.campaign import open_campaign
     from startrack.cli.terminal import finite, print_result, progress, summary_values
     from startrack.design import Campaign, Design, Objective, save_design

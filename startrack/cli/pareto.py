@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, add_campaign_options, as_wrong_use, whole
 from startrack.cli.scheduler import add_scheduler
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.cli.campaign import open_campaign

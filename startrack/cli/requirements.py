@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, WrongUse, add_campaign, describe
 
-with deferred():
+if wanted(__name__):
     from startrack.budget import caveats
     from startrack.cli.earth_requirements import earth_requirements
     from startrack.cli.terminal import example, print_result, read_design

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, add_campaign_options
 from startrack.cli.scheduler import add_scheduler
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.campaign import open_campaign
     from startrack.cli.terminal import finite, print_result, progress
     from startrack.io import save_json, save_text

@@ -7,10 +7,10 @@ from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import WrongUse, as_wrong_use
 
-with deferred():
+if wanted(__name__):
     from startrack.io import regular_file
     from startrack.montecarlo import Certificates, cluster, pool
 

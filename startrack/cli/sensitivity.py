@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, add_campaign_options, power_of_two
 from startrack.cli.scheduler import add_scheduler
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.campaign import open_campaign
     from startrack.cli.terminal import finite, print_result
     from startrack.design import DesignSpace, Objective

@@ -7,10 +7,10 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, add_design, add_out, add_seed, add_workers, describe, whole
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import (
         example,
         finite,
