@@ -104,7 +104,7 @@ def checked_out(commit: str) -> Iterator[Path]:
     """A tree of another commit, removed afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
-        git("worktree", "add", "--detach", str(tree), commit)
+        git("worktree", "add", "--quiet", "--detach", str(tree), commit)
         try:
             yield tree
         finally:
