@@ -1,11 +1,16 @@
 """How many trials of the whole chain does one core do, by fidelity, beside other programs?
 
 python experiments/speed.py [--json FILE] [--picture FILE.png] [--quick]
+python experiments/speed.py --against COMMIT [--json FILE] [--quick]
 
 The example design on 1024 x 1024 pixels: from a random attitude to an error of the attitude. The
 peers do the same work: GalSim draws the same stars as Gaussians of the same width on the same
 background and adds the noise, tetra3rs finds the spots and solves them. CPU time, best of three
 repeats that take turns, one thread each.
+
+With --against, the CPU times of all stages of this tree and of a commit, in turns; a stage that is
+slower by 10 % is marked, and the exit status is 1 then. The times are appended to
+`experiments/speed_history.csv`.
 """
 
 from __future__ import annotations
@@ -22,6 +27,7 @@ from typing import Any
 
 import command
 import numpy as np
+import speed_against
 
 import one_thread  # noqa: F401  # isort: skip
 from scipy.spatial.transform import Rotation
@@ -57,8 +63,13 @@ COLOURS = dict(zip(Fidelity, ("#3567a8", "#2e7d5b", "#8e6bbf", "#b5651d"), stric
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--against", metavar="COMMIT", help="measure in turns with this commit")
     parser.add_argument("--picture", type=Path, help="of the scaling, beside the speeds")
     options = command.read(parser)
+    if options.against or options.quick:
+        slower = in_turns(options)
+        if options.against:
+            raise SystemExit(int(slower))
     one_opencv_thread()
     case = load_design(shipped("designs/noise_only.toml")).case
     figures = speeds(sized(case, 256 if options.quick else 1024), options.quick)
@@ -67,6 +78,21 @@ def main() -> None:
         draw(figures["scaling"], options.picture)
     command.save(options, figures)
     print(json.dumps({k: v for k, v in figures.items() if k != "scaling"}, indent=1))
+
+
+def in_turns(options: argparse.Namespace) -> bool:
+    """Print the table of stages; whether one is slower."""
+    if not speed_against.is_checkout():
+        print("--against left out: this is no checkout of git")
+        return False
+    stages = speed_against.compare(options.against or "HEAD", options.quick)
+    print(speed_against.table(stages, options.against or "HEAD"))
+    if options.quick:
+        return False
+    if options.json:  # none of the figures that are expected of this experiment
+        options.json.write_text(json.dumps(stages, indent=1) + "\n", encoding="utf-8")
+    speed_against.remember(stages, options.against)
+    return any(row["ratio"] > speed_against.SLOWER for row in stages.values())
 
 
 def speeds(case: Case, quick: bool) -> dict[str, Any]:

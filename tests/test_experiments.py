@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-# Run by another interpreter, in which a peer is installed that startrack's own cannot have.
-WORKERS = {"cedar_worker.py", "terrain_rugged.py"}
+# Run by another interpreter, in which a peer is installed that startrack's own cannot have, or by
+# another experiment.
+WORKERS = {"cedar_worker.py", "speed_against.py", "terrain_rugged.py"}
 SCRIPTS = [
     path
     for path in sorted((ROOT / "experiments").glob("*.py"))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Option, Options, as_wrong_use, out
 
-with deferred():
+if wanted(__name__):
     import cv2
 
     from startrack.benchmark import STAGES, draw_benchmark, markdown, measure, values, versions

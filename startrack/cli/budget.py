@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     DESIGN,
     SEED,
@@ -20,7 +20,7 @@ from startrack.cli.options import (
     whole,
 )
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.budget import (

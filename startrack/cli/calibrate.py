@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     FIELD_AND_SKY,
     KNOWN,
@@ -22,7 +22,7 @@ from startrack.cli.options import (
     whole,
 )
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.calibration import (

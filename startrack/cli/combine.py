@@ -7,10 +7,10 @@ import math
 from contextlib import ExitStack
 from pathlib import Path
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import print_rows
     from startrack.core import arcsec
     from startrack.design import Fidelity

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong_use, images
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import layout_of, print_failed_image, print_result, read_design
     from startrack.core import Frame, Psf, Spots
     from startrack.detection import (

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     SEED,
     Exit,
@@ -20,7 +20,7 @@ from startrack.cli.options import (
     out,
 )
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.cli.terminal import print_result, progress

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     DESIGN,
     Exit,
@@ -22,7 +22,7 @@ from startrack.cli.options import (
     whole,
 )
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import example, finite, print_result, read_design
     from startrack.core import arcsec, deg
     from startrack.mission import (

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import print_result
     from startrack.design import products, template
     from startrack.io import save_text

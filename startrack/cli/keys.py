@@ -6,10 +6,10 @@ import argparse
 import shutil
 from textwrap import fill
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Option, Options, WrongUse
 
-with deferred():
+if wanted(__name__):
     import difflib
     import json
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     Exit,
     Option,
@@ -22,7 +22,7 @@ from startrack.cli.options import (
     whole,
 )
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.cli.terminal import layout_of, print_result, progress

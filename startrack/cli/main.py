@@ -55,7 +55,7 @@ COMMANDS = {
 # Commands that find or identify stars; at the first run a second core compiles what that takes.
 IDENTIFY = (
     "simulate", "detect", "solve", "budget", "montecarlo", "compare", "sequence", "verify",
-    "optimize", "sample", "pareto", "sensitivity", "warm", "bench",
+    "optimize", "sample", "pareto", "sensitivity", "bench",
 )  # fmt: skip
 EPILOG = """\
 exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved; 130, 143 stopped
@@ -112,19 +112,21 @@ def _called(arguments: Sequence[str]) -> str:
 
 def _run(options: argparse.Namespace) -> int:
     """The exit status of a command."""
-    with _compiled_beside(options):  # first: what is compiled is needed soon after the imports
+    with (
+        warnings.catch_warnings(),
+        _compiled_beside(options),  # first: what is compiled is needed soon after the imports
+    ):
+        warnings.showwarning = _print_warning
         load()
         command = import_module(f"startrack.cli.{options.name}").command
         terminal = import_module("startrack.cli.terminal")
         core = import_module("startrack.core")
         with (
-            warnings.catch_warnings(),
             core.code_of_command(getattr(options, "allow_code", False)),
             core.limited_memory(memory_of(options, core.memory_limit())),
             terminal.report_compiling(),
             terminal.claimed_out(options),
         ):
-            warnings.showwarning = _print_warning
             status = int(command(options))
             sys.stdout.flush()
             return status

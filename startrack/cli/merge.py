@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import print_message, print_result, print_rows, progress
     from startrack.core import arcsec
     from startrack.io import regular_file

@@ -9,7 +9,7 @@ from datetime import UTC, timedelta
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     ALLOW_CODE,
     SEED,
@@ -25,7 +25,7 @@ from startrack.cli.options import (
     whole,
 )
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion

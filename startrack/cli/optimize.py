@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Options, study
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.campaign import open_campaign, write_study
     from startrack.cli.terminal import progress
     from startrack.design import Campaign, Design, Objective, save_design

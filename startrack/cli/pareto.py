@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, whole
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.cli.campaign import open_campaign, write_study

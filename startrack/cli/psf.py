@@ -7,10 +7,10 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import DESIGN, Exit, Options, WrongUse, out
 
-with deferred():
+if wanted(__name__):
     import numpy as np
 
     from startrack.cli.terminal import example, finite, print_result, read_design

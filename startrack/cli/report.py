@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import ALLOW_CODE, Exit, Option, Options, as_wrong_use, whole
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import print_result, progress
     from startrack.io import save_text
     from startrack.montecarlo import Store, one_thread

@@ -8,10 +8,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign
 
-with deferred():
+if wanted(__name__):
     from startrack.budget import caveats
     from startrack.cli.terminal import example, print_result, read_design
     from startrack.core import arcsec, um

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Options, study
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.campaign import open_campaign, write_study
     from startrack.cli.terminal import print_result, progress
     from startrack.optimise import (

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import Exit, Option, Options, power_of_two, study
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.campaign import open_campaign, write_study
     from startrack.design import DesignSpace, Objective
     from startrack.metrics import Column, Table

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import DESIGN, SEED, WORKERS, Exit, Option, Options, out, whole
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import (
         example,
         finite,

@@ -7,7 +7,7 @@ import math
 from datetime import timedelta
 from pathlib import Path
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     DESIGN,
     LARGEST_SEED,
@@ -21,7 +21,7 @@ from startrack.cli.options import (
     whole,
 )
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import example, pointing_text, print_result, quaternion, read_design
     from startrack.core import Streams
     from startrack.io import FrameFiles, celestial, pointing, write_fits

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 from startrack.cli.options import (
     FIELD_AND_SKY,
     KNOWN,
@@ -19,7 +19,7 @@ from startrack.cli.options import (
     images,
 )
 
-with deferred():
+if wanted(__name__):
     from startrack.cli.terminal import (
         layout_of,
         pointing_text,

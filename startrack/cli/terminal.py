@@ -6,21 +6,19 @@ import argparse
 import json
 import math
 import sys
-import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import tomli_w
-from numba.core import event
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, open_sky
 from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, told
-from startrack.core import UNKEPT, Camera, Stars, used_code
+from startrack.core import Camera, Stars, compiling_reports, kernel_folder, used_code
 from startrack.design import Campaign, Design, load_design
 from startrack.io import (
     Layout,
@@ -191,32 +189,18 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
 @contextmanager
 def report_compiling() -> Iterator[None]:
     """Print one message where numba compiles kernels for longer than LONG_COMPILING."""
-    if UNKEPT:
+    if kernel_folder() is None:
         print_message(UNKEPT_CODE)
-    if not sys.stderr.isatty():
+    spent = 0.0
+
+    def report(seconds: float) -> None:
+        nonlocal spent
+        if spent <= LONG_COMPILING < spent + seconds:
+            print_message(COMPILING)
+        spent += seconds
+
+    with compiling_reports(report) if sys.stderr.isatty() else nullcontext():
         yield
-        return
-    with event.install_listener("numba:compile", _CompilingListener()):
-        yield
-
-
-class _CompilingListener(event.Listener):
-    """Adds up times; the kernels that a kernel calls are compiled within its own time."""
-
-    def __init__(self) -> None:
-        self.spent, self.begun, self.depth, self.printed = 0.0, 0.0, 0, False
-
-    def on_start(self, event: event.Event) -> None:
-        self.begun = self.begun if self.depth else time.perf_counter()
-        self.depth += 1
-
-    def on_end(self, event: event.Event) -> None:
-        self.depth -= 1
-        lasted = time.perf_counter() - self.begun
-        if not self.printed and self.spent + lasted > LONG_COMPILING:
-            self.printed = True
-            print(COMPILING, file=sys.stderr, flush=True)
-        self.spent += 0.0 if self.depth else lasted
 
 
 @contextmanager

@@ -6,9 +6,9 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from startrack.cli.imports import deferred
+from startrack.cli.imports import wanted
 
-with deferred():
+if wanted(__name__):
     import numpy as np
     from numpy.typing import NDArray
 

@@ -3,7 +3,7 @@
 units      Units as SI floats, constants with their source, and `"50 mm"` read and written at the
            border.
 arrays     Types of arrays, for annotations and for kernels.
-kernel     A function enters; compiled code leaves, kept on disk until what it is made of changes.
+kernel     A function enters; compiled code leaves, kept in a folder named by a hash of all sources.
 trust      Path of a cache -> whether this process may compute with what it holds.
 refused    Refused: a value that breaks a rule, which is no fault of the program.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value.
@@ -17,7 +17,8 @@ extension  Name of a function in a design -> that function, where its code may r
 declared   A class of parameters -> each field as it is declared: type, unit, range, meaning,
            default.
 curve      A dimensionless curve over wavelength, such as a transmission or a quantum efficiency.
-dispatcher Kernels -> machine code, once for each kernel that Python calls.
+compiler   Kernels -> machine code, once for each kernel that Python calls; optional, for it uses
+           names that numba does not publish.
 interpret  Kernels that are not compiled yet -> their results by Python, for as long as it pays.
 order      Order, median and place of values, within kernels.
 rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled code.
@@ -82,7 +83,14 @@ from startrack.core.field_polynomial import FieldPolynomial, monomials
 from startrack.core.field_psf import LEAST, FieldPsf
 from startrack.core.interpret import instead_of, interpreted
 from startrack.core.keeping import Kept, KeptFunction, kept
-from startrack.core.kernel import FOLDERS, UNKEPT, is_compiled, kernel
+from startrack.core.kernel import (
+    READY,
+    compiling_reports,
+    in_folder,
+    is_ready,
+    kernel,
+    kernel_folder,
+)
 from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.memory import (
     GIB,

@@ -7,12 +7,10 @@ Python code that it is written in, until another process has compiled it.
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import partial, wraps
 from types import CellType, CodeType, FunctionType
 from typing import Any, TypeVar
 
@@ -23,9 +21,11 @@ LOOK = 0.2  # second between two looks whether the other process has compiled it
 
 _COMPILING: Callable[[], bool] | None = None  # whether another process compiles; None: compile here
 _TWINS = dict[FunctionType, FunctionType]()
+_ABANDONED = set[Any]()  # kernels that took Python too long
+_SPENT = dict[Any, float]()  # CPU second of Python, by kernel
+_LOOKS = list["_Look"]()  # of the kernel that Python runs, none or one
 Stand = TypeVar("Stand", bound=Callable[..., Any])
 STAND_INS = dict[Any, Any]()  # functions of arrays that Python runs for loops of kernels
-_DEPTH = 0  # of kernels that Python runs
 
 
 class _Abandoned(BaseException):
@@ -43,9 +43,6 @@ def interpreted(compiling: Callable[[], bool]) -> Iterator[None]:
                differences of 1e-7 in single precision, of 1e-16 elsewhere.
     """
     global _COMPILING
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
-        yield  # no alarm could end it
-        return
     _COMPILING = compiling
     try:
         yield
@@ -58,7 +55,7 @@ def interpreter(kernel: Any, is_kept: Callable[[], bool]) -> Callable[..., Any] 
 
     is_kept  whether it is on disk for these types
     """
-    if _COMPILING is None or kernel.abandoned or is_kept():
+    if _COMPILING is None or kernel in _ABANDONED or is_kept():
         return None
     return partial(_run, kernel, is_kept)
 
@@ -88,7 +85,7 @@ def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionTy
     _TWINS[asked] = found
 
     def inner(value: Any) -> Any:
-        return twin(value.py_func, is_kernel) if is_kernel(value) else _as_argument(value)
+        return _looking(twin(value.py_func, is_kernel)) if is_kernel(value) else _as_argument(value)
 
     names |= {name: inner(value) for name, value in function.__globals__.items()}
     for cell, known in zip(cells, function.__closure__ or (), strict=True):
@@ -133,45 +130,57 @@ def _arrays(value: Any) -> Iterator[Any]:
             yield from _arrays(one)
 
 
+class _Look:
+    """Ends what Python runs where compiled code is there, or nobody makes it and it takes long.
+
+    Python looks at each call of an inner kernel: an alarm would be the caller's.
+    """
+
+    def __init__(self, kernel: Any, is_kept: Callable[[], bool]):
+        self.kernel, self.is_kept = kernel, is_kept
+        self.began, self.next = time.process_time(), time.monotonic() + LOOK
+
+    def __call__(self) -> None:
+        """Look, if it is time to; raises _Abandoned."""
+        if time.monotonic() < self.next:
+            return
+        self.next = time.monotonic() + LOOK
+        working = _COMPILING is not None and _COMPILING()
+        if self.is_kept() or (not working and self.spent() > PATIENCE):
+            raise _Abandoned
+
+    def spent(self) -> float:
+        """CPU seconds that this kernel has taken Python."""
+        return _SPENT.get(self.kernel, 0.0) + time.process_time() - self.began
+
+
+def _looking(python: FunctionType) -> Callable[..., Any]:
+    """An inner kernel that looks whether Python is to go on."""
+
+    @wraps(python)
+    def call(*args: Any) -> Any:
+        _LOOKS[-1]()
+        return python(*args)
+
+    return call
+
+
 def _run(kernel: Any, is_kept: Callable[[], bool], *args: Any, **named: Any) -> Any:
     """The result of Python, or of the compiled kernel where that is there first."""
-    global _DEPTH
-    before = [(one, one.copy()) for one in _arrays((*args, *named.values()))]
+    before = [(array, array.copy()) for array in _arrays((*args, *named.values()))]
     python = twin(kernel.py_func, lambda value: isinstance(value, type(kernel)))
-    _DEPTH += 1
+    look = _Look(kernel, is_kept)
+    _LOOKS.append(look)
     try:
-        with _abandoned_when(kernel, is_kept), np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):
             given = {name: _as_argument(value) for name, value in named.items()}
             return _as_result(python(*map(_as_argument, args), **given))
     except (_Abandoned, ArithmeticError, ValueError, TypeError, LookupError):
         # Compiled code does not fail where Python divides by zero or takes the root of -1.
-        kernel.abandoned = True
-        for one, known in before:
-            one[...] = known
+        _ABANDONED.add(kernel)
+        for array, values in before:
+            array[...] = values
     finally:
-        _DEPTH -= 1
+        _LOOKS.remove(look)
+        _SPENT[kernel] = look.spent()
     return kernel(*args, **named)
-
-
-@contextmanager
-def _abandoned_when(kernel: Any, is_kept: Callable[[], bool]) -> Iterator[None]:
-    """End what runs within where compiled code is there, or nobody makes it and it takes long."""
-    if _DEPTH > 1:
-        yield
-        return
-    began = time.process_time()
-
-    def look(*_: object) -> None:
-        spent = kernel.interpreted + time.process_time() - began
-        working = _COMPILING is not None and _COMPILING()
-        if is_kept() or (not working and spent > PATIENCE):
-            raise _Abandoned
-
-    held = signal.signal(signal.SIGALRM, look)
-    signal.setitimer(signal.ITIMER_REAL, LOOK, LOOK)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, held)
-        kernel.interpreted += time.process_time() - began

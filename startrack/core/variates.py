@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numba import vectorize
 from scipy import special
 
-from startrack.core.kernel import kernel
+from startrack.core.kernel import in_folder, kernel
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # odd, next to 2^64 over the golden ratio
 FIRST = np.uint64(0xBF58476D1CE4E5B9)
@@ -192,7 +193,7 @@ def poisson_of_uniform(mean, uniform_number):  # type: ignore[no-untyped-def]
     return float(k)
 
 
-@vectorize(cache=True)  # without types, so that nothing is built before it is called
+@in_folder(partial(vectorize, cache=True), vectorize)  # without types: built when it is called
 def poisson_quantile(mean: float, normal: float) -> float:
     """Poisson numbers as quantiles of standard normal ones, element by element.
 

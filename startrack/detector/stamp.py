@@ -176,51 +176,65 @@ def work_arrays(shape, points):  # type: ignore[no-untyped-def]
 @kernel
 def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
     work = work_arrays(shape, len(weight))
+    if len(shape.line):  # a loop of its own, in which the compiler drops all counts of references
+        for n in range(len(electrons)):
+            for m in range(len(weight)):
+                _add_product(image, shape, weight[m], x[m, n], y[m, n], electrons[n, 0], gain, work)
+        return
     for n in range(len(electrons)):
-        add_path(image, shape, weight, x[:, n], y[:, n], 0, 0, electrons[n], gain, work)
+        add_path(image, shape, weight, x, y, electrons, n, 0, 0, gain, work)
 
 
-@kernel
-def add_path(image, shape, weight, x, y, left, top, electrons, gain, work):  # type: ignore[no-untyped-def]
-    """Add the image of a point that moves along a path, with the electrons of each table.
+@kernel(forceinline=True)
+def add_path(image, shape, weight, x, y, electrons, n, left, top, gain, work):  # type: ignore[no-untyped-def]
+    """Add the image of the point n, which moves along a path, with the electrons of each table.
 
     Points about one pixel share samples of the table: the weights of each sample are added first.
 
     left, top  pixel (x, y) of the first one of the image
     gain       one element is for all pixels
     """
-    many = _places(image.shape, shape, weight, x, y, left, top, work)
+    if len(shape.line):
+        for m in range(len(weight)):
+            u, v = x[m, n] - left, y[m, n] - top
+            _add_product(image, shape, weight[m], u, v, electrons[n, 0], gain, work)
+        return
+    many = _places(image.shape, shape, weight, x, y, n, left, top, work)
     for first in range(many):
         if not work.done[first]:
-            _add_about(image, shape, first, many, electrons, gain, work)
+            _add_about(image, shape, first, many, electrons[n], gain, work)
 
 
 @kernel
-def _places(size, shape, weight, x, y, left, top, work):  # type: ignore[no-untyped-def]
+def _places(size, shape, weight, x, y, n, left, top, work):  # type: ignore[no-untyped-def]
     """Write the places of the points whose light reaches an image; how many."""
     rows, columns = size
-    reach = (shape.samples // 2 - 3) // shape.oversampling
     many = 0
     for m in range(len(weight)):
-        u, v = x[m] - left, y[m] - top
-        # NaN, behind the camera, reaches nothing.
-        seen = -reach - 1 < u < columns + reach and -reach - 1 < v < rows + reach
-        if weight[m] == 0.0 or not seen:
+        u, v = x[m, n] - left, y[m, n] - top
+        if weight[m] == 0.0 or not _is_seen(u, v, rows, columns, shape):
             continue
         about, start, part = work.about[many], work.start[many], work.part[many]
         part[0] = weight[m]
-        start[0], part[1] = _place(u, columns, shape, about[:3])
-        start[1], part[2] = _place(v, rows, shape, about[3:])
+        about[0], about[1], about[2], start[0], part[1] = _place(u, columns, shape)
+        about[3], about[4], about[5], start[1], part[2] = _place(v, rows, shape)
         work.done[many] = about[2] < about[1] or about[5] < about[4]
         many += 1
     return many
 
 
 @kernel
-def _place(centre, pixels, shape, about):  # type: ignore[no-untyped-def]
-    """Along one axis: write the nearest pixel, and the first and last around it.
+def _is_seen(u, v, rows, columns, shape):  # type: ignore[no-untyped-def]
+    """Whether light of a point reaches an image; of NaN, behind the camera, none does."""
+    reach = (shape.samples // 2 - 3) // shape.oversampling
+    return -reach - 1 < u < columns + reach and -reach - 1 < v < rows + reach
 
-    Returns the sample before the point, and how far behind it the point lies. Pixel p + i reads
+
+@kernel
+def _place(centre, pixels, shape):  # type: ignore[no-untyped-def]
+    """Along one axis: the nearest pixel, the first and last around it where its image is seen.
+
+    Also the sample before the point, and how far behind it the point lies. Pixel p + i reads
     samples i * oversampling further, with the same weights: a pixel is a stride of the table.
     """
     samples, step = shape.samples, shape.oversampling
@@ -229,10 +243,35 @@ def _place(centre, pixels, shape, about):  # type: ignore[no-untyped-def]
     pixel = int(np.floor(centre + 0.5))
     at = middle + (pixel - centre) * step
     base = int(np.floor(at))
-    about[0] = pixel
-    about[1] = max(-reach, -pixel, -((base - 2) // step))
-    about[2] = min(reach, pixels - 1 - pixel, (samples - 4 - base) // step)
-    return base, at - base
+    first = max(-reach, -pixel, -((base - 2) // step))
+    last = min(reach, pixels - 1 - pixel, (samples - 4 - base) // step)
+    return pixel, first, last, base, at - base
+
+
+@kernel(forceinline=True)
+def _add_product(image, shape, weight, u, v, light, gain, work):  # type: ignore[no-untyped-def]
+    """Add the image of one point, of a table that is the product of a line and a column."""
+    rows, columns = image.shape
+    if weight == 0.0 or not _is_seen(u, v, rows, columns, shape):
+        return
+    step, across = shape.oversampling, shape.across
+    column, left, right, sample_x, behind_x = _place(u, columns, shape)
+    row, lowest, highest, sample_y, behind_y = _place(v, rows, shape)
+    if right < left or highest < lowest:
+        return
+    along_x, along_y, star = work.across, work.down, work.star[: (highest - lowest + 1) * across]
+    _lagrange(behind_x, along_x)
+    _lagrange(behind_y, along_y)
+    x, y = sample_x - 2 + left * step, sample_y - 2 + lowest * step
+    for j in range(0, len(star), across):
+        star[j] = weight * _read(shape.column, y + j // across * step, along_y)
+    # The first column last, which the others need.
+    for i in range(right - left, -1, -1):
+        fraction = _read(shape.line, x + i * step, along_x)
+        for j in range(0, len(star), across):
+            star[j + i] = star[j] * fraction
+    top, bottom, left, right = row + lowest, row + highest, column + left, column + right
+    _add_light(image, star, across, top, bottom, left, right, light, gain)
 
 
 @kernel
@@ -240,13 +279,10 @@ def _add_about(image, shape, first, many, electrons, gain, work):  # type: ignor
     """Add the light of all points about the pixel of the first one."""
     column, left, right, row, lowest, highest = work.about[first]
     star = work.star[: (highest - lowest + 1) * shape.across]
-    if len(shape.line):
-        _product(star, shape, work, first)
-    else:
-        star[:] = 0.0
-        _sum(star, shape, electrons, first, many, work)
-        for m in range(first, many):
-            work.done[m] = work.done[m] or _alike(work.about[m], work.about[first])
+    star[:] = 0.0
+    _sum(star, shape, electrons, first, many, work)
+    for m in range(first, many):
+        work.done[m] = work.done[m] or _alike(work.about[m], work.about[first])
     top, bottom, left, right = row + lowest, row + highest, column + left, column + right
     _add_light(image, star, shape.across, top, bottom, left, right, electrons[0], gain)
 
@@ -358,24 +394,6 @@ def _add_light_of_arrays(image, star, across, top, bottom, left, right, light, g
     part = slice(top, bottom + 1), slice(left, right + 1)
     lines = star.reshape(-1, across)[:, : right - left + 1]
     image[part] += light * lines * (1.0 if gain.size == 1 else gain[part])
-
-
-@kernel
-def _product(star, shape, work, point):  # type: ignore[no-untyped-def]
-    """Write the image of one point, of a table that is the product of a line and a column."""
-    _, left, right, _, lowest, _ = work.about[point]
-    step, across = shape.oversampling, shape.across
-    x, y = work.start[point, 0] - 2 + left * step, work.start[point, 1] - 2 + lowest * step
-    share, u, v = work.part[point]
-    _lagrange(u, work.across)
-    _lagrange(v, work.down)
-    for j in range(0, len(star), across):
-        star[j] = share * _read(shape.column, y + j // across * step, work.down)
-    # The first column last, which the others need.
-    for i in range(right - left, -1, -1):
-        fraction = _read(shape.line, x + i * step, work.across)
-        for j in range(0, len(star), across):
-            star[j + i] = star[j] * fraction
 
 
 @kernel

@@ -190,8 +190,10 @@ def _window_electrons(window, rows, columns, pixels, points, ends, work):  # typ
         near = low_x < last + far and high_x > first - far
         if not (near and low_y < lower + far and high_y > upper - far):
             continue
-        x, y, star = points.x[:, n], points.y[:, n], points.star[n]
-        add_path(electrons, points.shape, points.weight, x, y, first, upper, star, gain, work)
+        add_path(
+            electrons, points.shape, points.weight, points.x, points.y, points.star, n,
+            first, upper, gain, work,
+        )  # fmt: skip
     if pixels.crosstalk > 0:
         electrons = _diffused(electrons, pixels.crosstalk)
     return electrons[top - upper : bottom - upper, left - first : right - first]

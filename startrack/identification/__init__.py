@@ -25,7 +25,7 @@ from startrack.identification.agree import refit
 from startrack.identification.blind import identify_blind
 from startrack.identification.cache import PatternIndexes, cached_index
 from startrack.identification.extension_method import IdentificationInput, IdentificationMethod
-from startrack.identification.identify import identify, identify_all, is_ready
+from startrack.identification.identify import identify, identify_all
 from startrack.identification.index import (
     POINTS,
     PatternIndex,

@@ -19,7 +19,6 @@ from startrack.core import (
     Stars,
     Status,
     is_code,
-    is_compiled,
     kernel,
 )
 from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
@@ -115,11 +114,6 @@ def _identify(
         most_hypotheses,
     )
     return best, tried, gather(seen, faint, magnitude, best.rotation, best.scale)
-
-
-def is_ready() -> bool:
-    """Whether `identify` has been compiled on this machine before."""
-    return is_compiled(_identify)
 
 
 def refined(

@@ -13,6 +13,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from contextlib import contextmanager
 from importlib import metadata
 from multiprocessing.connection import wait
+from multiprocessing.context import SpawnContext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,6 +45,20 @@ class Serial(Executor):
         return map(fn, *iterables)
 
 
+class _Spawn(SpawnContext):
+    """Starts processes with a fresh interpreter, as forks of one with threads can hang."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.processes = list[Any]()
+
+    def Process(self, *args: Any, **options: Any) -> Any:  # type: ignore[override]
+        """A process, not started yet."""
+        process = multiprocessing.get_context("spawn").Process(*args, **options)
+        self.processes.append(process)
+        return process
+
+
 class Lasting(Executor):
     """A pool of processes that outlives its workers.
 
@@ -56,9 +71,10 @@ class Lasting(Executor):
         self._pool = self._fresh()
 
     def _fresh(self) -> ProcessPoolExecutor:
-        # A fresh interpreter: forks of a process with threads can hang.
-        context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin_worker)
+        self._context = _Spawn()
+        return ProcessPoolExecutor(
+            self._workers, mp_context=self._context, initializer=_begin_worker
+        )
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call in one of the processes."""
@@ -72,11 +88,9 @@ class Lasting(Executor):
     def kill(self) -> None:
         """End the processes at once, whatever they do: what they did not return is lost."""
         # Trap: the thread of the standard pool of Python 3.11 fails all calls of a broken pool, and
-        # fails itself at one that was cancelled.
-        for call in list(self._pool._pending_work_items.values()):
-            if call.future.cancelled():
-                call.future = Future()
-        for process in list((self._pool._processes or {}).values()):
+        # fails itself at one that was cancelled. So it forgets these first.
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in self._context.processes:
             process.kill()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:

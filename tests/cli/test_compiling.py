@@ -3,18 +3,18 @@
 import sys
 
 import pytest
-from numba import njit
 
+from startrack import core
 from startrack.cli import terminal
 
 
 @pytest.fixture
 def kernel():
-    @njit
+    @core.kernel
     def inner(x):
         return x + 1
 
-    return njit(lambda x: 2 * inner(x))
+    return core.kernel(lambda x: 2 * inner(x))
 
 
 def test_long_compiling_is_reported_once(monkeypatch, capsys, kernel):

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from startrack import load_design, shipped
 from startrack.core import Streams
 from startrack.detection import examine
@@ -86,37 +88,64 @@ def first_trial():
     return image, record.outcome.spots, record.outcome.stars, attitude.tolist()
 
 
-def test_a_first_trial_compiles_nothing_and_finds_the_same(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """The first trial by compiled kernels, which also keeps the index of the patterns."""
+    star_response.phases.cache_clear()
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(tmp_path_factory.mktemp("compiled"))
+            compute_less(patch.setattr)
+            return first_trial()
+    finally:
+        star_response.phases.cache_clear()  # other tests have more of them
+
+
+def in_a_fresh_process(folder, *lines):
+    """The first trial, and the modules of its process, whose kernels are kept in a new folder."""
+    code = [
+        "import json, sys",
+        "from contextlib import nullcontext",
+        "mode = nullcontext()",
+        *lines,
+        "from tests.cli.test_first_result import compute_less, first_trial",
+        "compute_less(setattr)",
+        "with mode:",
+        "    found = first_trial()",
+        "print(json.dumps([*found, list(sys.modules)]))",
+    ]
+    places = {"NUMBA_CACHE_DIR": str(folder / "code"), "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(code)], text=True, cwd=folder, check=True,
+        env={**os.environ, **places}, capture_output=True,
+    )  # fmt: skip
+    return *json.loads(done.stdout), done.stderr
+
+
+def test_a_first_trial_compiles_nothing_and_finds_the_same(tmp_path, compiled):
     """Python runs the kernels; sums that the compiler orders anew differ in their last digits.
 
     It loads no tables, no ephemeris and no pictures.
     """
-    monkeypatch.chdir(tmp_path)
-    star_response.phases.cache_clear()
-    try:
-        with monkeypatch.context() as patch:
-            compute_less(patch.setattr)
-            *compiled, same = first_trial()  # which also keeps the index of the patterns
-    finally:
-        star_response.phases.cache_clear()  # other tests have more of them
-    code = (
-        "import json, sys\nfrom startrack.core import interpreted\n"
-        "from tests.cli.test_first_result import compute_less, first_trial\n"
-        "compute_less(setattr)\n"
-        "with interpreted(lambda: True):\n    found = first_trial()\n"
-        "print(json.dumps([*found, list(sys.modules)]))"
+    *found, attitude, modules, _ = in_a_fresh_process(
+        tmp_path, "from startrack.core import interpreted", "mode = interpreted(lambda: True)"
     )
-    places = {"NUMBA_CACHE_DIR": str(tmp_path / "code")}
-    root = str(Path(__file__).parents[2])
-    done = subprocess.check_output(
-        [sys.executable, "-c", code], text=True, cwd=tmp_path,
-        env={**os.environ, **places, "PYTHONPATH": root},
-    )  # fmt: skip
     assert not list(tmp_path.rglob("*.nbc"))
-    *found, attitude, modules = json.loads(done)
     assert "astropy.io.fits" in modules  # the catalogue is one
     needless = {"astropy.table", "astropy.time", "astropy.coordinates", "matplotlib", "nlopt"}
     assert not needless.intersection(modules)
-    assert found == compiled
+    *expected, same = compiled
+    assert found == expected
     assert found[2] > 5
     assert max(abs(a - b) for a, b in zip(attitude, same, strict=True)) < 1e-11
+
+
+@pytest.mark.slow
+def test_a_first_trial_on_plain_numba_finds_the_same(tmp_path, compiled):
+    """As where numba has no more what it does not publish; one line says so."""
+    *found, _, errors = in_a_fresh_process(
+        tmp_path, "sys.modules['startrack.core.compiler'] = None"
+    )
+    assert tuple(found) == compiled
+    assert errors.count("this version of numba has changed") == 1
+    assert list(tmp_path.rglob("*.nbc"))

@@ -1,23 +1,18 @@
 """What Python makes of a kernel is what the compiled kernel makes of it."""
 
 import math
+import signal
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 
 from startrack.core import field_psf, interpret, interpreted, kernel
-from startrack.core.kernel import KernelDispatcher
+from startrack.core.compiler import KernelDispatcher
 
 
 class Pair(NamedTuple):
     values: np.ndarray
     factor: float
-
-
-@pytest.fixture(autouse=True)
-def nothing_kept(monkeypatch, tmp_path):
-    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
 
 
 def in_both_ways(found, *arguments):
@@ -86,41 +81,59 @@ def test_what_python_cannot_do_is_compiled():
     values, out = np.array([4.0, -1.0]), np.zeros(2)
     with interpreted(lambda: True):
         root(values, out)
-    assert root.abandoned
+    assert root in interpret._ABANDONED
     np.testing.assert_array_equal(values, [2.0, np.nan])
     np.testing.assert_array_equal(out, [1.0, 1.0])
+
+
+def counter():
+    """A kernel that Python needs seconds for, and looks in at each step."""
+
+    @kernel
+    def add(out, n):
+        out[0] += n
+
+    @kernel
+    def count(times, out):
+        for _ in range(times):
+            add(out, 1)
+
+    return count
 
 
 def test_what_takes_python_long_is_compiled(monkeypatch):
     """At once where no other process does it; arguments that were written to are put back."""
     monkeypatch.setattr(interpret, "PATIENCE", 0.01)
     monkeypatch.setattr(interpret, "LOOK", 0.01)
-
-    @kernel
-    def count(times, out):
-        for _ in range(times):
-            out[0] += 1
-
-    out = np.zeros(1, np.int64)
+    count, out = counter(), np.zeros(1, np.int64)
     with interpreted(lambda: False):
-        count(10**7, out)
-    assert (out[0], count.abandoned, len(count.overloads)) == (10**7, True, 1)
+        count(10**8, out)
+    assert (out[0], len(count.overloads)) == (10**8, 1)
 
 
 def test_compiled_code_is_taken_as_soon_as_it_is_there(monkeypatch):
     monkeypatch.setattr(interpret, "LOOK", 0.01)
+    count, out = counter(), np.zeros(1, np.int64)
+    looks = iter([False, False])
+    monkeypatch.setattr(KernelDispatcher, "holds", lambda *_: next(looks, True))
+    with interpreted(lambda: True):
+        count(10**8, out)
+    assert out[0] == 10**8
+
+
+def test_an_alarm_of_the_caller_stays():
+    """Also while Python runs a kernel."""
+    handler = signal.getsignal(signal.SIGALRM)
 
     @kernel
-    def count(times, out):
-        for _ in range(times):
-            out[0] += 1
+    def twice(x):
+        return 2 * x
 
-    out = np.zeros(1, np.int64)
-    looks = iter([False, False])
-    monkeypatch.setattr(type(count._cache), "holds", lambda *_: next(looks, True))
     with interpreted(lambda: True):
-        count(10**7, out)
-    assert (out[0], count.abandoned) == (10**7, True)
+        signal.setitimer(signal.ITIMER_REAL, 1000.0)
+        assert twice(2.0) == 4.0
+        assert signal.setitimer(signal.ITIMER_REAL, 0.0)[0] > 900
+    assert signal.getsignal(signal.SIGALRM) is handler
 
 
 def test_elsewhere_kernels_are_compiled():

@@ -1,6 +1,9 @@
 """Compiled code is kept on disk, and never used after what it is made of has changed."""
 
+import ast
+import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,9 +14,11 @@ from types import ModuleType
 
 import pytest
 from numba import config
+from numba.core.errors import TypingError
 
 import startrack
 from startrack import core
+from startrack.core import compiler
 
 INNER = """
 from typing import NamedTuple
@@ -60,12 +65,14 @@ print(value, sum(outer.outer.stats.cache_hits.values()))
 """
 
 
+MODULE = sys.modules["startrack.core.kernel"]  # whose name in the package is the function's
+
+
 def result(folder: Path, **environment: str) -> tuple[float, int]:
     """What the outermost kernel of modules imported anew gives, and whether it came from disk."""
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
-        patch.setattr("numba.core.config.CACHE_DIR", "")
-        for name in ("UNKEPT", "FOLDERS"):  # which `startrack warm` reports
-            patch.setattr(sys.modules["startrack.core.kernel"], name, type(getattr(core, name))())
+        patch.setattr(config, "CACHE_DIR", "")
+        patch.setattr(MODULE, "PACKAGE", folder)
         patch.setattr("sys.dont_write_bytecode", True)  # known by time and size: edits keep both
         patch.syspath_prepend(str(folder))
         for name, value in environment.items():
@@ -73,7 +80,11 @@ def result(folder: Path, **environment: str) -> tuple[float, int]:
         for name in ("inner", "outer"):
             patch.setitem(sys.modules, name, ModuleType(name))  # puts back what was there
             del sys.modules[name]
-        exec(CALL, {})
+        core.kernel_folder.cache_clear()
+        try:
+            exec(CALL, {})
+        finally:
+            core.kernel_folder.cache_clear()
     value, hits = printed.getvalue().split()
     return float(value), int(hits)
 
@@ -89,21 +100,27 @@ def compiled(tmp_path_factory):
 
 
 @pytest.fixture
-def folder(compiled, tmp_path):
-    """A copy of it; kernels are kept beside the code, by content."""
-    return shutil.copytree(compiled, tmp_path / "kernels")
+def folder(compiled):
+    """The same; its sources are put back after a test."""
+    yield compiled
+    (compiled / "inner.py").write_text(INNER)
+    (compiled / "outer.py").write_text(OUTER)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that fork")
-def test_two_processes_compile_a_kernel_once(tmp_path):
-    """The one that comes second waits, and finds it on disk."""
+def test_processes_that_compile_at_once_find_the_same(tmp_path):
+    """And the next one finds it on disk."""
     (tmp_path / "inner.py").write_text(INNER)
     (tmp_path / "outer.py").write_text(OUTER)
-    variables = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    variables["PYTHONPATH"] = f"{Path(startrack.__file__).parents[1]}:{tmp_path}"
-    code = f"import os, startrack.core\nother = os.fork()\n{CALL}\nif other: os.wait()"
-    printed = subprocess.check_output([sys.executable, "-c", code], env=variables, text=True)
-    assert sorted(printed.splitlines()) == ["705.0 0", "705.0 1"]
+    code = (
+        f"import sys; sys.path[:0] = ['.', {str(tmp_path)!r}]\n"
+        "from tests.core.test_kernel import Path, result\n"
+        f"print(*result(Path({str(tmp_path)!r})))"
+    )
+    command = [sys.executable, "-c", code]
+    root = Path(__file__).parents[2]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=root) for _ in "ab"]
+    assert [process.communicate()[0].split()[0] for process in both] == ["705.0"] * 2
+    assert result(tmp_path) == (705.0, 1)
 
 
 def edit(folder, old, new):
@@ -115,14 +132,14 @@ def edit(folder, old, new):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("FACTOR = 3.0", "# three\nFACTOR = 3.0", (705.0, 1)),  # nothing that is compiled
+        ("", "", (705.0, 1)),
         ("return FACTOR * x", "return FACTOR * x + 0.5", (705.5, 0)),
         ("FACTOR = 3.0", "FACTOR = 4.0", (706.0, 0)),
         ("[1.0, 2.0]", "[1.0, 5.0]", (708.0, 0)),
         ("first: float\n    second: float", "second: float\n    first: float", (705.0, 0)),
         ("Pair", "Couple", (705.0, 0)),
     ],
-    ids=["comment", "code", "number", "array", "order of fields", "name of a class"],
+    ids=["nothing", "code", "number", "array", "order of fields", "name of a class"],
 )
 def test_an_edit_below_reaches_the_kernels_above(folder, old, new, expected):
     """The outermost kernel's own file only imports what is edited."""
@@ -140,23 +157,146 @@ def test_where_nothing_can_be_written_kernels_work_all_the_same(compiled, tmp_pa
     assert result(tmp_path, HOME=home, XDG_CACHE_HOME=home) == (705.0, 0)
 
 
-@pytest.mark.parametrize("change", ["cut", "flipped", "another's", "anyone's"])
-def test_a_damaged_or_foreign_cache_is_made_anew(folder, change):
-    files = list((folder / "__pycache__").glob("*.nbc"))
+@pytest.mark.parametrize("change", ["cut", "flipped", "index", "another's", "anyone's"])
+def test_a_damaged_or_foreign_cache_is_made_anew(folder, tmp_path, change):
+    assert result(folder)[0] == 705.0
+    kept = max((folder / "__pycache__").glob("kernels-*"), key=lambda path: path.stat().st_mtime)
+    files = list(kept.rglob("*.nbi" if change == "index" else "*.nbc"))
     assert files
     for file in files:
         data = file.read_bytes()
-        if change == "cut":
+        if change in ("cut", "index"):
             file.write_bytes(data[: len(data) // 2])
         elif change == "flipped":
-            file.write_bytes(data[:99] + bytes([data[99] ^ 1]) + data[100:])
-        elif change == "anyone's":
-            file.chmod(0o666)
-        elif os.geteuid() == 0:
-            os.chown(file, 65534, 65534)
-        else:
-            pytest.skip("only root can give a file away")
-    assert result(folder) == (705.0, 0)
+            middle = len(data) // 2
+            file.write_bytes(data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :])
+    if change == "anyone's":
+        kept.chmod(0o777)
+    elif change == "another's":
+        if os.geteuid():
+            pytest.skip("only root can give a folder away")
+        os.chown(kept, 65534, 65534)
+    assert result(folder, XDG_CACHE_HOME=str(tmp_path / "cache")) == (705.0, 0)
+    kept.chmod(0o700)
+    if change == "another's":
+        os.chown(kept, os.geteuid(), os.getegid())
+    assert result(folder) == (705.0, 1)
+
+
+def test_folders_of_old_sources_are_removed(folder):
+    for number in range(MODULE.KEPT + 2):
+        edit(folder, "return FACTOR * x", "return FACTOR * x + 1")
+        assert result(folder) == (706.0 + number, 0)
+    assert len(list((folder / "__pycache__").glob("kernels-*"))) == MODULE.KEPT
+
+
+def test_no_room_without_kernels_is_imported_by_one_with_kernels():
+    """Else an edit there could be compiled in and go unnoticed."""
+    package = Path(startrack.__file__).parent
+    for path in package.rglob("*.py"):
+        room = path.relative_to(package).parts[0]
+        used = set(re.findall(r"(?m)^ *(?:from|import) startrack\.(\w+)", path.read_text()))
+        if room in MODULE.WITHOUT_KERNELS:
+            assert "@kernel" not in path.read_text(), path
+        elif room not in ("__init__.py", "__init__.pyi"):
+            assert not used & MODULE.WITHOUT_KERNELS, path
+
+
+NUMBAS = [
+    (node.module, alias.name)
+    for node in ast.walk(ast.parse(Path(compiler.__file__).read_text()))
+    if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("numba")
+    for alias in node.names
+]
+
+
+@pytest.mark.parametrize(("module", "name"), NUMBAS)
+def test_without_a_name_that_numba_does_not_publish_kernels_are_compiled(monkeypatch, module, name):
+    without = ModuleType(module)
+    vars(without).update(
+        {key: value for key, value in vars(sys.modules[module]).items() if key != name}
+    )
+    monkeypatch.setitem(sys.modules, module, without)
+    monkeypatch.delitem(sys.modules, "startrack.core.compiler")
+    monkeypatch.delattr(core, "compiler")
+    spec = importlib.util.spec_from_file_location("kernel_without_names", MODULE.__file__)
+    assert spec is not None
+    assert spec.loader is not None
+    fresh = importlib.util.module_from_spec(spec)
+    with pytest.warns(RuntimeWarning, match="this version of numba has changed"):
+        spec.loader.exec_module(fresh)
+    assert fresh.compiler is None
+    assert six_of(fresh.kernel) == 6.0
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [
+        (compiler.InnerCode, "_finalize_dynamic_globals"),
+        (compiler.InnerCode, "_linking_libraries"),
+        (compiler._Inner, "define_pipelines"),
+        (compiler.KernelDispatcher, "_compile_inner"),
+        (compiler._File, "_data_path"),
+        (compiler._File, "_dump"),
+        (compiler._Cache, "_impl"),
+        (compiler._Cache, "_index_key"),
+    ],
+)
+def test_where_a_name_fails_later_kernels_are_compiled_as_numba_does(
+    folder, monkeypatch, owner, name
+):
+    """In the middle of compiling, of loading or of keeping."""
+
+    def missing(*_):
+        raise AttributeError(name)
+
+    monkeypatch.setattr(owner, name, property(missing), raising=False)
+    monkeypatch.setattr(compiler.KernelDispatcher, "plain", False)
+    monkeypatch.setattr(compiler, "KERNELS", [])
+    monkeypatch.setattr(MODULE, "compiler", compiler)
+    edit(folder, "return FACTOR * x", "return FACTOR * x + 1")
+    with pytest.warns(RuntimeWarning, match="this version of numba has changed"):
+        assert result(folder)[0] == 706.0
+
+
+def test_an_error_of_a_kernel_itself_is_raised_and_changes_nothing():
+    @core.kernel
+    def wrong(x):
+        return x.no_such_attribute
+
+    with pytest.raises(TypingError):
+        wrong(1.0)
+    assert not compiler.KernelDispatcher.plain
+
+
+def test_an_error_that_an_inner_kernel_raises_arrives():
+    @core.kernel
+    def inner(x):
+        if x < 0:
+            raise ValueError("negative")
+        return x
+
+    @core.kernel
+    def outer(x):
+        return inner(x) + 1
+
+    assert outer(1.0) == 2.0
+    with pytest.raises(ValueError, match="negative"):
+        outer(-1.0)
+
+
+def six_of(kernel):
+    """A number that an outer kernel and an inner one compute."""
+
+    @kernel
+    def double(x):
+        return 2 * x
+
+    @kernel
+    def six(x):
+        return double(x) + double(2 * x)
+
+    return six(1.0)
 
 
 def test_without_a_compiler_a_kernel_is_its_python_code(monkeypatch):

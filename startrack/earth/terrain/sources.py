@@ -56,7 +56,9 @@ class Raster:
             try:
                 with rasterio.vrt.WarpedVRT(file, crs=GEOGRAPHIC) as warped:
                     transform, columns, rows = warped.transform, warped.width, warped.height
-            except (rasterio.errors.RasterioError, rasterio._err.CPLE_BaseError) as error:
+            except Exception as error:
+                if not type(error).__module__.startswith("rasterio."):
+                    raise  # GDAL's own errors are rasterio's, too, but have no public name
                 raise ValueError(
                     f"{self.path} must have a coordinate system that PROJ knows: {error}"
                 ) from None
@@ -120,9 +122,7 @@ def require_rasterio(purpose: str) -> Any:
     """
     try:
         import rasterio
-
-        # _err has GDAL's messages, which have no public name.
-        from rasterio import _err, control, enums, vrt, warp  # noqa: F401
+        from rasterio import control, enums, vrt, warp  # noqa: F401
     except ImportError:
         raise ImportError(
             f"rasterio must be installed {purpose}: pip install 'startrack[earth]'"
