@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from startrack import Fidelity, Refused, Streams, load_design
 from startrack.budget.left_out import of_the_case
 from startrack.cli import main
+from startrack.cli.options import Option, Options
 from startrack.core import NON_NEGATIVE, DiffuseLight, Unit
 from startrack.design.keys import keys_of
 from startrack.detection.methods import CENTROIDS
@@ -148,9 +149,7 @@ def test_a_centroid_method_is_two_places(monkeypatch):
 class Greet:
     """Stands for the file startrack/cli/greet.py."""
 
-    @staticmethod
-    def declare(parser):
-        parser.add_argument("whom")
+    declare = Options("Greets somebody.", Option("whom WHOM", "who is greeted"))
 
     @staticmethod
     def command(options):

@@ -27,7 +27,7 @@ from startrack.core.trust import private_folder, trusted
 PACKAGE = Path(__file__).parents[1]
 # Rooms without kernels, none of whose values are compiled into those of other rooms.
 WITHOUT_KERNELS = {
-    "benchmark", "calibration", "cli", "mission", "montecarlo", "onboard", "optimise", "plots",
+    "benchmark", "calibration", "cli", "mission", "onboard", "optimise", "plots",
     "report", "verification",
 }  # fmt: skip
 config: Any = numba.config  # its names are made when it is read

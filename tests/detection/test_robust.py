@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from startrack.core.compiler import KernelDispatcher
 from startrack.core.interpret import twin
-from startrack.core.kernel import KernelDispatcher
 from startrack.detection.robust import around_among, around_each
 
 NOBODY = np.empty(0, np.int64)

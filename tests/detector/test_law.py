@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from startrack.core.compiler import KernelDispatcher
 from startrack.core.interpret import twin
-from startrack.core.kernel import KernelDispatcher
 from startrack.core.streams import Streams
 from startrack.core.variates import inverse_normal, poisson_quantile
 from startrack.detector import Detector
