@@ -159,7 +159,8 @@ def _looking(python: FunctionType) -> Callable[..., Any]:
 
     @wraps(python)
     def call(*args: Any) -> Any:
-        _LOOKS[-1]()
+        if _LOOKS:
+            _LOOKS[-1]()
         return python(*args)
 
     return call
