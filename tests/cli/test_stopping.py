@@ -52,11 +52,8 @@ def test_a_traceback_is_printed_with_debug_only(capsys, monkeypatch, debug):
 def test_a_signal_that_python_discards_is_raised_again_and_one_after_the_end_is_not_heard():
     code = """
 import atexit, os, signal, sys, time
-from startrack.cli.imports import postpone
-from startrack.cli.main import main
-
-postpone()  # as a process that the shell starts
 from startrack.cli import keys
+from startrack.cli.main import main
 
 class Gone:
     def __del__(self):  # what is raised here, Python discards
