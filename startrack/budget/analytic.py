@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
@@ -122,12 +123,18 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
 def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
     """`analytic`, but None where no field can be solved."""
     found = of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))
-    return None if found is None else found[0]
+    return found and found.budget
 
 
-def of_fields(
-    case: Case, view: Fields, like: Case | None = None
-) -> tuple[Budget[Law], Attitudes] | None:
+class FieldBudget(NamedTuple):
+    """A budget over some fields, the errors in each of them, and the stars that make these."""
+
+    budget: Budget[Law]
+    attitudes: Attitudes
+    stars: FieldStars
+
+
+def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget | None:
     """The budget over some fields, and the errors in each of them; None where none is solved.
 
     like  a case that differs in the places of its stars alone, whose response to single stars is
@@ -196,7 +203,8 @@ def of_fields(
     moved_rms = float(np.sqrt((wrong**2).mean())) if fixed else 0.0
     left_out = (*of_the_case(case), *of_the_sky(case, found.stars, refused, moved_rms))
     stars = float(weight @ found.stars)
-    return Budget(lines, whole_line, fraction, stars, left_out, refused), found
+    budget = Budget(lines, whole_line, fraction, stars, left_out, refused)
+    return FieldBudget(budget, found, counted)
 
 
 def _refused(case: Case, star: Errors, magnitude: Floats) -> float:

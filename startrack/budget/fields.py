@@ -16,6 +16,7 @@ from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, kernel
 from startrack.trial import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
+LEAST = 1e-4  # probability from which on a star counts; chosen by hand
 WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
 
 
@@ -119,6 +120,8 @@ class Attitudes(NamedTuple):
     variance  (m, c, 3) radian^2, of each random cause
     shift     (m, d, 3) radian, by each displacement
     stated    (m, 3, 3) radian^-2, information as the tracker states it
+    gain      (n, 4, 2) radian / pixel, of each star for each axis and for x and y; and, in the last
+              row, the probability that it counts, twice
     """
 
     stars: Floats
@@ -126,6 +129,17 @@ class Attitudes(NamedTuple):
     variance: Floats
     shift: Floats
     stated: Floats
+    gain: Floats
+
+    def by_displacement(self, first: Ints, displacement: Floats) -> Floats:
+        """The errors (m, 3) radian that displacements (n, 2) pixel of the stars make.
+
+        first  of `FieldStars`
+        """
+        chance, gain = self.gain[:, 3:, 0], self.gain[:, :3]
+        error = chance * (gain @ displacement[..., None])[..., 0]
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(error, axis=0)])
+        return np.diff(total[first], axis=0)
 
 
 class FieldStars(NamedTuple):
@@ -183,91 +197,147 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
         np.zeros((count, causes, 3)),
         np.zeros((count, shifts, 3)),
         np.zeros((count, 3, 3)),
+        np.zeros((len(seen.x), 4, 2)),
     )
     _propagate(seen, response, solver, found)
     return found
 
 
 @kernel
-def _propagate(seen, response, solver, found):  # type: ignore[no-untyped-def]
-    first, x, y, magnitude, zone, keep, systematic, displacement = seen
-    start, step, fraction, stated, causes = response
-    focal, tolerance, fewest, most = solver
-    stars, solved, variance, shift, information = found
-    last = fraction.shape[1] - 2
-    design, weight, gain = np.empty((2, 4)), np.empty((2, 2)), np.empty((3, 2))
-    for f in range(len(first) - 1):
-        full = np.zeros((4, 4))  # of the turn and of the scale
-        chance = np.zeros(fewest)  # of exactly so many detected stars
-        chance[0] = 1.0
-        end, total = first[f], 0.0
-        while end < first[f + 1] and total < most:
-            place = min(max((magnitude[end] - start) / step, 0.0), last + 0.999)
-            k, z = int(place), zone[end]
-            p = keep[end] * (fraction[z, k] + (place - k) * (fraction[z, k + 1] - fraction[z, k]))
-            p = min(p, most - total)  # of the last, the rest of the room
-            if p > 1e-4:
-                _design(x[end], y[end], focal, design)
-                _inverse(stated[z], k, place - k, systematic[end], weight)
-                for a in range(4):
-                    left0 = design[0, a] * weight[0, 0] + design[1, a] * weight[1, 0]
-                    left1 = design[0, a] * weight[0, 1] + design[1, a] * weight[1, 1]
-                    for b in range(4):
-                        full[a, b] += p * (left0 * design[0, b] + left1 * design[1, b])
-                for n in range(fewest - 1, 0, -1):
-                    chance[n] = chance[n] * (1 - p) + chance[n - 1] * p
-                chance[0] *= 1 - p
-                total += p
-            end += 1
+def _propagate(seen: FieldStars, response: Response, solver: Solver, found: Attitudes) -> None:
+    """Fill in the errors of each field, by two passes over its stars."""
+    full, chance = np.empty((4, 4)), np.empty(solver.fewest)
+    for f in range(len(seen.first) - 1):
+        end, found.stars[f] = _information(f, seen, response, solver, full, chance)
         info = full[:3, :3].copy()
-        stars[f] = total
-        for a in range(3):
-            for b in range(3):
-                information[f, a, b] = info[a, b]
-        solved[f] = 1 - chance.sum()
-        if solved[f] < 1e-6 or total < 2.0 or not np.linalg.cond(info) < 1e15:
-            solved[f] = 0.0
+        found.stated[f] = info
+        found.solved[f] = 1 - chance.sum()
+        unsolvable = found.stars[f] < 2.0 or not np.linalg.cond(info) < 1e15
+        if found.solved[f] < 1e-6 or unsolvable:
+            found.solved[f] = 0.0
             continue
         inverse = np.linalg.inv(info)
         moved = inverse @ full[:3, 3].copy()
         row = np.zeros(4)
-        if tolerance > 0:
-            full[3, 3] += tolerance**-2
+        if solver.tolerance > 0:
+            full[3, 3] += solver.tolerance**-2
             row = np.linalg.inv(full)[3].copy()
-        room = float(most)
-        for i in range(first[f], end):
-            place = min(max((magnitude[i] - start) / step, 0.0), last + 0.999)
-            k, z = int(place), zone[i]
-            t = place - k
-            p = min(keep[i] * (fraction[z, k] + t * (fraction[z, k + 1] - fraction[z, k])), room)
-            if not p > 1e-4:
-                continue
-            room -= p
-            _design(x[i], y[i], focal, design)
-            _inverse(stated[z], k, t, systematic[i], weight)
-            for b in range(2):
-                fitted = 0.0
-                for a in range(4):
-                    fitted += row[a] * (design[0, a] * weight[0, b] + design[1, a] * weight[1, b])
-                for a in range(3):
-                    gain[a, b] = -moved[a] * fitted
-                    for c in range(3):
-                        gain[a, b] += inverse[a, c] * (
-                            design[0, c] * weight[0, b] + design[1, c] * weight[1, b]
-                        )
-            for c in range(causes.shape[1]):
-                one = causes[z, c]
-                xx = one[k, 0, 0] + t * (one[k + 1, 0, 0] - one[k, 0, 0])
-                xy = one[k, 0, 1] + t * (one[k + 1, 0, 1] - one[k, 0, 1])
-                yy = one[k, 1, 1] + t * (one[k + 1, 1, 1] - one[k, 1, 1])
-                for a in range(3):
-                    u, v = gain[a, 0], gain[a, 1]
-                    variance[f, c, a] += p * max(u * u * xx + 2 * u * v * xy + v * v * yy, 0.0)
-            for d in range(len(displacement)):
-                for a in range(3):
-                    shift[f, d, a] += p * (
-                        gain[a, 0] * displacement[d, i, 0] + gain[a, 1] * displacement[d, i, 1]
+        _gains(seen.first[f], end, seen, response, solver, inverse, moved, row, found.gain)
+        _errors(f, end, seen, response, found)
+
+
+@kernel
+def _entry(magnitude: float, response: Response) -> tuple[int, float]:
+    """The entry of the table before a magnitude, and the fraction of the step behind it."""
+    last = response.fraction.shape[1] - 2
+    place = min(max((magnitude - response.start) / response.step, 0.0), last + 0.999)
+    return int(place), place - int(place)
+
+
+@kernel
+def _detected(i: int, k: int, t: float, seen: FieldStars, response: Response) -> float:
+    """Probability that a star is detected and kept, at `t` of the step behind entry `k`."""
+    fraction = response.fraction[seen.zone[i]]
+    return seen.kept[i] * (fraction[k] + t * (fraction[k + 1] - fraction[k]))
+
+
+@kernel
+def _information(
+    f: int, seen: FieldStars, response: Response, solver: Solver, full: Floats, chance: Floats
+) -> tuple[int, float]:
+    """Information of a field about turn and scale, and the chances of too few detected stars.
+
+    full     (4, 4) radian^-2, is written to
+    chance   (fewest,) 1, of exactly so many detected stars; is written to
+    Returns  the index behind the last star that counts, and their expected number
+    """
+    design, weight = np.empty((2, 4)), np.empty((2, 2))
+    full[:] = 0.0
+    chance[:] = 0.0
+    chance[0] = 1.0
+    end, total = seen.first[f], 0.0
+    while end < seen.first[f + 1] and total < solver.most:
+        k, t = _entry(seen.magnitude[end], response)
+        # Of the last, the rest of the room.
+        p = min(_detected(end, k, t, seen, response), solver.most - total)
+        if p > LEAST:
+            _design(seen.x[end], seen.y[end], solver.focal_length_px, design)
+            _inverse(response.stated[seen.zone[end]], k, t, seen.systematic[end], weight)
+            for a in range(4):
+                left0 = design[0, a] * weight[0, 0] + design[1, a] * weight[1, 0]
+                left1 = design[0, a] * weight[0, 1] + design[1, a] * weight[1, 1]
+                for b in range(4):
+                    full[a, b] += p * (left0 * design[0, b] + left1 * design[1, b])
+            for n in range(len(chance) - 1, 0, -1):
+                chance[n] = chance[n] * (1 - p) + chance[n - 1] * p
+            chance[0] *= 1 - p
+            total += p
+        end += 1
+    return end, total
+
+
+@kernel
+def _gains(
+    first: int,
+    end: int,
+    seen: FieldStars,
+    response: Response,
+    solver: Solver,
+    inverse: Floats,
+    moved: Floats,
+    row: Floats,
+    gain: Floats,
+) -> None:
+    """Gains of the stars of a field, each with the probability that it counts.
+
+    inverse  (3, 3) radian^2, of the information
+    moved    (3,) radian, by an error of the scale of one
+    row      (4,) of the inverse of the information about turn and scale: that of the scale
+    gain     (n, 4, 2) radian / pixel and, last, the probability twice; is written to
+    """
+    design, weight = np.empty((2, 4)), np.empty((2, 2))
+    room = float(solver.most)
+    for i in range(first, end):
+        k, t = _entry(seen.magnitude[i], response)
+        p = min(_detected(i, k, t, seen, response), room)
+        if not p > LEAST:
+            continue
+        room -= p
+        gain[i, 3] = p
+        _design(seen.x[i], seen.y[i], solver.focal_length_px, design)
+        _inverse(response.stated[seen.zone[i]], k, t, seen.systematic[i], weight)
+        for b in range(2):
+            fitted = 0.0
+            for a in range(4):
+                fitted += row[a] * (design[0, a] * weight[0, b] + design[1, a] * weight[1, b])
+            for a in range(3):
+                gain[i, a, b] = -moved[a] * fitted
+                for c in range(3):
+                    gain[i, a, b] += inverse[a, c] * (
+                        design[0, c] * weight[0, b] + design[1, c] * weight[1, b]
                     )
+
+
+@kernel
+def _errors(f: int, end: int, seen: FieldStars, response: Response, found: Attitudes) -> None:
+    """Variance and shifts of the attitude of a field, by the gains of its stars."""
+    for i in range(seen.first[f], end):
+        p = found.gain[i, 3, 0]
+        if not p > LEAST:
+            continue
+        k, t = _entry(seen.magnitude[i], response)
+        for c in range(response.causes.shape[1]):
+            cause = response.causes[seen.zone[i], c]
+            xx = cause[k, 0, 0] + t * (cause[k + 1, 0, 0] - cause[k, 0, 0])
+            xy = cause[k, 0, 1] + t * (cause[k + 1, 0, 1] - cause[k, 0, 1])
+            yy = cause[k, 1, 1] + t * (cause[k + 1, 1, 1] - cause[k, 1, 1])
+            for a in range(3):
+                u, v = found.gain[i, a, 0], found.gain[i, a, 1]
+                found.variance[f, c, a] += p * max(u * u * xx + 2 * u * v * xy + v * v * yy, 0.0)
+        for d in range(len(seen.displacement)):
+            x, y = seen.displacement[d, i]
+            for a in range(3):
+                found.shift[f, d, a] += p * (found.gain[i, a, 0] * x + found.gain[i, a, 1] * y)
 
 
 @kernel

@@ -97,8 +97,7 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
         return _sheared(case, x, y)
     if camera != correct.believed_camera:
         pixel = correct.believed_camera.project(np.column_stack([x, y, np.ones(len(x))]))
-        seen = camera.unproject(pixel)
-        plane = seen[:, :2] / seen[:, 2:]
+        plane = _plane(camera.unproject(pixel))
         return camera.focal_length_px * (plane - np.column_stack([x, y]))
     attitude, star = view.attitude[view.field[inside]], view.name[view.star[inside]]
     wrong, true = (
@@ -106,6 +105,19 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
         for one in (case, correct)
     )
     return camera.focal_length_px * (true - wrong)
+
+
+def displacement(
+    true: Camera, believed: Camera, pixel: Floats, turn: Rotation | None = None
+) -> Floats:
+    """Pixel (n, 2) by which a wrong camera model moves the stars at some places of the frame.
+
+    turn  from the axes of the true camera to those of the believed one
+    """
+    seen, there = believed.unproject(pixel), true.unproject(pixel)
+    if turn is not None:
+        there = turn.apply(there)
+    return believed.focal_length_px * (_plane(seen) - _plane(there))
 
 
 def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
@@ -136,7 +148,7 @@ def _directions(true: Selection, believed: Selection, star: Ints) -> Floats:
 
 
 def _plane(direction: Floats) -> Floats:
-    return direction[:, :2] / direction[:, 2:]
+    return np.asarray(direction[:, :2] / direction[:, 2:])
 
 
 def of_the_camera(case: Case, cause: Cause) -> tuple[Floats, Floats] | None:

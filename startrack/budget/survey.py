@@ -43,8 +43,7 @@ def survey(case: Case, places: int = DIRECTIONS) -> Survey:
     solved = of_fields(case, view)
     if solved is None:
         raise Refused(BLIND)
-    budget, found = solved
-    law = budget.whole.spread
+    found, law = solved.attitudes, solved.budget.whole.spread
     square = np.where(found.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)
     return Survey(
         view.attitude.inv().apply([0.0, 0.0, 1.0]),

@@ -10,15 +10,19 @@ import numpy as np
 
 from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
-from startrack.budget.budget import Law
-from startrack.budget.causes import Term
-from startrack.budget.fields import attitudes, fields
-from startrack.core import Floats, Refused, whole
+from startrack.budget.budget import Law, Line
+from startrack.budget.causes import Term, causes
+from startrack.budget.fields import Attitudes, attitudes, fields
+from startrack.budget.fixed import displacement, of_the_camera
+from startrack.core import Floats, Ints, Refused, whole
 from startrack.design import Case, Moment, Scope
 from startrack.metrics import Interpretation
-from startrack.population import middle_of, of_places, unit_of
+from startrack.population import middle_of, of_places, placed, unit_of
 
-OF_THE_CAMERA = ("camera model", "mounting")  # calibrated together, so that parts of them cancel
+CAMERA_MODEL = "camera model"
+OF_THE_CAMERA = (CAMERA_MODEL, "mounting")  # calibrated together, so that parts of them cancel
+# Terms of the errors, besides those of the camera, that are a unit's own.
+TURNED = (Term.THERMO_ELASTIC, Term.MEASUREMENT_DATE)
 FIELDS = 64  # of each unit in each environment
 ENVIRONMENTS = 3  # of each unit
 
@@ -139,7 +143,8 @@ def unit_budgets(
     whole(1, 10**6, count=count)
     whole(1, 1000, environments=environments)
     numbers = range(-1 if apart else 0, environments)
-    settings = _Settings(age, numbers, count_fields, _alike(case), middle_of(case, age))
+    middle = _middle(case, seed, age, count_fields)
+    settings = _Settings(age, numbers, count_fields, _alike(case), middle)
     parts = []
     for unit in range(first, first + count):
         parts.append(_of_unit(case, seed, unit, settings))
@@ -175,14 +180,14 @@ class _Settings(NamedTuple):
 
     environments  numbers; with -1 first, that of its calibration, its bias is apart
     alike         whether stars are measured alike in all environments of a unit
-    middle        unit for which stars are measured once, for all units; None: each has its own
+    middle        what all units share; None: the stars of each are measured
     """
 
     age: float
     environments: range
     fields: int
     alike: bool
-    middle: Case | None
+    middle: _Middle | None
 
 
 def _alike(case: Case) -> bool:
@@ -191,33 +196,97 @@ def _alike(case: Case) -> bool:
     return all(of_places(case, one.name) for one in case.variation if one.per in changing)
 
 
+class _Lines(NamedTuple):
+    """The lines of a budget over m fields, the weight (m,) of each field, and the availability."""
+
+    lines: tuple[Line[Law], ...]
+    weight: Floats
+    availability: float
+
+
+class _Middle(NamedTuple):
+    """The middle unit: its stars, their gains, and the errors that all units share.
+
+    Units differ by small displacements of stars at the same places of the frame, to whose sum an
+    attitude answers linearly.
+
+    first  of `FieldStars`
+    pixel  (n, 2) places of these stars
+    """
+
+    case: Case
+    unit: Case
+    seed: int
+    first: Ints
+    pixel: Floats
+    attitudes: Attitudes
+    shared: _Lines
+
+    def of(self, moment: Moment) -> _Lines:
+        """The lines of a unit at a moment."""
+        unit = placed(self.case, self.unit, self.seed, moment)
+        weight, none = self.shared.weight, np.zeros_like(self.attitudes.shift[:, 0])
+        lines, own = list(self.shared.lines), causes(unit)
+        if any(cause.name in OF_THE_CAMERA for cause in own):
+            # What the calibration of the mounting takes off is taken off first: a shift of the
+            # principal point is hundreds of arcseconds, of which a thousandth would count.
+            turn = unit.believed_mounting.camera_to_body().inv()
+            turn *= unit.instrument.mounting.camera_to_body()
+            cameras = unit.instrument.camera, unit.believed_camera
+            moved = displacement(*cameras, self.pixel, turn)
+            mean = self.attitudes.by_displacement(self.first, moved)
+            lines.append(Line(CAMERA_MODEL, Term.FIELD, Law(mean, none, weight)))
+        for cause in own:
+            if cause.term in TURNED and (of_all := of_the_camera(unit, cause)):
+                mean, sigma = (none + each for each in of_all)
+                lines.append(Line(cause.name, cause.term, Law(mean, sigma, weight)))
+        return self.shared._replace(lines=tuple(lines))
+
+
+def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
+    """What units share; None where each has noise of its own, or the middle one sees no stars."""
+    unit = middle_of(case, age)
+    if unit is None:
+        return None
+    view = fields(unit.catalog, unit.instrument.camera, attitudes, count)
+    found = of_fields(unit, view, unit)
+    if found is None:
+        raise Refused(f"units of seed {seed} must see enough stars somewhere")
+    lines = tuple(
+        line
+        for line in found.budget.lines
+        if line.name not in OF_THE_CAMERA and line.term not in TURNED
+    )
+    weight, available = found.budget.whole.spread.weight, found.budget.availability
+    shared = _Lines(lines, weight, available)
+    stars = found.stars
+    towards = np.column_stack([stars.x, stars.y, np.ones(len(stars.x))])
+    pixel = unit.instrument.camera.project(towards)
+    return _Middle(case, unit, seed, stars.first, pixel, found.attitudes, shared)
+
+
 def _of_unit(
     case: Case, seed: int, unit: int, settings: _Settings
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, dict[Term, Floats]]:
     """Mean, sigma (m, 3), weight (m,), bias (3,), availability, classes of one unit."""
     means, sigmas, weights = (list[Floats]() for _ in range(3))
     squares, available, bias = dict[Term, list[Floats]](), list[float](), np.zeros(3)
-    like = settings.middle
+    like: Case | None = None
     for environment in settings.environments:
-        one = unit_of(case, seed, Moment(unit, environment, environment, settings.age))
-        view = fields(one.catalog, one.instrument.camera, attitudes, settings.fields)
-        alike = like or _as_measured(one)
-        found = of_fields(one, view, alike)
-        if found is None:
-            raise Refused(f"unit {unit} of seed {seed} must see enough stars somewhere")
-        like = alike if settings.alike else like
-        budget, _ = found
-        law = budget.whole.spread
-        camera = sum(
-            (line.spread.mean for line in budget.lines if line.name in OF_THE_CAMERA),
-            np.zeros_like(law.mean),
-        )
-        middle = law.weight @ camera
+        moment = Moment(unit, environment, environment, settings.age)
+        if settings.middle:
+            found = settings.middle.of(moment)
+        else:
+            found, like = _measured(case, seed, moment, settings, like)
+        spreads = [line.spread for line in found.lines]
+        none = np.zeros_like(spreads[0].mean)
+        camera = sum((line.spread.mean for line in found.lines if line.name in OF_THE_CAMERA), none)
+        middle = found.weight @ camera
         if environment < 0:
             bias = middle
             continue
-        square = {Term.FIELD: law.weight @ (camera - middle) ** 2}
-        for line in budget.lines:
+        square = {Term.FIELD: found.weight @ (camera - middle) ** 2}
+        for line in found.lines:
             if line.term and line.name not in OF_THE_CAMERA:
                 known = square.get(line.term, np.zeros(3))
                 square[line.term] = known + line.spread.rms() ** 2
@@ -225,15 +294,33 @@ def _of_unit(
         square[Term.THERMO_ELASTIC] = known + (middle - bias) ** 2
         for term, value in square.items():
             squares.setdefault(term, []).append(value)
-        available.append(budget.availability)
-        means.append(law.mean)
-        sigmas.append(law.sigma)
-        weights.append(law.weight / settings.environments.stop)
+        available.append(found.availability)
+        means.append(np.sum([spread.mean for spread in spreads], axis=0))
+        sigmas.append(np.sqrt(np.sum([spread.sigma**2 for spread in spreads], axis=0)))
+        weights.append(found.weight / settings.environments.stop)
     terms = {term: np.sqrt(np.mean(values, axis=0)) for term, values in squares.items()}
     return (
         np.concatenate(means) - bias, np.concatenate(sigmas), np.concatenate(weights), bias,
         np.array(float(np.mean(available))), terms,
     )  # fmt: skip
+
+
+def _measured(
+    case: Case, seed: int, moment: Moment, settings: _Settings, like: Case | None
+) -> tuple[_Lines, Case | None]:
+    """The lines of a unit whose stars are measured, and the case that others of it are like.
+
+    like  of a moment before; None: there is none
+    """
+    unit = unit_of(case, seed, moment)
+    view = fields(unit.catalog, unit.instrument.camera, attitudes, settings.fields)
+    alike = like or _as_measured(unit)
+    found = of_fields(unit, view, alike)
+    if found is None:
+        raise Refused(f"unit {moment.unit} of seed {seed} must see enough stars somewhere")
+    budget = found.budget
+    lines = _Lines(budget.lines, budget.whole.spread.weight, budget.availability)
+    return lines, alike if settings.alike else like
 
 
 def _as_measured(case: Case) -> Case:

@@ -43,7 +43,7 @@ from startrack.design.keys import Key, design_keys, keys_of
 from startrack.design.lens_cost import LensCost, cost_of, lens_cost
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.design.parameter import find as found_at
-from startrack.design.parameter import replaced, replaced_all
+from startrack.design.parameter import replaced, replaced_all, unchecked
 from startrack.design.products import products
 from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements
 from startrack.design.schema import design_schema
@@ -59,6 +59,7 @@ from startrack.design.variation import (
     law_of,
     middle_case,
     unit_case,
+    unit_values,
 )
 
 # Public; the other imports serve other rooms.

@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -185,8 +186,9 @@ def law_of(case: Any, one: Variation) -> Law:
     if curve and one.vary != RELATIVE:
         raise Refused(f'{one.name}: vary must be "relative" for a curve')
 
+    unit = unit_at(case, one.name) if one.vary == ABSOLUTE and not curve else None
+
     def si(key: str, value: float | str) -> float:
-        unit = unit_at(case, one.name) if one.vary == ABSOLUTE and not curve else None
         if isinstance(value, str):
             if unit is None:
                 raise Refused(f"{one.name}: {key} must be a number without unit, got {value!r}")
@@ -248,18 +250,24 @@ def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, f
 
     Each is drawn from streams that (seed, unit, name) alone decide.
     """
-    streams, found = Streams(seed, moment.unit), []
+    found = []
     for one, law in zip(case.variation, case.laws, strict=True):
         at = _instance(one.per, moment)
         if at is None:
             continue
-        z = float(streams(one.group_stream + at).standard_normal())
+        z = _normal(seed, moment.unit, one.group_stream + at)
         if one.group and one.correlation != 1 and one.law != "sinusoid":
-            own = float(streams(one.stream + at).standard_normal())
+            own = _normal(seed, moment.unit, one.stream + at)
             z = one.correlation * z + math.sqrt(1 - one.correlation**2) * own
         by = law.difference(z)
         found.append((one, by * moment.age / YEAR if one.per is Scope.LIFE else by))
     return found
+
+
+@lru_cache(maxsize=2**14)
+def _normal(seed: int, unit: int, stream: str) -> float:
+    """A standard normal number of a unit; the last are kept, as each design has the same units."""
+    return float(Streams(seed, unit)(stream).standard_normal())
 
 
 def _instance(scope: Scope, moment: Moment) -> str | None:
@@ -288,21 +296,31 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     if moment.unit < 0:
         return bare
     bare = aged(bare, moment.age)
-    values = _values(case, differences(case, seed, moment))
-    own = Streams(seed, moment.unit)
+    values = unit_values(case, seed, moment)
     design = case
     # The maps of its pixels and its residual are those of the unit; a dark map is taken on it.
-    device = int(own("device of a unit").integers(2**62))
+    device = int(Streams(seed, moment.unit)("device of a unit").integers(2**62))
     if case.tracker.detection.dark_map is not None:
         design = replaced_all(design, {"instrument.detector.device_seed": device})
     values["instrument.detector.device_seed"] = device
-    if bare.instrument.residual is not None:
-        values["instrument.residual.seed"] = int(own("residual of a unit").integers(2**62))
     try:
         truth = replaced_all(bare, values)
     except Refused as error:
         raise Refused(f"unit {moment.unit} of seed {seed}: {error}") from None
     return truth.unit_of(design)
+
+
+def unit_values(case: Any, seed: int, moment: Moment) -> dict[str, Any]:
+    """The numbers of a unit that differ from those of the design, by name."""
+    values = _values(case, differences(case, seed, moment))
+    if case.instrument.residual is not None:
+        values["instrument.residual.seed"] = _residual_seed(seed, moment.unit)
+    return values
+
+
+@lru_cache(maxsize=2**10)
+def _residual_seed(seed: int, unit: int) -> int:
+    return int(Streams(seed, unit)("residual of a unit").integers(2**62))
 
 
 def middle_case(case: Any, age: float, names: Collection[str]) -> Any:

@@ -11,7 +11,7 @@ trials     Units -> outcomes of trials of many units, each with its unit and env
 from startrack.population.calibrate import calibrated, drawn, left_over
 from startrack.population.nodes import UnitPlans, of_places, unit_plans
 from startrack.population.trials import UNITS, Units, unit_trials
-from startrack.population.unit import middle_of, unit_of
+from startrack.population.unit import middle_of, placed, unit_of
 from startrack.population.yields import PerUnit, explain, per_unit, unit_errors
 
 # Public; the other imports serve other rooms.

@@ -7,9 +7,19 @@ from functools import lru_cache
 
 from startrack.attitude import Mounting
 from startrack.core import Camera, Streams
-from startrack.design import Case, Moment, found_at, middle_case, replaced, unit_case
+from startrack.design import (
+    Case,
+    Moment,
+    found_at,
+    middle_case,
+    unchecked,
+    unit_case,
+    unit_values,
+)
 from startrack.population.calibrate import alignment, calibrated, drawn
 from startrack.population.nodes import NOISE, imaged_alike, of_places
+
+RESIDUAL_SEED = "instrument.residual.seed"
 
 
 def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
@@ -27,6 +37,48 @@ def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
         unit,
         tracker=replace(unit.tracker, camera=camera, camera_model="radial", mounting=mounting),
     )
+
+
+@lru_cache(maxsize=8)
+def _as_imaged(case: Case) -> Case:
+    """A unit as designed, behind a lens table; kept for the 8 last cases."""
+    return _imaged_as(case.without_units.unit_of(case), case)
+
+
+@lru_cache(maxsize=8)
+def _of_places(case: Case) -> frozenset[str]:
+    """What of the numbers that vary moves the places of stars alone; kept for the 8 last cases."""
+    names = {one.name for one in case.variation}
+    return frozenset(name for name in names if of_places(case, name)) | {RESIDUAL_SEED}
+
+
+def placed(case: Case, like: Case, seed: int, moment: Moment) -> Case:
+    """A unit whose stars are where those of `unit_of` are, and which is else as another unit.
+
+    In a fraction of the time: no part of the case is checked again.
+
+    case  the design, whose `imaged_alike` holds
+    like  a unit of it
+    """
+    unit = _with_places(case, like, seed, moment)
+    if case.tracker.calibration is None:
+        return unit
+    camera, mounting = _beliefs(case, seed, moment.unit, False)
+    believed: Case = unchecked(
+        unit,
+        {
+            "tracker.camera": camera,
+            "tracker.camera_model": "radial",
+            "tracker.mounting": mounting,
+        },
+    )
+    return believed
+
+
+def _with_places(case: Case, like: Case, seed: int, moment: Moment) -> Case:
+    alone, values = _of_places(case), unit_values(case, seed, moment)
+    unit: Case = unchecked(like, {name: values[name] for name in values.keys() & alone})
+    return unit
 
 
 def _built(case: Case, seed: int, moment: Moment) -> Case:
@@ -61,10 +113,14 @@ def _beliefs(case: Case, seed: int, number: int, run: bool) -> tuple[Camera, Mou
     """Camera and mounting that the calibration of a unit finds; kept for the 64 last units."""
     settings = case.tracker.calibration
     assert settings
-    built = _built(case, seed, Moment(number, launched=settings.place == "orbit"))
+    moment = Moment(number, launched=settings.place == "orbit")
+    if imaged_alike(case):
+        built = _with_places(case, _as_imaged(case), seed, moment)
+    else:
+        built = _built(case, seed, moment)
     if built.instrument.residual is not None and settings.temperature:
         warm = built.instrument.residual.temperature + settings.temperature
-        built = replaced(built, "instrument.residual.temperature", warm)
+        built = unchecked(built, {"instrument.residual.temperature": warm})
     find = calibrated if run else drawn
     truth, design = built.instrument.camera, built.as_designed.believed_camera
     camera = find(truth, design, settings, Streams(seed, number))

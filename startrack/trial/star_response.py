@@ -132,8 +132,9 @@ class Scale(NamedTuple):
         return math.hypot(self.noise, math.sqrt(self.background))
 
 
+@lru_cache(maxsize=16)
 def scale(case: Case) -> Scale:
-    """The scale of a case; see `electron_rate` for its errors."""
+    """The scale of a case; see `electron_rate` for its errors. Kept for the 16 last cases."""
     detector = case.instrument.detector
     one = np.zeros(1)
     sunlike = Stars(np.zeros(1, np.int64), np.zeros((1, 3)), one, np.full(1, np.nan))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -233,9 +234,17 @@ def detection_plan(
     detection  None for that of the tracker
     smear      pixel, where the settings leave it out; None for `known_smear`
     """
+    return _planned(*_settings(case, detection, smear))
+
+
+@lru_cache(maxsize=64)
+def _settings(
+    case: Case, detection: Detection | None, smear: tuple[float, float] | None
+) -> tuple[Instrument, Detection]:
+    """The instrument of the design, and the settings with their smear; of the 64 last cases."""
     detection = detection or case.tracker.detection
     designed = case.as_designed
-    return _planned(designed.instrument, with_smear(detection, *(smear or known_smear(designed))))
+    return designed.instrument, with_smear(detection, *(smear or known_smear(designed)))
 
 
 @kept(16)
