@@ -15,7 +15,7 @@ from startrack.benchmark.stage import Stage
 from startrack.core import Floats, arcsec, deg
 from startrack.design import Case, DesignSpace, Fidelity, load_design
 from startrack.io import shipped
-from startrack.optimise import Search, foresee, least, prospect
+from startrack.optimise import Explorer, Search, foresee, least
 from startrack.trial import run_trials
 
 SEED, TRIALS, SIDE = 5, 32, 1024
@@ -77,8 +77,15 @@ def hill() -> Hill:
     assert design.campaign
     space, campaign = DesignSpace(design.case, design.campaign.variables), design.campaign
     score = partial(foresee, space, campaign)
-    few = replace(campaign, analytic_evaluations=TRIES)
-    return Hill(space.start, score, lambda: prospect(space, few, space.start).coordinates)
+    return Hill(space.start, score, lambda: explored(Explorer(space, campaign)))
+
+
+def explored(explorer: Explorer) -> Floats:
+    """The best of so many forecasts, or of fewer that are enough."""
+    explorer.begin(explorer.space.start, TRIES)
+    while not explorer.ending and len(explorer.points) < TRIES:
+        explorer.step(TRIES - len(explorer.points))
+    return explorer.best
 
 
 def finite(score: float) -> float:

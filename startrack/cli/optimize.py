@@ -75,4 +75,23 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
         "feasible": optimum.feasible,
         "ending": optimum.ending,
         **({"units": units_values(optimum.units)} if optimum.units else {}),
+        **landscape_values(optimum),
+    }
+
+
+def landscape_values(optimum: Optimum) -> dict[str, Any]:
+    """What the forecasts say of the space, for JSON."""
+    found, space = optimum.landscape, optimum.space
+    if found is None:
+        return {}
+    ends = {
+        name: [space.values(end)[name] for end in (span.at_low, span.at_high)]
+        for name, span in found.spans.items()
+    }
+    return {
+        "forecasts": len(found.forecasts),
+        "possible_gain": found.left,
+        "spans_si": ends,
+        "unimportant": found.unimportant,
+        "prices": found.prices,
     }

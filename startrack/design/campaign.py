@@ -79,6 +79,10 @@ class Campaign(Parameters):
     analytic_evaluations: Annotated[int, Range(0, 10**6),
         "designs that the analytic budget evaluates before the first trial; 0 to begin at the "
         "design"] = 200  # fmt: skip
+    precision: Annotated[float, Range(1e-4, 0.5),
+        "fraction of the objective that is worth no further evaluation: a search ends when it "
+        "expects to gain less, and each variable is known as well as that bears"
+    ] = 0.01  # fmt: skip
     sample_trials: Annotated[int, Range(2, 10**6),
         "trials for each design that the tolerance region is computed from"] = 160  # fmt: skip
     fresh_trials: Annotated[int, Range(2, 10**6),

@@ -120,14 +120,13 @@ def label(case: Any, name: str) -> str:
     return f"{key} of {one.name.partition('.')[2]} per {one.per}"
 
 
-def text(case: Any, name: str, value: float) -> str:
-    """A value as a person writes it, four digits and the parameter's unit."""
+def text(case: Any, name: str, value: float, digits: int = 4) -> str:
+    """A value as a person writes it, so many digits and the parameter's unit."""
     unit = unit_at(case, name)
-    rounded = float(f"{value:.4g}")
     if not unit:
-        return f"{rounded:g}"
+        return f"{float(f'{value:.{digits}g}'):g}"
     count, _, shown = write(value, unit.si, unit.shown).partition(" ")
-    return f"{float(count):.4g} {shown}"
+    return f"{float(count):.{digits}g} {shown}"
 
 
 class _Change(NamedTuple):

@@ -177,6 +177,10 @@ class DesignSpace:
             for variable in self.variables
         }
 
+    def shown(self, name: str, value: float, digits: int) -> str:
+        """A value of a variable as a person writes it, with its unit."""
+        return text(self.case, name, value, digits)
+
     @cached_property
     def _bounds(self) -> list[tuple[float, float]]:
         return [

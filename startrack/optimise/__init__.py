@@ -5,7 +5,9 @@ ledger       One SQLite file with the outcomes of all trials, so that no trial i
 runner       TrialRunner: trials of any design; it keeps each outcome, so that no trial is repeated.
 forecast     Case -> what the analytic budget expects of it, as designed or over its units.
 evaluate     Point of a DesignSpace -> the score of its design.
-steps        The steps of the optimiser: prospect, reach, correction, refine, race, assure.
+emulator     Points and values -> a Gaussian process through them, and what it expects.
+explore      DesignSpace -> forecasts where they tell most, and emulators of all that they say.
+steps        The steps of the optimiser: start, forecasts, correction, refinement, confirmation.
 units        Fresh units of a design -> the level that a fraction of them keeps, and yields.
 optimise     Campaign, TrialRunner -> the best design that was found, and how good it is.
 pareto       DesignSpace, two objectives -> the designs that no other design beats in both.
@@ -20,6 +22,7 @@ tables       The results of studies as CSV, JSON lines and Markdown.
 from startrack.optimise.allocation import Allocation, Tightened, allocation, halved
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
 from startrack.optimise.evaluate import Evaluation, evaluate, foresee
+from startrack.optimise.explore import Explorer, Landscape, Span
 from startrack.optimise.forecast import expect, expected_objective
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
@@ -27,7 +30,6 @@ from startrack.optimise.pareto import UNITS, Goals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Found, Search, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
-from startrack.optimise.steps import prospect
 from startrack.optimise.tables import (
     chain_text,
     chain_values,

@@ -26,8 +26,6 @@ from startrack.optimise.forecast import (
     ENVIRONMENTS,
     Forecast,
     bounded,
-    combined_forecasts,
-    forecast,
     forecasts,
     geometric_mean,
     named,
@@ -91,7 +89,6 @@ def evaluate(
     trials: int | None = None,
     correction: Callable[[Floats], float] | None = None,
     spare: bool = False,
-    lead: float = math.inf,
 ) -> Evaluation:
     """Score a design by its analytic budget, corrected by trials.
 
@@ -110,8 +107,6 @@ def evaluate(
     trials      None for the campaign's first number
     correction  ln(error / expected) at unit-cube coordinates, None for zero
     spare       whether no trials are run where a requirement that needs none is missed
-    lead        score of the best so far; no trials are run where the score without them is worse,
-                as they only add penalties
     Returns     an evaluation; its note is the reason where a design cannot be built or rendered
     """
     coordinates = np.clip(coordinates, 0, 1)
@@ -122,8 +117,7 @@ def evaluate(
         margins = margins_of(campaign.requirements, judged[0].case)
         expected, foreseen = forecasts(judged, objective, runner)
         score = _log_arcsec(expected) + (correction(coordinates) if correction else 0.0)
-        hopeless = expected > 0 and score + PENALTY * missed(margins) > lead
-        if hopeless or (spare and missed(margins)):
+        if spare and missed(margins):
             tried = {}
         else:
             tried = {
@@ -180,14 +174,35 @@ def combined(
     return geometric_mean(errors, [one.weight for one in counted]) if counted else math.nan
 
 
+class Foresight(NamedTuple):
+    """What is expected of a design without a trial.
+
+    expected  ln(arcsec) of the objective; NaN where no attitude is expected
+    margins   of all requirements; none where the design cannot be built
+    """
+
+    expected: float
+    margins: dict[str, float]
+
+    @property
+    def score(self) -> float:
+        """As of `evaluate`; infinite where no attitude is expected."""
+        if math.isnan(self.expected):
+            return math.inf
+        return self.expected + PENALTY * missed(self.margins)
+
+
+NOTHING = Foresight(math.nan, {})  # of a design that cannot be built
+
+
 def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats, seed: int = 1) -> float:
-    """The score of a design without a trial; NaN where it cannot be built.
+    """The score of a design without a trial; infinite where it cannot be built.
 
     seed      of the units, where it is judged over units
     Accuracy  model: that of the budget. The result of a search needs trials too, as an optimiser
               is drawn to designs whose error the model underestimates.
     """
-    return foresee_all(space, campaign, [coordinates], seed=seed)[0]
+    return foresee_all(space, campaign, [coordinates], seed=seed)[0].score
 
 
 def foresee_all(
@@ -196,24 +211,12 @@ def foresee_all(
     points: Sequence[Floats],
     runner: TrialRunner | None = None,
     seed: int = 1,
-) -> list[float]:
-    """`foresee` of several designs, in the workers of a runner.
-
-    A worker computes one condition of a design; behind a lens table, whose images all conditions
-    and the margins share, all of them.
-    """
-    seed = runner.seed if runner else seed
+) -> list[Foresight]:
+    """What is expected of several designs, each computed by a worker of a runner."""
     in_order = runner.map if runner else map
     cases = [_built(space, coordinates) for coordinates in points]
-    if space.case.instrument.optics.tabulated:
-        return list(in_order(partial(_foreseen_alone, campaign=campaign, seed=seed), cases))
-    designs = [_foreseen(case, campaign) for case in cases]
-    tasks = [one for each in designs if each for one in each.judged]
-    tried = partial(_tried, objective=Objective.read(campaign.objective), seed=seed)
-    every = iter(in_order(tried, tasks))
-    return [
-        _score(each, [next(every) for _ in each.judged]) if each else math.nan for each in designs
-    ]
+    one = partial(_foreseen, campaign=campaign, seed=runner.seed if runner else seed)
+    return list(in_order(one, cases))
 
 
 def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
@@ -224,51 +227,18 @@ def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
         return None
 
 
-def _foreseen_alone(case: Case | None, campaign: Campaign, seed: int) -> float:
-    """`foresee` of a design; NaN for None."""
-    design, objective = _foreseen(case, campaign), Objective.read(campaign.objective)
-    if design is None:
-        return math.nan
-    return _score(design, [_tried(one, objective, seed) for one in design.judged])
-
-
-class _Foreseen(NamedTuple):
-    """A design in its conditions, and its margins that need no budget."""
-
-    margins: dict[str, float]
-    judged: Sequence[Judged]
-
-
-def _foreseen(case: Case | None, campaign: Campaign) -> _Foreseen | None:
-    """A design to be scored; None where it contradicts itself."""
+def _foreseen(case: Case | None, campaign: Campaign, seed: int) -> Foresight:
+    """What is expected of a design; nothing for None, and where it contradicts itself."""
     if case is None:
-        return None
+        return NOTHING
     try:
-        return _Foreseen(margins_of(campaign.requirements, case), campaign.judged(case))
+        margins, judged = margins_of(campaign.requirements, case), campaign.judged(case)
+        expected, found = forecasts(judged, Objective.read(campaign.objective), seed=seed)
     except Refused:
-        return None
-
-
-def _tried(one: Judged, objective: Objective, seed: int) -> Forecast | None:
-    """`forecast`, None where the case contradicts itself."""
-    try:
-        return forecast(one, objective, seed)._replace(units=None)
-    except Refused:
-        return None
-
-
-def _score(design: _Foreseen, every: Sequence[Forecast | None]) -> float:
-    """The score without trials; NaN where a condition has no forecast or expects no attitude."""
-    known = [one for one in every if one is not None]
-    if len(known) < len(every):
-        return math.nan
-    expected, foreseen = combined_forecasts(design.judged, known)
-    if not expected > 0:
-        return math.nan
-    margins = dict(design.margins)
-    for one in design.judged:
-        margins |= named(one.name, foreseen[one.name].margins)
-    return _log_arcsec(expected) + PENALTY * missed(margins)
+        return NOTHING
+    for one in judged:
+        margins |= named(one.name, found[one.name].margins)
+    return Foresight(math.log(expected / arcsec) if expected > 0 else math.nan, margins)
 
 
 def _log_arcsec(angle: float) -> float:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused
+from startrack.core import Refused
 from startrack.design import (
     NOMINAL,
     Campaign,
@@ -22,10 +22,18 @@ from startrack.design import (
     branches,
 )
 from startrack.metrics import Interval, Summary, summarise
-from startrack.optimise.evaluate import Evaluation, evaluate, measured_score, try_out
+from startrack.optimise.evaluate import Evaluation, evaluate, try_out
+from startrack.optimise.explore import Explorer, Landscape, landscape_of
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.steps import Watch, assure, prospect, race, reach, refine
+from startrack.optimise.steps import (
+    Watch,
+    best_branch,
+    confirm_requirements,
+    explore,
+    feasible_start,
+    refine,
+)
 from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
 from startrack.trial import OUTCOMES
 
@@ -51,6 +59,7 @@ class Optimum:
     ending        one sentence: why the search stopped
     trials        number that were done, per fidelity, before an interruption too
     units         start and best over fresh units; None: they are judged as designed
+    landscape     what forecasts say of the space; None where no design is possible
     """
 
     space: DesignSpace
@@ -67,6 +76,7 @@ class Optimum:
     ending: str
     trials: dict[str, int]
     units: ComparedUnits | None = None
+    landscape: Landscape | None = None
 
     @property
     def feasible(self) -> bool:
@@ -88,19 +98,21 @@ def optimize(
     watch_fresh: Callable[[int], None] | None = None,
     adapt: Callable[[Case], Case] | None = None,
 ) -> Optimum:
-    """Search the design space by Sbplx (Rowan 1990, in nlopt), requirements as L1 penalties.
+    """Forecast designs where they tell most, then run trials where they decide.
 
-    The search begins where the analytic budget is best, by DIRECT on the whole space, or at the
-    case itself if trials show a lower error there. Designs are compared by the budget, corrected by
-    trials, whose number doubles from pass to pass. Where there are choices, their branches race
-    first. The winner is judged on frames that no tuning used, its availability by a bound with
-    95 % confidence; over units, on units that no tuning used, in the campaign's fidelity.
+    The analytic budget of some designs over the space, and then of those that may be the best,
+    makes emulators of the objective and of all margins (`Explorer`), until no gain above the
+    campaign's precision is expected. Trials of the best designs correct the budget (`refine`).
+    Where there are choices, all branches are forecast, and trials of the best designs of those that
+    are close decide. The winner is judged on frames that no tuning used, its availability by a
+    bound with 95 % confidence; over units, on units that no tuning used, in the campaign's
+    fidelity.
 
     watch        called with each evaluation
     watch_fresh  called with the number of fresh trials just done
     adapt        as in DesignSpace; it refuses a design by `Refused`
     Raises       ValueError where the campaign names no variables.
-    Accuracy     model: the search with trials is local; a better design may lie elsewhere.
+    Accuracy     model: that of the budget, where trials are too few to correct it.
     """
     spaces = {
         branch.label: DesignSpace(branch.case, campaign.variables, campaign.links, adapt)
@@ -113,14 +125,20 @@ def optimize(
         if watch:
             watch(done)
 
-    nearest = {label: reach(space, campaign.requirements) for label, space in spaces.items()}
+    nearest = {
+        label: feasible_start(space, campaign.requirements) for label, space in spaces.items()
+    }
     starts = {label: one.coordinates for label, one in nearest.items() if one.short == 0}
+    landscape = None
     if starts:
-        possible = {label: spaces[label] for label in starts}
-        for label, space in possible.items() if campaign.analytic_evaluations else ():
-            starts[label] = _better(space, starts[label], campaign, runner, record)
-        label, start = race(possible, starts, _left(campaign, tried), runner, record)
-        finalists, ending = refine(spaces[label], start, _left(campaign, tried), runner, record)
+        left = explore(
+            {label: Explorer(spaces[label], campaign, runner, label) for label in starts},
+            starts,
+            campaign,
+        )
+        label = best_branch(left, campaign, runner, record)
+        finalists, ending = refine(left[label], _left(campaign, tried), runner, record)
+        landscape = landscape_of(left[label], np.array(finalists[0].coordinates))
     else:
         label = min(nearest, key=lambda label: nearest[label].short)
         record(evaluate(spaces[label], campaign, nearest[label].coordinates, runner))
@@ -167,25 +185,13 @@ def optimize(
         ending,
         {fidelity.value: count for fidelity, count in runner.tried.items()},
         units,
+        landscape,
     )
 
 
 def _left(campaign: Campaign, tried: Sequence[Evaluation]) -> Campaign:
     """The campaign with the remaining evaluations; one at least."""
     return replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
-
-
-def _better(
-    space: DesignSpace, start: Floats, campaign: Campaign, runner: TrialRunner, watch: Watch
-) -> Floats:
-    """The start, or the minimum of the analytic budget, by trials the better of both."""
-    found = prospect(space, campaign, start, runner)
-    tried = [
-        evaluate(space, campaign, coordinates, runner) for coordinates in (start, found.coordinates)
-    ]
-    for one in tried:
-        watch(one)
-    return np.array(min(tried, key=measured_score).coordinates)
 
 
 class _Shown(NamedTuple):
@@ -236,7 +242,7 @@ def _shown(
                     outcomes = runner.run(one.case, campaign.fresh_trials, campaign.fidelity, FRESH)
             except Refused:
                 outcomes = np.empty(0, OUTCOMES)
-        found = assure(one, campaign, runner, outcomes)
+        found = confirm_requirements(one, campaign, runner, outcomes)
         summary = summarise(outcomes, one.needs.limits)
         shown = {name: each.margin for name, each in found.items()}
         if not found:

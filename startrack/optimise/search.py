@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import nlopt
 import numpy as np
@@ -109,81 +109,26 @@ def least(
     return Found(watch.coordinates, watch.best, len(watch.seen), ending)
 
 
-class Together(NamedTuple):
-    """How several points are scored at once.
-
-    scores   of points (d,), in their order; NaN or infinite where one has none
-    far      points at once for DIRECT, which asks for all that are given
-    near     points at once for Sbplx, which asks for half of them
-    """
-
-    scores: Callable[[list[Floats]], list[float]]
-    far: int
-    near: int = 1
-
-
-def least_together(
-    scores: Callable[[list[Floats]], list[float]], most: int, start: Floats, search: Search
-) -> Found:
-    """`least`, with the points that a search will probably ask for scored at once.
-
-    The search is repeated from its start with the scores that are known, which takes no time. Where
-    one is not known it goes on as if the point were refused, to see which points it asks for next.
-    What it returns is that of a repetition in which all scores were known: the same as of `least`.
-
-    scores  as of Together
-    most    points at once
-    """
-    known = dict[bytes, float]()
-    while True:
-        new = list[Floats]()
-
-        def score(
-            coordinates: Floats, new: list[Floats] = new, known: dict[bytes, float] = known
-        ) -> float:
-            found = known.get(coordinates.tobytes())
-            if found is not None:
-                return found
-            # Trap: DIRECT cannot be stopped from here, so it goes on for nothing.
-            if len(new) < most:
-                new.append(coordinates)
-            return math.nan
-
-        found = least(score, start, search)
-        if not new:
-            return found
-        for one, value in zip(new, scores(new), strict=True):
-            known[one.tobytes()] = value
-
-
 def least_of_all(
     score: Callable[[Floats], float],
     start: Floats,
     wide: int,
     near: int,
     enough: Callable[[], str] | None = None,
-    together: Together | None = None,
 ) -> Found:
     """Search the whole cube by DIRECT, then by Sbplx around the better of its best and the start.
 
     wide, near  evaluations of each search
-    together    scores several points at once; the result is the same, without `enough`
     Returns     what the last search found; it is never worse than the start
     """
-
-    def searched(start: Floats, search: Search, most: int) -> Found:
-        if together:
-            return least_together(together.scores, most, start, search)
-        return least(score, start, search, enough)
-
     here = least(score, start, Search(evaluations=1), enough)
     if enough and enough():
         return here
-    far = searched(start, Search(Algorithm.DIRECT, wide), together.far if together else 1)
+    far = least(score, start, Search(Algorithm.DIRECT, wide), enough)
     if enough and enough():
         return far
     best = min(far, here, key=lambda found: found.score)
-    return searched(best.coordinates, Search(evaluations=near), together.near if together else 1)
+    return least(score, best.coordinates, Search(evaluations=near), enough)
 
 
 class _Enough(Exception):

@@ -1,68 +1,63 @@
-"""The steps of the optimiser: prospect, reach, correction, refine, race, assure."""
+"""The steps of the optimiser: start, forecasts, correction, refinement, confirmation."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
-from startrack.core import Floats, Refused
-from startrack.design import Campaign, DesignSpace, Judged, Objective, Requirements
+from startrack.core import Floats, Refused, arcsec
+from startrack.design import Campaign, DesignSpace, Judged, Requirements
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import (
-    Evaluation,
-    evaluate,
-    foresee,
-    foresee_all,
-    missed,
-    try_out,
-)
+from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed
+from startrack.optimise.explore import Explorer
 from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.search import Found, Search, Together, least, least_of_all
+from startrack.optimise.search import least_of_all
 from startrack.optimise.units import errors_of, fresh_units
 from startrack.verification import Answer, Looks, YieldClaim, boresights, claims_of, counted
 from startrack.verification import margins as margins_of
 
-# Of the evaluations of `prospect` that DIRECT has over the whole space; the rest refine its best.
-# Chosen by hand: more find other basins, fewer leave more for the best one.
-PROSPECT_FRACTION = 0.6
+RIVAL = 0.1  # of ln(error), by which budgets of branches may be wrong; chosen by hand
 
 
-def prospect(
-    space: DesignSpace, campaign: Campaign, start: Floats, runner: TrialRunner | None = None
-) -> Found:
-    """Search the whole space by DIRECT, then locally by Sbplx, without trials.
+def explore(
+    explorers: Mapping[str, Explorer], starts: Mapping[str, Floats], campaign: Campaign
+) -> dict[str, Explorer]:
+    """Forecast designs of each branch until no further gain is expected, without a trial.
 
-    runner    whose workers compute the budgets, with the same result; None: this process
-    Accuracy  model: that of `foresee`; the result is a start for a search with trials.
+    A branch is left as soon as none of its designs can be as good as the best of the others.
+
+    Returns   the branches whose best may be the best with trials
+    Accuracy  model: that of the budget; the result is a start for trials.
     """
-
-    def score(coordinates: Floats) -> float:
-        return foresee(space, campaign, coordinates, runner.seed if runner else 1)
-
-    def scores(points: list[Floats]) -> list[float]:
-        return foresee_all(space, campaign, points, runner)
-
-    near = max(1, int((1 - PROSPECT_FRACTION) * campaign.analytic_evaluations))
-    far = ceil(PROSPECT_FRACTION * campaign.analytic_evaluations)
-    together = None
-    if runner and runner.workers > 1:
-        conditions = len(campaign.judged(space.design(start)))
-        together = Together(scores, runner.workers, max(1, runner.workers // conditions))
-    return least_of_all(score, start, far, near, together=together)
-
-
-# Evaluations of `reach` over the whole space, and again around the best. Chosen by hand: more find
-# smaller feasible corners; each takes the margins of one design.
-REACH_EVALUATIONS = 120
+    most, left = max(campaign.analytic_evaluations, 1), dict(explorers)
+    for label, branch in explorers.items():
+        branch.begin(starts[label], most)
+    while running := [branch for branch in left.values() if not branch.ending]:
+        for branch in running:
+            if len(branch.points) < most:
+                branch.step(most - len(branch.points))
+            else:
+                branch.ending = "all analytic evaluations were used"
+        least = min(branch.score for branch in left.values())
+        left = {
+            label: branch for label, branch in left.items()
+            if branch.score <= least + RIVAL or (not branch.ending and branch.lowest() <= least)
+        }  # fmt: skip
+    return left
 
 
-class Reached(NamedTuple):
+# Evaluations of `feasible_start` over the whole space, and again around the best. Chosen by hand:
+# more find smaller feasible corners; each takes the margins of one design.
+START_EVALUATIONS = 120
+
+
+class FeasibleStart(NamedTuple):
     """The design that is nearest to the requirements.
 
     coordinates  (d,) in the unit cube; those of the start where it meets them all
@@ -75,7 +70,7 @@ class Reached(NamedTuple):
     margins: dict[str, float]
 
 
-def reach(space: DesignSpace, requirements: Requirements) -> Reached:
+def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleStart:
     """Search a design that meets mass, power and all other requirements that need no trials.
 
     Accuracy  model: a feasible corner may be missed where it is smaller than 1 / 120 of the space.
@@ -93,18 +88,17 @@ def reach(space: DesignSpace, requirements: Requirements) -> Reached:
     def enough() -> str:
         return "met" if 0.0 in tried else ""
 
-    found = least_of_all(score, space.start, REACH_EVALUATIONS, REACH_EVALUATIONS, enough)
+    found = least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
     margins = {}
     if math.isfinite(found.score):
         margins = margins_of(requirements, space.design(found.coordinates))
-    return Reached(found.coordinates, found.score, margins)
+    return FeasibleStart(found.coordinates, found.score, margins)
 
 
 # Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand: the
-# wider, the more the noise of few designs moves the correction. The slope was 0.9 along the blur of
-# the example.
+# wider, the more the noise of few designs moves the correction.
 PRIOR = 0.3
-PRIOR_SLOPE = 1.0
+PRIOR_SLOPE = 0.1
 SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
 
 
@@ -128,6 +122,11 @@ class Correction:
     def __call__(self, coordinates: Floats) -> float:
         """The correction at unit-cube coordinates (d,)."""
         return float(self.terms @ np.append(1.0, coordinates - self.middle))
+
+    @property
+    def slope(self) -> Floats:
+        """(d,) per range of each variable."""
+        return self.terms[1:]
 
     def standard_error(self, one: Floats, other: Floats) -> float:
         """Standard error of the difference of the correction between two designs."""
@@ -160,191 +159,105 @@ def correct(tried: Sequence[Evaluation], middle: Floats, reach: float) -> Correc
 
 
 # All chosen by hand.
-FIRST_STEP = 0.15  # of each range, halved from pass to pass: larger explores, smaller converges
-NEAR = 4.0  # first steps around the start of a pass, within which designs fit the correction
-PATIENCE = 3  # designs per term of the correction without a gain: evaluations against gain
-FRACTION = 0.6  # of the remaining evaluations that a pass may use, unless it is the last
-LEAST_GAIN = 2e-3  # of ln(error), below which a gain does not justify more evaluations
+TRIED = 0.02  # of each range: trials of nearer designs say the same
+POLISH = 4  # forecasts at most until a design at a limit meets it
+FINALISTS = 2  # designs that have the campaign's most trials at the end
+EVERYWHERE = 1.0  # of each range: trials of all designs fit the correction
 
 Watch = Callable[[Evaluation], None]
 
 
 def refine(
-    space: DesignSpace, start: Floats, campaign: Campaign, runner: TrialRunner, watch: Watch
+    explorer: Explorer, campaign: Campaign, runner: TrialRunner, watch: Watch
 ) -> tuple[list[Evaluation], str]:
-    """Search from a start in passes, with twice the trials in each, up to the campaign's most.
+    """Trials of the designs that may be the best, until they move the best no more.
 
-    The trials of a pass correct the budget for the next. A design that cannot be the best by its
-    score without trials gets none. A pass ends when the best has not improved for some designs by
-    more than the standard error of the correction between two designs.
+    Trials correct the budget over the space. The next design is the one that the corrected budget
+    expects to be the best; or, where that has been tried, the one that is expected to gain most of
+    those where the score without trials is within the precision: the noise of the trials counts.
 
-    Returns  the evaluations of the last pass, best first, and a sentence on how it ended
+    Returns  the evaluations, those with most trials first and of these the best, and a sentence on
+             how it ended
     """
-    left, step, ending = campaign.evaluations, FIRST_STEP, ""
-    tried, before = list[Evaluation](), list[Evaluation]()
-    plan = list(growth(campaign.trials, campaign.most_trials))
-    for trials in plan:
-        last = trials == plan[-1]
-        fraction = left if last else math.ceil(FRACTION * left)
-        tried = []
-        correction = correct(before, start, NEAR * step)
-        stagnation = _Stagnation(correction)
-
-        def score(
-            coordinates: Floats,
-            trials: int = trials,
-            stagnation: _Stagnation = stagnation,
-            tried: list[Evaluation] = tried,
-            correction: Correction = correction,
-        ) -> float:
-            # The first designs of a pass, one per term of the correction, always get trials.
-            first = sum(one.trials > 0 for one in tried) < len(correction.terms)
-            lead = math.inf if first else min(one.score for one in tried)
-            done = evaluate(space, campaign, coordinates, runner, trials, correction, True, lead)
-            tried.append(done)
-            before.append(done)
-            stagnation.see(done)
-            watch(done)
-            return done.score
-
-        found = least(
-            score, start, Search(evaluations=max(1, fraction), first_step=step), stagnation
-        )
-        left -= found.evaluations
-        start, step, ending = found.coordinates, step / 2, found.ending
-        if left <= 0:
+    tried, ending = list[Evaluation](), "all evaluations were used"
+    for _ in range(max(1, campaign.evaluations - FINALISTS)):
+        correction = correct(tried, explorer.best, EVERYWHERE)
+        point = _next(explorer, correction, tried, campaign.precision)
+        if point is None:
+            ending = explorer.ending
             break
-    return sorted(tried, key=lambda one: (not one.feasible, one.score)), ending
+        tried.append(evaluate(explorer.space, campaign, point, runner, correction=correction))
+        watch(tried[-1])
+    correction = correct(tried, explorer.best, EVERYWHERE)
+
+    def corrected(one: Evaluation) -> float:
+        if not one.expected > 0:
+            return one.score
+        score = math.log(one.expected / arcsec) + correction(np.array(one.coordinates))
+        return score + PENALTY * missed(one.margins)
+
+    tried.sort(key=lambda one: (not one.feasible, corrected(one)))
+    last = list[Evaluation]()
+    for one in tried[:FINALISTS]:
+        point, most = np.array(one.coordinates), campaign.most_trials
+        last.append(evaluate(explorer.space, campaign, point, runner, most, correction))
+        watch(last[-1])
+    last.sort(key=lambda one: (not one.feasible, one.score))
+    return [*last, *tried[FINALISTS:]], ending
 
 
-def growth(first: int, most: int) -> Iterator[int]:
-    """Trials of each pass: doubled until the most."""
-    while first < most:
-        yield first
-        first = min(2 * first, most)
-    yield most
+def _next(
+    explorer: Explorer, correction: Correction, tried: Sequence[Evaluation], precision: float
+) -> Floats | None:
+    """The next design for trials; None where none is expected to gain as much as is asked."""
+    for _ in range(POLISH):
+        known = explorer.emulators
+        here, score = known.least(explorer.starts(), correction=correction)
+        if not _is_new(here, tried):
+            break
+        explorer.forecast([here])
+        if not missed(explorer.values[-1].margins):
+            return here
+    ends = [end for span in explorer.spans(here) for end in (span.at_low, span.at_high)]
+    points = np.array([end for end in ends if _is_new(end, tried)])
+    if not len(points):
+        return None
+    expected = known.score(points) + np.array([correction(point) for point in points])
+    sigma = np.array([max(correction.standard_error(point, here), 1e-12) for point in points])
+    ahead = (score - expected) / sigma
+    gain = sigma * (ahead * ndtr(ahead) + np.exp(-(ahead**2) / 2) / math.sqrt(2 * math.pi))
+    return points[int(gain.argmax())] if gain.max() > precision else None
 
 
-class _Stagnation:
-    """Ends a pass that no longer gains more than its noise."""
-
-    def __init__(self, correction: Correction) -> None:
-        self._correction = correction
-        self._anchor: Evaluation | None = None  # the best at the last gain
-        self._since = 0
-
-    def see(self, done: Evaluation) -> None:
-        self._since += 1
-        if self._anchor is None or self._gain(done, self._anchor):
-            self._anchor, self._since = done, 0
-
-    def __call__(self) -> str:
-        patience = PATIENCE * len(self._correction.terms)
-        return "a further gain would be within the noise" if self._since >= patience else ""
-
-    def _gain(self, done: Evaluation, anchor: Evaluation) -> bool:
-        noise = self._correction.standard_error(
-            np.array(done.coordinates), np.array(anchor.coordinates)
-        )
-        return anchor.score - done.score > max(noise, LEAST_GAIN)
+def _is_new(point: Floats, tried: Sequence[Evaluation]) -> bool:
+    return all(np.abs(point - np.array(one.coordinates)).max() > TRIED for one in tried)
 
 
-ROUND = 4  # evaluations at most of a branch in a round, per variable and one more; chosen by hand
-# Of the evaluations that all rounds together may use; the rest refine the winner. Chosen by hand.
-RACE_FRACTION = 2 / 3
-# Confidence at which a branch is worse than the leader: 3 sigma. Chosen by hand: a lower one saves
-# evaluations and loses good branches more often.
-SURE = 0.997
+def best_branch(
+    explorers: Mapping[str, Explorer], campaign: Campaign, runner: TrialRunner, watch: Watch
+) -> str:
+    """The label of the branch whose best is the best with trials, of those that forecasts leave.
 
-
-@dataclass
-class _Branch:
-    """A branch, its best design so far, and the first step of its next search."""
-
-    label: str
-    space: DesignSpace
-    coordinates: Floats
-    step: float = FIRST_STEP
-    best: Evaluation | None = None
-
-
-def race(
-    spaces: Mapping[str, DesignSpace],
-    starts: Mapping[str, Floats],
-    campaign: Campaign,
-    runner: TrialRunner,
-    watch: Watch,
-) -> tuple[str, Floats]:
-    """Search all branches in rounds; each keeps the better half, without those clearly worse.
-
-    Source: successive halving, Jamieson and Talwalkar (2016), with the test of a race (Maron and
-    Moore 1994), here paired on the same trials.
-
-    campaign  two thirds of its evaluations are used at most, but one per branch in each round
-    Returns   label of the winner and its best coordinates; at once where there is one branch only
+    The trials of each correct its own forecast as far as their noise bears.
     """
-    field = [_Branch(label, space, starts[label]) for label, space in spaces.items()]
-    runs = _runs(len(field))
-    each = max(1, int(RACE_FRACTION * campaign.evaluations) // runs) if runs else 0
-    while len(field) > 1:
-        for branch in field:
-            _run(branch, each, campaign, runner, watch)
-        field.sort(key=_score)
-        half = field[: math.ceil(len(field) / 2)]
-        field = [
-            one for one in half if one is half[0] or not _beaten(one, half[0], campaign, runner)
-        ]
-    return field[0].label, field[0].coordinates
-
-
-def _runs(branches: int) -> int:
-    """Number of searches in all rounds of a race in which no branch is beaten early."""
-    return branches + _runs(math.ceil(branches / 2)) if branches > 1 else 0
-
-
-def _run(branch: _Branch, most: int, campaign: Campaign, runner: TrialRunner, watch: Watch) -> None:
-    def score(coordinates: Floats) -> float:
-        done = evaluate(branch.space, campaign, coordinates, runner, spare=True)
+    if len(explorers) == 1:
+        return next(iter(explorers))
+    scores = {}
+    for label, explorer in explorers.items():
+        point, most = explorer.best, campaign.most_trials
+        done = evaluate(explorer.space, campaign, point, runner, most)
         watch(done)
-        if branch.best is None or done.score < branch.best.score:
-            branch.best = done
-        return done.score
-
-    evaluations = min(most, ROUND * (len(branch.space) + 1))
-    search = Search(evaluations=evaluations, first_step=branch.step)
-    branch.coordinates = least(score, branch.coordinates, search).coordinates
-    branch.step /= 2
-
-
-def _score(branch: _Branch) -> float:
-    return branch.best.score if branch.best else math.inf
-
-
-def _beaten(one: _Branch, leader: _Branch, campaign: Campaign, runner: TrialRunner) -> bool:
-    if not (one.best and leader.best and one.best.error > 0 and leader.best.error > 0):
-        return False
-    rms = Objective(Objective.read(campaign.objective).axes)
-    mine, theirs = (
-        rms.squares(
-            try_out(
-                campaign.judged(each.space.design(each.coordinates))[0],
-                campaign.trials,
-                campaign.fidelity,
-                runner,
-            )
-        )
-        for each in (one, leader)
-    )
-    return rms.ratio(mine, theirs, runner.seed, confidence=SURE).low > 1
+        scores[label] = done.score + correct([done], point, EVERYWHERE)(point)
+    return min(scores, key=scores.__getitem__)
 
 
 LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials against a decision
 UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of its own
 
 
-def assure(
+def confirm_requirements(
     one: Judged, campaign: Campaign, runner: TrialRunner, outcomes: NDArray[np.void]
-) -> dict[str, Assured]:
+) -> dict[str, Confirmed]:
     """The errors that are limited, and the availability, with bounds for their requirements.
 
     While a requirement is undecided, the trials are doubled, up to three times, with the campaign's
@@ -360,7 +273,7 @@ def assure(
     most = LOOKS if units is None else UNIT_LOOKS
     looks = Looks(2, 2**most, 1 - one.needs.confidence)  # so many of them; sizes are not used
     tails = looks.tails(1)
-    first, claims, found = FRESH + len(outcomes), claims_of(one.needs), dict[str, Assured]()
+    first, claims, found = FRESH + len(outcomes), claims_of(one.needs), dict[str, Confirmed]()
     for look in range(most if len(outcomes) else 0):
         judged = counted(one.needs, one.case, runner.seed, outcomes)
         boresight = boresights(runner.seed, judged)
@@ -370,12 +283,12 @@ def assure(
                 errors = errors_of(claim.accuracy.objective, judged, units, campaign)
                 bounds = asked.bounds(errors <= claim.limit, *tails)
                 decided = asked.answer(bounds) is not Answer.NOT_SHOWN
-                found[claim.name] = Assured(bounds, asked.margin(bounds.low), decided)
+                found[claim.name] = Confirmed(bounds, asked.margin(bounds.low), decided)
                 continue
             bounds = claim.bounds(judged, boresight, *tails)
             shown = bounds.high if claim.accuracy else bounds.low
             decided = claim.answer(bounds) is not Answer.NOT_SHOWN
-            found[claim.name] = Assured(bounds, claim.margin(shown), decided)
+            found[claim.name] = Confirmed(bounds, claim.margin(shown), decided)
         if all(each.decided for each in found.values()) or look == most - 1:
             break
         if units is not None:
@@ -389,7 +302,7 @@ def assure(
     return found
 
 
-class Assured(NamedTuple):
+class Confirmed(NamedTuple):
     """A requirement on the best design, by fresh trials.
 
     bounds   of its value

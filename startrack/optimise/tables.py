@@ -47,6 +47,43 @@ def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
     save_csv(path, head, rows)
 
 
+def span_texts(optimum: Optimum) -> dict[str, str]:
+    """Between which values each variable keeps the objective within the precision, by name.
+
+    The other variables follow; three digits.
+    """
+    if optimum.landscape is None:
+        return {}
+    texts, space = dict[str, str](), optimum.space
+    for name, span in optimum.landscape.spans.items():
+        low, high = (space.values(end)[name] for end in (span.at_low, span.at_high))
+        ends = f"{space.shown(name, low, 3)} to {space.shown(name, high, 3)}"
+        texts[name] = f"any value ({ends}): it does not matter" if span.everywhere else ends
+    return texts
+
+
+def landscape_lines(optimum: Optimum, campaign: Campaign) -> list[str]:
+    """What the forecasts say of the space, as Markdown paragraphs."""
+    found = optimum.landscape
+    if found is None:
+        return []
+    lines = [
+        "",
+        f"{len(found.forecasts)} designs were forecast by the analytic budget; {found.ending}. By "
+        f"these forecasts no design is better by more than {100 * math.expm1(found.left):.1f} % "
+        "(95 %). The last column says between which values a variable may lie while the others "
+        "follow.",
+    ]
+    if found.prices:
+        prices = ", ".join(f"{name} {-100 * by:.1f} %" for name, by in found.prices.items())
+        lines += [
+            "",
+            "What limits it: if a limit is relaxed by 1 %, the "
+            f"{Objective.read(campaign.objective)} is expected to change by: {prices}.",
+        ]
+    return lines
+
+
 def comparison(optimum: Optimum, campaign: Campaign) -> str:
     """Start and best side by side, as Markdown."""
     space = optimum.space
@@ -54,7 +91,8 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     lines = [f"Best design: {optimum.fresh[1].doubt}.", ""] if optimum.fresh[1].doubt else []
     start, best = optimum.fresh
     pair, needs, shown_as = (optimum.start, optimum.best), campaign.requirements, space.labels()
-    rows = [[shown_as[name], before[name], after[name]] for name in before]
+    spans = span_texts(optimum)
+    rows = [[shown_as[name], before[name], after[name], spans.get(name, "")] for name in before]
     rows += _units_rows(optimum, campaign)
     for name in ("across", "about"):
         errors = (_written(getattr(fresh, name)) for fresh in optimum.fresh)
@@ -73,7 +111,9 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     sky = f"{needs.min_stars} stars in {100 * needs.sky_fraction:g} % of the sky"
     margins = (f"{margins_of(needs, case)['stars in the sky']:+.2f}" for case in pair)
     rows.append([f"margin (mag) for {sky}", *margins])
-    lines += markdown(["", "start", "best"], rows)
+    within = f"within {100 * campaign.precision:g} %, by the budget"
+    head = ["", "start", "best", *([within] if spans else [])]
+    lines += markdown(head, [(*row, "")[: len(head)] for row in rows])
     factor, optimism, fraction = optimum.factor, optimum.optimism, optimum.availability
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     tuning = optimum.tuning_error / arcsec
@@ -94,6 +134,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
         "the frames have a false attitude. Brackets and bounds hold with 95 % confidence.",
     ]
+    lines += landscape_lines(optimum, campaign)
     lines += ["", *(f"{one[0].upper()}{one[1:]}." for one in optimum_caveats(optimum, campaign))]
     shown = {
         name: margin

@@ -57,7 +57,8 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
 
 def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     tried = optimum.evaluations
-    number_of = np.arange(1, len(tried) + 1)
+    number_of = _forecast_count(optimum) + np.arange(1, len(tried) + 1)
+    _forecasts(axes, optimum)
     found = np.array([one.error / arcsec for one in tried])
     feasible = np.array([one.feasible for one in tried])
     known = np.isfinite(found)
@@ -75,13 +76,28 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
         axes.plot(at, np.full(len(at), 0.02), "|", ms=8, color=GREY, clip_on=False,
                   transform=axes.get_xaxis_transform(),
                   label=f"no error: no trial was run, or none solved ({len(at)})")  # fmt: skip
-    _numbers_of_trials(axes, np.array([one.trials for one in tried]))
+    _numbers_of_trials(axes, np.array([one.trials for one in tried]), _forecast_count(optimum))
     axes.set(yscale="log", ylabel=f"{objective} (arcsec)")
     axes.tick_params(labelbottom=True)
     axes.set_xlabel("evaluation (number)")
     if not known.any():
         say(axes, "no design has an attitude")
     legend_below(axes, 2)
+
+
+def _forecast_count(optimum: Optimum) -> int:
+    return len(optimum.landscape.forecasts) if optimum.landscape else 0
+
+
+def _forecasts(axes: Axes, optimum: Optimum) -> None:
+    """What the budget expects of the designs before any trial."""
+    if optimum.landscape is None:
+        return
+    error, met = np.exp(optimum.landscape.expected), np.array(optimum.landscape.met)
+    number_of = np.arange(1, len(error) + 1)
+    for chosen, face, label in ((met, GREY, "meets"), (~met, "none", "misses")):
+        axes.plot(number_of[chosen], error[chosen], "o", ms=3, color=GREY, mfc=face,
+                  label=f"forecast, {label} the requirements ({chosen.sum()})")  # fmt: skip
 
 
 def _best_so_far(found: Floats, optimum: Optimum) -> Floats:
@@ -98,13 +114,16 @@ def _best_so_far(found: Floats, optimum: Optimum) -> Floats:
     return np.array(result)
 
 
-def _numbers_of_trials(axes: Axes, trials: Floats) -> None:
-    """Dotted lines where designs begin to have more trials, or fewer, than those before them."""
+def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
+    """Dotted lines where designs begin to have more trials, or fewer, than those before them.
+
+    before  number of the designs without trials
+    """
     run = np.flatnonzero(trials > 0)
-    steps = [k for k, before in zip(run[1:], run[:-1], strict=True) if trials[k] != trials[before]]
+    steps = [k for k, last in zip(run[1:], run[:-1], strict=True) if trials[k] != trials[last]]
     for n, k in enumerate(steps):
         axes.axvline(
-            k + 0.5,
+            before + k + 0.5,
             color=GREY,
             lw=1.0,
             ls=":",
@@ -117,9 +136,9 @@ def _numbers_of_trials(axes: Axes, trials: Floats) -> None:
             continue
         shown = k
         axes.annotate(
-            f"{trials[k]:.0f}", (k + 0.6, 1.0), (1, -2), xycoords=("data", "axes fraction"),
-            textcoords="offset points", fontsize=SMALL, va="top", color="0.3",
-            path_effects=[outline("white")],
+            f"{trials[k]:.0f}", (before + k + 0.6, 1.0), (1, -2),
+            xycoords=("data", "axes fraction"), textcoords="offset points",
+            fontsize=SMALL, va="top", color="0.3", path_effects=[outline("white")],
         )  # fmt: skip
     if len(run):
         panel_title(axes, f"numbers at the top: trials per design, {trials[run].min():.0f} to "
@@ -127,13 +146,23 @@ def _numbers_of_trials(axes: Axes, trials: Floats) -> None:
 
 
 def draw_variables(axes: Axes, optimum: Optimum) -> None:
-    """Each variable of each evaluated design, scaled to its bounds."""
-    cube = np.array([one.coordinates for one in optimum.evaluations])
-    for n, (variable, line) in enumerate(zip(optimum.space.variables, cube.T, strict=True)):
+    """Each variable of each evaluated design, scaled to its bounds, and its span at the end."""
+    found = optimum.landscape
+    points = [
+        *(found.forecasts if found else ()),
+        *(one.coordinates for one in optimum.evaluations),
+    ]
+    for n, (variable, line) in enumerate(
+        zip(optimum.space.variables, np.array(points).T, strict=True)
+    ):
+        colour = CYCLE[n % len(CYCLE)]
         axes.plot(
-            np.arange(1, len(line) + 1), line, lw=1.2, color=CYCLE[n % len(CYCLE)],
+            np.arange(1, len(line) + 1), line, lw=1.2, color=colour,
             ls=LINES[n % len(LINES)], label=variable.name.rpartition(".")[2],
         )  # fmt: skip
+        if found:
+            span, at = found.spans[variable.name], len(line) * (1.02 + 0.015 * n)
+            axes.plot([at, at], [span.low, span.high], "-_", lw=2.5, color=colour, ms=5)
     axes.set(xlabel="evaluation (number)", ylabel="variable, scaled (fraction of its range)")
     axes.set_ylim(-0.03, 1.03)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -24,7 +24,12 @@ from startrack.verification.accuracy import (
 from startrack.verification.blinded import boresights, counted
 from startrack.verification.cases import cases
 from startrack.verification.decide import Answer, Claim, Looks, YieldClaim, claims_of, mean_bounds
-from startrack.verification.margins import limiting_magnitude, margins, needed_magnitude
+from startrack.verification.margins import (
+    cost_margins,
+    limiting_magnitude,
+    margins,
+    needed_magnitude,
+)
 from startrack.verification.table import HEAD as VERDICT_HEAD
 from startrack.verification.table import notes as verdict_notes
 from startrack.verification.table import rows as verdict_rows

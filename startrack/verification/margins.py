@@ -30,6 +30,14 @@ def margins(requirements: Requirements, case: Case) -> dict[str, float]:
 
     Without accuracy and availability, which need trials.
     """
+    stars = min(limiting_magnitude(case), case.believed_catalog.limit_g)
+    stars -= needed_magnitude(case, requirements.min_stars, requirements.sky_fraction)
+    found = cost_margins(requirements, case) | {"stars in the sky": stars}
+    return found | requirements.own_margins(case)
+
+
+def cost_margins(requirements: Requirements, case: Case) -> dict[str, float]:
+    """The `margins` of what a design costs and how often it measures, in a millisecond."""
     rate = case.instrument.detector.update_rate
     limits = {
         "volume": (requirements.volume, requirements.max_volume),
@@ -42,9 +50,6 @@ def margins(requirements: Requirements, case: Case) -> dict[str, float]:
         "update rate": rate / requirements.min_update_rate - 1
         if requirements.min_update_rate
         else 1.0,
-        "stars in the sky": min(limiting_magnitude(case), case.believed_catalog.limit_g)
-        - needed_magnitude(case, requirements.min_stars, requirements.sky_fraction),
-        **requirements.own_margins(case),
     }
 
 

@@ -7,7 +7,7 @@ from startrack.design.files import load_design
 from startrack.design.variables import DesignSpace
 from startrack.io import shipped
 from startrack.optimise.evaluate import missed
-from startrack.optimise.steps import reach
+from startrack.optimise.steps import feasible_start
 from startrack.verification.margins import margins
 
 
@@ -20,7 +20,7 @@ def test_with_each_detector_some_design_meets_what_needs_no_trials():
     for branch in branches(design.case, campaign.choices):
         space = DesignSpace(branch.case, campaign.variables, campaign.links)
         begun[branch.label] = missed(margins(campaign.requirements, branch.case))
-        found = space.design(reach(space, campaign.requirements).coordinates)
+        found = space.design(feasible_start(space, campaign.requirements).coordinates)
         assert missed(margins(campaign.requirements, found)) == 0, branch.label
     assert begun["detector star1000"] == 0
     assert begun["detector cmv4000"] > 0 < begun["detector imx174"]

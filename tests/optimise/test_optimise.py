@@ -107,7 +107,7 @@ def test_a_design_that_breaks_a_limit_is_not_feasible(small):
 
 def test_a_box_that_meets_nothing_is_said_to(small, monkeypatch):
     """No lens of the design space is under 10 g, and none has an update rate of 100 Hz."""
-    monkeypatch.setattr("startrack.optimise.steps.REACH_EVALUATIONS", 2)
+    monkeypatch.setattr("startrack.optimise.steps.START_EVALUATIONS", 2)
     tight = dataclasses.replace(
         small.campaign.requirements, max_mass=0.01, min_update_rate=100.0, min_availability=0.5
     )
@@ -214,7 +214,7 @@ def test_designs_that_a_function_refuses_are_avoided(small):
     )
     optimum = optimize(case, campaign, TrialRunner(5), adapt=sharp)
     assert optimum.best.instrument.optics.blur <= 9e-6
-    assert any("too blurred" in one.note for one in optimum.evaluations)
+    assert any(math.isnan(expected) for expected in optimum.landscape.expected)
 
 
 @pytest.mark.slow

@@ -39,7 +39,7 @@ def test_a_goal_is_not_traded_for_itself():
 
 def test_a_box_that_meets_nothing_has_no_front(small, monkeypatch):
     """No lens of the design space is under 10 g."""
-    monkeypatch.setattr("startrack.optimise.steps.REACH_EVALUATIONS", 2)
+    monkeypatch.setattr("startrack.optimise.steps.START_EVALUATIONS", 2)
     tight = dataclasses.replace(small.campaign.requirements, max_mass=0.01)
     campaign = dataclasses.replace(
         small.campaign, requirements=tight, variables=small.campaign.variables[:2]

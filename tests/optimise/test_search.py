@@ -8,10 +8,8 @@ from startrack.optimise import search as module
 from startrack.optimise.search import (
     Algorithm,
     Search,
-    Together,
     least,
     least_of_all,
-    least_together,
 )
 
 LOCAL = (Algorithm.SBPLX, Algorithm.BOBYQA, Algorithm.COBYLA)
@@ -200,38 +198,3 @@ def test_a_search_of_all_ends_where_it_is_enough():
         np.full(2, 0.5), 40, 40, lambda: "at the bottom",
     )  # fmt: skip
     assert (found.score, len(tried)) == (0, 1)
-
-
-@pytest.mark.parametrize("algorithm", [Algorithm.SBPLX, Algorithm.DIRECT])
-def test_points_that_are_scored_together_end_where_single_ones_do(algorithm):
-    """DIRECT needs every point that is guessed, so that it asks a third as often for three."""
-    rounds = []
-
-    def scores(points):
-        rounds.append(len(points))
-        return [holed(point) for point in points]
-
-    search, start = Search(algorithm, 60), np.array([0.4, 0.7])
-    alone = least(holed, start, search)
-    for most in (1, 2, 3):
-        rounds.clear()
-        found = least_together(scores, most, start, search)
-        np.testing.assert_array_equal(found.coordinates, alone.coordinates)
-        assert (found.score, found.evaluations) == (alone.score, alone.evaluations)
-        assert found.ending == alone.ending
-        assert len(rounds) <= alone.evaluations
-    if algorithm is Algorithm.DIRECT:
-        assert len(rounds) <= alone.evaluations / 3 + 1
-        assert sum(rounds) == alone.evaluations
-
-
-def test_a_search_of_all_is_the_same_with_points_together():
-    start = np.array([0.9, 0.2])
-    together = Together(lambda points: [holed(point) for point in points], 4, 2)
-    one, several = (least_of_all(holed, start, 40, 30, together=way) for way in (None, together))
-    np.testing.assert_array_equal(one.coordinates, several.coordinates)
-
-
-def holed(coordinates):
-    """The valley, without a score in a part of it."""
-    return math.nan if coordinates[0] > 0.85 else valley(coordinates)

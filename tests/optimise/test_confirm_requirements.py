@@ -6,7 +6,7 @@ from scipy import stats
 
 from startrack.design.case import Fidelity
 from startrack.optimise.runner import FRESH
-from startrack.optimise.steps import assure
+from startrack.optimise.steps import confirm_requirements
 from startrack.trial.chain import OUTCOMES
 
 
@@ -38,7 +38,7 @@ def campaign(small):
 def shown(coin, small, campaign, trials=500):
     own = campaign.judged(small.case)[0]
     outcomes = coin.run(small.case, trials, first=FRESH)
-    return assure(own, campaign, coin, outcomes)["availability"].bounds
+    return confirm_requirements(own, campaign, coin, outcomes)["availability"].bounds
 
 
 @pytest.mark.slow

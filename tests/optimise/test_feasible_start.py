@@ -20,5 +20,5 @@ def test_what_comes_nearest_is_never_worse_than_the_start(small, monkeypatch):
     case = DesignSpace(small.case, (Variable("instrument.optics.blur", "1 um", "12 um"),))
     start = (START - 1e-6) / 11e-6
     space = DesignSpace(case.design(np.array([start])), case.variables)
-    found = steps.reach(space, Requirements())
+    found = steps.feasible_start(space, Requirements())
     assert found.short == missed(found.margins) <= 0.01

@@ -1,0 +1,415 @@
+"""DesignSpace -> forecasts where they tell most, and emulators of all that they say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import islice
+from typing import NamedTuple, Protocol
+
+import nlopt
+import numpy as np
+import scipy.stats
+
+from startrack.core import Floats, Refused, Streams
+from startrack.design import Campaign, DesignSpace
+from startrack.optimise.emulator import Emulator, emulator
+from startrack.optimise.evaluate import PENALTY, Foresight, foresee_all, missed
+from startrack.optimise.forecast import named
+from startrack.optimise.runner import TrialRunner
+from startrack.verification import cost_margins
+
+# All chosen by hand.
+FIRST, FIRST_MORE = 3, 5  # forecasts per variable, and besides, before the first emulator
+BATCH = 4  # forecasts between two emulators: the same for any number of workers
+ENOUGH = 0.2  # of the precision, below which an expected gain does not justify a forecast
+SIGMAS = 1.645  # by which a design may be better than expected: 95 % of a normal law
+CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
+WIDTH = 0.2  # margin beyond which its scale grows slowly
+LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
+SAFE = 1e-3  # by which an emulated margin must be met, as it is wrong by so much at a limit
+POOL, LEADERS, NEARBY = 256, 6, 0.05  # random designs, those kept, how near others are to these
+STEP, MOST = 1e-5, 200  # of each range, that ends a search on the emulators, and its evaluations
+APART = 1e-3  # of each range: nearer points are the same design
+RELAXED = 0.01  # of a limit, by which `prices` relaxes it
+NODES = 25  # of each variable, at which its span is looked for
+ALL = 0.9  # of its range, from which on a variable that may have any value does not matter
+SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 where it has none
+
+
+class Linear(Protocol):
+    """A linear function of a point (d,), with its slope (d,)."""
+
+    @property
+    def slope(self) -> Floats:
+        """(d,) by each coordinate."""
+
+    def __call__(self, point: Floats, /) -> float:
+        """The value at a point."""
+
+
+class Scale(NamedTuple):
+    """On which a margin is emulated: between -1 and 1, of its sign, with most of it near zero.
+
+        margins    m / sqrt(m^2 + WIDTH^2)
+        of chances the same of ln(room / (room - m)) and 1: the unavailability against its limit
+
+    room  1, of a chance: one less the least that is asked; 0: of any other margin
+    """
+
+    room: float = 0.0
+
+    def of(self, margin: Floats) -> Floats:
+        """The place on the scale of margins."""
+        if not self.room:
+            return np.asarray(margin / np.hypot(margin, WIDTH))
+        log = np.log(self.room / np.maximum(self.room - margin, LEAST_CHANCE * self.room))
+        return np.asarray(log / np.hypot(log, 1.0))
+
+    def missing(self, place: Floats) -> Floats:
+        """The amounts by which margins at places on the scale are missed."""
+        short = np.clip(-place, 0.0, 0.999)
+        ratio = short / np.sqrt(1 - short**2)
+        return self.room * np.expm1(np.minimum(ratio, 20.0)) if self.room else WIDTH * ratio
+
+
+@dataclass(frozen=True, eq=False)
+class Emulators:
+    """What all forecasts together expect of any design.
+
+    objective  ln(error / arcsec)
+    margins    of those that some design misses, by name, each on its scale
+    scales     of the margins that are chances, by name
+    """
+
+    objective: Emulator
+    margins: dict[str, Emulator]
+    scales: Mapping[str, Scale]
+
+    def scale(self, name: str) -> Scale:
+        """The scale of a margin."""
+        return self.scales.get(name, Scale())
+
+    def score(self, points: Floats, sigmas: float = 0.0) -> Floats:
+        """The score (m,) of designs (m, d) if all is better by some standard deviations."""
+        score, sigma = self.objective.expected_and_sigma(points)
+        score = score - sigmas * sigma
+        for name, margin in self.margins.items():
+            mean, sigma = margin.expected_and_sigma(points)
+            score = score + PENALTY * self.scale(name).missing(mean + sigmas * sigma)
+        return np.asarray(score)
+
+    def least(
+        self,
+        starts: Floats,
+        sigmas: float = 0.0,
+        correction: Linear | None = None,
+        held: tuple[int, float] | None = None,
+    ) -> tuple[Floats, float]:
+        """The design of the least score, by nlopt's SLSQP (Kraft 1994) from some starts (m, d).
+
+        correction  is added to the objective
+        held        number and coordinate of a variable that stays as it is
+        Returns     the design (d,) and its score
+        """
+        best, least = starts[0], np.inf
+        low, high = np.zeros(len(best)), np.ones(len(best))
+        if held:
+            low[held[0]] = high[held[0]] = held[1]
+            starts = np.clip(starts, low, high)
+
+        def value(point: Floats, gradient: Floats) -> float:
+            found, slope = self.objective.bound(point, -sigmas)
+            if correction:
+                found, slope = found + correction(point), slope + correction.slope
+            if gradient.size:
+                gradient[:] = slope
+            return found
+
+        def missing(point: Floats, gradient: Floats, margin: Emulator) -> float:
+            found, slope = margin.bound(point, sigmas)
+            if gradient.size:
+                gradient[:] = -slope
+            return SAFE / WIDTH - found
+
+        for start in starts:
+            engine = nlopt.opt(nlopt.LD_SLSQP, len(best))
+            engine.set_lower_bounds(low)
+            engine.set_upper_bounds(high)
+            engine.set_min_objective(value)
+            for margin in self.margins.values():
+                engine.add_inequality_constraint(partial(missing, margin=margin), 1e-6)
+            engine.set_xtol_abs(np.full(len(best), STEP))
+            engine.set_maxeval(MOST)
+            ends = [start]
+            with suppress(nlopt.RoundoffLimited, nlopt.runtime_error):
+                ends.append(np.clip(engine.optimize(start), low, high))
+            for end in ends:
+                score = float(self.score(end[None], sigmas)[0])
+                score += correction(end) if correction else 0.0
+                if score < least:
+                    best, least = end, score
+        return best, least
+
+    def with_point(self, point: Floats) -> Emulators:
+        """The emulators if they were right at one more design (d,)."""
+        margins = {name: each.with_point(point) for name, each in self.margins.items()}
+        return Emulators(self.objective.with_point(point), margins, self.scales)
+
+
+def emulators(
+    points: Floats,
+    values: Sequence[Foresight],
+    scales: Mapping[str, Scale],
+    like: Emulators | None = None,
+) -> Emulators:
+    """The emulators of some forecasts.
+
+    scales   of the margins that are chances, by name
+    like     of fewer forecasts of the same space
+    Raises   Refused where no design has a forecast.
+    """
+    known = np.isfinite([value.expected for value in values])
+    if not known.any():
+        raise Refused("none of the designs that were tried has a forecast")
+    expected = np.array([value.expected for value in values])[known]
+    expected = np.minimum(expected, expected.min() + CLIPPED)
+    objective = emulator(points[known], expected, like.objective if like else None)
+    before, margins = like.margins if like else {}, dict[str, Emulator]()
+    if not known.all():
+        margins[SOLVED] = emulator(points, np.where(known, 1.0, -1.0), before.get(SOLVED))
+    names = dict.fromkeys(name for value in values for name in value.margins)
+    for name in names:
+        held = np.array([name in value.margins for value in values])
+        margin = np.array([value.margins[name] for value in values if name in value.margins])
+        if (margin < 0).any():
+            place = scales.get(name, Scale()).of(margin)
+            margins[name] = emulator(points[held], place, before.get(name))
+    return Emulators(objective, margins, scales)
+
+
+class Span(NamedTuple):
+    """Between which unit-cube coordinates of a variable the score stays within the precision.
+
+    at_low, at_high  (d,) the designs there
+    """
+
+    low: float
+    high: float
+    at_low: Floats
+    at_high: Floats
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether the variable does not matter."""
+        return self.high - self.low >= ALL
+
+
+@dataclass(eq=False)
+class Explorer:
+    """The forecasts of a design space so far, and what they let expect of any other design.
+
+    Source: Jones, Schonlau and Welch (1998), Journal of Global Optimization 13, 455 (expected
+    improvement); Schonlau, Welch and Jones (1998), IMS Lecture Notes 34, 11 (constraints).
+
+    label   of the branch that the space belongs to
+    seed    of units and proposals, where there is no runner
+    points  unit-cube coordinates of the designs
+    values  their forecasts
+    ending  why no more are worth it; empty as long as some are
+    """
+
+    space: DesignSpace
+    campaign: Campaign
+    runner: TrialRunner | None = None
+    label: str = ""
+    seed: int = 1
+    points: list[Floats] = field(default_factory=list)
+    values: list[Foresight] = field(default_factory=list)
+    ending: str = ""
+    _emulators: tuple[int, Emulators] | None = None
+
+    @cached_property
+    def scales(self) -> dict[str, Scale]:
+        """Of the margins that are chances."""
+        return {
+            name: Scale(1 - one.needs.min_availability)
+            for one in self.campaign.judged(self.space.case)
+            for name in named(one.name, {"availability": 0.0})
+            if one.needs.min_availability < 1
+        }
+
+    def forecast(self, points: Sequence[Floats]) -> None:
+        """Add the forecasts of some designs."""
+        new = [np.clip(point, 0, 1) for point in points]
+        self.values += foresee_all(self.space, self.campaign, new, self.runner, self.seed)
+        self.points += new
+
+    @property
+    def emulators(self) -> Emulators:
+        """Of all forecasts so far."""
+        if self._emulators is None or self._emulators[0] < len(self.points):
+            like = self._emulators[1] if self._emulators else None
+            known = emulators(np.array(self.points), self.values, self.scales, like)
+            self._emulators = len(self.points), known
+        return self._emulators[1]
+
+    @property
+    def best(self) -> Floats:
+        """The design of the least score so far."""
+        return self.points[int(np.argmin([value.score for value in self.values]))]
+
+    @property
+    def score(self) -> float:
+        """The least score so far; infinite where no design has one."""
+        return min(value.score for value in self.values)
+
+    def begin(self, start: Floats, most: int) -> None:
+        """Forecast the start, and designs over the whole space that do not cost too much."""
+        count = min(FIRST * len(self.space) + FIRST_MORE, most)
+        self.forecast([start, *islice(_affordable(self.space, self.campaign), count - 1)])
+
+    def step(self, most: int) -> None:
+        """Forecast the next designs, as many as are allowed, or say in `ending` why none."""
+        points = self._proposals()
+        if points:
+            self.forecast(points[:most])
+        else:
+            gain = 100 * self.campaign.precision
+            self.ending = f"a further gain is expected to be below {gain:g} %"
+
+    def _proposals(self) -> list[Floats]:
+        """The next designs; none where no design can be expected to gain what is asked.
+
+        First the one that the emulators expect to be the best, then those that may be the best, as
+        if the emulators were right about those before.
+        """
+        known, starts = self.emulators, self.starts()
+        least, worth = self.score, ENOUGH * self.campaign.precision
+        found = list[Floats]()
+        for sigmas, gain in ((0.0, worth), *[(SIGMAS, 2.5 * worth)] * (BATCH - 1)):
+            point, score = known.least(starts, sigmas)
+            if least - score > gain and self._is_new(point, found):
+                found.append(point)
+                known = known.with_point(point)
+                least = min(least, float(known.score(point[None])[0]))
+        return found
+
+    def _is_new(self, point: Floats, others: Sequence[Floats]) -> bool:
+        every = np.array([*self.points, *others])
+        return bool(np.abs(every - point).max(axis=1).min() > APART)
+
+    def starts(self) -> Floats:
+        """Designs (m, d) to search from: the best ones, and others that may be good."""
+        seed = self.runner.seed if self.runner else self.seed
+        random = Streams(seed, len(self.points))(f"designs to forecast {self.label}".strip())
+        order = np.argsort([value.score for value in self.values], kind="stable")[:LEADERS]
+        leaders = np.array([self.points[number] for number in order])
+        pool = random.random((POOL, len(self.space)))
+        near = leaders[:, None] + NEARBY * random.standard_normal((len(leaders), *pool.shape))
+        pool = np.vstack([pool, np.clip(near.reshape(-1, len(self.space)), 0, 1)])
+        good = np.argsort(self.emulators.score(pool, SIGMAS), kind="stable")[:LEADERS]
+        return np.vstack([leaders[:2], pool[good]])
+
+    def lowest(self) -> float:
+        """The score below which no design is with 95 % confidence, as the emulators see it."""
+        return min(self.score, self.emulators.least(self.starts(), SIGMAS)[1])
+
+    def spans(self, best: Floats) -> list[Span]:
+        """For each variable, where the score stays within the precision of that of a design.
+
+        The other variables follow: at each value they are where the score is least.
+        """
+        known, found = self.emulators, list[Span]()
+        limit = float(known.score(best[None])[0]) + self.campaign.precision
+        nodes = np.linspace(0, 1, NODES)
+        for axis, middle in enumerate(best):
+            ends = [best, best]
+            for side, way in enumerate((nodes[nodes < middle][::-1], nodes[nodes > middle])):
+                for value in way:
+                    starts = np.array([ends[side], best])
+                    point, score = known.least(starts, held=(axis, float(value)))
+                    if score > limit:
+                        break
+                    ends[side] = point
+            found.append(Span(float(ends[0][axis]), float(ends[1][axis]), *ends))
+        return found
+
+    def prices(self, best: Floats) -> dict[str, float]:
+        """What limits a design: for each margin, by how much ln(error) falls if it is relaxed.
+
+        By one per cent of its limit; of margins that are met by more, and of those whose price is
+        below a tenth of the precision, none.
+        """
+        known, least = self.emulators, float(self.emulators.score(best[None])[0])
+        found = dict[str, float]()
+        for name, margin in known.margins.items():
+            expected = float(margin.expected(best[None])[0])
+            scale = known.scale(name)
+            step = float(scale.of(np.array(RELAXED * (scale.room or 1.0))))
+            if name == SOLVED or expected > 2 * step:
+                continue
+            easier = replace(margin, mean=margin.mean + step)
+            relaxed = replace(known, margins=known.margins | {name: easier})
+            price = least - relaxed.least(best[None])[1]
+            if price > self.campaign.precision / 10:
+                found[name] = price
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _affordable(space: DesignSpace, campaign: Campaign) -> Iterator[Floats]:
+    """Points of a Sobol sequence, of which seven in eight do not cost more than they may."""
+    sequence = scipy.stats.qmc.Sobol(len(space), scramble=False)
+    sequence.fast_forward(1)
+    kept, tried = 0, 0
+    while True:
+        point, tried = np.asarray(sequence.random(1)[0]), tried + 1
+        try:
+            short = missed(cost_margins(campaign.requirements, space.design(point)))
+        except Refused:
+            continue
+        if not short or kept % 8 == 7 or tried > 64 * len(space):
+            kept += 1
+            yield point
+
+
+class Landscape(NamedTuple):
+    """What the forecasts say of a design space around its best design.
+
+    forecasts  number of designs
+    expected   of these ln(arcsec) of the objective, NaN where no attitude is expected
+    met        of these whether all requirements are met, as expected
+    left       by how much ln(error) may yet fall, with 95 % confidence
+    spans      of each variable, by its name
+    prices     by how much ln(error) falls if a limit is relaxed by 1 %, by the margin's name
+    ending     why there are no more
+    """
+
+    forecasts: tuple[tuple[float, ...], ...]
+    expected: tuple[float, ...]
+    met: tuple[bool, ...]
+    left: float
+    spans: dict[str, Span]
+    prices: dict[str, float]
+    ending: str
+
+    @property
+    def unimportant(self) -> list[str]:
+        """Names of the variables that do not matter."""
+        return [name for name, span in self.spans.items() if span.everywhere]
+
+
+def landscape_of(explorer: Explorer, best: Floats) -> Landscape:
+    """The landscape around a design."""
+    names = [variable.name for variable in explorer.space.variables]
+    return Landscape(
+        tuple(tuple(point.tolist()) for point in explorer.points),
+        tuple(value.expected for value in explorer.values),
+        tuple(not missed(value.margins) for value in explorer.values),
+        max(0.0, explorer.score - explorer.lowest()),
+        dict(zip(names, explorer.spans(best), strict=True)),
+        explorer.prices(best),
+        explorer.ending,
+    )
