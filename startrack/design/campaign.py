@@ -17,11 +17,10 @@ from startrack.core import (
     whole,
 )
 from startrack.design.case import Case, Fidelity
-from startrack.design.choice import Choice
 from startrack.design.conditions import Condition, Judged, OverUnits, judged
 from startrack.design.objective import Objective
 from startrack.design.requirements import Accuracy, Requirements
-from startrack.design.variables import Link, Variable
+from startrack.design.variables import Choice, Link, Variable
 
 AGES = ("begin", "end")
 UNIT_TRIALS = 20  # of each fresh unit: its rms is known to 11 %; chosen by hand

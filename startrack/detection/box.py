@@ -23,8 +23,7 @@ from startrack.core import (
     Unit,
     arcsec,
 )
-from startrack.detection.dark_map import corrected
-from startrack.detection.pixels import gain_of
+from startrack.detection.pixels import corrected, gain_of
 from startrack.detection.plan import DetectionPlan
 
 SIZES = (4, 6, 8)

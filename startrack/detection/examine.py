@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Streams, kernel
 from startrack.detection.background import between
+from startrack.detection.matched import highest_between
 from startrack.detection.robust import around, around_among
-from startrack.detection.threshold import highest_between
 
 Image = NDArray[np.float32]
 # The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, kernel
-from startrack.detection.psf_table import expected
 from startrack.detection.robust import around
 from startrack.detection.sample import (
     COLUMNS,
@@ -25,7 +24,7 @@ from startrack.detection.sample import (
     Y,
     pixel_noise,
 )
-from startrack.detection.star_model import StarModel
+from startrack.detection.star_model import StarModel, expected
 
 
 @kernel

@@ -14,8 +14,8 @@ from startrack.core import (
     Unit,
     within,
 )
-from startrack.detection.dark_map import DarkMap
 from startrack.detection.methods import CENTROIDS
+from startrack.detection.pixels import DarkMap
 
 SEARCHES = ("filter",)
 KERNELS = ("gaussian", "psf")

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints, Psf, Spots, kernel
 from startrack.detection.background import Sky, between
-from startrack.detection.centroid import centroid
 from startrack.detection.connect import any_above
-from startrack.detection.dark_map import corrected_within
+from startrack.detection.detect import centroid
 from startrack.detection.find import choose, examination_level, ground_of, ring_half, threshold_grid
 from startrack.detection.matched import Kernel, filtered
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Pixels, gain_of
+from startrack.detection.pixels import Pixels, corrected_within, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 
 Image = NDArray[np.float32]

@@ -23,8 +23,18 @@ from startrack.core import (
     read_only,
     uniform,
 )
-from startrack.detector.law import COUNT, Image, Law, blank, number, signal
-from startrack.detector.tables import BITS, ENTRY_BITS, Tables, tables_for
+from startrack.detector.law import (
+    BITS,
+    COUNT,
+    ENTRY_BITS,
+    Image,
+    Law,
+    Tables,
+    blank,
+    number,
+    signal,
+    tables_for,
+)
 
 
 def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | None = None) -> Image:

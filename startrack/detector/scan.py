@@ -17,11 +17,10 @@ from startrack.core import (
     whole,
 )
 from startrack.detector.collect import diffuse_electrons, electron_rate
-from startrack.detector.expose import frame_of
+from startrack.detector.expose import Turn, frame_of
 from startrack.detector.lines import Line
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
-from startrack.detector.shutter import Turn
 from startrack.detector.stamp import stamp
 
 NODES = 8  # of Gauss-Legendre in the exposure of a line: 1e-6 of the flux at one pixel of smear

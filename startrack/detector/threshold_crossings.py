@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Streams, bits, kernel, uniform
 from startrack.detector.collect import background
-from startrack.detector.law import law_of
+from startrack.detector.law import BITS, build, law_of, level_spacing, lowest_mean
 from startrack.detector.parameters import Detector
-from startrack.detector.tables import BITS, build, level_spacing, lowest_mean
 
 LEAST_CUMULANT = -1e9  # K of tiles without pixels
 OUTSIDE = -1

@@ -20,14 +20,12 @@ from startrack.core import (
 )
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_window, draw_number, keys, work_row
-from startrack.detector.expose import colours, to_frame
-from startrack.detector.hits import tracks
-from startrack.detector.law import Law, law_of
+from startrack.detector.expose import Places, colours, to_frame
+from startrack.detector.imperfections import tracks
+from startrack.detector.law import Law, Tables, law_of
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
-from startrack.detector.shutter import Places
 from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_path, psf_table, work_arrays
-from startrack.detector.tables import Tables
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
 

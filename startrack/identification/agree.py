@@ -21,10 +21,9 @@ from startrack.core import (
     quaternion,
 )
 from startrack.identification.fit import fit
+from startrack.identification.grids import SkyGrid
 from startrack.identification.parameters import Identification
-from startrack.identification.predict import predict, project
-from startrack.identification.seen import Seen, see
-from startrack.identification.sky import SkyGrid
+from startrack.identification.seen import Seen, predict, project, see
 
 
 @kernel

@@ -22,12 +22,11 @@ from startrack.core import (
     kernel,
 )
 from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
-from startrack.identification.extension_method import matches_by_code
+from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
-from startrack.identification.parameters import Identification
+from startrack.identification.parameters import Identification, matches_by_code
 from startrack.identification.search import breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.sky import SkyGrid, VerificationStars
 from startrack.identification.verify import Verdict
 
 # Bound on chance below which a refused hypothesis is reported as ambiguous, not as no match. Chosen

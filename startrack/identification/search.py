@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, kernel
+from startrack.identification.grids import VerificationStars, spot_grid
 from startrack.identification.index import (
     CELLS_BASE,
     CELLS_Y,
@@ -21,8 +22,6 @@ from startrack.identification.index import (
     triangle_code,
 )
 from startrack.identification.seen import Seen
-from startrack.identification.sky import VerificationStars
-from startrack.identification.spot_grid import spot_grid
 from startrack.identification.verify import (
     FIRST_RADIUS,
     Verdict,

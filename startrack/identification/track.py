@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, is_code, kernel
-from startrack.identification.extension_method import matches_by_code
 from startrack.identification.fit import derivatives, fit, turned
+from startrack.identification.grids import VerificationStars
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
-from startrack.identification.parameters import Identification
-from startrack.identification.predict import predict, project
-from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.sky import VerificationStars
+from startrack.identification.parameters import Identification, matches_by_code
+from startrack.identification.seen import Seen, keep_brightest, predict, project, see, usable
 from startrack.identification.verify import weigh_prior
 
 # Squared radius of a window over its variance. Chosen by hand: a larger one takes more false spots;

@@ -12,11 +12,9 @@ from startrack.core import Floats, kernel, order
 from startrack.identification.agree import Agreed, agree
 from startrack.identification.evidence import LOG_ATTITUDES, log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives
+from startrack.identification.grids import SkyGrid, SpotGrid, VerificationStars, hits
 from startrack.identification.index import separation
-from startrack.identification.predict import predict
-from startrack.identification.seen import Seen
-from startrack.identification.sky import SkyGrid, VerificationStars
-from startrack.identification.spot_grid import SpotGrid, hits
+from startrack.identification.seen import Seen, predict
 
 # Times the match radius, because three stars predict the others less accurately than all stars do.
 # Chosen by hand: a larger one matches more false spots, a smaller one loses true hypotheses.

@@ -10,8 +10,8 @@ import numpy as np
 from startrack.core import Floats, Refused
 from startrack.io import shipped
 from startrack.optics.lens_table import LensTable, open_lens
+from startrack.optics.pupil import noll_to_nm, zernike
 from startrack.optics.surfaces import Surfaces, open_surfaces
-from startrack.optics.zernike import noll_to_nm, zernike
 
 WIDER = 1.5  # largest field over that of the traced lens
 NARROWER = 0.5

@@ -36,11 +36,10 @@ from startrack.optics.lens_table import (
     rim_harmonics,
     spline,
 )
-from startrack.optics.over_field import at_field
 from startrack.optics.parameters import Optics
+from startrack.optics.pixel_psf import at_field
 from startrack.optics.psf_file import open_psf_file
-from startrack.optics.pupil import MARGIN, soft_step
-from startrack.optics.zernike import noll_to_nm, zernike
+from startrack.optics.pupil import MARGIN, noll_to_nm, soft_step, zernike
 
 ROOM = 293.15  # kelvin, of a lens whose design names no temperature
 RINGS, SPOKES = 16, 24  # rays from which widths are taken

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Refused, positive
 from startrack.io import open_checked, shipped, whole
-from startrack.optics.zernike import MOST, noll_to_nm
+from startrack.optics.pupil import MOST, noll_to_nm
 
 Reals = NDArray[np.floating[Any]]
 FORMAT = 1

@@ -21,8 +21,7 @@ from startrack.core import (
 )
 from startrack.optics.lens_table import WIDEST
 from startrack.optics.psf_file import open_psf_file
-from startrack.optics.pupil import Pupil
-from startrack.optics.zernike import Aberration
+from startrack.optics.pupil import Aberration, Pupil
 
 MODELS = (
     "gaussian",

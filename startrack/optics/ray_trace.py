@@ -14,8 +14,8 @@ import numpy as np
 
 from startrack.core import ZERO_CELSIUS, Floats, Refused, nm
 from startrack.optics.lens_table import LensTable, rim_harmonics
+from startrack.optics.pupil import noll_to_nm, zernike
 from startrack.optics.surfaces import Surfaces
-from startrack.optics.zernike import noll_to_nm, zernike
 
 MILLIMETRE = 1e-3  # metre; the tracer's lengths are in millimetre
 MICROMETRE = 1e6  # per metre; its wavelengths are in micrometre

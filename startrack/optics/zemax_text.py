@@ -14,7 +14,7 @@ from startrack.core import Floats, Refused, positive
 from startrack.io import read_bytes
 from startrack.optics.lens_table import LensTable
 from startrack.optics.psf_file import LARGEST, SMALLEST, PsfFile
-from startrack.optics.zernike import noll_to_nm, zernike
+from startrack.optics.pupil import noll_to_nm, zernike
 
 TERMS = 37  # largest Noll index of a wavefront
 MOST_BYTES = 100_000_000

@@ -9,23 +9,20 @@ conditions     Dark current of pixels, colours of stars, and stars too close tog
                separated.
 star_response  Case -> response of the tracker's centroid to single stars of any flux.
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
-zones          Case with a lens table -> how single stars are measured over the frame and over
-               their colour.
-neighbours     Case -> shift of the centroid of each star by the light of its neighbours.
+zones          Case with a lens table -> how single stars are measured over the frame and over their
+               colour.
 systematic     Case -> systematic variance of each star, which the tracker adds to that of the
                noise.
 dark_pattern   Case -> the same case with an even dark current and more noise, and what its hot
                pixels do.
 spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.
-spot_plan      Case -> plan of its statistical trials: detectable stars, their response, and what
-               is refused.
+spot_plan      Case -> plan of its statistical trials: detectable stars, their response, what is
+               refused.
 spots          Case and attitude -> the spots of one trial, drawn without an image.
 covariance     Case -> outcomes of trials from drawn spots, with identification assumed to be
                perfect.
 effects        The effects that designs may have, one row each: who counts, refuses or leaves out
                each.
-require        Case, fidelity -> a refusal, before the first trial, of what that fidelity cannot
-               compute.
 boxes          Frame and expected attitude -> the stars that a tracker takes in its search boxes.
 chain          One trial, one line a room, in the order in which the light goes.
 """
@@ -65,8 +62,6 @@ from startrack.trial.effects import (
     left_out,
     present,
 )
-from startrack.trial.neighbours import blending_shift
-from startrack.trial.require import require_fidelity
 from startrack.trial.spot_plan import (
     Limits,
     Plan,
@@ -74,6 +69,7 @@ from startrack.trial.spot_plan import (
     plan_of,
     plan_within,
     refuse,
+    require_fidelity,
     through_of,
     view_of,
 )
@@ -89,6 +85,7 @@ from startrack.trial.star_response import (
     star_images,
 )
 from startrack.trial.systematic import (
+    blending_shift,
     focal_stretches,
     shared_errors,
     systematic_variance,

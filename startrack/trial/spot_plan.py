@@ -1,4 +1,4 @@
-"""Case -> plan of its statistical trials: detectable stars, their response, and what is refused."""
+"""Case -> plan of its statistical trials: detectable stars, their response, what is refused."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Ints, Light, Refused, kept
-from startrack.design import Case
+from startrack.design import Case, Fidelity
 from startrack.detection import false_alarms, peak_border, star_profile
-from startrack.detector import arriving
+from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
 from startrack.trial.conditions import mean_colour
 from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, evened
-from startrack.trial.effects import require_no_image
+from startrack.trial.effects import require_least_squares, require_no_image, require_window
 from startrack.trial.spot_response import (
     RATIOS,
     REACH,
@@ -343,3 +343,17 @@ def _companions(directions: Floats, flux: Floats, found: Ints, radius: float) ->
     start = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=len(found)))])
     other = other[kept]
     return Companions(start, directions[other].reshape(-1, 3), np.log(flux[other]))
+
+
+def require_fidelity(case: Case, fidelity: Fidelity) -> None:
+    """Refuse a fidelity that some trial of a case would refuse.
+
+    Raises  Refused that names what it cannot compute.
+    """
+    if fidelity is Fidelity.WINDOW:
+        require_independent_pixels(case.instrument.detector)
+        require_window(case)
+    elif fidelity is not Fidelity.FRAME:
+        refuse(case)
+        if fidelity is Fidelity.COVARIANCE:
+            require_least_squares(case)

@@ -12,8 +12,7 @@ from startrack.core.streams import Streams
 from startrack.core.variates import inverse_normal, poisson_quantile
 from startrack.detector import Detector
 from startrack.detector.digitise import _digitise, digitise, keys, shot
-from startrack.detector.law import Law, blank, law_of
-from startrack.detector.tables import EMPTY, tables_for
+from startrack.detector.law import EMPTY, Law, blank, law_of, tables_for
 
 
 def summed(mean: float, law: Law) -> np.ndarray:

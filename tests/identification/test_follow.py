@@ -10,8 +10,8 @@ from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.identification import Identification
 from startrack.identification.fit import derivatives
+from startrack.identification.grids import VerificationStars, sky_grid
 from startrack.identification.seen import see
-from startrack.identification.sky import VerificationStars, sky_grid
 from startrack.identification.track import _away, _chain, _misfit, _update, follow
 from startrack.identification.verify import weigh_prior
 

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.identification import Identification
+from startrack.identification.grids import VerificationStars, sky_grid
 from startrack.identification.seen import see
-from startrack.identification.sky import VerificationStars, sky_grid
 from startrack.identification.verify import attempt_attitude, verify, weigh
 
 pytestmark = pytest.mark.usefixtures("in_python")

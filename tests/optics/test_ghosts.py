@@ -16,7 +16,7 @@ from startrack.io import open_checked, shipped
 from startrack.optics import Ghosts, Optics, add_ghosts, lens_surfaces, load_surfaces
 from startrack.optics.ghosts import pairs, reflectances
 from startrack.optics.surfaces import Surfaces
-from startrack.trial.require import require_fidelity
+from startrack.trial.spot_plan import require_fidelity
 
 OPTICS = Optics(0.035, 2.8, lens_family="double-gauss")
 PITCH = 11e-6

@@ -20,7 +20,7 @@ from startrack.optics import (
     scaled_table,
 )
 from startrack.optics.lens_psf import Lens
-from startrack.optics.zernike import zernike
+from startrack.optics.pupil import zernike
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle/lens_family.json").read_text())
 WAVELENGTH = np.array([ORACLE["wavelength_um"] * 1e-6])
