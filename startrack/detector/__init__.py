@@ -16,7 +16,7 @@ digitise             Expected electrons -> digital numbers: one uniform number a
 pixel_effects        The effects by which pixels depend on each other, or on the frame before: one
                      table of rows.
 readout              Expected electrons -> digital numbers with all effects: charge, signal, image.
-expose               Exposure: what a frame depends on -> expected electrons, and a Frame.
+exposure             Exposure: what a frame depends on -> expected electrons, and a Frame.
 windows              Stars and windows -> a Frame whose numbers are valid inside these windows
                      alone.
 threshold_crossings  Filter and thresholds -> where noise alone exceeds them, and the numbers of the
@@ -36,7 +36,7 @@ from startrack.detector.ageing import (
 )
 from startrack.detector.collect import electron_rate, mean_wavelength
 from startrack.detector.digitise import normals, shot
-from startrack.detector.expose import (
+from startrack.detector.exposure import (
     Exposure,
     MotionFunction,
     arriving,

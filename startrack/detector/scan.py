@@ -17,7 +17,7 @@ from startrack.core import (
     whole,
 )
 from startrack.detector.collect import diffuse_electrons, electron_rate
-from startrack.detector.expose import Turn, frame_of
+from startrack.detector.exposure import Turn, frame_of
 from startrack.detector.lines import Line
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector

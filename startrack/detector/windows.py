@@ -20,7 +20,7 @@ from startrack.core import (
 )
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_window, draw_number, keys, work_row
-from startrack.detector.expose import Places, colours, to_frame
+from startrack.detector.exposure import Places, colours, to_frame
 from startrack.detector.imperfections import tracks
 from startrack.detector.law import Law, Tables, law_of
 from startrack.detector.maps import dark, response

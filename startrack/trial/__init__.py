@@ -1,20 +1,20 @@
 """One trial in any fidelity: frame, window, spots, covariance.
 
-view           Case and attitude -> what the detector is exposed to: stars, light, PSF, line of
-               sight.
-sweep          Case and attitude -> the image of a line detector, and its spots as those of a
-               matrix.
+pointing       Attitude of a trial, the motion of the camera about it, and what a tracker must
+               report.
+stars          Case -> the stars of its sky: which a frame may hold, how bright, and of what colour.
+images         Instrument -> the images of stars: their PSF, over the frame and over their colour.
+exposure       Case and attitude -> what its detector is exposed to, a matrix or lines that sweep.
+belief         Case -> what its tracker believes: plan of the detection, meaning of the numbers,
+               smear.
 window         Case and attitude -> the spots of a frame of which only windows are rendered.
-conditions     Dark current of pixels, colours of stars, and stars too close together to be
-               separated.
 star_response  Case -> response of the tracker's centroid to single stars of any flux.
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
 zones          Case with a lens table -> how single stars are measured over the frame and over their
                colour.
 systematic     Case -> systematic variance of each star, which the tracker adds to that of the
                noise.
-dark_pattern   Case -> the same case with an even dark current and more noise, and what its hot
-               pixels do.
+dark_pattern   Dark signal of pixels: its law, its pattern in a case, and what hot pixels do.
 spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.
 spot_plan      Case -> plan of its statistical trials: detectable stars, their response, what is
                refused.
@@ -27,6 +27,7 @@ boxes          Frame and expected attitude -> the stars that a tracker takes in 
 chain          One trial, one line a room, in the order in which the light goes.
 """
 
+from startrack.trial.belief import as_believed, detection_plan, known_smear, smear_of
 from startrack.trial.boxes import agreeing, boxed, take_boxes
 from startrack.trial.chain import (
     OUTCOMES,
@@ -42,16 +43,8 @@ from startrack.trial.chain import (
     shrunk,
     solve_matches,
 )
-from startrack.trial.conditions import (
-    SeparableStars,
-    colour_correction,
-    dark_currents,
-    index_resolution,
-    mean_colour,
-    separable_stars,
-    separated,
-)
 from startrack.trial.covariance import outcomes
+from startrack.trial.dark_pattern import dark_currents
 from startrack.trial.effects import (
     EFFECTS,
     HITS,
@@ -61,6 +54,15 @@ from startrack.trial.effects import (
     Term,
     left_out,
     present,
+)
+from startrack.trial.exposure import expected_electrons
+from startrack.trial.images import detected_spectrum, images_of, psf_of
+from startrack.trial.pointing import (
+    line_of_sight,
+    random_attitude,
+    random_attitudes,
+    reference_attitude,
+    rotations_from_cube,
 )
 from startrack.trial.spot_plan import (
     Limits,
@@ -84,30 +86,23 @@ from startrack.trial.star_response import (
     scale,
     star_images,
 )
+from startrack.trial.stars import (
+    SeparableStars,
+    colour_correction,
+    index_resolution,
+    light_of,
+    mean_colour,
+    separable_stars,
+    separated,
+    stars_in_field,
+    throughput,
+)
 from startrack.trial.systematic import (
     blending_shift,
     focal_stretches,
     shared_errors,
     systematic_variance,
     systematic_variance_of,
-)
-from startrack.trial.view import (
-    as_believed,
-    detected_spectrum,
-    detection_plan,
-    expected_electrons,
-    images_of,
-    known_smear,
-    light_of,
-    line_of_sight,
-    psf_of,
-    random_attitude,
-    random_attitudes,
-    reference_attitude,
-    rotations_from_cube,
-    smear_of,
-    stars_in_field,
-    throughput,
 )
 from startrack.trial.zones import (
     LENS_FIELD,

@@ -11,7 +11,8 @@ from startrack.catalog import open_sky
 from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Status, Streams, kept
 from startrack.design import Case, Tracker
 from startrack.detection import DetectionPlan, Taken, box_reach, take
-from startrack.trial.view import as_believed, detection_plan, electrons_of, nearby
+from startrack.trial.belief import as_believed, detection_plan
+from startrack.trial.stars import electrons_of, nearby
 from startrack.trial.window import frame_in_windows
 
 BOX = "box"

@@ -15,10 +15,10 @@ from startrack.core import Floats, Ints, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.effects import require_least_squares
+from startrack.trial.pointing import random_attitudes, reference_attitude
 from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 from startrack.trial.systematic import shared_errors
-from startrack.trial.view import random_attitudes, reference_attitude
 
 SURPRISE = 1e-3  # probability below which noise alone does not explain the residuals; as `solve`
 

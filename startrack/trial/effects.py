@@ -16,7 +16,7 @@ from startrack.core import Refused, is_code
 from startrack.design import Case
 from startrack.detector import PIXEL_EFFECTS, require_independent_pixels
 from startrack.scene import LIGHTS
-from startrack.trial.conditions import dark_currents
+from startrack.trial.dark_pattern import dark_currents
 from startrack.trial.zones import LENS_FIELD
 
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand

@@ -16,9 +16,10 @@ from startrack.design import Case, Fidelity
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
-from startrack.trial.conditions import mean_colour
+from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, evened
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
+from startrack.trial.images import colour_range, field_psf_of, psf_of
 from startrack.trial.spot_response import (
     RATIOS,
     REACH,
@@ -29,8 +30,8 @@ from startrack.trial.spot_response import (
     response_of,
     response_of_zones,
 )
+from startrack.trial.stars import mean_colour, throughput
 from startrack.trial.systematic import systematic_variance
-from startrack.trial.view import colour_range, detection_plan, field_psf_of, psf_of, throughput
 from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million

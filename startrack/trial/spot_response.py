@@ -14,9 +14,11 @@ from startrack.core import Floats, Psf, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
+from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import NO_HOT, HotPixels, near_stars
+from startrack.trial.images import field_psf_of, psf_of
+from startrack.trial.pointing import line_of_sight
 from startrack.trial.star_response import PHASES, phases
-from startrack.trial.view import detection_plan, field_psf_of, line_of_sight, psf_of
 from startrack.trial.zones import centroid_shift, unique_places, zones_of
 
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude

@@ -13,16 +13,16 @@ from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints, Stars, kept
 from startrack.design import Case, Scope, found_at
 from startrack.optics import residual_law
-from startrack.trial.conditions import (
+from startrack.trial.belief import detection_plan
+from startrack.trial.star_errors import errors, lasting
+from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
+from startrack.trial.stars import (
     colour_correction,
     index_resolution,
     mean_colour,
     separable_stars,
     separated,
 )
-from startrack.trial.star_errors import errors, lasting
-from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
-from startrack.trial.view import detection_plan
 from startrack.trial.zones import focal_stretch, lens_variance
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
@@ -104,7 +104,7 @@ def _at_angle(case: Case, tilt: float) -> Floats:
     star, size = star_images(instrument, place, side), scale(case)
     light = SNR * size.pixel / float(star.max())
     line = np.array([math.cos(tilt), math.sin(tilt)])
-    alone, _ = measure(case, light * star, once=True)
+    alone, _ = measure(case, light * star, both_signs=False)
     pull = np.full((len(distance), len(CONTRAST), len(place)), LOST)
     # Beside a brighter neighbour in its window a star is lost anyway.
     counts = (np.append(distance[1:], math.inf) > _merged(case))[:, None] | (CONTRAST >= 0)
@@ -114,7 +114,7 @@ def _at_angle(case: Case, tilt: float) -> Floats:
         other = {n: star_images(instrument, place + distance[n] * line, side) for n in set(j)}
         ratio = 10 ** (-0.4 * CONTRAST[k][:, None, None, None])
         both = light * (star + ratio * np.stack([other[n] for n in j]))
-        seen, _ = measure(case, both.reshape(-1, side, side), once=True)
+        seen, _ = measure(case, both.reshape(-1, side, side), both_signs=False)
         moved = (seen.reshape(len(part), len(place), 2) - alone) @ line
         pull[j, k] = np.where(np.isfinite(moved), moved, LOST)
     return pull.mean(axis=2).T

@@ -59,22 +59,16 @@ from startrack.detector import (
     write_numbers,
 )
 from startrack.scene import illuminate
+from startrack.trial.belief import as_believed, detection_plan
 from startrack.trial.effects import require_window
-from startrack.trial.view import (
-    as_believed,
+from startrack.trial.exposure import expected_electrons, exposure_of
+from startrack.trial.images import images_of, psf_of
+from startrack.trial.pointing import line_of_sight, motion_before, motion_function, random_attitude
+from startrack.trial.stars import (
     colours_of,
-    detection_plan,
     electrons_of,
-    expected_electrons,
-    exposure_of,
-    images_of,
     light_of,
-    line_of_sight,
-    motion_before,
-    motion_function,
     nearby,
-    psf_of,
-    random_attitude,
     stars_in_field,
     throughput,
 )

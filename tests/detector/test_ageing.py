@@ -19,7 +19,7 @@ from startrack.detector.ageing import (
     proton_dose,
     trailed,
 )
-from startrack.detector.expose import frame_of
+from startrack.detector.exposure import frame_of
 from startrack.detector.maps import dark
 
 DOUBLING = 4 * math.log(2) / -math.log(0.70)  # kelvin: 0.70 for 4 K less

@@ -10,7 +10,7 @@ from startrack.core.streams import Streams
 from startrack.core.values import Frame, Psf
 from startrack.detector import Defects, Detector, Hits, Pattern
 from startrack.detector.collect import background, background_tables
-from startrack.detector.expose import draw, frame_of
+from startrack.detector.exposure import draw, frame_of
 from startrack.detector.imperfections import tracks
 from startrack.detector.maps import dark
 from startrack.detector.pixel_effects import require_independent_pixels

@@ -16,8 +16,8 @@ from startrack.io import shipped
 from startrack.metrics import summarise
 from startrack.optics import save_lens
 from startrack.trial import mean_colour, residual_shift, run_trials, zones_of
+from startrack.trial.images import field_psf_of
 from startrack.trial.spot_response import Grid, _mirrored, response_of
-from startrack.trial.view import field_psf_of
 from startrack.trial.zones import focal_stretch, unique_places
 from tests.optics.lenses import ideal
 
