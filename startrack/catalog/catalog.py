@@ -183,15 +183,15 @@ def assemble(
             raise Refused(
                 f"{path}, {where}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
             )
-    known = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)
+    moving = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)
     return Catalog(
         identifier=np.asarray(identifier, np.int64),
         right_ascension=np.asarray(ra_deg, float) * deg,
         declination=np.asarray(dec_deg, float) * deg,
         epoch=epoch,
-        pm_ra=np.where(known, pm_ra_mas, 0.0) * MAS,
-        pm_dec=np.where(known, pm_dec_mas, 0.0) * MAS,
-        proper_motion_known=known,
+        pm_ra=np.where(moving, pm_ra_mas, 0.0) * MAS,
+        pm_dec=np.where(moving, pm_dec_mas, 0.0) * MAS,
+        proper_motion_known=moving,
         parallax=np.where(np.isfinite(parallax_mas), parallax_mas, 0.0) * MAS,
         magnitude_g=np.asarray(magnitude_g, float),
         colour=np.asarray(colour, float),

@@ -39,15 +39,15 @@ def read_bright(path: Path) -> Catalog:
     header, columns = fits_table(path)
     if missing := [name for name in COLUMNS if name not in columns]:
         raise Refused(f"{path} must have the column {missing[0]}, got {', '.join(columns)}")
-    known = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
+    moving = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
     return assemble(
         path,
         _header_epoch(path, header),
         columns["identifier"],
         columns["ra"],
         columns["dec"],
-        np.where(known, columns["pm_ra_cosdec"], np.nan),
-        np.where(known, columns["pm_dec"], np.nan),
+        np.where(moving, columns["pm_ra_cosdec"], np.nan),
+        np.where(moving, columns["pm_dec"], np.nan),
         columns["parallax"],
         columns["g"],
         columns["bp_rp"],

@@ -125,7 +125,7 @@ def read_tycho2(path: Path) -> Catalog:
 def _identifier(records: Records) -> Ints:
     parts = [text.split() for text in records.columns["TYC"]]
     for line, part in zip(records.line, parts, strict=True):
-        if len(part) != 3 or not all(each.isdecimal() and len(each) < 6 for each in part):
+        if len(part) != 3 or not all(digits.isdecimal() and len(digits) < 6 for digits in part):
             raise ValueError(
                 f"{records.path}, line {line}: TYC must be three numbers, got {' '.join(part)!r}"
             )
@@ -188,21 +188,21 @@ def column_names(columns: tuple[str, ...]) -> dict[str, str]:
 
     Raises  ValueError where one is no such text, and where place or magnitude is missing.
     """
-    found = dict[str, str]()
+    named = dict[str, str]()
     for text in columns:
         quantity, equals, name = (part.strip() for part in text.partition("="))
-        if not equals or quantity not in MAPPED or not name or quantity in found:
+        if not equals or quantity not in MAPPED or not name or quantity in named:
             raise ValueError(
                 f"columns must each be QUANTITY=COLUMN, with each quantity once, of "
                 f"{', '.join(MAPPED)}, got {text!r}"
             )
-        found[quantity] = name
+        named[quantity] = name
     for either in (("ra",), ("dec",), ("magnitude_g", "magnitude_v"), ("epoch",)):
-        if not set(either) & set(found):
+        if not set(either) & set(named):
             raise ValueError(f"columns must name {' or '.join(either)}, got {', '.join(columns)}")
-    if "magnitude_g" in found and "magnitude_v" in found:
+    if "magnitude_g" in named and "magnitude_v" in named:
         raise ValueError("columns must name one of magnitude_g and magnitude_v, got both")
-    return found
+    return named
 
 
 def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
@@ -217,25 +217,25 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
              not convert.
     """
     table, mapped = any_table(path), column_names(columns)
-    found = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
+    values = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
     nothing = np.full(len(table), np.nan)
-    if "magnitude_v" in found:
-        magnitude, colour = g_from_johnson(found["magnitude_v"], found.get("b_v", nothing))
+    if "magnitude_v" in values:
+        magnitude, colour = g_from_johnson(values["magnitude_v"], values.get("b_v", nothing))
     else:
-        magnitude, colour = found["magnitude_g"], found.get("colour", nothing)
-    known = ("identifier" in mapped) and whole_numbers(path, table, mapped["identifier"].lower())
-    epochs = np.unique(found["epoch"])
+        magnitude, colour = values["magnitude_g"], values.get("colour", nothing)
+    given = ("identifier" in mapped) and whole_numbers(path, table, mapped["identifier"].lower())
+    epochs = np.unique(values["epoch"])
     if len(epochs) != 1:
         raise ValueError(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
     return assemble(
         path,
         float(epochs[0]),
-        np.arange(1, len(table) + 1) if known is False else known,
-        found["ra"],
-        found["dec"],
-        found.get("pm_ra", nothing),
-        found.get("pm_dec", nothing),
-        found.get("parallax", nothing),
+        np.arange(1, len(table) + 1) if given is False else given,
+        values["ra"],
+        values["dec"],
+        values.get("pm_ra", nothing),
+        values.get("pm_dec", nothing),
+        values.get("parallax", nothing),
         magnitude,
         colour,
     )
@@ -287,7 +287,7 @@ def read_hyg(path: Path) -> Catalog:
         raise ValueError(f"{path}, line {line[np.argmax(wrong)]}: id must be a whole number")
     identifier = identifier.astype(np.int64)
     distance = numbers(path, table, "dist")
-    known = (distance > 0) & (distance < UNKNOWN_DISTANCE)
+    near = (distance > 0) & (distance < UNKNOWN_DISTANCE)
     magnitude, colour = g_from_johnson(numbers(path, table, "mag"), numbers(path, table, "ci"))
     return assemble(
         path,
@@ -297,7 +297,7 @@ def read_hyg(path: Path) -> Catalog:
         numbers(path, table, "dec"),
         numbers(path, table, "pmra"),
         numbers(path, table, "pmdec"),
-        np.divide(1000.0, distance, out=np.full(len(distance), np.nan), where=known),
+        np.divide(1000.0, distance, out=np.full(len(distance), np.nan), where=near),
         magnitude,
         colour,
         line.tolist(),

@@ -126,8 +126,8 @@ class Selection(Parameters):
 
     def _check_velocity(self) -> None:
         velocity = self.orbital_velocity or ()
-        for each in velocity:
-            finite(orbital_velocity=each)
+        for component in velocity:
+            finite(orbital_velocity=component)
         if len(velocity) not in (0, 3):
             raise Refused(f"orbital_velocity must have three components, got {len(velocity)}")
         if velocity and not self.aberration:
@@ -145,10 +145,10 @@ class Selection(Parameters):
 def _state(path: Path) -> tuple[str, int, int] | None:
     """Place, time of the last change and size of a file: what is kept of an older one is no use."""
     try:
-        found = path.stat()
+        status = path.stat()
     except (OSError, ValueError):
         return None
-    return str(path.absolute()), found.st_mtime_ns, found.st_size
+    return str(path.absolute()), status.st_mtime_ns, status.st_size
 
 
 SLACK = 1e-12  # of a height, so that rounding leaves no star out
@@ -193,7 +193,7 @@ class Sky:
         directions = np.asarray(directions, float)
         if directions.ndim != 2 or directions.shape[1] != 3:
             raise Refused(f"directions must have the shape (m, 3), got {directions.shape}")
-        return [self.cone(each, radius) for each in directions]
+        return [self.cone(direction, radius) for direction in directions]
 
     @cached_property
     def _by_brightness(self) -> Ints:
@@ -218,7 +218,7 @@ def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
     wide = radius > math.pi / 2
     chord = 2 * math.sin((math.pi - radius if wide else radius) / 2)
     first, last = belt(direction, centre[2], radius)
-    found = np.empty(last - first, np.int64)
+    inside = np.empty(last - first, np.int64)
     count = 0
     for k in range(first, last):
         square = 0.0
@@ -226,9 +226,9 @@ def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
             apart = direction[k, axis] + centre[axis] if wide else direction[k, axis] - centre[axis]
             square += apart * apart
         if (square > chord * chord or radius == math.pi) if wide else square <= chord * chord:
-            found[count] = rank[k]
+            inside[count] = rank[k]
             count += 1
-    return found[:count]
+    return inside[:count]
 
 
 @kernel

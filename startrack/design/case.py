@@ -169,10 +169,10 @@ class Instrument(Parameters):
         optics = self.optics
         shift_x, shift_y = self.detector.shift
         if self.imaged:
-            model, known = self.imaged.camera.ideal, self.imaged.optics
+            model, traced = self.imaged.camera.ideal, self.imaged.optics
             return replace(
                 model,
-                focal_length_px=model.focal_length_px * optics.focal_length / known.focal_length,
+                focal_length_px=model.focal_length_px * optics.focal_length / traced.focal_length,
                 principal_x=optics.principal_x + shift_x,
                 principal_y=optics.principal_y + shift_y,
             )
@@ -335,7 +335,7 @@ class Case(CarriesCode):
 
     @cached_property
     def _hash(self) -> int:
-        return hash(tuple(getattr(self, each.name) for each in fields(self)))
+        return hash(tuple(getattr(self, part.name) for part in fields(self)))
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
@@ -363,7 +363,7 @@ class Case(CarriesCode):
     @cached_property
     def laws(self) -> tuple[Law, ...]:
         """Its variations in SI units, in their order."""
-        return tuple(law_of(self, one) for one in self.variation)
+        return tuple(law_of(self, variation) for variation in self.variation)
 
     @property
     def differs(self) -> bool:

@@ -64,22 +64,22 @@ CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to
 @cache
 def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
-    found = [*OF_FILES, *keys_of(Case), CAMPAIGN]
-    found += keys_of(Campaign, "campaign")
-    at = next(n for n, key in enumerate(found) if key.name == "instrument.detector") + 1
-    found = [*found[:at], PRODUCT, *found[at:]]
+    keys = [*OF_FILES, *keys_of(Case), CAMPAIGN]
+    keys += keys_of(Campaign, "campaign")
+    at = next(n for n, key in enumerate(keys) if key.name == "instrument.detector") + 1
+    keys = [*keys[:at], PRODUCT, *keys[at:]]
     others = json.loads(shipped("designs/fidelities.json").read_text(encoding="utf-8"))
     return tuple(
         key._replace(taken_by=_taken_by(**others.get(key.name, {})))
         if key.name.partition(".")[0] in OF_TRIALS and "table" not in key.kind
         else key
-        for key in found
+        for key in keys
     )
 
 
 def _taken_by(refused: Sequence[str] = (), left_out: Sequence[str] = ()) -> str:
     """The column of a key; names as of `experiments/key_fidelities.py`, which finds them."""
-    taken = [one for one in COLUMNS if one not in refused and one not in left_out]
+    taken = [column for column in COLUMNS if column not in refused and column not in left_out]
     if len(taken) == len(COLUMNS):
         return "all"
     return ", ".join(taken) + (f" ({', '.join(left_out)})" if left_out else "")
@@ -121,7 +121,7 @@ def _kind(field: Field, inner: Any) -> str:
     if isinstance(inner, type) and issubclass(inner, StrEnum):
         word = f"one of {', '.join(inner)}"
     elif isinstance(inner, types.UnionType):
-        word = " or ".join(WORDS[one] for one in typing.get_args(inner))
+        word = " or ".join(WORDS[kind] for kind in typing.get_args(inner))
     else:
         word = WORDS[inner]
     return f"list of {word}s" if several else word
@@ -195,7 +195,9 @@ def template(product: str = "", optional: bool = False) -> str:
         table["tracker"]["detection"]["saturation"] = float(2 ** detector["bits"] - 1)
         # The example's detector ages by a law of its own; another one by that of the class.
         del table["tracker"]["detection"]["dark_map_age"]
-        table["variation"] = [one for one in table["variation"] if one["name"] != AGEING]
+        table["variation"] = [
+            variation for variation in table["variation"] if variation["name"] != AGEING
+        ]
     keys = {key.name: key for key in design_keys()}
     head = "# A star tracker; the values are those of an example. All keys: startrack keys"
     return "\n".join([head, *_tables(table, "", keys, optional)]) + "\n"
@@ -279,13 +281,13 @@ def design_schema() -> Schema:
     between several keys, are left to `load_design`: a file that it refuses is no design, one that
     it takes may still be none. In a file with `base` or `include` no key is required.
     """
-    whole = _table(Case, "")
+    design = _table(Case, "")
     campaign, required = _table(Campaign, "campaign"), _required(Case)
     required["properties"]["campaign"] = _required(Campaign)
     detector = required["properties"]["instrument"]["properties"]["detector"]
     either = {"anyOf": [{"required": [name]} for name in ("base", "include")]}
-    whole["properties"] |= {"campaign": campaign} | {key.name: _plain(key) for key in OF_FILES}
-    within = whole["properties"]["instrument"]["properties"]["detector"]
+    design["properties"] |= {"campaign": campaign} | {key.name: _plain(key) for key in OF_FILES}
+    within = design["properties"]["instrument"]["properties"]["detector"]
     within["properties"]["product"] = _plain(PRODUCT)
     with_product = {"required": ["product"]}
     required["properties"]["instrument"]["properties"]["detector"] = {
@@ -295,7 +297,7 @@ def design_schema() -> Schema:
         "$schema": DRAFT,
         "title": "startrack design",
         "description": "A camera, what its tracker believes, and what a study of it is asked.",
-        **whole,
+        **design,
         "if": {"not": either},
         "then": required,
     }
@@ -303,8 +305,8 @@ def design_schema() -> Schema:
 
 def _plain(key: Key) -> Schema:
     text: Schema = {"type": "string"}
-    found = {"type": "array", "items": text} if key.kind.startswith("list") else text
-    return {"description": key.meaning, **found}
+    schema = {"type": "array", "items": text} if key.kind.startswith("list") else text
+    return {"description": key.meaning, **schema}
 
 
 def _table(kind: type, place: str) -> Schema:
@@ -329,10 +331,10 @@ def _schema_default(key: Key) -> Schema:
 def _value(field: Field, limits: Range, place: str) -> Schema:
     inner, unit = item_of(field)
     if dataclasses.is_dataclass(inner):
-        found = _table(typing.cast(type, inner), place)
+        schema = _table(typing.cast(type, inner), place)
     else:
-        found = _single(inner, unit, limits, field.open)
-    return {"type": "array", "items": found} if typing.get_origin(field.kind) is tuple else found
+        schema = _single(inner, unit, limits, field.open)
+    return {"type": "array", "items": schema} if typing.get_origin(field.kind) is tuple else schema
 
 
 def _single(kind: Any, unit: Unit | None, limits: Range, endless: bool) -> Schema:
@@ -353,33 +355,33 @@ def _single(kind: Any, unit: Unit | None, limits: Range, endless: bool) -> Schem
     low, high = max(limits.low, -most), min(limits.high, most)
     if endless:
         low, high = limits.low, limits.high
-    found: Schema = {"type": "integer" if kind is int else "number"}
+    schema: Schema = {"type": "integer" if kind is int else "number"}
     if low > -float("inf"):
-        found["exclusiveMinimum" if limits.above else "minimum"] = low
-    found |= {"maximum": high} if high < float("inf") else {}
+        schema["exclusiveMinimum" if limits.above else "minimum"] = low
+    schema |= {"maximum": high} if high < float("inf") else {}
     if kind is float:  # or a percentage
-        found |= {"type": ["number", "string"], "pattern": PERCENTAGE}
-    return found
+        schema |= {"type": ["number", "string"], "pattern": PERCENTAGE}
+    return schema
 
 
 def _with_unit(unit: Unit, limits: Range) -> Schema:
     """A text of a number and a unit; its sign is checked where zero is the limit."""
     signed = limits.low < 0 or unit.absolute  # degC may be below zero
     number = NUMBER.format(sign="[-+]?" if signed else r"\+?")
-    found = {"type": "string", "pattern": rf"^{number}[^\s\d].*$"}
-    return found | {"examples": [f"1 {unit.shown}"]}
+    schema = {"type": "string", "pattern": rf"^{number}[^\s\d].*$"}
+    return schema | {"examples": [f"1 {unit.shown}"]}
 
 
 def _required(kind: type) -> Schema:
     """What must be there, of a table and of those within it."""
-    found: Schema = {"required": [], "properties": {}}
+    schema: Schema = {"required": [], "properties": {}}
     for name, field in fields_of(kind).items():
         if field.required:
-            found["required"].append(name)
+            schema["required"].append(name)
         inner, _ = item_of(field)
         if dataclasses.is_dataclass(inner):
             within = _required(typing.cast(type, inner))
             several = typing.get_origin(field.kind) is tuple
             if any(within.values()):
-                found["properties"][name] = {"items": within} if several else within
-    return found
+                schema["properties"][name] = {"items": within} if several else within
+    return schema

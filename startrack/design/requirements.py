@@ -78,13 +78,13 @@ def lens_cost(optics: Optics) -> LensCost | None:
         )
         elements = element_count(optics.lens_family, optics.f_number, optics.family_field)
         return cost_of(surfaces, elements)
-    found = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
-    if found is None:
+    stored = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
+    if stored is None:
         return None
     table = open_lens(optics.lens_file)
     # Stopped down, it is as large as before.
-    surfaces = found.scaled(optics.focal_length / table.focal_length)
-    return cost_of(surfaces, len(found.elements))
+    surfaces = stored.scaled(optics.focal_length / table.focal_length)
+    return cost_of(surfaces, len(stored.elements))
 
 
 def cost_of(surfaces: Surfaces, elements: float) -> LensCost:
@@ -297,7 +297,7 @@ class Requirements(CarriesCode):
     @property
     def limits(self) -> Limits:
         """What an attitude must keep to be correct."""
-        return Limits(**{one.name: one.single for one in self.accuracy})
+        return Limits(**{accuracy.name: accuracy.single for accuracy in self.accuracy})
 
     def mass(self, case: Case) -> float:
         """Kilogram."""
@@ -348,7 +348,10 @@ class Requirements(CarriesCode):
         if is_code(self.cost_model):
             return _number("costs", self.cost_model, case)
         optics = case.instrument.optics
-        lens, fixed = lens_cost(optics), self.cost_fixed + sum(one.cost for one in case.variation)
+        lens, fixed = (
+            lens_cost(optics),
+            self.cost_fixed + sum(variation.cost for variation in case.variation),
+        )
         if lens:
             return fixed + lens.price
         return fixed + self.cost_of_metre * optics.aperture**self.cost_power

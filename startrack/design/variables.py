@@ -171,7 +171,7 @@ class DesignSpace:
 
     def labels(self) -> dict[str, str]:
         """The names of the variables, and how tables show them."""
-        return {one.name: label(self.case, one.name) for one in self.variables}
+        return {variable.name: label(self.case, variable.name) for variable in self.variables}
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""
@@ -231,7 +231,7 @@ def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
 
 def _branches(case: Case, choices: Sequence[Choice]) -> Iterator[Branch]:
     for values in product(*(choice.values for choice in choices)):
-        chosen = _chosen(case, {one.name: v for one, v in zip(choices, values, strict=True)})
+        chosen = _chosen(case, {which.name: v for which, v in zip(choices, values, strict=True)})
         names = (choice.name.rpartition(".")[2] for choice in choices)
         label = ", ".join(f"{name} {_written(v)}" for name, v in zip(names, values, strict=True))
         yield Branch(label, chosen)
@@ -242,9 +242,15 @@ def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
     rest = dict(values)
     if DETECTOR in rest:
         table = to_table(case)
-        own = {name: one for name, one in table["instrument"]["detector"].items() if name in KEPT}
+        own = {
+            name: setting
+            for name, setting in table["instrument"]["detector"].items()
+            if name in KEPT
+        }
         if "age" in own:
-            own["age"] = {name: one for name, one in own["age"].items() if name not in OF_DEVICE}
+            own["age"] = {
+                name: setting for name, setting in own["age"].items() if name not in OF_DEVICE
+            }
         # A product may refuse the exposure of the case, but not the one that is chosen with it.
         if EXPOSURE in rest:
             own["exposure"] = rest.pop(EXPOSURE)

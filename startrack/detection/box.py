@@ -140,12 +140,12 @@ def take(
         image = corrected(image, plan.correction, plan.settings.saturation)
     expected = star_image(plan.star.psf, box)
     gain = gain_of(frame, 0.0)
-    found = [
-        _search(image, at, one, reach, box, expected, gain.offset)
-        for at, one in zip(place, flux, strict=True)
+    corners = [
+        _search(image, at, light, reach, box, expected, gain.offset)
+        for at, light in zip(place, flux, strict=True)
     ]
     measured = [
-        _measure(image, corner, box, expected, gain) if corner else NOTHING for corner in found
+        _measure(image, corner, box, expected, gain) if corner else NOTHING for corner in corners
     ]
     x, y, total, xx, xy, yy, sigma = np.array(measured, float).reshape(-1, 7).T
     covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
@@ -191,9 +191,12 @@ def _table(psf: Psf, x: float, y: float, half: int) -> Floats:
     """Fractions in 2 half x 2 half pixels of a star (x, y) pixel from the middle of the image."""
     middle = len(psf.table) // 2
     step = np.arange(-half, half) + 0.5
-    at = [np.rint((step - one) * psf.oversampling).astype(int) + middle for one in (y, x)]
-    inside = [(one >= 0) & (one < len(psf.table)) for one in at]
-    clipped = [np.clip(one, 0, len(psf.table) - 1) for one in at]
+    at = [
+        np.rint((step - coordinate) * psf.oversampling).astype(int) + middle
+        for coordinate in (y, x)
+    ]
+    inside = [(coordinate >= 0) & (coordinate < len(psf.table)) for coordinate in at]
+    clipped = [np.clip(coordinate, 0, len(psf.table) - 1) for coordinate in at]
     return np.asarray(psf.table[np.ix_(*clipped)] * np.outer(*inside))
 
 

@@ -181,14 +181,14 @@ def _near(image: Pixels, place: Floats, reach: float, plan: DetectionPlan) -> Ca
     # So that windows far apart in the frame fit together; some of the pixels tell it.
     values = values - np.median(values[:, ::MEDIAN_STRIDE], axis=1)[:, None]
     stack = Pixels(values.reshape(-1, side), image.pivot, image.step, dead)
-    found = find(stack, plan, mesh=side)
-    window = found.y // side
-    x, y = found.x + corner[window, 0], found.y - window * side + corner[window, 1]
+    candidates = find(stack, plan, mesh=side)
+    window = candidates.y // side
+    x, y = candidates.x + corner[window, 0], candidates.y - window * side + corner[window, 1]
     off = np.maximum(abs(x - place[inside][window, 0]), abs(y - place[inside][window, 1]))
     border = settings.window // 2 + settings.edge
     good = (off <= reach + 1) & (np.minimum(x, columns - 1 - x) >= border)
     good &= np.minimum(y, rows - 1 - y) >= border
-    return Candidates(x[good], y[good], found.area[good])
+    return Candidates(x[good], y[good], candidates.area[good])
 
 
 def _stacked(image: NDArray, corner: Ints, side: int) -> NDArray:

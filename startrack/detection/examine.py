@@ -138,7 +138,7 @@ def chance_to_pass(
     spread = np.sqrt(noise * noise + shot * np.maximum(core, 0.0))
     largest = float(np.sqrt((patterns**2).sum(axis=(1, 2)).max()))
     chance, unsure = _without_doubt(core, spread, largest, noise, fraction)
-    core, spread = (np.ascontiguousarray(one[..., unsure]) for one in (core, spread))
+    core, spread = (np.ascontiguousarray(values[..., unsure]) for values in (core, spread))
     chance[unsure] = _passed(core, spread, patterns, noise, fraction) / len(patterns)
     return chance
 

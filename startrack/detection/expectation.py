@@ -72,12 +72,12 @@ def expect(
     """
     settings, kernel, gain = plan.settings, plan.kernel, gain_of(frame, 0.0)
     image = np.ascontiguousarray(frame.image, np.float32)
-    known = Pixels(image, 0.0, 1.0, None, gain)
+    calibrated_image = Pixels(image, 0.0, 1.0, None, gain)
     column, row = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
     rms, skewness, kurtosis = noise_from_gain(np.array([level], np.float32), gain, 1.0, kernel)
     far = equivalent_sigmas(plan.threshold(area), skewness, kurtosis)
     if search is not None:
-        rms, far = (np.array([one], np.float32) for one in search)
+        rms, far = (np.array([number], np.float32) for number in search)
     height = _heights(image, column, row, level, plan.filters) / rms
     # The star's own photons add to the noise of what the filter makes of it.
     light = _light(image, column, row, level, kernel.whole)
@@ -86,7 +86,7 @@ def expect(
     height = np.where(height > 0, np.sqrt(height**2 + 2 * spread**2), height)
     dark = float(rms[0]) / kernel.noise
     kept = _kept(image, column, row, level, dark, gain, settings)
-    seen = sample(frame, known, Candidates(column, row, np.ones_like(row)), settings)
+    seen = sample(frame, calibrated_image, Candidates(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), plan)
@@ -210,12 +210,12 @@ def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan)
     for j in range(-half, half + 1):
         for i in range(-half, half + 1):
             pixel = y + j, x + i
-            held, step = image[pixel], sigma[pixel].astype(np.float32)
-            image[pixel] = held + step
+            before, step = image[pixel], sigma[pixel].astype(np.float32)
+            image[pixel] = before + step
             above = placed(stars, plan)[:, [X, Y]]
-            image[pixel] = held - step
+            image[pixel] = before - step
             below = placed(stars, plan)[:, [X, Y]]
-            image[pixel] = held
+            image[pixel] = before
             slope[:, :, half + j, half + i] = (above - below) / (2 * step)[:, None]
     covariance = middle[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
     corner = np.column_stack([x, y]) - half

@@ -65,8 +65,8 @@ def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
     given = DetectionInput(
         value, dead, gain.electrons_per_dn, gain.read_noise, plan.star.psf, border
     )
-    found = call_code(GROUP, name, given)
-    places = returned(GROUP, name, found, (-1, 2)) if np.size(found) else np.empty((0, 2))
+    answer = call_code(GROUP, name, given)
+    places = returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
     inside = ((places >= 0) & (places < [columns, rows])).all()
     if not inside or (places != np.rint(places)).any():
         raise ValueError(f"{POINTS[GROUP]} {name} must return columns and rows of pixels")
@@ -207,11 +207,20 @@ class _Rules(NamedTuple):
 @kernel
 def _choose(value, dead, image, bright, waiting, ground, far, filters, regions, rules):  # type: ignore[no-untyped-def]
     """Columns, rows and areas of the peaks that `choose` keeps."""
-    found = peaks(image, bright, waiting, rules.min_area, rules.max_area, rules.reach, rules.border)
-    found = split(
-        value, found, ground.mean, ground.rms, ground.mesh, rules.noise, rules.shot, rules.border
+    bright_peaks = peaks(
+        image, bright, waiting, rules.min_area, rules.max_area, rules.reach, rules.border
     )
-    x, y, area = found.x, found.y, found.area
+    bright_peaks = split(
+        value,
+        bright_peaks,
+        ground.mean,
+        ground.rms,
+        ground.mesh,
+        rules.noise,
+        rules.shot,
+        rules.border,
+    )
+    x, y, area = bright_peaks.x, bright_peaks.y, bright_peaks.area
     good = _inside(x, y, regions)
     x, y, area = x[good], y[good], area[good]
     good = stands_out(

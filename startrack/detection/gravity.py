@@ -242,12 +242,12 @@ def _errors(
             sum_x += x
             sum_y += y
     # An error of the background moves all pixels of the window together.
-    whole = law.error**2
+    common = law.error**2
     return (
-        math.sqrt(variance + whole * (2 * half + 1) ** 4),
-        xx + whole * sum_x * sum_x,
-        xy + whole * sum_x * sum_y,
-        yy + whole * sum_y * sum_y,
+        math.sqrt(variance + common * (2 * half + 1) ** 4),
+        xx + common * sum_x * sum_x,
+        xy + common * sum_x * sum_y,
+        yy + common * sum_y * sum_y,
     )
 
 

@@ -102,12 +102,12 @@ def psf_kernel(psf: Psf) -> Kernel:
 
 def _kernel(shape: Floats) -> Kernel:
     # OpenCV correlates, so the star is not turned.
-    whole = (shape / shape.sum()).astype(np.float32)
+    weights = (shape / shape.sum()).astype(np.float32)
     left, strength, right = np.linalg.svd(shape / shape.sum())
     if len(strength) > 1 and strength[1] > SEPARABLE * strength[0]:
-        return Kernel(whole, None, None)
+        return Kernel(weights, None, None)
     line, column = np.abs(right[0]), np.abs(left[:, 0]) * strength[0]
-    return Kernel(whole, line[:, None].astype(np.float32), column[:, None].astype(np.float32))
+    return Kernel(weights, line[:, None].astype(np.float32), column[:, None].astype(np.float32))
 
 
 Grid = NDArray[np.floating[Any]]

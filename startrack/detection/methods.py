@@ -186,15 +186,15 @@ def _measured(
 ) -> Floats:
     """Rows x, y, flux, its sigma, xx, xy, yy of the windows about pixels (n,)."""
     given = _windows(sample, star, sigma, x, y)
-    found = returned(GROUP, name, call_code(GROUP, name, given), (len(x), (3, 6)), finite=False)
+    answer = returned(GROUP, name, call_code(GROUP, name, given), (len(x), (3, 6)), finite=False)
     rows = np.zeros((len(x), 7))
-    rows[:, :3] = found[:, :3]
+    rows[:, :3] = answer[:, :3]
     if not stated:
         return rows
     variance = given.noise[:, None, None] ** 2 + given.shot[:, None, None] * given.signal.clip(0)
-    if found.shape[1] == 6:
+    if answer.shape[1] == 6:
         rows[:, 3] = np.sqrt(variance.sum(axis=(1, 2)))
-        rows[:, 4:] = found[:, 3:]
+        rows[:, 4:] = answer[:, 3:]
     else:
         rows[:, 3:] = _propagated(name, given, variance)
     return rows
@@ -242,9 +242,9 @@ def _propagated(name: str, given: CentroidInput, variance: Floats) -> Floats:
         given.psf,
     )
     shape = (len(changed.signal), (3, 6))
-    found = returned(GROUP, name, call_code(GROUP, name, changed), shape, finite=False)
-    found = found[:, :3].reshape(count, 2, size, 3)
-    by = (found[:, 0] - found[:, 1]) / 2  # slope times sigma
+    answer = returned(GROUP, name, call_code(GROUP, name, changed), shape, finite=False)
+    answer = answer[:, :3].reshape(count, 2, size, 3)
+    by = (answer[:, 0] - answer[:, 1]) / 2  # slope times sigma
     rows = np.empty((count, 4))
     rows[:, 0] = np.sqrt((by[:, :, 2] ** 2).sum(axis=1))
     rows[:, 1:] = (by[:, :, [0, 0, 1]] * by[:, :, [0, 1, 1]]).sum(axis=1)

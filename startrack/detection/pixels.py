@@ -245,8 +245,8 @@ def _narrow(image: NDArray[np.number]) -> tuple[Image, float]:
     """The image as native float32, less its median where float32 alone would lose digits."""
     if image.dtype.itemsize <= (4 if image.dtype.kind == "f" else 2):
         return np.ascontiguousarray(image, np.float32), 0.0
-    known = image[np.isfinite(image)]
-    pivot = float(np.median(known)) if known.size else 0.0
+    given = image[np.isfinite(image)]
+    pivot = float(np.median(given)) if given.size else 0.0
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(image.astype(np.float64) - pivot, np.float32), pivot
 
@@ -254,9 +254,9 @@ def _narrow(image: NDArray[np.number]) -> tuple[Image, float]:
 def _filled(value: Image, dead: NDArray[np.bool_]) -> Image:
     """Dead pixels replaced by the mean of their living neighbours, or else by the median."""
     alive = (~dead).astype(np.float32)
-    known = np.where(dead, np.float32(0), value)
+    light = np.where(dead, np.float32(0), value)
     count = cv2.boxFilter(alive, -1, (3, 3), normalize=False)
-    total = cv2.boxFilter(known, -1, (3, 3), normalize=False)
+    total = cv2.boxFilter(light, -1, (3, 3), normalize=False)
     lonely = np.median(value[~dead])
     mean = np.where(count > 0.5, total / np.maximum(count, 1), lonely)
     return np.where(dead, mean, value).astype(np.float32)
@@ -284,9 +284,9 @@ def subtract_dark(frame: Frame, dark: Frame) -> Frame:
     difference = np.subtract(frame.image, dark.image, dtype=np.float32)
     level = np.nan_to_num(np.asarray(dark.image, np.float32))
     excess = level - cv2.medianBlur(level, NEIGHBOURHOOD)
-    known = difference[np.isfinite(difference)]
-    if len(known):
-        _, noise = clipped(known, 0.0)
+    finite = difference[np.isfinite(difference)]
+    if len(finite):
+        _, noise = clipped(finite, 0.0)
         difference[(excess > HOT * noise) & (excess > 0)] = np.nan
     return replace(frame, image=difference, offset=0.0)
 

@@ -111,12 +111,12 @@ def calibrated(frame: Frame, plan: DetectionPlan) -> Pixels:
 
     Raises  as `pixels`, and ValueError where the map is missing or differs in shape.
     """
-    known, correction = pixels(frame), plan.correction
+    raw, correction = pixels(frame), plan.correction
     if correction is None:
-        return known
-    value = corrected(known.value, correction, plan.settings.saturation, known.pivot)
-    dead = correction.marks if known.dead is None else correction.marks | known.dead
-    return known._replace(value=value, dead=dead)
+        return raw
+    value = corrected(raw.value, correction, plan.settings.saturation, raw.pivot)
+    dead = correction.marks if raw.dead is None else correction.marks | raw.dead
+    return raw._replace(value=value, dead=dead)
 
 
 @lru_cache(maxsize=16)

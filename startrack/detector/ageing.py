@@ -302,7 +302,7 @@ def pixels_above(law: TailLaw, current: Floats, years: float) -> Floats:
     """
     after = years - law.middle
     a, (g1, g2, g3), knee = (
-        _at(law.density, after), [_at(one, after) for one in law.slopes], _at(law.knee, after),
+        _at(law.density, after), [_at(slope, after) for slope in law.slopes], _at(law.knee, after),
     )  # fmt: skip
     a, second, r = max(a, 0.0), law.second, law.at
     a2 = a * (knee / r) ** (g2 - g1)
@@ -316,8 +316,8 @@ def pixels_above(law: TailLaw, current: Floats, years: float) -> Floats:
     return np.minimum(total, 1.0)
 
 
-def _at(one: tuple[float, float, float], after: float) -> float:
-    return one[0] + one[1 if after < 0 else 2] * after
+def _at(line: tuple[float, float, float], after: float) -> float:
+    return line[0] + line[1 if after < 0 else 2] * after
 
 
 def _power_integral(low: Floats, high: float, slope: float) -> Floats:
@@ -338,8 +338,8 @@ def tail_currents(law: TailLaw, quantile: Floats, years: float) -> Floats:
     above = pixels_above(law, grid, years)
     with np.errstate(divide="ignore"):
         rank = np.log(above)[::-1]
-    found = np.exp(np.interp(np.log(quantile), rank, np.log(grid)[::-1]))
-    return np.where(quantile < above[0], found, 0.0)
+    current = np.exp(np.interp(np.log(quantile), rank, np.log(grid)[::-1]))
+    return np.where(quantile < above[0], current, 0.0)
 
 
 def growth_of(activation: float, kelvin: float, reference: float) -> float:
@@ -354,13 +354,13 @@ def damage(shape: tuple[int, int], age: Age, area: float, kelvin: float, device:
     Accuracy  model: independent interactions, one week after they happened.
     """
     mean_rate = mean_damage(age, area, kelvin)
-    each = age.interaction * growth_of(DAMAGE_ACTIVATION, kelvin, 296.0)
+    single = age.interaction * growth_of(DAMAGE_ACTIVATION, kelvin, 296.0)
     number, size = device("displaced atoms").random((2, *shape))
-    expected = mean_rate / each
+    expected = mean_rate / single
     current = np.zeros(shape)
     hit = number > math.exp(-expected)  # the quantile of no event; most pixels have none
     events = np.ceil(special.pdtrik(number[hit], expected)) if expected else number[hit]
-    current[hit] = each * special.gammaincinv(np.maximum(events, 1.0), size[hit])
+    current[hit] = single * special.gammaincinv(np.maximum(events, 1.0), size[hit])
     return current
 
 

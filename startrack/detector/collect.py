@@ -62,12 +62,16 @@ def diffuse_electrons(
     per_photon = efficiency(light, detector, throughput)
     scale = camera.focal_length_px**-2 * detector.exposure
     electrons = np.zeros((detector.rows, detector.columns))
-    for one in light.diffuse:
+    for diffuse_light in light.diffuse:
         down, across = (
             _linear_weights(nodes, pixels)
-            for nodes, pixels in zip(one.fraction.shape, electrons.shape, strict=True)
+            for nodes, pixels in zip(diffuse_light.fraction.shape, electrons.shape, strict=True)
         )
-        electrons += down @ (one.fraction * (one.spectrum @ per_photon * scale)) @ across.T
+        electrons += (
+            down
+            @ (diffuse_light.fraction * (diffuse_light.spectrum @ per_photon * scale))
+            @ across.T
+        )
     return electrons
 
 

@@ -279,8 +279,8 @@ def _settle(out, at, random, other, tables):  # type: ignore[no-untyped-def]
     mask = U32((1 << (ENTRY_BITS - tables.cells)) - 1)
     many = 0
     for column in range(len(at)):
-        found = entry[at[column]]
-        threshold, step = found >> U32(16), found & LOW
+        cell = entry[at[column]]
+        threshold, step = cell >> U32(16), cell & LOW
         bit = (random[column] >> U32(LEVEL_BITS)) & mask
         if bit != threshold and step != LOW:
             out[column] = U32(lowest + step + (bit > threshold))
@@ -292,9 +292,9 @@ def _settle(out, at, random, other, tables):  # type: ignore[no-untyped-def]
 
 @instead_of(_settle)
 def _settle_arrays(out, at, random, other, tables):  # type: ignore[no-untyped-def]
-    found = tables.entry[at]
+    cell = tables.entry[at]
     bit = (random >> U32(LEVEL_BITS)) & U32((1 << (ENTRY_BITS - tables.cells)) - 1)
-    threshold, step = found >> U32(16), found & LOW
+    threshold, step = cell >> U32(16), cell & LOW
     settled = (bit != threshold) & (step != LOW)
     out[settled] = (U32(tables.lowest) + step + (bit > threshold).astype(np.uint32))[settled]
     columns = np.flatnonzero(~settled)

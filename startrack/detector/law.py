@@ -251,9 +251,9 @@ def build(law: Law, first: int, count: int, spacing: float) -> Tables:
     deviation = math.sqrt(mean[-1] + law.noise**2) * law.gain
     cells = math.ceil(math.log2(32 * max(deviation, 0.1)))
     cells = min(max(cells, LEAST_CELLS), MOST_CELLS)
-    entry = np.concatenate([*(_entries(one, cells) for one in limit), [UNSETTLED]]).astype(
-        np.uint32
-    )
+    entry = np.concatenate(
+        [*(_entries(level_limits, cells) for level_limits in limit), [UNSETTLED]]
+    ).astype(np.uint32)
     return Tables(entry, cells, limit, least, first, count, spacing)
 
 

@@ -154,9 +154,9 @@ def after_effects(
     Raises  ValueError where a function raises an error, or returns what it must not.
     """
     for name in names:
-        held = np.array(values, float)
-        held.flags.writeable = False
-        given = EffectInput(held, detector, streams(f"{group} {name}"))
+        before = np.array(values, float)
+        before.flags.writeable = False
+        given = EffectInput(before, detector, streams(f"{group} {name}"))
         values = returned(group, name, call_code(group, name, given), values.shape)
         if group == "charge_effects" and (values < 0).any():
             raise ValueError(
@@ -215,7 +215,7 @@ def present(detector: Detector) -> list[PixelEffect]:
 
 def in_steps(detector: Detector) -> bool:
     """Whether the number of a pixel depends on other pixels, or pixels differ in read noise."""
-    return bool(detector.effects_by_code) or any(one.in_steps for one in present(detector))
+    return bool(detector.effects_by_code) or any(effect.in_steps for effect in present(detector))
 
 
 def require_independent_pixels(detector: Detector) -> None:

@@ -133,7 +133,7 @@ def _star_positions(  # type: ignore[no-untyped-def]
     pixel = position(time.ravel(), np.repeat(here[star], NODES, axis=0))
     electrons = np.outer(star_rate[star], weight / 2 * detector.exposure).ravel()
     edge = np.searchsorted(row, np.arange(len(start) + 1)) * NODES
-    for each in np.unique(row):
-        part = slice(edge[each], edge[each + 1])
+    for number in np.unique(row):
+        part = slice(edge[number], edge[number + 1])
         x, y = pixel[part].T.copy()
-        yield each, x, y, electrons[part]
+        yield number, x, y, electrons[part]

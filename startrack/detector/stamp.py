@@ -105,7 +105,7 @@ def psf_table(psf: Psf | FieldPsf) -> PsfTable:
         several, bend = np.empty((0, *room.shape[1:]), np.float32), NO_BEND
         if isinstance(psf, FieldPsf):
             several = np.ascontiguousarray(room, np.float32)
-            bend = np.array([_bend(one) for one in tables])
+            bend = np.array([_bend(table) for table in tables])
         _shapes[psf] = PsfTable(room[0].copy(), several, bend, *lines, side, step, across)
     return _shapes[psf]
 
@@ -305,10 +305,10 @@ def _sum(star, shape, electrons, first, many, work):  # type: ignore[no-untyped-
 
 
 @kernel
-def _alike(one, other):  # type: ignore[no-untyped-def]
+def _alike(about, other):  # type: ignore[no-untyped-def]
     alike = True
     for k in range(6):
-        alike = alike and one[k] == other[k]
+        alike = alike and about[k] == other[k]
     return alike
 
 

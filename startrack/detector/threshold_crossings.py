@@ -122,9 +122,9 @@ def tilted_law(
     """
     middle = float(np.nanmedian(numbers.place))
     theta = _theta(numbers, weight, level - numbers.lowest * weight.sum(), middle)
-    each, kind = np.unique(weight, return_inverse=True)
+    weights, kind = np.unique(weight, return_inverse=True)
     kind = kind.reshape(weight.shape)
-    tilted = np.exp(theta * np.outer(each, np.arange(numbers.probability.shape[1])))
+    tilted = np.exp(theta * np.outer(weights, np.arange(numbers.probability.shape[1])))
     sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
     whole = _whole(numbers.place, weight)
     tiles = _cumulants(*numbers[:2], theta, weight, kind, sums, whole, shift, mesh, border)

@@ -155,14 +155,14 @@ def fit_lens(
     """
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
-    found = _Fit(spots, matches, STAGES[0])
+    best = _Fit(spots, matches, STAGES[0])
     for free in STAGES[1:]:
-        if 2 * len(found.matches) - 3 - len(free) < LEAST_FREE:
+        if 2 * len(best.matches) - 3 - len(free) < LEAST_FREE:
             break
-        better = _rematched(spots, found, free, stars, index, settings)
-        if better.significant(found.free):
-            found = better
-    return found.lens()
+        better = _rematched(spots, best, free, stars, index, settings)
+        if better.significant(best.free):
+            best = better
+    return best.lens()
 
 
 def _rematched(
@@ -174,11 +174,11 @@ def _rematched(
     settings: Identification,
 ) -> _Fit:
     """The fit with more unknowns, after the matches have stayed the same."""
-    fit, held = _Fit(spots, start.matches, free), replace(settings, focal_tolerance=0.0)
+    fit, settings_held = _Fit(spots, start.matches, free), replace(settings, focal_tolerance=0.0)
     for _ in range(ROUNDS):
         assert fit.matches.icrs_to_camera is not None
         again = refined(
-            spots, usable(spots), fit.matches.camera, stars, index, held,
+            spots, usable(spots), fit.matches.camera, stars, index, settings_held,
             fit.matches.icrs_to_camera.as_matrix(), 1.0,
             math.log(max(start.matches.false_probability, 1e-300)),
         )  # fmt: skip
@@ -261,12 +261,12 @@ class _Fit:
 
     def significant(self, before: tuple[str, ...]) -> bool:
         """Whether the unknowns that were not free before are significantly different from zero."""
-        held = [3 + self.free.index(name) for name in self.free if name not in before]
+        added = [3 + self.free.index(name) for name in self.free if name not in before]
         jacobian = self.found.jac
         covariance = np.linalg.pinv(jacobian.T @ jacobian)
-        offset = np.array([self._offset(self.free[k - 3], self.unknown) for k in held])
-        chi_square = float(offset @ np.linalg.solve(covariance[np.ix_(held, held)], offset))
-        return chi_square / len(held) > SIGNIFICANT * self._chi_square()
+        offset = np.array([self._offset(self.free[k - 3], self.unknown) for k in added])
+        chi_square = float(offset @ np.linalg.solve(covariance[np.ix_(added, added)], offset))
+        return chi_square / len(added) > SIGNIFICANT * self._chi_square()
 
     def _chi_square(self) -> float:
         """Per degree of freedom; at least 1."""
@@ -285,9 +285,9 @@ class _Fit:
             moved = _to_image(*self._at(self.unknown + step)) * centre.inv()
             rows[:, k] = moved.as_rotvec() / max(sigma, 1e-300)
         rms = float(np.sqrt(np.mean(self.residual(self.unknown) ** 2)))
-        found = rows @ covariance @ rows.T
-        found[[0, 1], [0, 1]] += (AXIS / self.camera.focal_length_px) ** 2
-        return LensFit(self.matches, centre, found, rms)
+        axis_covariance = rows @ covariance @ rows.T
+        axis_covariance[[0, 1], [0, 1]] += (AXIS / self.camera.focal_length_px) ** 2
+        return LensFit(self.matches, centre, axis_covariance, rms)
 
 
 def _to_image(camera: Camera, icrs_to_camera: Rotation) -> Rotation:

@@ -97,7 +97,7 @@ def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no c
     radius  radian
     """
     low, high = cubes_around(grid, axis, radius)
-    found = np.empty(most_within(grid, low, high), np.int32)
+    inside = np.empty(most_within(grid, low, high), np.int32)
     count = 0
     limit = np.cos(min(radius, np.pi))
     for i in range(low[0], high[0] + 1):
@@ -106,9 +106,9 @@ def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no c
             for s in range(grid.start[row + low[2]], grid.start[row + high[2] + 1]):
                 d = grid.direction[s]
                 if d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= limit:
-                    found[count] = s
+                    inside[count] = s
                     count += 1
-    return found[:count]
+    return inside[:count]
 
 
 MOST_CELLS = 160  # along an axis: 50 kB, so that the grid stays in the processor's cache

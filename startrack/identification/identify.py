@@ -65,7 +65,7 @@ def identify(
     if len(finite) < settings.min_matches:
         return _too_few(len(finite), camera, settings)
     log_accepted = math.log(settings.max_false_probability)
-    best, tried, found = _identify(
+    best, tried, gathered = _identify(
         see(spots, finite, camera, settings),
         breadth_first(min(len(finite), settings.verify_spots), settings.pattern_spots),
         settings.verify_spots,
@@ -84,7 +84,7 @@ def identify(
         return refined(
             spots, finite, camera, stars, index, settings, best.rotation, best.scale, best.log_p
         )
-    return _solved(found, finite, camera.scaled(found.scale), best.log_p)
+    return _solved(gathered, finite, camera.scaled(gathered.scale), best.log_p)
 
 
 @kernel
@@ -138,21 +138,21 @@ def refined(
     rounds = FOCAL_ROUNDS if camera.distorted and settings.focal_tolerance else 1
     for _ in range(rounds):
         seen = see(spots, finite, camera.scaled(scale), settings)
-        found = gather(seen, index.faint, stars.magnitude_g, rotation, 1.0)
-        scale *= found.scale
-        rotation = found.rotation
-    return _solved(found, finite, camera.scaled(scale), log_p)
+        gathered = gather(seen, index.faint, stars.magnitude_g, rotation, 1.0)
+        scale *= gathered.scale
+        rotation = gathered.rotation
+    return _solved(gathered, finite, camera.scaled(scale), log_p)
 
 
-def _solved(found: Gathered, finite: Ints, camera: Camera, log_p: float) -> Matches:
+def _solved(gathered: Gathered, finite: Ints, camera: Camera, log_p: float) -> Matches:
     return Matches(
         Status.SOLVED,
-        f"{len(found.spot)} of {len(finite)} spots are stars of the catalogue",
-        finite[found.spot],
-        found.star,
-        found.direction,
+        f"{len(gathered.spot)} of {len(finite)} spots are stars of the catalogue",
+        finite[gathered.spot],
+        gathered.star,
+        gathered.direction,
         camera,
-        Rotation.from_quat(found.quaternion),
+        Rotation.from_quat(gathered.quaternion),
         math.exp(log_p),
     )
 

@@ -353,7 +353,7 @@ def _triangles(
     rank      (n,) of the stars; a triangle takes those below crowding / base
     crowding  radian, `_crowding` times the field of view
     """
-    found = np.empty((1024, 3), np.int32)
+    triangles = np.empty((1024, 3), np.int32)
     count = 0
     shortest, longest = 2 * math.sin(smallest / 2), 2 * math.sin(largest / 2)
     for a in range(len(grid.member)):
@@ -366,19 +366,23 @@ def _triangles(
             most = crowding / chord[i]
             if b <= a or not shortest <= chord[i] <= longest or max(rank[a], rank[b]) >= most:
                 continue
-            if count + len(near) > len(found):
-                more = np.empty((2 * len(found), 3), np.int32)
+            if count + len(near) > len(triangles):
+                more = np.empty((2 * len(triangles), 3), np.int32)
                 for k in range(count):
-                    more[k, 0], more[k, 1], more[k, 2] = found[k, 0], found[k, 1], found[k, 2]
-                found = more
+                    more[k, 0], more[k, 1], more[k, 2] = (
+                        triangles[k, 0],
+                        triangles[k, 1],
+                        triangles[k, 2],
+                    )
+                triangles = more
             for j in range(len(near)):
                 c = near[j]
                 if c == a or chord[j] >= chord[i] or rank[c] >= most:
                     continue
                 if _square(grid.direction[c], grid.direction[b]) < chord[i] ** 2:
-                    found[count, 0], found[count, 1], found[count, 2] = a, b, c
+                    triangles[count, 0], triangles[count, 1], triangles[count, 2] = a, b, c
                     count += 1
-    return found[:count]
+    return triangles[:count]
 
 
 @kernel

@@ -141,8 +141,8 @@ def matches_by_code(
         None if predicted is None else predicted.as_matrix(),
         covariance,
     )
-    found = call_code(GROUP, name, given)
-    pairs = returned(GROUP, name, found, (-1, 2)) if np.size(found) else np.empty((0, 2))
+    answer = call_code(GROUP, name, given)
+    pairs = returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
     spot, star = pairs.astype(np.int64).T
     _check(name, pairs, len(usable), len(stars))
     if len(pairs) < fewest:

@@ -72,7 +72,7 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
     if camera.distorted:
         direction = camera.unproject(np.column_stack([spots.x[chosen], spots.y[chosen]]))
         plane_x, plane_y = (direction[:, :2] / direction[:, 2:]).T.copy()
-    flux, snr = (np.asarray(each[chosen], np.float64) for each in (spots.flux, spots.snr))
+    flux, snr = (np.asarray(values[chosen], np.float64) for values in (spots.flux, spots.snr))
     border = (
         _border(camera)
         if camera.distorted

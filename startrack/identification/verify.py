@@ -79,7 +79,7 @@ def verify(
     fewest  matches; with fewer the hypothesis is refused
     """
     star, place = predict(seen, voters.sky, rotation, scale)
-    found = agree(
+    agreed = agree(
         seen,
         voters.sky.direction,
         star,
@@ -90,7 +90,7 @@ def verify(
         fewest,
         -1,
     )
-    return _verdict(seen, voters, star, found, fewest)
+    return _verdict(seen, voters, star, agreed, fewest)
 
 
 @kernel
@@ -105,7 +105,7 @@ def challenge(
     star, place = predict(seen, voters.sky, verdict.rotation, verdict.scale)
     best = verdict
     for without in range(verdict.matches):
-        found = agree(
+        agreed = agree(
             seen,
             voters.sky.direction,
             star,
@@ -116,8 +116,8 @@ def challenge(
             fewest,
             without,
         )
-        if len(found.spot) > best.matches:
-            other = _verdict(seen, voters, star, found, fewest)
+        if len(agreed.spot) > best.matches:
+            other = _verdict(seen, voters, star, agreed, fewest)
             if other.log_p < best.log_p:
                 best = other
     return best
@@ -125,20 +125,27 @@ def challenge(
 
 @kernel
 def _verdict(
-    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], found: Agreed, fewest: int
+    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], agreed: Agreed, fewest: int
 ) -> Verdict:  # pragma: no cover
-    matches = len(found.spot)
-    if matches < fewest or not abs(found.scale - 1) <= _scale_tolerance(seen):
-        return Verdict(found.rotation, found.scale, 0, 0, 0.0)
+    matches = len(agreed.spot)
+    if matches < fewest or not abs(agreed.scale - 1) <= _scale_tolerance(seen):
+        return Verdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
     evidence = weigh(
-        seen, voters, star, found.spot, found.taken, found.distance, found.rotation, found.scale
+        seen,
+        voters,
+        star,
+        agreed.spot,
+        agreed.taken,
+        agreed.distance,
+        agreed.rotation,
+        agreed.scale,
     )
     magnitude = voters.magnitude[star]
     limit = magnitude[order(magnitude)[matches - 1]]
     expected = 0
-    for taken in found.taken:
+    for taken in agreed.taken:
         expected += magnitude[taken] <= limit
-    return Verdict(found.rotation, found.scale, matches, expected, min(-evidence, 0.0))
+    return Verdict(agreed.rotation, agreed.scale, matches, expected, min(-evidence, 0.0))
 
 
 @kernel
@@ -213,8 +220,8 @@ def weigh_prior(
     square, variance = np.empty(len(matched_star)), np.empty(len(matched_star))
     for i in range(len(matched_star)):
         brighter[i] = 0
-        for each in expected:
-            brighter[i] += each < expected[matched_star[i]]
+        for magnitude in expected:
+            brighter[i] += magnitude < expected[matched_star[i]]
         direction = voters.sky.direction[star[matched_star[i]]]
         slopes = derivatives(rotation, direction, scale)
         for axis in range(2):

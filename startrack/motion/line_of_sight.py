@@ -135,11 +135,11 @@ def lobatto_points(count: int) -> tuple[Floats, Floats, Floats]:
     Accuracy  numerical: exact for polynomials of degree 2 j - 3 in each panel.
     """
     panels = math.ceil((count - 1) / (PANEL - 1))
-    each = max(math.ceil((count - 1) / panels), 2) + 1
-    node, weight = _lobatto(each)
-    total = np.zeros(panels * (each - 1) + 1)
+    nodes = max(math.ceil((count - 1) / panels), 2) + 1
+    node, weight = _lobatto(nodes)
+    total = np.zeros(panels * (nodes - 1) + 1)
     for k in range(panels):
-        total[k * (each - 1) : (k + 1) * (each - 1) + 1] += weight / (2 * panels)
+        total[k * (nodes - 1) : (k + 1) * (nodes - 1) + 1] += weight / (2 * panels)
     return np.arange(panels) / panels - 0.5, (node + 1) / (2 * panels), total
 
 

@@ -47,8 +47,8 @@ def lines_by_code(
 
     Raises  ValueError where the function raises an error, or returns what it must not.
     """
-    found = call_code(GROUP, name, JitterInput(exposure, generator))
-    lines = returned(GROUP, name, found, (-1, 7))
+    answer = call_code(GROUP, name, JitterInput(exposure, generator))
+    lines = returned(GROUP, name, answer, (-1, 7))
     if (lines[:, 0] < 0).any():
         raise ValueError(f"{POINTS[GROUP]} {name} must return no negative frequency")
     return lines[:, 0], lines[:, 1:4] - 1j * lines[:, 4:]
@@ -159,7 +159,7 @@ class MotionRealisation:
         lines = []
         for axis, used in enumerate((amplitude != 0).T):
             a, b = first[:, used] * amplitude[used, axis], second[:, used].conj()
-            real = [np.concatenate([one.real, one.imag], axis=1) for one in (a, b)]
+            real = [np.concatenate([phasor.real, phasor.imag], axis=1) for phasor in (a, b)]
             lines.append(np.einsum("pk,jk->pj", *real) - self.cosine[:, axis].sum())
         time = np.add.outer(start, step)
         return -(time[..., None] * self.rate + np.stack(lines, axis=-1))
@@ -192,7 +192,7 @@ def realise_motion(
         for number, tone in enumerate(motion.tones)
         if not tone.silent
     ]
-    lines += [_broadband(one, exposure, streams) for one in motion.broadband]
+    lines += [_broadband(spectrum, exposure, streams) for spectrum in motion.broadband]
     lines += [
         lines_by_code(name, exposure, _generator(streams, f"jitter {name}"))
         for name in motion.jitter

@@ -72,9 +72,9 @@ def wavefront(optics: Optics, model: str, samples: int) -> Wavefront:
         else:
             amplitude = 1 / np.sqrt(cosine)
     x, y = coordinate * in_lens, coordinate[:, None] * in_lens
-    for each in optics.aberrations:
-        if each.growth == 0 and each.rms:
-            path = path + each.rms * zernike(each.noll, x, y)
+    for aberration in optics.aberrations:
+        if aberration.growth == 0 and aberration.rms:
+            path = path + aberration.rms * zernike(aberration.noll, x, y)
     weight = opened * amplitude
     return Wavefront(coordinate, weight, path, float((weight * amplitude).sum()), scale / (2 * rim))
 
@@ -139,7 +139,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
     if optics.psf != "auto":
         model, reason = optics.psf, "the design names it"
     else:
-        model = next(each for each in MODELS if errors[each] <= optics.psf_tolerance)
+        model = next(candidate for candidate in MODELS if errors[candidate] <= optics.psf_tolerance)
         before = MODELS[MODELS.index(model) - 1] if model != MODELS[0] else None
         reason = f"it keeps {optics.psf_tolerance:.1g} of the peak and no model is cheaper"
         if before and math.isinf(errors[before]):

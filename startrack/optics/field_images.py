@@ -73,14 +73,14 @@ def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Ban
     return Band(nodes, fraction @ lagrange_weights(nodes, wavelength))
 
 
-def refuse_band(key: str, held: Floats, wavelength: Floats, spectra: Floats) -> None:
+def refuse_band(key: str, of_file: Floats, wavelength: Floats, spectra: Floats) -> None:
     """Refuse detected light beyond the wavelengths (metre) that a file holds.
 
     key  of the design that names the file
     """
     detected = (spectra > 1e-4 * spectra.max(axis=1, keepdims=True)).any(axis=0)
     first, last = wavelength[detected][[0, -1]]
-    low, high = held[[0, -1]]
+    low, high = of_file[[0, -1]]
     bin_width = float(np.diff(wavelength).max(initial=0.0))
     if first < low - bin_width or last > high + bin_width:
         raise Refused(
@@ -118,9 +118,11 @@ def camera_through(
     angles = edge * np.sqrt((np.arange(FITTED) + 0.5) / FITTED)
     image, tangent = places(angles), np.tan(angles)
     powers = tangent[:, None] ** np.array([1, 3, 5, 7]) / tangent[-1] ** np.array([0, 2, 4, 6])
-    found = np.linalg.lstsq(powers, image, rcond=None)[0] / tangent[-1] ** np.array([0, 2, 4, 6])
-    k1, k2, k3 = (float(each) for each in found[1:] / found[0])
-    return Camera(columns, rows, float(found[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
+    coefficients = np.linalg.lstsq(powers, image, rcond=None)[0] / tangent[-1] ** np.array(
+        [0, 2, 4, 6]
+    )
+    k1, k2, k3 = (float(coefficient) for coefficient in coefficients[1:] / coefficients[0])
+    return Camera(columns, rows, float(coefficients[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
 
 
 def images_over_frame(
@@ -150,12 +152,12 @@ def images_over_frame(
         return _reflected(*made[key], away_x, away_y)
 
     images = [[node(float(u), float(v)) for u in x] for v in y]
-    tables = np.array([[one[0] for one in row] for row in images])
+    tables = np.array([[image[0] for image in row] for row in images])
     tables = tables.reshape(len(y) * len(x) * len(colour), -1)
     basis, coefficient = _components(tables)
     side = plan.side
     basis = basis.reshape(-1, side, side)
-    centre = np.array([[one[1] for one in row] for row in images])
+    centre = np.array([[image[1] for image in row] for row in images])
     coefficient = coefficient.reshape(len(y), len(x), len(colour), -1)
     value = np.concatenate([centre, coefficient], axis=-1).transpose(2, 0, 1, 3)
     made_of = FieldPsf(
@@ -215,10 +217,10 @@ def _checked(psf: FieldPsf, plan: Plan, camera: Camera) -> tuple[float, float]:
         y = float(psf.y[j] + psf.y[min(j + 1, last_y)]) / 2
         table, centre = plan.image(x - camera.centre[0], y - camera.centre[1])
         many = len(psf.colour)
-        found = psf.at(np.full(many, x), np.full(many, y), psf.colour)
-        made = np.tensordot(found[:, 3:], psf.table, 1)
+        values = psf.at(np.full(many, x), np.full(many, y), psf.colour)
+        made = np.tensordot(values[:, 3:], psf.table, 1)
         worst = max(worst, float(np.abs(made - table).max() / table.max()))
-        far = max(far, float(np.abs(found[:, :2] - centre[:, :2]).max()))
+        far = max(far, float(np.abs(values[:, :2] - centre[:, :2]).max()))
     return worst, far
 
 
@@ -238,11 +240,11 @@ def cube_psf(
     Raises    ValueError where the file does not hold the frame or the band.
     Accuracy  numerical: that of the splines; the error between the nodes of the frame is measured.
     """
-    found = open_psf_file(optics.psf_file)
-    _refuse_colours(found, wavelength, spectra)
+    cube = open_psf_file(optics.psf_file)
+    _refuse_colours(cube, wavelength, spectra)
     count = BAND_NODES if optics.psf_tolerance < COARSE else FEW_NODES
     plan = _Plan(
-        optics, found, camera, pitch, band_of(wavelength, spectra, count), fill_factor, diffusion
+        optics, cube, camera, pitch, band_of(wavelength, spectra, count), fill_factor, diffusion
     )
     return images_over_frame(plan, camera, colour, optics.psf_tolerance < COARSE, nodes)
 
@@ -255,39 +257,39 @@ def camera_of_cube(
 
     As `fit_camera`, to the centroids of the images.
     """
-    found = open_psf_file(optics.psf_file)
-    assert found.place is not None
-    _refuse_colours(found, wavelength, spectrum[None])
+    cube = open_psf_file(optics.psf_file)
+    assert cube.place is not None
+    _refuse_colours(cube, wavelength, spectrum[None])
     band = band_of(wavelength, spectrum[None])
-    n = found.image.shape[-1]
-    at = (np.arange(n) - n // 2) * found.spacing
-    light = found.image.sum(axis=2)
-    centroid = found.place + light @ at / light.sum(axis=-1)
+    n = cube.image.shape[-1]
+    at = (np.arange(n) - n // 2) * cube.spacing
+    light = cube.image.sum(axis=2)
+    centroid = cube.place + light @ at / light.sum(axis=-1)
 
     def places(angles: Floats) -> Floats:
-        over_field = _over_field(found, angles, odd=True)  # (a, f)
-        return np.asarray(band.weight[0] @ (_over_colour(found, band) @ centroid) @ over_field.T)
+        over_field = _over_field(cube, angles, odd=True)  # (a, f)
+        return np.asarray(band.weight[0] @ (_over_colour(cube, band) @ centroid) @ over_field.T)
 
     return camera_through(
-        places, float(found.angle[-1]), "psf_file", columns, rows, pitch, principal
+        places, float(cube.angle[-1]), "psf_file", columns, rows, pitch, principal
     )
 
 
-def _refuse_colours(found: PsfFile, wavelength: Floats, spectra: Floats) -> None:
-    if len(found.wavelength) > 1:
-        refuse_band("psf_file", found.wavelength, wavelength, spectra)
+def _refuse_colours(cube: PsfFile, wavelength: Floats, spectra: Floats) -> None:
+    if len(cube.wavelength) > 1:
+        refuse_band("psf_file", cube.wavelength, wavelength, spectra)
 
 
-def _over_colour(found: PsfFile, band: Band) -> Floats:
+def _over_colour(cube: PsfFile, band: Band) -> Floats:
     """Weights (n, w) of the images at the wavelengths of a band."""
-    nodes = found.wavelength
+    nodes = cube.wavelength
     unit = np.eye(len(nodes))
     return spline(-1 / nodes, unit, -1 / np.clip(band.wavelength, nodes[0], nodes[-1]), 0, DEGREE)
 
 
-def _over_field(found: PsfFile, angles: Floats, odd: bool = False) -> Floats:
+def _over_field(cube: PsfFile, angles: Floats, odd: bool = False) -> Floats:
     """Weights (a, f) of the values at field angles, which are odd or even in the angle."""
-    nodes = found.angle
+    nodes = cube.angle
     if len(nodes) == 1:
         return np.ones((len(angles), 1))
     unit = np.eye(len(nodes))
@@ -300,20 +302,20 @@ class _Plan:
     """What the images of all places share."""
 
     def __init__(
-        self, optics: Optics, found: PsfFile, camera: Camera, pitch: float, band: Band,
+        self, optics: Optics, cube: PsfFile, camera: Camera, pitch: float, band: Band,
         fill_factor: float, diffusion: float,
     ) -> None:  # fmt: skip
-        self.found, self.camera, self.pitch, self.band = found, camera, pitch, band
+        self.found, self.camera, self.pitch, self.band = cube, camera, pitch, band
         corner = camera.half_diagonal
-        last = float(found.angle[-1])
-        if len(found.angle) > 1 and corner > last * (1 + 1e-6) + 1e-9:
+        last = float(cube.angle[-1])
+        if len(cube.angle) > 1 and corner > last * (1 + 1e-6) + 1e-9:
             raise Refused(
                 f"psf_file must hold the field to the corner of the detector, "
                 f"{math.degrees(corner):.4g} deg, but ends at {math.degrees(last):.4g} deg"
             )
         self.blur = math.hypot(optics.total_blur, diffusion) / pitch
         self.pixel = math.sqrt(fill_factor)
-        light = found.image / found.image.sum(axis=(2, 3), keepdims=True)
+        light = cube.image / cube.image.sum(axis=(2, 3), keepdims=True)
         # At negative angles an image is turned by half a turn: its even and odd parts.
         self.even = (light + light[..., ::-1, ::-1]) / 2
         self.odd = (light - light[..., ::-1, ::-1]) / 2
@@ -321,10 +323,10 @@ class _Plan:
             light = light[..., 1:, 1:]
             self.even = (light + light[..., ::-1, ::-1]) / 2
             self.odd = (light - light[..., ::-1, ::-1]) / 2
-        self.over_colour = _over_colour(found, band)
-        half = light.shape[-1] // 2 * found.spacing / pitch
+        self.over_colour = _over_colour(cube, band)
+        half = light.shape[-1] // 2 * cube.spacing / pitch
         self.oversampling = FINE
-        lateral = 0.0 if found.place is None else float(np.ptp(found.place, axis=0).max()) / pitch
+        lateral = 0.0 if cube.place is None else float(np.ptp(cube.place, axis=0).max()) / pitch
         self.half = math.ceil((math.ceil(half + lateral) + 0.5) * FINE)
         more = math.ceil((self.pixel / 2 + 5 * self.blur) * FINE)
         self.room = math.ceil((self.half + more) / FINE + 0.5) * FINE + FINE // 2 + 3
@@ -338,31 +340,31 @@ class _Plan:
 
     def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
         """Table (c, m, m) of each spectrum; its shift (pixel) and relative flux, (c, 3)."""
-        found, band = self.found, self.band
+        cube, band = self.found, self.band
         place = np.array([[away_x, away_y]]) + self.camera.centre
         direction = self.camera.unproject(place)[0]
         angle = math.atan2(math.hypot(direction[0], direction[1]), direction[2])
-        angle = min(angle, float(found.angle[-1])) if len(found.angle) > 1 else angle
+        angle = min(angle, float(cube.angle[-1])) if len(cube.angle) > 1 else angle
         azimuth = math.atan2(direction[1], direction[0])
         at = np.array([angle])
-        even, odd = _over_field(found, at)[0], _over_field(found, at, odd=True)[0]
+        even, odd = _over_field(cube, at)[0], _over_field(cube, at, odd=True)[0]
         light = np.tensordot(even, self.even, (0, 1))
-        light += np.tensordot(odd, self.odd, (0, 1)) if len(found.angle) > 1 else self.odd[:, 0]
+        light += np.tensordot(odd, self.odd, (0, 1)) if len(cube.angle) > 1 else self.odd[:, 0]
         spectra = band.weight
         shift = np.zeros((len(spectra), 2))
         turn = np.array([math.cos(azimuth), math.sin(azimuth)])
-        if found.place is None:
+        if cube.place is None:
             mixed = np.tensordot(spectra @ self.over_colour, light, 1)
-            tables = [self._table(one, 0.0, azimuth) for one in mixed]
+            tables = [self._table(image, 0.0, azimuth) for image in mixed]
         else:
-            radial = self.over_colour @ (found.place @ odd)  # metre, at each wavelength
+            radial = self.over_colour @ (cube.place @ odd)  # metre, at each wavelength
             centre = spectra @ radial
             coloured = np.tensordot(self.over_colour, light, 1)
             tables = []
             for weight, middle in zip(spectra, centre, strict=True):
                 parts = [
-                    w * self._turned(one, (here - middle) / self.pitch, azimuth)
-                    for w, one, here in zip(weight, coloured, radial, strict=True)
+                    w * self._turned(image, (here - middle) / self.pitch, azimuth)
+                    for w, image, here in zip(weight, coloured, radial, strict=True)
                 ]
                 tables.append(self._averaged(np.sum(parts, axis=0)))
             shift = np.outer(centre / self.pitch, turn) - [away_x, away_y]

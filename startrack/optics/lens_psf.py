@@ -91,28 +91,28 @@ class Lens(NamedTuple):
 
         Raises  ValueError where the table does not hold them.
         """
-        found = self.table.at(self.temperature, wavelength, field)
+        traced = self.table.at(self.temperature, wavelength, field)
         size, opening = self.scale, self.table.f_number / self.optics.f_number
-        stop, clear = found.pupil[..., :3], found.pupil[..., 3:]
+        stop, clear = traced.pupil[..., :3], traced.pupil[..., 3:]
         low = np.maximum(clear[..., 0] - clear[..., 1], stop[..., 0] - opening * stop[..., 1])
         high = np.minimum(clear[..., 0] + clear[..., 1], stop[..., 0] + opening * stop[..., 1])
         across = np.minimum(clear[..., 2], opening * stop[..., 2])
         if not (high > low).all():
             raise Refused("f_number must leave the pupil open over the field of lens_file")
         used = np.stack([(low + high) / 2, (high - low) / 2, across], axis=-1)
-        outline, area = found.outline, found.area
+        outline, area = traced.outline, traced.area
         if opening < 1:
-            outline = _stopped(stop * (1, opening, opening), clear, found.outline, used)
-            area = area * (_rim_area(used, outline) / _rim_area(clear, found.outline))
-        curvature = found.curvature / size
+            outline = _stopped(stop * (1, opening, opening), clear, traced.outline, used)
+            area = area * (_rim_area(used, outline) / _rim_area(clear, traced.outline))
+        curvature = traced.curvature / size
         nearer = 1 + curvature[..., None] * self.optics.defocus
         return LensPoints(
-            found.wavefront * size,
-            found.place * size,
+            traced.wavefront * size,
+            traced.place * size,
             np.concatenate([stop, used], axis=-1) / nearer,
             outline,
             area * size**2,
-            found.amplitude,
+            traced.amplitude,
             curvature,
         )
 
@@ -207,8 +207,8 @@ class _Star:
             u, v = u / opening, v / opening
             cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
             x, y = u * cosine - v * sine, u * sine + v * cosine
-            for each in self.extra.aberrations:
-                total += each.rms * zernike(each.noll, x, y)
+            for aberration in self.extra.aberrations:
+                total += aberration.rms * zernike(aberration.noll, x, y)
         return total
 
     def light(self, p: Floats, q: Floats) -> Floats:
@@ -230,7 +230,7 @@ class _Star:
                     and the rows of the detector
         Returns     (n, n) metre
         """
-        added = [noll_to_nm(each.noll)[0] for each in self.extra.aberrations]
+        added = [noll_to_nm(aberration.noll)[0] for aberration in self.extra.aberrations]
         degree = max([self.power.shape[0] - 1, *added])
 
         def path(p: Floats, q: Floats) -> Floats:
@@ -251,12 +251,12 @@ class _Star:
         x, y = node * reach, node[:, None] * reach
         cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
         p, q = self.pupil[3] - (x * cosine + y * sine), x * sine - y * cosine
-        found: NDArray[Any] = values(p.ravel(), q.ravel()).reshape(p.shape)
+        at_nodes: NDArray[Any] = values(p.ravel(), q.ravel()).reshape(p.shape)
         weight: NDArray[Any] = (
             np.polynomial.chebyshev.chebvander(coordinate / reach, len(node) - 1) @ through
         )
-        found, weight = found.astype(coordinate.dtype), weight.astype(coordinate.dtype)
-        return np.asarray(weight @ found @ weight.T)
+        at_nodes, weight = at_nodes.astype(coordinate.dtype), weight.astype(coordinate.dtype)
+        return np.asarray(weight @ at_nodes @ weight.T)
 
     def open_pupil(
         self, coordinate: NDArray[np.float32], cell: float
@@ -266,7 +266,7 @@ class _Star:
         coordinate, cell  of a square, as those of `path_over_square`; their spacing
         """
         cosine, sine = np.float32(math.cos(self.azimuth)), np.float32(math.sin(self.azimuth))
-        half_p, half_q = (np.float32(one) for one in self.pupil[4:])
+        half_p, half_q = (np.float32(half) for half in self.pupil[4:])
         column = coordinate[:, None]
         # The direction cosines from the centre, in half axes.
         a = coordinate * (-cosine / half_p) + column * (-sine / half_p)
@@ -391,26 +391,26 @@ def _powers(noll: tuple[int, ...]) -> Floats:
     return table
 
 
-def _power_series(table: LensTable, found: LensPoints) -> tuple[Floats, Floats]:
+def _power_series(table: LensTable, points: LensPoints) -> tuple[Floats, Floats]:
     """Coefficients (n, m, i, j) of u^i v^(2 j) of the wavefront (metre) and of the amplitude.
 
     Those of an even amplitude are no numbers.
     """
     noll = tuple(table.noll.tolist())
-    wavefront = np.tensordot(found.wavefront, _powers(noll), 1)
-    terms = found.amplitude.shape[-1]
+    wavefront = np.tensordot(points.wavefront, _powers(noll), 1)
+    terms = points.amplitude.shape[-1]
     if not terms:
-        return wavefront, np.empty((*found.place.shape, 0, 0))
-    amplitude = np.tensordot(found.amplitude, _powers(noll[:terms]), 1)
+        return wavefront, np.empty((*points.place.shape, 0, 0))
+    amplitude = np.tensordot(points.amplitude, _powers(noll[:terms]), 1)
     amplitude[..., 0, 0] += 1
     return wavefront, amplitude
 
 
 def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> list[list[_Star]]:
     """For each field angle, a star at each wavelength."""
-    found = lens.at(wavelength, fields)
-    power, amplitude = _power_series(lens.table, found)
-    defocus = lens.defocus(found.curvature)
+    points = lens.at(wavelength, fields)
+    power, amplitude = _power_series(lens.table, points)
+    defocus = lens.defocus(points.curvature)
     rows = []
     for f, field in enumerate(fields):
         extra = lens.optics
@@ -418,8 +418,8 @@ def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> li
             extra = at_field(extra, field * math.cos(azimuth), field * math.sin(azimuth))
         rows.append([
             _Star(
-                lens, extra, float(one), azimuth, power[j, f], float(found.place[j, f]),
-                found.pupil[j, f], found.outline[j, f], float(found.area[j, f]), amplitude[j, f],
+                lens, extra, float(one), azimuth, power[j, f], float(points.place[j, f]),
+                points.pupil[j, f], points.outline[j, f], float(points.area[j, f]), amplitude[j, f],
                 float(defocus[j, f]),
             )
             for j, one in enumerate(wavelength)
@@ -445,9 +445,9 @@ def fit_camera(
     band = band_of(wavelength, spectrum[None], _wavelengths(lens.optics))
     last = float(lens.table.field[-1])
     nodes = np.linspace(0, last, CAMERA_NODES)
-    found = lens.at(band.wavelength, nodes)
-    flux = band.weight[0][:, None] * found.area
-    centroid = (flux * _centroids(lens, found)).sum(axis=0) / flux.sum(axis=0)
+    points = lens.at(band.wavelength, nodes)
+    flux = band.weight[0][:, None] * points.area
+    centroid = (flux * _centroids(lens, points)).sum(axis=0) / flux.sum(axis=0)
     mirrored = np.concatenate([-nodes[:0:-1], nodes]), np.concatenate([-centroid[:0:-1], centroid])
 
     def places(angles: Floats) -> Floats:
@@ -456,21 +456,21 @@ def fit_camera(
     return camera_through(places, last, "lens_file", columns, rows, pitch, principal)
 
 
-def _centroids(lens: Lens, found: LensPoints) -> Floats:
+def _centroids(lens: Lens, points: LensPoints) -> Floats:
     """Centroids (n, m) of stars along the radius, metre, without the design's aberrations."""
-    power, amplitude = _power_series(lens.table, found)
-    centre, half_p, half_q, middle, open_p, open_q = np.moveaxis(found.pupil, -1, 0)[..., None]
+    power, amplitude = _power_series(lens.table, points)
+    centre, half_p, half_q, middle, open_p, open_q = np.moveaxis(points.pupil, -1, 0)[..., None]
     u, v, weight = GAUSSIAN
-    farther = np.hypot(u, v) / rim_distance(found.outline, *np.broadcast_arrays(u, v, middle)[:2])
+    farther = np.hypot(u, v) / rim_distance(points.outline, *np.broadcast_arrays(u, v, middle)[:2])
     p, q = middle + open_p * u * farther, open_q * v * farther
     # A ray meets the detector at -dW/dp.
     along = power[..., 1:, :] * np.arange(1.0, power.shape[-2])[:, None]
     in_stop = (centre - p) / half_p, (q / half_q) ** 2
     x = _polynomial(along, *in_stop) / half_p
-    x += lens.defocus(found.curvature)[..., None] * p / np.sqrt(1 - p * p - q * q)
+    x += lens.defocus(points.curvature)[..., None] * p / np.sqrt(1 - p * p - q * q)
     light = _polynomial(amplitude, *in_stop) if amplitude.size else 1.0
     weight = weight * (farther * light) ** 2
-    return np.asarray(found.place + (x * weight).sum(axis=-1) / weight.sum(axis=-1))
+    return np.asarray(points.place + (x * weight).sum(axis=-1) / weight.sum(axis=-1))
 
 
 def _wavelengths(optics: Optics) -> int:
@@ -514,8 +514,8 @@ def mirrored(optics: Optics, camera: Camera) -> bool:
     centred = camera.principal_x == camera.principal_y == 0
     if optics.psf_file:
         return centred and open_psf_file(optics.psf_file).even and not (camera.p1 or camera.p2)
-    constant = any(each.growth == 0 for each in optics.aberrations)
-    odd = any(noll_to_nm(each.noll)[1] < 0 for each in optics.aberrations)
+    constant = any(aberration.growth == 0 for aberration in optics.aberrations)
+    odd = any(noll_to_nm(aberration.noll)[1] < 0 for aberration in optics.aberrations)
     return centred and not constant and not odd
 
 
@@ -558,7 +558,9 @@ class _Plan:
         points = SAMPLED * (highest + min(highest, passed)) * pitch
         sampling = int(np.clip(math.ceil(PER_SIGMA * pitch / core), COARSEST, FINEST))
         if self.rough:
-            sampling = min(ROUGH, key=lambda one: (one * math.ceil(points / one), one))
+            sampling = min(
+                ROUGH, key=lambda samples: (samples * math.ceil(points / samples), samples)
+            )
         tables = NODES**2 * len(band.weight)
         while sampling > COARSEST and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS:
             sampling -= 1
@@ -604,7 +606,7 @@ class _Plan:
     def _spread(self, away_x: float, away_y: float) -> float:
         """Metre, within which all but KEPT_RAYS of the light meets the detector."""
         x, y, share = np.array([star.rays for star in self.stars(away_x, away_y)]).swapaxes(0, 1)
-        middle_x, middle_y = ((one * share).sum(axis=1)[:, None] for one in (x, y))
+        middle_x, middle_y = ((at * share).sum(axis=1)[:, None] for at in (x, y))
         radius = np.hypot(x - middle_x, y - middle_y).ravel()
         order = np.argsort(radius)
         light = np.maximum(self.band.weight, 0)

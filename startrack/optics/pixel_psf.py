@@ -76,8 +76,8 @@ def irradiance_by_code(
     """
     name, line = optics.psf, (np.arange(count, dtype=float) - count // 2) * spacing
     x, y = np.meshgrid(line, line)
-    found = call_code(GROUP, name, PsfInput(x, y, wavelength, weight, optics))
-    plane = returned(GROUP, name, found, (count, count))
+    answer = call_code(GROUP, name, PsfInput(x, y, wavelength, weight, optics))
+    plane = returned(GROUP, name, answer, (count, count))
     if (plane < 0).any() or not plane.any():
         raise ValueError(f"{POINTS[GROUP]} {name} must return irradiances that are not negative")
     return np.asarray(plane / (plane.sum() * spacing**2))
@@ -227,8 +227,8 @@ def _airy(
 ) -> Psf:  # fmt: skip
     def transfer(frequency: Floats) -> Floats:
         pupil = np.zeros_like(frequency)
-        for fraction, each in zip(weight, wavelength, strict=True):
-            pupil += fraction * pupil_transfer(frequency, each, f_number)
+        for fraction, metre in zip(weight, wavelength, strict=True):
+            pupil += fraction * pupil_transfer(frequency, metre, f_number)
         return pupil * blur_transfer(frequency, blur)
 
     cusp = 4 / math.pi * float(weight @ wavelength) * f_number
@@ -351,12 +351,12 @@ def irradiance(
     cell = wave.coordinate[1] - wave.coordinate[0]
     grid = (np.arange(count) - count // 2) * spacing
     total = np.zeros((count, count))
-    for fraction, each in zip(weight, wavelength, strict=True):
-        disk = each * wave.f_number
+    for fraction, metre in zip(weight, wavelength, strict=True):
+        disk = metre * wave.f_number
         # By Parseval the integral over the whole plane is one.
         unit = fraction * cell**2 / (4 * wave.energy * disk**2)
         total += unit * intensity(
-            wave.weight, 2 * math.pi / each * wave.path, wave.coordinate, grid / disk
+            wave.weight, 2 * math.pi / metre * wave.path, wave.coordinate, grid / disk
         )
     return total
 
@@ -409,14 +409,14 @@ def at_field(optics: Optics, x: float, y: float) -> Optics:
     """
     height, azimuth = math.hypot(x, y) / optics.field_edge, math.atan2(y, x)
     terms: dict[int, float] = defaultdict(float)
-    for each in optics.aberrations:
-        rms = each.rms * height**each.growth if each.growth else each.rms
-        n, m = noll_to_nm(each.noll)
-        turn = abs(m) * azimuth if each.growth else 0.0
+    for aberration in optics.aberrations:
+        rms = aberration.rms * height**aberration.growth if aberration.growth else aberration.rms
+        n, m = noll_to_nm(aberration.noll)
+        turn = abs(m) * azimuth if aberration.growth else 0.0
         if m < 0:
             turn += math.pi / 2  # a sine is a cosine shifted by a quarter of its period
         if m == 0:
-            terms[each.noll] += rms
+            terms[aberration.noll] += rms
         else:
             terms[nm_to_noll(n, abs(m))] += rms * math.cos(turn)
             terms[nm_to_noll(n, -abs(m))] += rms * math.sin(turn)

@@ -82,9 +82,9 @@ class Pupil(Parameters):
                 "vanes and vane_width must both be zero or both not, got "
                 f"{self.vanes} and {self.vane_width}"
             )
-        for one, other in combinations(self.segments, 2):
-            if one.overlaps(other):
-                raise Refused(f"segments must not overlap, got {one} and {other}")
+        for segment, other in combinations(self.segments, 2):
+            if segment.overlaps(other):
+                raise Refused(f"segments must not overlap, got {segment} and {other}")
 
     @property
     def clear(self) -> bool:
@@ -132,8 +132,8 @@ def area_weights(pupil: Pupil, x: Floats, cell: float) -> Floats:
     y = x[:, None]
     if pupil.segments:
         mask = np.zeros((len(x), len(x)))
-        for each in pupil.segments:
-            mask += _segment(each, x - each.x, y - each.y, cell)
+        for segment in pupil.segments:
+            mask += _segment(segment, x - segment.x, y - segment.y, cell)
     else:
         mask = soft_step((np.hypot(x, y) - 1) / cell)
     if pupil.obscuration:

@@ -36,9 +36,9 @@ def targets(case: Case, camera: Camera, expected: Rotation) -> tuple[Ints, Float
     near = nearby(sky, expected, camera)
     place = camera.project(expected.apply(sky.stars.direction[near]))
     border = box_reach(box, camera.focal_length_px) + MARGIN + 1
-    whole = (place >= border).all(axis=1)
-    whole &= (place <= np.array([camera.columns, camera.rows]) - 1 - border).all(axis=1)
-    chosen = np.flatnonzero(whole)[: box.stars]
+    complete = (place >= border).all(axis=1)
+    complete &= (place <= np.array([camera.columns, camera.rows]) - 1 - border).all(axis=1)
+    chosen = np.flatnonzero(complete)[: box.stars]
     return near[chosen], place[chosen]
 
 

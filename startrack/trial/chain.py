@@ -247,8 +247,8 @@ def solve_matches(
     tolerance = tracker.identification.focal_tolerance
     if stretch is not None and len(matches):
         spots, matches = shrunk(spots, matches, tracker, stretch)
-    known = None if systematic is None else systematic[matches.star]
-    return solve(spots, matches, tracker.attitude, tolerance, known, shared)
+    variance = None if systematic is None else systematic[matches.star]
+    return solve(spots, matches, tracker.attitude, tolerance, variance, shared)
 
 
 def shrunk(

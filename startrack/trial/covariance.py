@@ -47,23 +47,23 @@ def fitted(
         seen = camera.centre + (seen - camera.centre) / scale[:, None, None]
     observed = camera.unproject(seen.reshape(-1, 2)).reshape(reference.shape)
     weight = np.where(there, camera.focal_length_px**2 / noise, 0.0)
-    found = align(observed, reference, weight)
+    alignment = align(observed, reference, weight)
     # As the tracker's solver does with residuals that the noise does not explain.
     freedom = np.maximum(2 * there.sum(axis=1) - (4 if tolerance else 3), 1)
-    chance = special.chdtrc(freedom, 2 * found.loss)
-    excess = np.where(chance < SURPRISE, 2 * found.loss / freedom, 1.0)
-    covariance = found.covariance
+    chance = special.chdtrc(freedom, 2 * alignment.loss)
+    excess = np.where(chance < SURPRISE, 2 * alignment.loss / freedom, 1.0)
+    covariance = alignment.covariance
     if tolerance:
         covariance = scale_unknown(covariance, observed, weight, tolerance)
     covariance = covariance * excess[:, None, None]
     shared = shared_errors(case)
     if shared is not None:
-        enough = found.observability == Observability.OBSERVED
+        enough = alignment.observability == Observability.OBSERVED
         inverse = (there / noise)[enough, :, None, None] * np.eye(2)
         plane = observed[enough, :, :2] / observed[enough, :, 2:]
         gain = attitude_gain(plane, inverse, camera.focal_length_px, tolerance)
         covariance[enough] += shared.added(gain, seen[enough])
-    return found, covariance
+    return alignment, covariance
 
 
 @kernel
@@ -198,12 +198,12 @@ def _tried(
         reference = plan.field.believed[stars]
         noise = np.where(there, drawn.variance[part, :used], 1.0) + plan.field.systematic[stars]
         seen = np.where(there[..., None], drawn.pixel[part, :used], 0.0)
-        found, covariance = fitted(case, matrix[part], seen, reference, noise, there)
+        alignment, covariance = fitted(case, matrix[part], seen, reference, noise, there)
         solved = (matched[part] >= case.tracker.identification.min_matches) & (
-            found.observability == Observability.OBSERVED
+            alignment.observability == Observability.OBSERVED
         )
         judged[part] = judge_all(
-            found.source_to_target, covariance, truth[part], matched[part], spots[part], solved
+            alignment.source_to_target, covariance, truth[part], matched[part], spots[part], solved
         )
     return judged
 

@@ -44,7 +44,7 @@ def dark_currents(detector: Detector) -> tuple[float, float]:
 def dark_electrons(detector: Detector) -> tuple[float, float]:
     """`dark_currents` in an exposure, electron in a pixel of the image."""
     growth = detector.thermal.growth if detector.thermal else 1.0
-    mean, spread = (growth * detector.exposure * one for one in dark_currents(detector))
+    mean, spread = (growth * detector.exposure * current for current in dark_currents(detector))
     return mean * detector.binning**2, spread * detector.binning
 
 

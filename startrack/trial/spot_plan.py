@@ -204,14 +204,14 @@ def limits_of(case: Case) -> Limits:
     shapes = [psf]
     if instrument.optics.tabulated:
         images = field_psf_of(instrument)
-        shapes += [images.image(*one)[0] for one in zones_of(case).middles]
-    peak = max(float(star_profile(one, detection.kernel)[0]) for one in shapes)
+        shapes += [images.image(*zone)[0] for zone in zones_of(case).middles]
+    peak = max(float(star_profile(zone, detection.kernel)[0]) for zone in shapes)
     faintest = max(threshold - FAINTEST, LEAST) * noise / peak
-    found = np.flatnonzero(
+    detectable = np.flatnonzero(
         flux >= min(faintest, flux.max())
     )  # at least one, so that arrays are not empty
-    found = found[np.argsort(stars.direction[found, 2])]
-    return Limits(faintest, float(flux[found].max(initial=faintest)), found)
+    detectable = detectable[np.argsort(stars.direction[detectable, 2])]
+    return Limits(faintest, float(flux[detectable].max(initial=faintest)), detectable)
 
 
 @kept(8)
@@ -227,10 +227,10 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     detector, camera = instrument.detector, instrument.camera
     stars = open_sky(case.catalog).stars
     flux, sky = arriving(_light(case.catalog, case.scene), camera, detector, throughput(instrument))
-    faintest, brightest, found = limits
+    faintest, brightest, detectable = limits
     lens = instrument.optics.tabulated
     believed = open_sky(case.believed_catalog).stars
-    there, known = believed.find(stars.identifier[found])
+    there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
     grid = Grid(even, sky, search=empty and (empty.noise, empty.far))
     radius = (REACH + 1) / camera.focal_length_px
@@ -240,12 +240,13 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         else response_of(grid, faintest, brightest),
         companion_shift(grid, TYPICAL * faintest),
         Field(
-            np.ascontiguousarray(stars.direction[found]),
-            np.ascontiguousarray(believed.direction[there]), known,
-            np.log(flux[found]), found.astype(np.uint64), systematic_variance(case)[there],
-            *_colours(case, stars.colour[found], believed.colour[there]),
+            np.ascontiguousarray(stars.direction[detectable]),
+            np.ascontiguousarray(believed.direction[there]), is_known,
+            np.log(flux[detectable]), detectable.astype(np.uint64),
+            systematic_variance(case)[there],
+            *_colours(case, stars.colour[detectable], believed.colour[there]),
         ),
-        _companions(stars.direction, flux, found, radius),
+        _companions(stars.direction, flux, detectable, radius),
         view_of(camera, peak_border(settings)),
         case.tracker.attitude.gate,
         false_alarms(detection_plan(even), detector.columns, detector.rows)
@@ -334,14 +335,14 @@ def _light(catalog: Selection, scene: Scene) -> Light:
     return illuminate(scene, open_sky(catalog).stars)
 
 
-def _companions(directions: Floats, flux: Floats, found: Ints, radius: float) -> Companions:
+def _companions(directions: Floats, flux: Floats, detectable: Ints, radius: float) -> Companions:
     """The stars within an angle of each of these, except those that are much fainter."""
-    pairs = cKDTree(directions[found]).query_ball_tree(cKDTree(directions), radius)
-    row = np.repeat(np.arange(len(found)), [len(near) for near in pairs])
+    pairs = cKDTree(directions[detectable]).query_ball_tree(cKDTree(directions), radius)
+    row = np.repeat(np.arange(len(detectable)), [len(near) for near in pairs])
     other = np.fromiter(chain.from_iterable(pairs), np.int64, len(row))
-    bright = flux[other] > flux[found][row] * math.exp(RATIOS[0])
-    kept = (other != np.asarray(found)[row]) & bright
-    start = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=len(found)))])
+    bright = flux[other] > flux[detectable][row] * math.exp(RATIOS[0])
+    kept = (other != np.asarray(detectable)[row]) & bright
+    start = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=len(detectable)))])
     other = other[kept]
     return Companions(start, directions[other].reshape(-1, 3), np.log(flux[other]))
 

@@ -149,7 +149,7 @@ def _mirrored(response: Response, mirror: Floats) -> Response:
             table = np.flip(table, axis) if sign < 0 else table
         return table
 
-    bias, root, light, above, kept = (turned(one) for one in response[1:6])
+    bias, root, light, above, kept = (turned(quantity) for quantity in response[1:6])
     xx, yx, yy = np.moveaxis(root, -1, 0)
     covariance = np.stack(
         [np.stack([xx**2, xx * yx], -1), np.stack([xx * yx, yx**2 + yy**2], -1)], -1
@@ -165,11 +165,11 @@ def _mirrored(response: Response, mirror: Floats) -> Response:
 def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:
     """`Response.least`: interpolated over flux (l, positions), the median of all positions."""
     xx, xy, yy = (seen.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-    each = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)
-    above, *rest = np.median(each[:, good.all(axis=1)], axis=2)
+    values = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)
+    above, *rest = np.median(values[:, good.all(axis=1)], axis=2)
     # A saturated star may pass by less than a fainter one.
     above = np.maximum.accumulate(above)
-    return np.array([np.interp(0.0, above, one) if len(above) else np.nan for one in rest])
+    return np.array([np.interp(0.0, above, figure) if len(above) else np.nan for figure in rest])
 
 
 def hot_pixels(grid: Grid, true: Case, faintest: float, brightest: float) -> HotPixels:

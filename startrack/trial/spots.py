@@ -45,7 +45,7 @@ SIGHT = np.dtype([
 def sights(a, key, response, pull, field, companions, view, through, hot):  # type: ignore[no-untyped-def]
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
     near = in_view(a, field.direction, view)
-    found = np.empty(len(near), SIGHT)
+    sighted = np.empty(len(near), SIGHT)
     count, lens = 0, len(through.table) > 0
     for i in near:
         x, y = _project(a, field.direction[i], view)
@@ -60,7 +60,7 @@ def sights(a, key, response, pull, field, companions, view, through, hot):  # ty
             and view.border <= row < view.rows - view.border
         ):
             continue
-        start, seen = bits(key, field.number[i]), found[count]
+        start, seen = bits(key, field.number[i]), sighted[count]
         if not _measure(x, y, column, row, flux, zone, start, response, hot, seen):
             continue
         if lens:
@@ -74,7 +74,7 @@ def sights(a, key, response, pull, field, companions, view, through, hot):  # ty
         if not np.isnan(seen.dx):
             seen.star, seen.x, seen.y = i, x, y
             count += 1
-    return found[:count]
+    return sighted[:count]
 
 
 def trial_keys(seed: int, numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
@@ -100,14 +100,14 @@ def false_spots(key, mean):  # type: ignore[no-untyped-def]
 def in_view(a, direction, view):  # type: ignore[no-untyped-def]
     """Which stars (k,) of directions (n, 3), in order of z, lie in the cone around the frame."""
     first, last = belt(direction, a[2, 2], math.acos(view.cosine))
-    found = np.empty(last - first, np.int64)
+    inside = np.empty(last - first, np.int64)
     count = 0
     for i in range(first, last):
         d = direction[i]
         if a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2] >= view.cosine:
-            found[count] = i
+            inside[count] = i
             count += 1
-    return found[:count]
+    return inside[:count]
 
 
 @kernel(inline="always")
@@ -198,9 +198,9 @@ def _pulled(dx, dy, ratio, pull):  # type: ignore[no-untyped-def]
     for n in range(8):
         c, b, a = n // 4, (n // 2) % 2, n % 2
         weight = (t if c else 1 - t) * (v if b else 1 - v) * (u if a else 1 - u)
-        one = pull[k + c, j + b, i + a]
-        if not np.isnan(one[0]):
-            x, y, total = x + weight * one[0], y + weight * one[1], total + weight
+        shift = pull[k + c, j + b, i + a]
+        if not np.isnan(shift[0]):
+            x, y, total = x + weight * shift[0], y + weight * shift[1], total + weight
     return x / total, y / total
 
 

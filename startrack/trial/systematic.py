@@ -171,11 +171,11 @@ def systematic_variance(case: Case) -> Floats:
               assumes UNKNOWN_FLOOR; what a residual changes by with temperature is not known to the
               tracker.
     """
-    known = _systematic_variance(case.as_designed)
+    as_designed = _systematic_variance(case.as_designed)
     residual = case.as_designed.instrument.residual if case.design else None
     if residual is None or case.tracker.attitude.centroid_floor is not None:
-        return known
-    return known + residual.rms**2
+        return as_designed
+    return as_designed + residual.rms**2
 
 
 @lru_cache(maxsize=8)
@@ -231,10 +231,10 @@ def _turns(design: Case) -> Floats:
         left.add(Scope.LAUNCH)
     if calibration is None:
         left.add(Scope.UNIT)
-    for one, law in zip(design.variation, design.laws, strict=True):
-        if one.per in left and one.name in TURNS:
-            size = found_at(design, one.name) if one.vary == "relative" else 1.0
-            turn[TURNS.index(one.name)] += size**2 * law.mean_square()
+    for variation, law in zip(design.variation, design.laws, strict=True):
+        if variation.per in left and variation.name in TURNS:
+            size = found_at(design, variation.name) if variation.vary == "relative" else 1.0
+            turn[TURNS.index(variation.name)] += size**2 * law.mean_square()
     return turn
 
 

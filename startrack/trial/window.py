@@ -234,7 +234,7 @@ def path_points(
     ]
     if len(parts) == 1:
         return parts[0]
-    weight, x, y = (np.concatenate(each) for each in zip(*parts, strict=True))
+    weight, x, y = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return weight, x, y
 
 
@@ -327,7 +327,7 @@ def noise_of(
     Returns  None where whole frames take less time, or where the noise spans so many digital
              numbers that there is no table of them
     """
-    level, mesh = float(np.median([one.lowest for one in grounds])), grounds[0].sky.mesh
+    level, mesh = float(np.median([ground.lowest for ground in grounds])), grounds[0].sky.mesh
     weight, border = plan.kernel.whole.astype(float), peak_border(plan.settings)
     hot, shift = None, {}
     if plan.correction is not None:
@@ -346,8 +346,8 @@ def noise_of(
         if numbers is None:
             continue
         tilt = tilted_law(numbers, weight, level, mesh, border, **shift)
-        rates = [proposal_rates(numbers, tilt, one.lowest) for one in grounds]
-        drawn = cost(0, float(np.mean([one.total for one in rates])))
+        rates = [proposal_rates(numbers, tilt, ground.lowest) for ground in grounds]
+        drawn = cost(0, float(np.mean([ground.total for ground in rates])))
         if apart + drawn < least:
             best, least = (
                 Noise(outliers, numbers, tilt, tuple(zip(grounds, rates, strict=True))),
@@ -373,10 +373,10 @@ def ground_of(case: Case, streams: Streams) -> Ground:
 @kernel
 def separate(some: Ints, others: Ints) -> bool:
     """Whether no region (m, 4) overlaps one of the others (n, 4)."""
-    for one in some:
+    for region in some:
         for other in others:
-            across = max(one[0], other[0]) < min(one[2], other[2])
-            if across and max(one[1], other[1]) < min(one[3], other[3]):
+            across = max(region[0], other[0]) < min(region[2], other[2])
+            if across and max(region[1], other[1]) < min(region[3], other[3]):
                 return False
     return True
 
@@ -385,8 +385,8 @@ def merged(spots: Spots, more: Spots, most: int) -> Spots:
     """Spots of both, brightest first, at most so many."""
     order = np.argsort(-np.concatenate([spots.flux, more.flux]), kind="stable")[:most]
     together = (
-        np.concatenate([getattr(spots, each.name), getattr(more, each.name)])[order]
-        for each in fields(Spots)
+        np.concatenate([getattr(spots, field.name), getattr(more, field.name)])[order]
+        for field in fields(Spots)
     )
     return Spots(*together)
 

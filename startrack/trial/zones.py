@@ -136,9 +136,9 @@ def focal_stretch(case: Case, colour: Floats) -> Floats:
     """
     if not case.tracker.focal_length_by_colour:
         return np.zeros(len(colour))
-    known = replace(case.as_designed, instrument=case.calibrated)
-    shift, place = centroid_shift(known), _from_centre(known)
-    sunlike = shift.of_one_colour(sunlike_colour(known.instrument))
+    calibrated = replace(case.as_designed, instrument=case.calibrated)
+    shift, place = centroid_shift(calibrated), _from_centre(calibrated)
+    sunlike = shift.of_one_colour(sunlike_colour(calibrated.instrument))
     apart = shift.value[..., :2] - sunlike.value[..., :2]
     return shift.over_colour((apart * place).sum(axis=(1, 2, 3)) / (place**2).sum(), colour)
 
