@@ -10,27 +10,22 @@ apparent  Catalog, date, observer -> Stars at their apparent places (parallax, a
 sky       Selection -> Sky, which finds the stars around a direction.
 """
 
-from startrack.catalog.apparent import Observer, aberrate, apparent, earth_observer
-from startrack.catalog.catalog import Catalog, join
+from startrack.catalog.apparent import Observer, apparent, earth_observer
+from startrack.catalog.catalog import Catalog
 from startrack.catalog.colour import v_from_g
-from startrack.catalog.readers import FORMATS, read, recognise_format
+from startrack.catalog.readers import read
 from startrack.catalog.sky import FAINTEST_G, LIMITS, Selection, Sky, belt, open_sky
 from startrack.catalog.tables import csv_table, fits_table, votable
 from startrack.catalog.tables import numbers as table_numbers
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "FORMATS",
     "Catalog",
     "Observer",
     "Selection",
     "Sky",
-    "aberrate",
     "apparent",
     "earth_observer",
-    "join",
     "open_sky",
     "read",
-    "recognise_format",
-    "v_from_g",
 ]

@@ -27,9 +27,7 @@ from startrack.design.case import (
     Tracker,
 )
 from startrack.design.conditions import (
-    MAX_RATE,
     NOMINAL,
-    REST,
     Change,
     Condition,
     Judged,
@@ -39,19 +37,11 @@ from startrack.design.conditions import (
 )
 from startrack.design.files import Design, load_design, save_design
 from startrack.design.keys import Key, design_keys, design_schema, keys_of, template
-from startrack.design.objective import AXES, KINDS, Objective
+from startrack.design.objective import AXES, Objective
 from startrack.design.parameter import find as found_at
 from startrack.design.parameter import replaced, replaced_all
 from startrack.design.products import products
-from startrack.design.requirements import (
-    Accuracy,
-    CaseNumber,
-    KeepOut,
-    LensCost,
-    Requirements,
-    cost_of,
-    lens_cost,
-)
+from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements, cost_of
 from startrack.design.variables import Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (
     YEAR,
@@ -59,7 +49,6 @@ from startrack.design.variation import (
     Scope,
     Variation,
     aged,
-    differences,
     law_of,
     middle_case,
     unit_case,
@@ -67,7 +56,6 @@ from startrack.design.variation import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Accuracy",
     "CameraCalibration",
     "Campaign",
     "CaseNumber",
@@ -75,16 +63,12 @@ __all__ = [
     "Choice",
     "Condition",
     "DesignSpace",
-    "Judged",
     "KeepOut",
     "Link",
     "Objective",
-    "OverUnits",
     "Requirements",
     "Scope",
     "Variable",
     "Variation",
-    "judged",
     "replaced",
-    "replaced_all",
 ]

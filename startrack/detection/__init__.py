@@ -27,15 +27,8 @@ box          An image, and where stars are expected -> the brightest thing in a 
 expectation  Image of expected numbers and its stars -> how the detection will see them.
 """
 
-from startrack.detection.box import (
-    Box,
-    StarImage,
-    Taken,
-    box_reach,
-    star_image,
-    take,
-)
-from startrack.detection.detect import centroid, detect, detect_near, places
+from startrack.detection.box import Box, Taken, box_reach, take
+from startrack.detection.detect import detect_near, centroid, detect, places
 from startrack.detection.expectation import (
     Expectation,
     Response,
@@ -50,13 +43,13 @@ from startrack.detection.matched import filtered
 from startrack.detection.methods import Centroid, CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, Detection
 from startrack.detection.pixels import (
+    without_pixels,
     DarkFrames,
     DarkMap,
     correction_image,
     divide_flat,
     pixels,
     subtract_dark,
-    without_pixels,
 )
 from startrack.detection.plan import (
     STREAK,
@@ -66,7 +59,7 @@ from startrack.detection.plan import (
     plan_detection,
     threshold_of,
 )
-from startrack.detection.star_model import StarModel, gaussian_psf, smeared
+from startrack.detection.star_model import StarModel, gaussian_psf
 from startrack.detection.within import (
     Ground,
     detect_within,
@@ -88,20 +81,11 @@ __all__ = [
     "DetectionInput",
     "DetectionMethod",
     "DetectionPlan",
-    "StarImage",
     "StarModel",
-    "Taken",
-    "box_reach",
     "detect",
     "detect_near",
     "divide_flat",
-    "false_alarms",
-    "gaussian_psf",
     "plan_detection",
-    "smeared",
-    "star_image",
     "subtract_dark",
-    "take",
-    "threshold_of",
     "without_pixels",
 ]

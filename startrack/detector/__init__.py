@@ -32,7 +32,6 @@ from startrack.detector.ageing import (
     Flickering,
     TailLaw,
     pixels_above,
-    tail_currents,
 )
 from startrack.detector.collect import electron_rate, mean_wavelength
 from startrack.detector.digitise import normals, shot
@@ -49,7 +48,7 @@ from startrack.detector.exposure import (
     to_frame,
 )
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal, offsets
-from startrack.detector.law import Tables, law_of, nonlinear_signal, with_adc_inl
+from startrack.detector.law import law_of, nonlinear_signal, with_adc_inl
 from startrack.detector.lines import Line, Scan, staggered, tdi
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.parameters import Detector, RegionOfInterest
@@ -57,7 +56,6 @@ from startrack.detector.pixel_effects import (
     PIXEL_EFFECTS,
     Effect,
     EffectInput,
-    PixelEffect,
     diffuse,
     require_independent_pixels,
     settle,
@@ -90,21 +88,15 @@ __all__ = [
     "EffectInput",
     "Exposure",
     "Flicker",
-    "Flickering",
     "Hits",
     "Line",
     "Pattern",
     "RegionOfInterest",
     "Scan",
-    "Tables",
     "TailLaw",
     "Thermal",
-    "electron_rate",
     "expected",
     "expose",
-    "frame_of",
-    "pixels_above",
-    "read_out",
     "scan",
     "staggered",
     "tdi",

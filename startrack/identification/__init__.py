@@ -20,7 +20,7 @@ track       Matches from spots and a predicted attitude.
 from startrack.identification.agree import refit
 from startrack.identification.blind import LensFit, fit_lens, identify_blind
 from startrack.identification.cache import PatternIndexes, cached_index
-from startrack.identification.identify import identify, identify_all
+from startrack.identification.identify import identify
 from startrack.identification.index import (
     POINTS,
     PatternIndex,
@@ -45,10 +45,8 @@ __all__ = [
     "PatternIndex",
     "PatternIndexes",
     "build_index",
-    "cached_index",
     "fit_lens",
     "identify",
-    "identify_all",
     "identify_blind",
     "track",
 ]

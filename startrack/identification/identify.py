@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -177,19 +175,3 @@ def _not_accepted(log_p: float, matches: int, spots: int, tried: int, camera: Ca
 def _unsolved(status: Status, reason: str, camera: Camera, chance: float = 1.0) -> Matches:
     none: NDArray[np.int64] = np.empty(0, np.int64)
     return Matches(status, reason, none, none, np.empty((0, 3)), camera, None, chance)
-
-
-def identify_all(
-    frames: Iterable[Spots],
-    camera: Camera,
-    stars: Stars,
-    index: PatternIndex,
-    settings: Identification,
-) -> Iterator[Matches]:
-    """Identify one frame after the other, each at an unknown attitude; arguments as `identify`.
-
-    A generator: thousands of frames need the memory of one. The frames are independent, so that
-    an executor may distribute them to processes.
-    """
-    for spots in frames:
-        yield identify(spots, camera, stars, index, settings)

@@ -6,18 +6,10 @@ line_of_sight  Motion -> LineOfSight of an exposure, and the drift and blur that
 transfer       Motion within an exposure -> its PSF, its transfer function and its MTF at Nyquist.
 """
 
-from startrack.motion.line_of_sight import (
-    Stability,
-    blur,
-    jitter_rms,
-    sample_jitter,
-    slew,
-    stability,
-    trace,
-)
+from startrack.motion.line_of_sight import blur, jitter_rms, sample_jitter, slew, stability, trace
 from startrack.motion.parameters import Broadband, Motion, Tone
 from startrack.motion.realisation import Jitter, JitterInput, MotionRealisation, realise_motion
-from startrack.motion.transfer import density, image_path, nyquist_mtf, transfer
+from startrack.motion.transfer import image_path, nyquist_mtf, transfer
 
 # Public; the other imports serve other rooms.
 __all__ = [
@@ -26,17 +18,7 @@ __all__ = [
     "JitterInput",
     "Motion",
     "MotionRealisation",
-    "Stability",
     "Tone",
-    "blur",
-    "density",
-    "image_path",
-    "jitter_rms",
-    "nyquist_mtf",
     "realise_motion",
     "sample_jitter",
-    "slew",
-    "stability",
-    "trace",
-    "transfer",
 ]

@@ -35,81 +35,35 @@ from startrack.optics.closed_forms import airy, blur_transfer, pixel_transfer, p
 from startrack.optics.diffraction import intensity, pupil_samples
 from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf
 from startrack.optics.ghosts import Ghosts, add_ghosts, lens_surfaces, save_ghosts
-from startrack.optics.lens_family import (
-    FAMILIES,
-    element_count,
-    family_surfaces,
-    family_table,
-    scaled_table,
-)
-from startrack.optics.lens_psf import (
-    ROOM,
-    Lens,
-    field_psf,
-    fit_camera,
-    mirrored,
-    open_optics,
-)
-from startrack.optics.lens_table import (
-    LensPoints,
-    LensTable,
-    lens_path,
-    load_lens,
-    open_lens,
-    save_lens,
-)
-from startrack.optics.measured_psf import Stars, brightest, file_of, lone_stars, reconstruct
+from startrack.optics.lens_family import element_count, family_surfaces
+from startrack.optics.lens_psf import ROOM, field_psf, fit_camera, mirrored, open_optics
+from startrack.optics.lens_table import LensTable, lens_path, load_lens, open_lens, save_lens
+from startrack.optics.measured_psf import brightest, file_of, lone_stars, reconstruct
 from startrack.optics.parameters import Optics
-from startrack.optics.pixel_psf import (
-    PsfInput,
-    PsfModel,
-    at_field,
-    over_field,
-    pixel_psf,
-    pixel_response,
-)
+from startrack.optics.pixel_psf import PsfInput, PsfModel, over_field, pixel_psf
 from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, save_psf_file
 from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pupil_grid, zernike
-from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, encircled, modulation, quality
-from startrack.optics.ray_trace import (
-    Traced,
-    Tracing,
-    read_prescription,
-    surfaces_of,
-    trace_lens,
-)
+from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, quality
+from startrack.optics.ray_trace import Tracing, read_prescription, surfaces_of, trace_lens
 from startrack.optics.residual import Residual, residual_law
-from startrack.optics.surfaces import Surfaces, load_surfaces, open_surfaces, save_surfaces
+from startrack.optics.surfaces import Surfaces, open_surfaces, save_surfaces
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "POINT",
     "Aberration",
     "Baffle",
     "Choice",
     "Ghosts",
-    "Lens",
-    "LensPoints",
     "LensTable",
     "Optics",
     "PsfFile",
     "PsfInput",
     "PsfModel",
     "Pupil",
-    "Quality",
     "Residual",
     "Segment",
-    "at_field",
-    "blur_transfer",
     "choose",
-    "encircled",
-    "modulation",
     "over_field",
     "pixel_psf",
-    "pixel_response",
-    "pixel_transfer",
-    "pupil_transfer",
-    "quality",
-    "stray_light",
 ]

@@ -44,17 +44,7 @@ from startrack.trial.chain import (
     solve_matches,
 )
 from startrack.trial.covariance import outcomes
-from startrack.trial.dark_pattern import dark_currents
-from startrack.trial.effects import (
-    EFFECTS,
-    HITS,
-    LENS_COLOUR,
-    SHUTTER,
-    Effect,
-    Term,
-    left_out,
-    present,
-)
+from startrack.trial.effects import HITS, LENS_COLOUR, SHUTTER, Term, left_out, present
 from startrack.trial.exposure import expected_electrons
 from startrack.trial.images import detected_spectrum, images_of, psf_of
 from startrack.trial.pointing import (
@@ -75,7 +65,6 @@ from startrack.trial.spot_plan import (
     through_of,
     view_of,
 )
-from startrack.trial.spots import spots_of
 from startrack.trial.star_errors import METHOD, READ, SHOT, TYPICAL, Errors, errors, lasting
 from startrack.trial.star_response import (
     cell_side,
@@ -87,12 +76,10 @@ from startrack.trial.star_response import (
     star_images,
 )
 from startrack.trial.stars import (
-    SeparableStars,
     colour_correction,
     index_resolution,
     light_of,
     mean_colour,
-    separable_stars,
     separated,
     stars_in_field,
     throughput,
@@ -100,17 +87,14 @@ from startrack.trial.stars import (
 from startrack.trial.systematic import (
     blending_shift,
     focal_stretches,
-    shared_errors,
     systematic_variance,
     systematic_variance_of,
 )
-from startrack.trial.zones import (
-    LENS_FIELD,
-    residual_shift,
-    zone_detection,
-    zone_errors,
-    zones_of,
-)
+from startrack.trial.zones import LENS_FIELD, residual_shift, zone_detection, zone_errors, zones_of
 
 # Public; the other imports serve other rooms.
-__all__ = ["Errors", "errors", "lasting", "systematic_variance", "systematic_variance_of"]
+__all__ = [
+    "Errors",
+    "errors",
+    "systematic_variance",
+]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from startrack.core import Frame, arcsec
-from startrack.detection import Box, Detection, box_reach, plan_detection, star_image, take
+from startrack.detection import Box, Detection, box_reach, plan_detection, take
+from startrack.detection.box import star_image
 from startrack.detection.star_model import gaussian_psf
 
 SIGMA = 1.2
