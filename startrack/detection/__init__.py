@@ -28,7 +28,7 @@ expectation  Image of expected numbers and its stars -> how the detection will s
 """
 
 from startrack.detection.box import Box, Taken, box_reach, take
-from startrack.detection.detect import detect_near, centroid, detect, places
+from startrack.detection.detect import centroid, detect, detect_near, places
 from startrack.detection.expectation import (
     Expectation,
     Response,
@@ -43,13 +43,13 @@ from startrack.detection.matched import filtered
 from startrack.detection.methods import Centroid, CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, Detection
 from startrack.detection.pixels import (
-    without_pixels,
     DarkFrames,
     DarkMap,
     correction_image,
     divide_flat,
     pixels,
     subtract_dark,
+    without_pixels,
 )
 from startrack.detection.plan import (
     STREAK,

@@ -166,25 +166,12 @@ class Response(NamedTuple):
 
     def of(self, which: Ints | NDArray[np.bool_]) -> Response:
         """That of some of the stars."""
-        return Response(
-            self.place[which],
-            self.covariance[which],
-            self.snr[which],
-            self.corner[which],
-            self.slope[which],
-        )
+        return Response._make(array[which] for array in self)
 
 
 def joined(parts: Sequence[Response]) -> Response:
     """Those of several parts, one after the other."""
-    place, covariance, snr, corner, slope = zip(*parts, strict=True)
-    return Response(
-        np.concatenate(place),
-        np.concatenate(covariance),
-        np.concatenate(snr),
-        np.concatenate(corner),
-        np.concatenate(slope),
-    )
+    return Response._make(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
 
 
 def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan) -> Response:

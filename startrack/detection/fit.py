@@ -260,9 +260,9 @@ class Model(NamedTuple):
 
 @kernel
 def fitted(sample: Sample, model: Model) -> Floats:
-    """Fit the stars that touch together, and each on its own where that runs away.
+    """Fit the stars that touch together, and each on its own where that diverges.
 
-    Returns  (n, COLUMNS) as `gravity`; NaN where the fit runs away
+    Returns  (n, COLUMNS) as `gravity`; NaN where the fit diverges
     """
     count = len(sample.x)
     table = np.full((count, COLUMNS), np.nan)
@@ -301,7 +301,7 @@ def _touching(sample: Sample, model: Model, first: int, waiting: NDArray[np.bool
 
 @kernel
 def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
-    """Write what a group of stars is found to be into their rows; False where it runs away."""
+    """Write what a group of stars is found to be into their rows; False where it diverges."""
     x, y = np.empty(len(group), np.int64), np.empty(len(group), np.int64)
     for k in range(len(group)):
         x[k], y[k] = sample.x[group[k]], sample.y[group[k]]
@@ -325,7 +325,7 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
             value[k * per_star + 2] = model.width
     star = np.empty((len(group), per_star, data.shape[0], data.shape[1]))
     matrix, step = np.empty((size, size)), np.empty(size)
-    _shine(model, value, left, top, star)
+    _render_model(model, value, left, top, star)
     brightness(data, star, value)
     for _ in range(ROUNDS):
         for k in range(len(group)):
@@ -334,14 +334,14 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
         count = information(data, star, value, noise, shot, matrix, step)
         if count < size + SPARE or not solved(matrix, step):
             return False
-        slower, settled = _slower(value, step, matrix, per_star, shapes)
+        fraction_of_step, settled = _step_fraction(value, step, matrix, per_star, shapes)
         for k in range(size):
-            value[k] += slower * step[k]
-        if not _near(value, x, y, model, per_star):
+            value[k] += fraction_of_step * step[k]
+        if not _inside_windows(value, x, y, model, per_star):
             return False
         if settled:
             return _written(value, matrix, group, per_star, shapes, table)
-        _shine(model, value, left, top, star)
+        _render_model(model, value, left, top, star)
     return False
 
 
@@ -380,7 +380,7 @@ def _cut(
 
 
 @kernel
-def _shine(model: Model, value: Floats, left: int, top: int, star: Floats) -> None:
+def _render_model(model: Model, value: Floats, left: int, top: int, star: Floats) -> None:
     """Share of each star's light in each pixel, and its slopes: (stars, 1 + k, rows, columns)."""
     per_star = star.shape[1]
     for k in range(len(star)):
@@ -392,26 +392,28 @@ def _shine(model: Model, value: Floats, left: int, top: int, star: Floats) -> No
 
 
 @kernel
-def _slower(
+def _step_fraction(
     value: Floats, step: Floats, matrix: Floats, per_star: int, shapes: int
 ) -> tuple[float, bool]:
     """Share of a step that leads not too far, and whether it is the last one.
 
     matrix  covariance of the values
     """
-    slower, settled = 1.0, True
+    fraction_of_step, settled = 1.0, True
     for k in range(0, len(value) - 1, per_star):
         length = max(abs(step[k]), abs(step[k + 1]))
-        slower = min(slower, LONGEST / max(length, 1e-30))
+        fraction_of_step = min(fraction_of_step, LONGEST / max(length, 1e-30))
         if shapes == 3:
-            slower = min(slower, FASTEST * value[k + 2] / max(abs(step[k + 2]), 1e-30))
+            fraction_of_step = min(
+                fraction_of_step, FASTEST * value[k + 2] / max(abs(step[k + 2]), 1e-30)
+            )
         if not length < CLOSE * math.sqrt(min(matrix[k, k], matrix[k + 1, k + 1])):
             settled = False
-    return slower, settled and slower == 1
+    return fraction_of_step, settled and fraction_of_step == 1
 
 
 @kernel
-def _near(value: Floats, x: Ints, y: Ints, model: Model, per_star: int) -> bool:
+def _inside_windows(value: Floats, x: Ints, y: Ints, model: Model, per_star: int) -> bool:
     """Whether all stars are still in their windows, and no Gaussian has lost its width."""
     for k in range(len(x)):
         if (
@@ -450,7 +452,7 @@ def gaussian(sample: Sample, sigma: float) -> Floats:
     their width.
 
     sigma    pixel, first guess, which also sets the window: 3 sigma and half a pixel
-    Returns  as `gravity`; NaN where the fit runs away
+    Returns  as `gravity`; NaN where the fit diverges
     Accuracy  model: a star that is no Gaussian is fitted by its core.
     """
     half = max(sample.half, math.ceil(3 * sigma + 0.5))
@@ -468,7 +470,7 @@ def likelihood(sample: Sample, star: StarModel) -> Floats:
     optical position estimators; `information` for the equations.
 
     star     as the tracker assumes it
-    Returns  as `gravity`; NaN where the fit runs away
+    Returns  as `gravity`; NaN where the fit diverges
     Accuracy  statistical: the bound within 1 % from an SNR of 15 on and 3 % at 8, counting the
               star's own shot noise, as no estimator keeps it where the star is nearly noise. model:
               a PSF that is too wide by 10 % costs 1 % in the error of the place, and 10 % in the

@@ -33,7 +33,7 @@ LEAST_LEFT = 0.5  # of the variance within the window; below, it is too small fo
 
 
 def gravity(sample: Sample, uncut: bool) -> Floats:
-    """Measure every peak in a square window, and drop those whose window runs away.
+    """Measure every peak in a square window, and drop those whose window leaves its star.
 
         F = sum(s_i),   g = sum(r_i s_i) / F,   s_i = image_i - background
         cov(g) = sum(var_i (r_i - g)(r_i - g)^T) / F^2
@@ -45,7 +45,8 @@ def gravity(sample: Sample, uncut: bool) -> Floats:
 
     uncut    correct for the window's pull as for a Gaussian star, and enlarge the covariance by
              the noise of that correction, to first order
-    Returns  (n, COLUMNS), see `sample`; NaN up to YY where the window runs away or holds no light
+    Returns  (n, COLUMNS), see `sample`; NaN up to YY where the window leaves its star
+             or holds no light
     Accuracy  model: the pixels average a sharp star, which moves g by up to 0.0023 pixel for a
               Gaussian of sigma 0.5 pixel, 0.054 for 0.3. A star whose sigma exceeds a fifth of the
               window leaves light in the ring, which keeps up to a third of the window's pull. The

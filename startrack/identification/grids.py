@@ -159,7 +159,7 @@ def spot_grid(
 
 
 @kernel
-def hits(sieve: SpotGrid, plane: Floats, place: Floats) -> int:  # pragma: no cover
+def hits(screen: SpotGrid, plane: Floats, place: Floats) -> int:  # pragma: no cover
     """Number of positions within the radius of a spot; rarely too small, where spots are close.
 
     plane  (n, 2) the spots of the grid
@@ -168,9 +168,9 @@ def hits(sieve: SpotGrid, plane: Floats, place: Floats) -> int:  # pragma: no co
     met = 0
     for j in range(len(place)):
         x, y = place[j]
-        i = int((x - sieve.low[0]) / sieve.width)
-        k = int((y - sieve.low[1]) / sieve.width)
-        n = sieve.cell[i, k]
-        if n >= 0 and (plane[n, 0] - x) ** 2 + (plane[n, 1] - y) ** 2 <= sieve.radius**2:
+        i = int((x - screen.low[0]) / screen.width)
+        k = int((y - screen.low[1]) / screen.width)
+        n = screen.cell[i, k]
+        if n >= 0 and (plane[n, 0] - x) ** 2 + (plane[n, 1] - y) ** 2 <= screen.radius**2:
             met += 1
     return met

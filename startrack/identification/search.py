@@ -26,8 +26,8 @@ from startrack.identification.verify import (
     FIRST_RADIUS,
     Verdict,
     attempt_attitude,
-    challenge,
-    promising,
+    leave_one_out,
+    prefilter,
     verify,
 )
 
@@ -36,7 +36,7 @@ SIGMAS = (
     3.5  # tolerance of a code for noise: a larger one takes time, a smaller one loses triangles
 )
 # Fraction of matches with the brightest stars below which an accepted hypothesis is checked by
-# `challenge`: a larger one takes time, a smaller one misses fits that a false spot has distorted.
+# `leave_one_out`: a larger one takes time, a smaller one misses fits that a false spot distorted.
 EXPECTED = 0.7
 
 
@@ -112,14 +112,14 @@ def search(
                         rotation, scale = attempt_attitude(
                             seen, names[k], direction[a], direction[b]
                         )
-                        if not promising(seen, screen, table.sky, rotation, scale, fewest):
+                        if not prefilter(seen, screen, table.sky, rotation, scale, fewest):
                             continue
                         verdict = verify(seen, voters, rotation, scale, fewest)
                         if verdict.log_p < best.log_p:
                             best = verdict
                         if best.log_p < log_accepted:
                             if best.expected < EXPECTED * best.matches:
-                                best = challenge(seen, voters, best, fewest)
+                                best = leave_one_out(seen, voters, best, fewest)
                             return best, tried
                     if tried >= most_hypotheses:
                         return best, tried

@@ -16,7 +16,7 @@ from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification, matches_by_code
 from startrack.identification.seen import Seen, keep_brightest, predict, project, see, usable
-from startrack.identification.verify import weigh_prior
+from startrack.identification.verify import log_evidence_with_prior
 
 # Squared radius of a window over its variance. Chosen by hand: a larger one takes more false spots;
 # one of 3000 true ones lies outside.
@@ -78,7 +78,7 @@ def follow(
                 dx, dy = seen.plane[spots[i]] - fitted[i]
                 distance[i] = math.hypot(dx, dy)
             log_prior = log_peak - 0.5 * np.dot(away, np.dot(information, away))
-            log_p = -weigh_prior(
+            log_p = -log_evidence_with_prior(
                 seen,
                 voters,
                 star,

@@ -54,7 +54,7 @@ def attempt_attitude(
 
 
 @kernel
-def promising(
+def prefilter(
     seen: Seen, screen: SpotGrid, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
 ) -> bool:  # pragma: no cover
     """Whether at least `fewest` stars of `sky` lie near a spot; else `verify` is not needed."""
@@ -94,7 +94,7 @@ def verify(
 
 
 @kernel
-def challenge(
+def leave_one_out(
     seen: Seen, voters: VerificationStars, verdict: Verdict, fewest: int
 ) -> Verdict:  # pragma: no cover
     """The best of a verdict and those found with each of its matches left out of the first fit.
@@ -130,7 +130,7 @@ def _verdict(
     matches = len(agreed.spot)
     if matches < fewest or not abs(agreed.scale - 1) <= _scale_tolerance(seen):
         return Verdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
-    evidence = weigh(
+    evidence = log_evidence_of_match(
         seen,
         voters,
         star,
@@ -159,7 +159,7 @@ def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
 
 
 @kernel
-def weigh(
+def log_evidence_of_match(
     seen: Seen,
     voters: VerificationStars,
     star: NDArray[np.int64],
@@ -185,7 +185,7 @@ def weigh(
         log_prior -= 0.5 * ((scale - 1) / seen.focal) ** 2 + math.log(
             seen.focal * math.sqrt(2 * math.pi)
         )
-    return weigh_prior(
+    return log_evidence_with_prior(
         seen,
         voters,
         star,
@@ -200,7 +200,7 @@ def weigh(
 
 
 @kernel
-def weigh_prior(
+def log_evidence_with_prior(
     seen: Seen,
     voters: VerificationStars,
     star: NDArray[np.int64],
@@ -212,7 +212,7 @@ def weigh_prior(
     prior: Floats,
     log_prior: float,
 ) -> float:  # pragma: no cover
-    """`weigh` with another prior: `prior` and `log_prior` as in `log_evidence`."""
+    """`log_evidence_of_match` with another prior: `prior` and `log_prior` as in `log_evidence`."""
     unknowns = len(prior)
     expected = voters.magnitude[star]
     brighter = np.empty(len(matched_star), np.int64)

@@ -157,7 +157,7 @@ def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
     return DarkPattern(mean, spread, marked, outlying, flat[outlying] - mean)
 
 
-def evened(case: Case) -> Case:
+def with_uniform_dark(case: Case) -> Case:
     """The case whose pixels all have the mean dark current, and its spread as noise of the pixels.
 
     Stars lie anywhere on the pixels, so that the spread acts as noise does, from trial to trial.
@@ -206,14 +206,14 @@ def near_stars(case: Case, side: int) -> tuple[float, Floats]:
 class Empty(NamedTuple):
     """What the search makes of a frame without stars.
 
-    spots  beyond those that noise makes of even pixels
-    noise  digital number, of the filtered frame in a typical tile
-    far    sigma, by which a star must stand out there
+    spots            beyond those that noise makes of even pixels
+    noise            digital number, of the filtered frame in a typical tile
+    threshold_sigma  sigma of the filtered frame, detection threshold
     """
 
     spots: float
     noise: float
-    far: float
+    threshold_sigma: float
 
 
 def empty_frame(case: Case, sky: float) -> Empty | None:

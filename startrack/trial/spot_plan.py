@@ -17,7 +17,7 @@ from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
 from startrack.trial.belief import detection_plan
-from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, evened
+from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, with_uniform_dark
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
 from startrack.trial.images import colour_range, field_psf_of, psf_of
 from startrack.trial.spot_response import (
@@ -190,7 +190,7 @@ class Limits(NamedTuple):
 
 def limits_of(case: Case) -> Limits:
     """The stars that can be detected."""
-    case = evened(case)
+    case = with_uniform_dark(case)
     instrument = case.instrument
     detector, camera, psf = instrument.detector, instrument.camera, psf_of(instrument)
     stars = open_sky(case.catalog).stars
@@ -222,7 +222,7 @@ def plan_of(case: Case) -> Plan:
 
 def plan_within(case: Case, limits: Limits) -> Plan:
     """`plan_of`, with given stars, so that the plans of several cases have the same shape."""
-    even, settings = evened(case), case.tracker.detection
+    even, settings = with_uniform_dark(case), case.tracker.detection
     instrument = even.instrument
     detector, camera = instrument.detector, instrument.camera
     stars = open_sky(case.catalog).stars
@@ -232,7 +232,7 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     believed = open_sky(case.believed_catalog).stars
     there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
-    grid = Grid(even, sky, search=empty and (empty.noise, empty.far))
+    grid = Grid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
     radius = (REACH + 1) / camera.focal_length_px
     return Plan(
         response_of_zones(grid, faintest, brightest)

@@ -155,19 +155,23 @@ def _measure(x, y, column, row, flux, zone, start, response, hot, seen):  # type
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
     at = (flux - response.first) / STEP
-    k = min(max(int(at), 0), response.above.shape[1] - 2)
+    k = min(max(int(at), 0), response.threshold_margin.shape[1] - 2)
     t = min(max(at - k, 0.0), 1.0)
-    above = (1 - t) * response.above[zone, k, j, i] + t * response.above[zone, k + 1, j, i]
+    above = (1 - t) * response.threshold_margin[zone, k, j, i] + t * response.threshold_margin[
+        zone, k + 1, j, i
+    ]
     seen.surplus = inverse_normal(uniform(bits(start, np.uint64(0))))
-    kept = (1 - t) * response.kept[zone, k, j, i] + t * response.kept[zone, k + 1, j, i]
+    kept = (1 - t) * response.pass_probability[zone, k, j, i] + t * response.pass_probability[
+        zone, k + 1, j, i
+    ]
     if not above + seen.surplus > 0 or uniform(bits(start, np.uint64(3))) > kept:
         return False
     normal_x = inverse_normal(uniform(bits(start, np.uint64(1))))
     normal_y = inverse_normal(uniform(bits(start, np.uint64(2))))
     electrons = math.exp(flux)
-    seen.xx = _between(response.root, zone, k, t, j, i, 0) / electrons
-    seen.yx = _between(response.root, zone, k, t, j, i, 1) / electrons
-    seen.yy = _between(response.root, zone, k, t, j, i, 2) / electrons
+    seen.xx = _between(response.covariance_root, zone, k, t, j, i, 0) / electrons
+    seen.yx = _between(response.covariance_root, zone, k, t, j, i, 1) / electrons
+    seen.yy = _between(response.covariance_root, zone, k, t, j, i, 2) / electrons
     seen.dx = _between(response.bias, zone, k, t, j, i, 0) + seen.xx * normal_x
     seen.dy = _between(response.bias, zone, k, t, j, i, 1) + seen.yx * normal_x + seen.yy * normal_y
     seen.flux = _between(response.light, zone, k, t, j, i, 0) * electrons
@@ -242,7 +246,10 @@ def _draw(a, key, response, pull, field, companions, view, gate, false, through,
         _write(table[n], stars[n])
     for n in range(noise):
         _write_false(
-            table[len(stars) + n], bits(key, FALSE + np.uint64(1 + n)), response.least, view
+            table[len(stars) + n],
+            bits(key, FALSE + np.uint64(1 + n)),
+            response.star_at_threshold,
+            view,
         )
     return table
 

@@ -13,7 +13,7 @@ from startrack.identification.fit import derivatives
 from startrack.identification.grids import VerificationStars, sky_grid
 from startrack.identification.seen import see
 from startrack.identification.track import _away, _chain, _misfit, _update, follow
-from startrack.identification.verify import weigh_prior
+from startrack.identification.verify import log_evidence_with_prior
 
 IN_PYTHON = pytest.mark.usefixtures("in_python")
 
@@ -166,7 +166,9 @@ def evidence(seen, rotation, prior=NOTHING, log_prior=0.0):
     plane = (place - CAMERA.centre) / CAMERA.focal_length_px
     distance = np.linalg.norm(seen.plane[spot] - plane, axis=1)
     turn = rotation.as_matrix()
-    return weigh_prior(seen, sky, every, spot, every, distance, turn, 1.0, prior, log_prior)
+    return log_evidence_with_prior(
+        seen, sky, every, spot, every, distance, turn, 1.0, prior, log_prior
+    )
 
 
 @IN_PYTHON

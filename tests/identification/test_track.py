@@ -13,7 +13,6 @@ from startrack.identification import (
     build_index,
     cache,
     cached_index,
-    identify,
     track,
 )
 
