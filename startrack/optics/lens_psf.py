@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -520,7 +520,16 @@ def mirrored(optics: Optics, camera: Camera) -> bool:
 
 
 class _Plan:
-    """What the images of all places share."""
+    """What the images of all places share.
+
+    rough          whether the tolerance of the design is COARSE
+    side_of_pixel  metre, of its active square
+    blur           metre, sigma of the Gaussian blur of all images
+    oversampling   samples per pixel of a table;  side  samples along a side of it
+    fine           points of an irradiance per sample;  spacing  metre between two points
+    margin         points between the edge of an irradiance and the first sample
+    count          points along a side of an irradiance
+    """
 
     def __init__(
         self, lens: Lens, camera: Camera, pitch: float, band: Band, fill_factor: float,
@@ -529,60 +538,75 @@ class _Plan:
         self.lens, self.camera, self.pitch, self.band = lens, camera, pitch, band
         self.side_of_pixel = pitch * math.sqrt(fill_factor)
         self._known = dict[tuple[float, float], list[_Star]]()
-        optics = lens.optics
-        self.rough = optics.psf_tolerance >= COARSE
-        blur = math.hypot(optics.total_blur, diffusion)
-        corners = [
-            (u, v) for u in frame_nodes(camera)[0][[0, -1]] for v in frame_nodes(camera)[1][[0, -1]]
-        ]
-        away = [(x - camera.centre[0], y - camera.centre[1]) for x, y in corners]
-        if self.symmetric:
-            away = away[-1:]
-        away += [(0.0, 0.0), (away[-1][0] / 2, away[-1][1] / 2)]
-        stars = [star for u, v in away for star in self.stars(u, v)]
+        self.rough = lens.optics.psf_tolerance >= COARSE
+        places = self._extreme_places()
+        stars = [star for u, v in places for star in self.stars(u, v)]
+        fastest = min(1 / (2 * star.radius) for star in stars)
+        self.blur, core = self._blurred(math.hypot(lens.optics.total_blur, diffusion), fastest)
         # An ellipse's narrower axis makes the wider image.
         f_number = max(1 / (2 * float(min(star.pupil[4:6]))) for star in stars)
-        longest = float(band.wavelength.max())
-        core = math.hypot(0.45 * float(band.wavelength.mean()) * self._fastest(stars), blur)
-        if core < LEAST_CORE * pitch:
-            blur = math.sqrt(blur**2 + (LEAST_CORE * pitch) ** 2 - core**2)
-            core = LEAST_CORE * pitch
-        self.blur = blur
-        spread = max(self._spread(u, v) for u, v in away)
-        shift = self._lateral(away)
-        reach = (AIRY_BOX * longest * f_number + 4 * blur + spread + shift) / pitch
-        highest = 1 / (float(band.wavelength.min()) * self._fastest(stars))
-        # Of two frequencies that samples confuse, the higher one must be beyond the lens, or the
-        # lower one hidden by the blur.
-        passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(blur, 1e-12)
-        points = SAMPLED * (highest + min(highest, passed)) * pitch
-        sampling = int(np.clip(math.ceil(PER_SIGMA * pitch / core), COARSEST, FINEST))
+        airy = AIRY_BOX * float(band.wavelength.max()) * f_number
+        spread, shift = max(self._spread(u, v) for u, v in places), self._lateral(places)
+        reach = (airy + 4 * self.blur + spread + shift) / pitch
+        points = self._points_per_pixel(fastest)
+        self.oversampling = sampling = self._sampling(core, points, reach)
+        half = math.ceil((math.ceil(max(reach, 1.0)) + 0.5) * sampling) + 3
+        self.side, self.fine = 2 * half + 1, math.ceil(points / sampling)
+        self.spacing = pitch / sampling / self.fine
+        sigmas, more = ROUGH_GUARD if self.rough else GUARD
+        around = self.side_of_pixel / 2 + sigmas * self.blur + shift
+        self.margin = math.ceil(around / self.spacing) + more
+        self.count = 2 * (half * self.fine + self.margin) + 1
+        if self.count > MOST_POINTS:
+            self._refuse_points(self.count, spread)
+
+    def _extreme_places(self) -> list[tuple[float, float]]:
+        """Places (pixel from the axis) whose images are the widest: corners, and the axis."""
+        columns, rows = (nodes[[0, -1]] for nodes in frame_nodes(self.camera))
+        x, y = self.camera.centre
+        corners = [(u - x, v - y) for u in columns for v in rows]
+        if self.symmetric:
+            corners = corners[-1:]
+        return [*corners, (0.0, 0.0), (corners[-1][0] / 2, corners[-1][1] / 2)]
+
+    def _blurred(self, blur: float, fastest: float) -> tuple[float, float]:
+        """The blur (metre) with what makes the core of the finest image wide enough; that core.
+
+        fastest  least f-number of all stars
+        """
+        core = math.hypot(0.45 * float(self.band.wavelength.mean()) * fastest, blur)
+        least = LEAST_CORE * self.pitch
+        if core < least:
+            return math.sqrt(blur**2 + least**2 - core**2), least
+        return blur, core
+
+    def _points_per_pixel(self, fastest: float) -> float:
+        """Of an irradiance, so that of two frequencies that its points confuse, the higher one is
+        beyond the lens, or the lower one hidden by the blur."""
+        highest = 1 / (float(self.band.wavelength.min()) * fastest)
+        passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(self.blur, 1e-12)
+        return SAMPLED * (highest + min(highest, passed)) * self.pitch
+
+    def _sampling(self, core: float, points: float, reach: float) -> int:
+        """Samples per pixel of a table; reach, pixel, is half its side."""
+        sampling = int(np.clip(math.ceil(PER_SIGMA * self.pitch / core), COARSEST, FINEST))
         if self.rough:
             sampling = min(
                 ROUGH, key=lambda samples: (samples * math.ceil(points / samples), samples)
             )
-        tables = NODES**2 * len(band.weight)
+        tables = NODES**2 * len(self.band.weight)
         while sampling > COARSEST and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS:
             sampling -= 1
-        self.oversampling = sampling
-        half = math.ceil((math.ceil(max(reach, 1.0)) + 0.5) * sampling) + 3
-        self.side = 2 * half + 1
-        fine = math.ceil(points / sampling)
-        self.fine, self.spacing = fine, pitch / sampling / fine
-        sigmas, more = ROUGH_GUARD if self.rough else GUARD
-        around = self.side_of_pixel / 2 + sigmas * blur + shift
-        self.margin = math.ceil(around / self.spacing) + more
-        self.count = 2 * (half * fine + self.margin) + 1
-        if self.count > MOST_POINTS:
-            raise Refused(
-                f"the images of lens_file must fit {MOST_POINTS} points a side, got {self.count}: "
-                f"rays spread over {spread * 1e6:.0f} um; focus the lens, stop it down or use a "
-                "smaller field"
-            )
+        return sampling
 
     @staticmethod
-    def _fastest(stars: list[_Star]) -> float:
-        return min(1 / (2 * star.radius) for star in stars)
+    def _refuse_points(count: float, spread: float) -> NoReturn:
+        """Refuse an image of so many points a side, whose rays spread so far (metre)."""
+        raise Refused(
+            f"the images of lens_file must fit {MOST_POINTS} points a side, got {count:.0f}: "
+            f"rays spread over {spread * 1e6:.0f} um; focus the lens, stop it down or use a "
+            "smaller field"
+        )
 
     @property
     def symmetric(self) -> bool:
@@ -658,11 +682,7 @@ class _Plan:
         if not self.rough:
             size = max(size, ALIAS * self.count)
         if size > MOST_POINTS:
-            raise Refused(
-                f"the images of lens_file must fit {MOST_POINTS} points a side, got {size:.0f}: "
-                f"rays spread over {far * self.spacing * 1e6:.0f} um; focus the lens, stop it down "
-                "or use a smaller field"
-            )
+            self._refuse_points(size, far * self.spacing)
         wavelength, radius = star.wavelength, star.radius
         # The samples of the pupil must fit, with their soft edge.
         fine = math.ceil(2 * radius * self.spacing / (FILLED * wavelength))
