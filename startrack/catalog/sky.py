@@ -209,7 +209,7 @@ class Sky:
 
 
 @kernel
-def _around(direction, rank, centre, radius):  # type: ignore[no-untyped-def]
+def _around(direction: Floats, rank: Ints, centre: Floats, radius: float) -> Ints:
     """The ranks of the directions within an angle of a centre.
 
     Angles are compared by their chords, which are exact for small angles and insensitive close to

@@ -179,9 +179,10 @@ def split(
 
 
 @kernel
-def _maxima(  # type: ignore[no-untyped-def]
-    image, x, y, level, sigma, shot, border, near_x, near_y
-):
+def _maxima(
+    image: NDArray[np.float32], x: int, y: int, level: float, sigma: float, shot: float,
+    border: int, near_x: Ints, near_y: Ints,
+) -> int:  # fmt: skip
     """Write the brightest maxima about a pixel between which the image dips; how many."""
     rows, columns = image.shape
     count = 0

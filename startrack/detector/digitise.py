@@ -7,6 +7,8 @@ of a number of its own follow the first 22.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -143,7 +145,10 @@ def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: igno
 # integers and floats one by one. Each sum is cut to 32 bits at once, because numba would go on in
 # 64.
 @kernel
-def _digitise_part(out, mean, start, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
+def _digitise_part(
+    out: NDArray[Any], mean: Floats, start: np.uint64, shot: np.uint64, read: np.uint64,
+    law: Law, tables: Tables, room: NDArray[np.uint32],
+) -> None:  # fmt: skip
     many = len(mean)
     odd = np.int64(start & np.uint64(1))
     pairs, at, other = room[0], room[1, :many], room[2, :many]
@@ -170,7 +175,10 @@ def _write_singles_of_arrays(out, mean):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def digitise_window(image, left, top, mean, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
+def digitise_window(
+    image: Image, left: int, top: int, mean: Floats, shot: np.uint64, read: np.uint64, law: Law,
+    tables: Tables, room: NDArray[np.uint32],
+) -> None:  # fmt: skip
     """As `digitise_row`, of a window of an image, several short rows in one step.
 
     A loop over a short row ends before the processor works on many pixels at once.
@@ -239,7 +247,9 @@ def _random_bits(shot, pixel):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cells_of_levels(mean, random, tables, at):  # type: ignore[no-untyped-def]
+def _cells_of_levels(
+    mean: NDArray[np.float32], random: NDArray[np.uint32], tables: Tables, at: NDArray[np.uint32]
+) -> None:
     """The cell of each pixel in one of the two levels about its expectation, or none.
 
     In 32 bits: the mean of a pixel is right to 1e-4 of its standard deviation up to 1e6 electrons.
@@ -273,7 +283,10 @@ def _cells_of_levels_of_arrays(mean, random, tables, at):  # type: ignore[no-unt
 
 
 @kernel
-def _settle(out, at, random, other, tables):  # type: ignore[no-untyped-def]
+def _settle(
+    out: NDArray[Any], at: NDArray[np.uint32], random: NDArray[np.uint32],
+    other: NDArray[np.uint32], tables: Tables,
+) -> int:  # fmt: skip
     """Write the numbers that entries settle, and the columns of the other pixels; how many."""
     entry, lowest = tables.entry, U32(tables.lowest)
     mask = U32((1 << (ENTRY_BITS - tables.cells)) - 1)

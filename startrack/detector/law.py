@@ -11,7 +11,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import Floats, instead_of, kernel
+from startrack.core import Floats, Ints, instead_of, kernel
 from startrack.detector.parameters import Detector
 
 Image = NDArray[np.uint16] | NDArray[np.uint32]
@@ -258,7 +258,9 @@ def build(law: Law, first: int, count: int, spacing: float) -> Tables:
 
 
 @kernel
-def _sums(probability, start, end, below, above):  # type: ignore[no-untyped-def]
+def _sums(
+    probability: Floats, start: Ints, end: Ints, below: Floats, above: Floats
+) -> tuple[Floats, Floats]:
     """P(number <= d) and P(number > d) of each level, each summed separately to keep its digits."""
     levels, electrons = probability.shape
     lower = np.empty((levels, len(start)))

@@ -234,7 +234,7 @@ def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _folded_weights(weight, x, y, place):  # type: ignore[no-untyped-def]
+def _folded_weights(weight: Floats, x: int, y: int, place: NDArray[np.float32]) -> Floats:
     """The weights around a pixel of the pixels whose numbers it has.
 
     Those beyond the border are added to the mirrored pixels, those of a replaced pixel to its
@@ -268,9 +268,10 @@ def _folded_weights(weight, x, y, place):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cumulants(  # type: ignore[no-untyped-def]
-    probability, place, theta, weight, kind, sums, whole, shift, mesh, border
-):
+def _cumulants(
+    probability: Floats, place: NDArray[np.float32], theta: float, weight: Floats, kind: Ints,
+    sums: Floats, whole: NDArray[np.bool_], shift: NDArray[np.float32], mesh: int, border: int,
+) -> Floats:  # fmt: skip
     """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn."""
     rows, columns = place.shape
     down, across = -(-rows // mesh), -(-columns // mesh)
@@ -321,7 +322,10 @@ def _folded_cumulant(probability, place, x, y, tilts):  # type: ignore[no-untype
 
 
 @kernel
-def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probability, place):  # type: ignore[no-untyped-def]
+def _propose(
+    pixel: Ints, drawn: Ints, start: np.uint64, rates: ProposalRates, mesh: int, border: int,
+    regions: Ints, tilt: TiltedLaw, probability: Floats, place: NDArray[np.float32],
+) -> int:  # fmt: skip
     """Write the accepted proposals; returns their number."""
     rows, columns = place.shape
     across = -(-columns // mesh)
@@ -397,7 +401,9 @@ def _shift(shift, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _draw_by_sums(numbers, start, at, levels, tilt):  # type: ignore[no-untyped-def]
+def _draw_by_sums(
+    numbers: Ints, start: np.uint64, at: np.uint64, levels: NDArray[np.float32], tilt: TiltedLaw
+) -> float:
     """As `_draw`, by the sums computed before, for weights that are not folded.
 
     levels  (2 m + 1, 2 n + 1) of the pixels
@@ -428,7 +434,10 @@ def _draw_by_sums(numbers, start, at, levels, tilt):  # type: ignore[no-untyped-
 
 
 @kernel
-def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type: ignore[no-untyped-def]
+def _draw(
+    numbers: Ints, start: np.uint64, at: np.uint64, x: int, y: int, theta: float,
+    folded: Floats, probability: Floats, place: NDArray[np.float32],
+) -> float:  # fmt: skip
     """Write numbers of the tilted law around a pixel; returns the filtered number."""
     rows, columns = place.shape
     down, across = folded.shape[0] // 2, folded.shape[1] // 2
@@ -453,7 +462,7 @@ def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type:
 
 
 @kernel
-def _number_at(probability, place, tilt, wanted):  # type: ignore[no-untyped-def]
+def _number_at(probability: Floats, place: float, tilt: float, wanted: float) -> int:
     """The number at which the sum behind `_moment` passes a value."""
     k = min(int(place), len(probability) - 1)
     above = min(k + 1, len(probability) - 1)

@@ -25,7 +25,7 @@ from startrack.detector.imperfections import tracks
 from startrack.detector.law import Law, Tables, law_of
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
-from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_path, psf_table, work_arrays
+from startrack.detector.stamp import UNIT_GAIN, PsfTable, Work, add_path, psf_table, work_arrays
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
 
@@ -168,7 +168,10 @@ def _add_hits(image, window, electrons, hit, extra, shot, read, law):  # type: i
 
 
 @kernel
-def _window_electrons(window, rows, columns, pixels, points, ends, work):  # type: ignore[no-untyped-def]
+def _window_electrons(
+    window: Ints, rows: int, columns: int, pixels: PixelMaps, points: StarPaths, ends: Floats,
+    work: Work,
+) -> Floats:  # fmt: skip
     """Electrons of the background and of the stars near a window, summed in the order of a frame.
 
     The map of `background` is not read besides that of the response: access to memory is slow.

@@ -82,7 +82,9 @@ def _turned(matrix, direction):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _scales(seen, predicted, noise, there, tolerance):  # type: ignore[no-untyped-def]
+def _scales(
+    seen: Floats, predicted: Floats, noise: Floats, there: NDArray[np.bool_], tolerance: float
+) -> Floats:
     """Relative error of the focal length that the identification fits, (m,) 1.
 
     It fits the scale together with the attitude, to stars weighted by their noise, with a normal
@@ -209,7 +211,7 @@ def _tried(
 
 
 @kernel
-def _draw(attitude, keys, plan, drawn):  # type: ignore[no-untyped-def]
+def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) -> None:
     """Write the detected stars of each trial, and how many matches and spots it has."""
     response, pull, field, companions, view, gate, false, through, hot = plan
     most = drawn.star.shape[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import belt
 from startrack.core import (
+    Floats,
     Spots,
     Streams,
     bits,
@@ -20,8 +22,9 @@ from startrack.core import (
     uniform,
 )
 from startrack.design import Case
-from startrack.trial.spot_plan import plan_of, refuse
-from startrack.trial.spot_response import RATIOS, REACH, STEP
+from startrack.trial.dark_pattern import HotPixels
+from startrack.trial.spot_plan import Companions, Field, Through, View, plan_of, refuse
+from startrack.trial.spot_response import RATIOS, REACH, STEP, Response
 from startrack.trial.star_response import PHASES
 
 MARGIN = 8.0  # pixel beyond the frame, from which a lens table moves no star into it
@@ -42,7 +45,10 @@ SIGHT = np.dtype([
 
 
 @kernel
-def sights(a, key, response, pull, field, companions, view, through, hot):  # type: ignore[no-untyped-def]
+def sights(
+    a: Floats, key: np.uint64, response: Response, pull: Floats, field: Field,
+    companions: Companions, view: View, through: Through, hot: HotPixels,
+) -> NDArray[np.void]:  # fmt: skip
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
     near = in_view(a, field.direction, view)
     sighted = np.empty(len(near), SIGHT)
@@ -121,7 +127,7 @@ def _project(a, d, view):  # type: ignore[no-untyped-def]
 
 
 @kernel(inline="always")
-def _shifted(x, y, colour, through):  # type: ignore[no-untyped-def]
+def _shifted(x: float, y: float, colour: int, through: Through) -> tuple[int, float, float, float]:
     """Zone of a place among those of a colour, logarithm of its flux, and its shift in pixel."""
     p, q = through.table.shape[2], through.table.shape[1]
     u = min(max((x + 0.5) / through.step_x, 0.0), p - 1.0)
@@ -150,7 +156,10 @@ def _shifted(x, y, colour, through):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _measure(x, y, column, row, flux, zone, start, response, hot, seen):  # type: ignore[no-untyped-def]
+def _measure(
+    x: float, y: float, column: int, row: int, flux: float, zone: int, start: np.uint64,
+    response: Response, hot: HotPixels, seen: Any,
+) -> bool:  # fmt: skip
     """Whether a single star is detected at a position in a pixel; writes its measurement."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
@@ -189,7 +198,7 @@ def _between(table, zone, k, t, j, i, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pulled(dx, dy, ratio, pull):  # type: ignore[no-untyped-def]
+def _pulled(dx: float, dy: float, ratio: float, pull: Floats) -> tuple[float, float]:
     """Shift of a centroid by a companion; NaN where only the companion is detected."""
     r, q = (ratio - RATIOS[0]) / (RATIOS[1] - RATIOS[0]), len(RATIOS) - 1
     if not (abs(dx) < REACH and abs(dy) < REACH) or r < 0:
@@ -237,7 +246,11 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
 
 @kernel
-def _draw(a, key, response, pull, field, companions, view, gate, false, through, hot):  # type: ignore[no-untyped-def]
+def _draw(
+    a: Floats, key: np.uint64, response: Response, pull: Floats, field: Field,
+    companions: Companions, view: View, gate: float, false: float, through: Through,
+    hot: HotPixels,
+) -> Floats:  # fmt: skip
     """The table of all spots, stars first; the gate is applied by the solver."""
     stars = sights(a, key, response, pull, field, companions, view, through, hot)
     noise = false_spots(key, false)
