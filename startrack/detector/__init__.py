@@ -61,7 +61,7 @@ from startrack.detector.pixel_effects import (
     settle,
 )
 from startrack.detector.readout import read_out
-from startrack.detector.scan import scan
+from startrack.detector.scan import LineExposure, scan
 from startrack.detector.stamp import stamp
 from startrack.detector.threshold_crossings import (
     NumberDistributions,
@@ -90,6 +90,7 @@ __all__ = [
     "Flicker",
     "Hits",
     "Line",
+    "LineExposure",
     "Pattern",
     "RegionOfInterest",
     "Scan",

@@ -22,6 +22,7 @@ from startrack.detector import (
     Detector,
     Exposure,
     Line,
+    LineExposure,
     Scan,
     expected,
     scan,
@@ -50,7 +51,7 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
     instrument = case.instrument
     detector, lines = _lines(instrument.detector)
     motion = realise_motion(instrument.motion, duration(instrument.detector), streams)
-    return scan(
+    exposure = LineExposure(
         light,
         psf_of(instrument),
         icrs_to_camera,
@@ -60,8 +61,8 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
         instrument.detector.rows,
         detector,
         throughput(instrument),
-        streams,
     )
+    return scan(exposure, streams)
 
 
 def straighten(
