@@ -23,7 +23,7 @@ from startrack.core import (
     Unit,
     arcsec,
 )
-from startrack.detection.pixels import corrected, gain_of
+from startrack.detection.pixels import Gain, corrected, gain_of
 from startrack.detection.plan import DetectionPlan
 
 SIZES = (4, 6, 8)
@@ -261,7 +261,9 @@ def _background(window: NDArray[np.float32], box: Box, offset: float) -> NDArray
     return np.asarray(np.sort(np.stack(parts), axis=0)[MIDDLE].mean(axis=0))
 
 
-def _measure(image, corner, box, expected, gain):  # type: ignore[no-untyped-def]
+def _measure(
+    image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
+) -> tuple[float, ...]:
     """Place, flux, covariance (xx, xy, yy) and sigma of the flux of an image."""
     rows, columns = image.shape
     column, row = corner

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from startrack.core import POINTS, Ints, Psf, call_code, is_code, kernel, returned
+from startrack.core import POINTS, Floats, Ints, Psf, call_code, is_code, kernel, returned
 from startrack.detection.background import Sky, sky, with_gain_noise
 from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import has_dead_pixel, is_hot, largest_fraction, stands_out
@@ -162,20 +162,8 @@ def choose(
     waiting = plan.workspace.array("waiting pixels", image.shape, np.uint8)
     if regions is None:
         regions = np.array([[0, 0, image.shape[1], image.shape[0]]])
-    return Candidates(
-        *_choose(
-            pixels.value,
-            pixels.marks,
-            image,
-            bright,
-            waiting,
-            ground,
-            far,
-            plan.filters,
-            regions,
-            rules,
-        )
-    )
+    images = pixels.value, pixels.marks, image
+    return Candidates(*_choose(*images, bright, waiting, ground, far, plan.filters, regions, rules))
 
 
 class _Rules(NamedTuple):
@@ -205,7 +193,10 @@ class _Rules(NamedTuple):
 
 
 @kernel
-def _choose(value, dead, image, bright, waiting, ground, far, filters, regions, rules):  # type: ignore[no-untyped-def]
+def _choose(
+    value: Image, dead: NDArray[np.uint8], image: Image, bright: Ints, waiting: NDArray[np.uint8],
+    ground: Sky, far: Image, filters: Floats, regions: Ints, rules: _Rules,
+) -> tuple[Ints, Ints, Ints]:  # fmt: skip
     """Columns, rows and areas of the peaks that `choose` keeps."""
     bright_peaks = peaks(
         image, bright, waiting, rules.min_area, rules.max_area, rules.reach, rules.border

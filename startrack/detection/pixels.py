@@ -144,7 +144,7 @@ def _correct(value, windows, offset, marks, saturation, out):  # type: ignore[no
 
 
 @kernel
-def _mean_beside(image, marks, x, y):  # type: ignore[no-untyped-def]
+def _mean_beside(image: Image, marks: NDArray[np.uint8], x: int, y: int) -> float:
     """Mean of the nearest pixels that are not hot, in the smallest square that holds one."""
     rows, columns = image.shape
     for reach in range(1, max(rows, columns)):

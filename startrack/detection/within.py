@@ -121,7 +121,9 @@ def grown_mask(regions: Ints, by: int, columns: int, rows: int) -> Ints:
 
 
 @kernel
-def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-untyped-def]
+def _filter(
+    value: Image, windows: Ints, kernel: Image, image: Image, level: Image, mesh: int
+) -> Ints:
     """`matched.filtered` in windows, and which pixels there exceed a level, as `connect.lit`.
 
     Returns  (n,) row * columns + column; where windows overlap, a pixel may come twice

@@ -59,7 +59,7 @@ def _waves(coordinate: bytes, field: bytes) -> tuple[Floats, Floats]:
 
 
 @kernel(fastmath=True)
-def _fold(pupil, phase):  # type: ignore[no-untyped-def]
+def _fold(pupil: Floats, phase: Floats) -> Floats:
     """Even and odd parts of the complex pupil, on the quarter x > 0, y > 0.
 
     parts[y odd] holds, side by side, [x even: re, im | x odd: re, im].
@@ -92,7 +92,7 @@ def _fold(pupil, phase):  # type: ignore[no-untyped-def]
 
 
 @kernel(fastmath=True)
-def _unfold(by_cosine, by_sine):  # type: ignore[no-untyped-def]
+def _unfold(by_cosine: Floats, by_sine: Floats) -> Floats:
     """|U|^2 on the whole field from its four parts on a quarter.
 
     by_cosine[0], by_sine[0]  even rows: cos cos and (odd columns) cos sin
