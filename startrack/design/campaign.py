@@ -7,15 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from startrack.core import (
-    POSITIVE,
-    Parameters,
-    Range,
-    Refused,
-    non_negative,
-    parse,
-    whole,
-)
+from startrack.core import POSITIVE, Parameters, Range, Refused, non_negative, parse, whole
 from startrack.design.case import Case, Fidelity
 from startrack.design.conditions import Condition, Judged, OverUnits, judged
 from startrack.design.objective import Objective

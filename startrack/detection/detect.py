@@ -17,12 +17,7 @@ from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, 
 SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
 
 
-def centroid(
-    frame: Frame,
-    pixels: Pixels,
-    candidates: Candidates,
-    plan: DetectionPlan,
-) -> Spots:
+def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, plan: DetectionPlan) -> Spots:
     """Measure every candidate, and drop those that run away or lead to the same star.
 
     Returns  Spots, brightest first

@@ -144,12 +144,7 @@ def method_of(name: str) -> CentroidMethod:
 
 
 def centroids_by_code(
-    name: str,
-    sample: Sample,
-    star: StarModel,
-    sigma: float,
-    compensation: str,
-    stated: bool = True,
+    name: str, sample: Sample, star: StarModel, sigma: float, compensation: str, stated: bool = True
 ) -> Floats:
     """One row per candidate, as `gravity` describes it; a window moves once after its star.
 

@@ -172,11 +172,7 @@ def frame_of(
 def to_frame(image: NDArray[np.number], detector: Detector) -> Frame:
     """An image with what its detector knows of its numbers."""
     return Frame(
-        image,
-        detector.exposure,
-        detector.electrons_per_dn,
-        float(detector.offset),
-        detector.noise,
+        image, detector.exposure, detector.electrons_per_dn, float(detector.offset), detector.noise
     )
 
 

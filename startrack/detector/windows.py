@@ -7,17 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import (
-    FieldPsf,
-    Floats,
-    Frame,
-    Ints,
-    Psf,
-    Streams,
-    Workspace,
-    kept,
-    kernel,
-)
+from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kept, kernel
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_window, draw_number, keys, work_row
 from startrack.detector.exposure import Places, colours, to_frame

@@ -27,10 +27,7 @@ MOST_CHAINS = 200  # chosen by hand: trades time against the success with uncert
 
 @kernel
 def follow(
-    seen: Seen,
-    voters: VerificationStars,
-    predicted: Floats,
-    covariance: Floats,
+    seen: Seen, voters: VerificationStars, predicted: Floats, covariance: Floats
 ) -> tuple[Floats, int, float]:  # pragma: no cover
     """The chain of matches with the greatest evidence.
 
@@ -79,16 +76,7 @@ def follow(
                 distance[i] = math.hypot(dx, dy)
             log_prior = log_peak - 0.5 * np.dot(away, np.dot(information, away))
             log_p = -log_evidence_with_prior(
-                seen,
-                voters,
-                star,
-                spots,
-                stars,
-                distance,
-                rotation,
-                1.0,
-                information,
-                log_prior,
+                seen, voters, star, spots, stars, distance, rotation, 1.0, information, log_prior
             )
             if log_p < best:
                 best, best_rotation, most = log_p, rotation, len(spots)

@@ -186,16 +186,7 @@ def log_evidence_of_match(
             seen.focal * math.sqrt(2 * math.pi)
         )
     return log_evidence_with_prior(
-        seen,
-        voters,
-        star,
-        matched_spot,
-        matched_star,
-        distance,
-        rotation,
-        scale,
-        prior,
-        log_prior,
+        seen, voters, star, matched_spot, matched_star, distance, rotation, scale, prior, log_prior
     )
 
 

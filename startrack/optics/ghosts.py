@@ -10,15 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    Camera,
-    DiffuseLight,
-    Floats,
-    Light,
-    Parameters,
-    Range,
-    Refused,
-)
+from startrack.core import Camera, DiffuseLight, Floats, Light, Parameters, Range, Refused
 from startrack.io import open_checked
 from startrack.io import whole as whole_file
 from startrack.optics.lens_family import family_surfaces

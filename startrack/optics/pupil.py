@@ -11,15 +11,7 @@ from typing import Annotated
 import numpy as np
 from scipy import special
 
-from startrack.core import (
-    FINITE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-)
+from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Refused, Unit
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
 MARGIN = 3  # cells beyond the rim, where the soft edge is zero

@@ -5,11 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from startrack.core import (
-    Camera,
-    Frame,
-    kept,
-)
+from startrack.core import Camera, Frame, kept
 from startrack.design import Case, Instrument
 from startrack.detection import (
     LONGEST_STREAK,
@@ -19,14 +15,8 @@ from startrack.detection import (
     DetectionPlan,
     plan_detection,
 )
-from startrack.detector import (
-    YEAR,
-    dark_frames,
-    to_frame,
-)
-from startrack.trial.images import (
-    psf_of,
-)
+from startrack.detector import YEAR, dark_frames, to_frame
+from startrack.trial.images import psf_of
 
 
 def detection_plan(

@@ -29,11 +29,7 @@ from startrack.core import (
 from startrack.design import Case, Fidelity, Tracker
 from startrack.detection import detect
 from startrack.detector import expose
-from startrack.identification import (
-    PatternIndexes,
-    identify,
-    refit,
-)
+from startrack.identification import PatternIndexes, identify, refit
 from startrack.metrics import JUDGED, Outcome, judge
 from startrack.trial.belief import as_believed, detection_plan, smear, with_smear
 from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, take_boxes

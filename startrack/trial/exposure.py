@@ -8,38 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    Camera,
-    Frame,
-    Light,
-    LineOfSight,
-    Spots,
-    Stars,
-    Streams,
-)
+from startrack.core import Camera, Frame, Light, LineOfSight, Spots, Stars, Streams
 from startrack.design import Case, Instrument
-from startrack.detector import (
-    Detector,
-    Exposure,
-    Line,
-    LineExposure,
-    Scan,
-    expected,
-    scan,
-)
+from startrack.detector import Detector, Exposure, Line, LineExposure, Scan, expected, scan
 from startrack.motion import Motion, realise_motion
-from startrack.trial.images import (
-    images_of,
-    psf_of,
-)
-from startrack.trial.pointing import (
-    motion_before,
-    motion_function,
-)
-from startrack.trial.stars import (
-    light_of,
-    throughput,
-)
+from startrack.trial.images import images_of, psf_of
+from startrack.trial.pointing import motion_before, motion_function
+from startrack.trial.stars import light_of, throughput
 
 
 def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) -> Frame:

@@ -7,20 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import (
-    Camera,
-    FieldPsf,
-    Psf,
-    kept,
-)
+from startrack.core import Camera, FieldPsf, Psf, kept
 from startrack.design import Instrument
-from startrack.optics import (
-    Optics,
-    cube_psf,
-    field_psf,
-    open_optics,
-    pixel_psf,
-)
+from startrack.optics import Optics, cube_psf, field_psf, open_optics, pixel_psf
 from startrack.scene import SUN, WAVELENGTH
 
 # Kelvin, of blackbodies whose images those of all stars are interpolated between.

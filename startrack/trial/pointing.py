@@ -10,14 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    LineOfSight,
-    Streams,
-)
+from startrack.core import LineOfSight, Streams
 from startrack.design import Case, Instrument
-from startrack.detector import (
-    MotionFunction,
-)
+from startrack.detector import MotionFunction
 from startrack.motion import realise_motion, sample_jitter
 
 

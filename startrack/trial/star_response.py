@@ -144,8 +144,7 @@ def scale(case: Case) -> Scale:
         float(sky) * solid_angle * detector.exposure + dark_electrons(detector)[0],
         math.hypot(detector.noise, detector.electrons_per_dn / math.sqrt(12)),
         min(
-            detector.full_well,
-            (2**detector.bits - 1 - detector.offset) * detector.electrons_per_dn,
+            detector.full_well, (2**detector.bits - 1 - detector.offset) * detector.electrons_per_dn
         ),
     )
 
@@ -212,10 +211,7 @@ def star_electrons(case: Case, magnitude: Floats, images: StarImages) -> Floats:
 
 
 def measure(
-    case: Case,
-    electrons: Floats,
-    reading: Reading = Reading.BELIEVED,
-    both_signs: bool = True,
+    case: Case, electrons: Floats, reading: Reading = Reading.BELIEVED, both_signs: bool = True
 ) -> tuple[Floats, Floats]:
     """The tracker's centroids of stars, each in a separate cell.
 
