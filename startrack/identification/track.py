@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, is_code, kernel
+from startrack.identification.agree import Agreed
 from startrack.identification.fit import derivatives, fit, turned
 from startrack.identification.grids import VerificationStars
 from startrack.identification.identify import identify, refined
@@ -75,9 +76,8 @@ def follow(
                 dx, dy = seen.plane[spots[i]] - fitted[i]
                 distance[i] = math.hypot(dx, dy)
             log_prior = log_peak - 0.5 * np.dot(away, np.dot(information, away))
-            log_p = -log_evidence_with_prior(
-                seen, voters, star, spots, stars, distance, rotation, 1.0, information, log_prior
-            )
+            match = Agreed(spots, stars, distance, rotation, 1.0)
+            log_p = -log_evidence_with_prior(seen, voters, star, match, information, log_prior)
             if log_p < best:
                 best, best_rotation, most = log_p, rotation, len(spots)
     return best_rotation, most, best

@@ -130,16 +130,7 @@ def _verdict(
     matches = len(agreed.spot)
     if matches < fewest or not abs(agreed.scale - 1) <= _scale_tolerance(seen):
         return Verdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
-    evidence = log_evidence_of_match(
-        seen,
-        voters,
-        star,
-        agreed.spot,
-        agreed.taken,
-        agreed.distance,
-        agreed.rotation,
-        agreed.scale,
-    )
+    evidence = log_evidence_of_match(seen, voters, star, agreed)
     magnitude = voters.magnitude[star]
     limit = magnitude[order(magnitude)[matches - 1]]
     expected = 0
@@ -160,34 +151,20 @@ def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
 
 @kernel
 def log_evidence_of_match(
-    seen: Seen,
-    voters: VerificationStars,
-    star: NDArray[np.int64],
-    matched_spot: NDArray[np.int64],
-    matched_star: NDArray[np.int64],
-    distance: Floats,
-    rotation: Floats,
-    scale: float,
+    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], match: Agreed
 ) -> float:  # pragma: no cover
     """ln of the evidence for a match, all attitudes being equally likely a priori.
 
-    star          (m,) indices into `voters` of the stars that the image should hold
-    matched_spot  (k,) indices into `seen`
-    matched_star  (k,) indices into `star`
-    distance      (k,) between the two, in the image plane
-    rotation      (3, 3) icrs_to_camera
-    scale         1, true over believed focal length
+    star   (m,) indices into `voters` of the stars that the image should hold
+    match  of spots with these stars, and the attitude and scale that it gives
     """
     unknowns = 4 if seen.focal > 0 else 3
     prior, log_prior = np.zeros((unknowns, unknowns)), -LOG_ATTITUDES
     if seen.focal > 0:
         prior[3, 3] = seen.focal**-2
-        log_prior -= 0.5 * ((scale - 1) / seen.focal) ** 2 + math.log(
-            seen.focal * math.sqrt(2 * math.pi)
-        )
-    return log_evidence_with_prior(
-        seen, voters, star, matched_spot, matched_star, distance, rotation, scale, prior, log_prior
-    )
+        off = (match.scale - 1) / seen.focal
+        log_prior -= 0.5 * off**2 + math.log(seen.focal * math.sqrt(2 * math.pi))
+    return log_evidence_with_prior(seen, voters, star, match, prior, log_prior)
 
 
 @kernel
@@ -195,15 +172,12 @@ def log_evidence_with_prior(
     seen: Seen,
     voters: VerificationStars,
     star: NDArray[np.int64],
-    matched_spot: NDArray[np.int64],
-    matched_star: NDArray[np.int64],
-    distance: Floats,
-    rotation: Floats,
-    scale: float,
+    match: Agreed,
     prior: Floats,
     log_prior: float,
 ) -> float:  # pragma: no cover
     """`log_evidence_of_match` with another prior: `prior` and `log_prior` as in `log_evidence`."""
+    matched_spot, matched_star, distance, rotation, scale = match
     unknowns = len(prior)
     expected = voters.magnitude[star]
     brighter = np.empty(len(matched_star), np.int64)

@@ -213,13 +213,12 @@ def _tried(
 @kernel
 def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) -> None:
     """Write the detected stars of each trial, and how many matches and spots it has."""
-    response, pull, field, companions, view, gate, false, through, hot = plan
+    field, view, gate, through = plan.field, plan.view, plan.gate, plan.through
     most = drawn.star.shape[1]
     flux = np.empty(most)
-    near = response, pull, field, companions, view, through, hot
     for n in range(len(attitude)):
         count = others = 0
-        for seen in sights(attitude[n], keys[n], *near):
+        for seen in sights(attitude[n], keys[n], plan):
             i = seen.star
             # The tracker's focal length for the star's colour.
             stretch = field.stretch[i] / (1 + field.stretch[i])
@@ -240,4 +239,4 @@ def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) 
             drawn.pixel[n, at, 0], drawn.pixel[n, at, 1] = seen.x + dx, seen.y + dy
             drawn.star[n, at], drawn.variance[n, at], flux[at] = i, spread, field.flux[i]
         drawn.matched[n] = count
-        drawn.spots[n] = min(count + others + false_spots(keys[n], false), most)
+        drawn.spots[n] = min(count + others + false_spots(keys[n], plan.false), most)

@@ -23,7 +23,7 @@ from startrack.core import (
 )
 from startrack.design import Case
 from startrack.trial.dark_pattern import HotPixels
-from startrack.trial.spot_plan import Companions, Field, Through, View, plan_of, refuse
+from startrack.trial.spot_plan import Plan, Through, plan_of, refuse
 from startrack.trial.spot_response import RATIOS, REACH, STEP, Response
 from startrack.trial.star_response import PHASES
 
@@ -45,11 +45,9 @@ SIGHT = np.dtype([
 
 
 @kernel
-def sights(
-    a: Floats, key: np.uint64, response: Response, pull: Floats, field: Field,
-    companions: Companions, view: View, through: Through, hot: HotPixels,
-) -> NDArray[np.void]:  # fmt: skip
+def sights(a: Floats, key: np.uint64, plan: Plan) -> NDArray[np.void]:
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
+    field, companions, view, through = plan.field, plan.companions, plan.view, plan.through
     near = in_view(a, field.direction, view)
     sighted = np.empty(len(near), SIGHT)
     count, lens = 0, len(through.table) > 0
@@ -67,14 +65,14 @@ def sights(
         ):
             continue
         start, seen = bits(key, field.number[i]), sighted[count]
-        if not _measure(x, y, column, row, flux, zone, start, response, hot, seen):
+        if not _measure(x, y, column, row, flux, zone, start, plan.response, plan.hot, seen):
             continue
         if lens:
             x, y = x - shift_x, y - shift_y
             seen.dx, seen.dy = seen.dx + shift_x, seen.dy + shift_y
         for k in range(companions.start[i], companions.start[i + 1]):
             u, v = _project(a, companions.direction[k], view)
-            dx, dy = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], pull)
+            dx, dy = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], plan.pull)
             seen.dx += dx
             seen.dy += dy
         if not np.isnan(seen.dx):
@@ -129,30 +127,28 @@ def _project(a, d, view):  # type: ignore[no-untyped-def]
 @kernel(inline="always")
 def _shifted(x: float, y: float, colour: int, through: Through) -> tuple[int, float, float, float]:
     """Zone of a place among those of a colour, logarithm of its flux, and its shift in pixel."""
-    p, q = through.table.shape[2], through.table.shape[1]
+    table = through.table
+    p, q = table.shape[2], table.shape[1]
     u = min(max((x + 0.5) / through.step_x, 0.0), p - 1.0)
     v = min(max((y + 0.5) / through.step_y, 0.0), q - 1.0)
     i, j = min(int(u), p - 2), min(int(v), q - 2)
     u, v = u - i, v - j
-    table = through.table
-    a, b, c, d = (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v
     column = min(max(int((x + 0.5) / through.wide), 0), through.across - 1)
     row = min(max(int((y + 0.5) / through.high), 0), through.down - 1)
+    corners = table[colour, j : j + 2, i : i + 2]
+    zone = row * through.across + column
     return (
-        row * through.across + column,
-        a * table[colour, j, i, 2]
-        + b * table[colour, j, i + 1, 2]
-        + c * table[colour, j + 1, i, 2]
-        + d * table[colour, j + 1, i + 1, 2],
-        a * table[colour, j, i, 0]
-        + b * table[colour, j, i + 1, 0]
-        + c * table[colour, j + 1, i, 0]
-        + d * table[colour, j + 1, i + 1, 0],
-        a * table[colour, j, i, 1]
-        + b * table[colour, j, i + 1, 1]
-        + c * table[colour, j + 1, i, 1]
-        + d * table[colour, j + 1, i + 1, 1],
+        zone,
+        _bilinear(corners, u, v, 2),
+        _bilinear(corners, u, v, 0),
+        _bilinear(corners, u, v, 1),
     )
+
+
+@kernel(inline="always")
+def _bilinear(corners, u, v, k):  # type: ignore[no-untyped-def]
+    a, b, c, d = (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v
+    return a * corners[0, 0, k] + b * corners[0, 1, k] + c * corners[1, 0, k] + d * corners[1, 1, k]
 
 
 @kernel
@@ -238,7 +234,7 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     refuse(case)
     plan = plan_of(case)
     key = trial_keys(streams.seed, np.array([streams.trial], np.uint64))[0]
-    table = _draw(icrs_to_camera.as_matrix(), key, *plan)
+    table = _draw(icrs_to_camera.as_matrix(), key, plan)
     table = table[np.argsort(-table[:, 2], kind="stable")][: case.tracker.detection.max_spots]
     x, y, flux, sigma, xx, xy, yy = table.T.copy()
     covariance = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
@@ -246,24 +242,15 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
 
 @kernel
-def _draw(
-    a: Floats, key: np.uint64, response: Response, pull: Floats, field: Field,
-    companions: Companions, view: View, gate: float, false: float, through: Through,
-    hot: HotPixels,
-) -> Floats:  # fmt: skip
+def _draw(a: Floats, key: np.uint64, plan: Plan) -> Floats:
     """The table of all spots, stars first; the gate is applied by the solver."""
-    stars = sights(a, key, response, pull, field, companions, view, through, hot)
-    noise = false_spots(key, false)
+    stars, noise = sights(a, key, plan), false_spots(key, plan.false)
     table = np.empty((len(stars) + noise, ROW))
     for n in range(len(stars)):
         _write(table[n], stars[n])
     for n in range(noise):
-        _write_false(
-            table[len(stars) + n],
-            bits(key, FALSE + np.uint64(1 + n)),
-            response.star_at_threshold,
-            view,
-        )
+        start = bits(key, FALSE + np.uint64(1 + n))
+        _write_false(table[len(stars) + n], start, plan.response.star_at_threshold, plan.view)
     return table
 
 
