@@ -24,7 +24,7 @@ from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification, matches_by_code
-from startrack.identification.search import breadth_first, search
+from startrack.identification.search import Limits, breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
 from startrack.identification.verify import Verdict
 
@@ -64,18 +64,17 @@ def identify(
     if len(finite) < settings.min_matches:
         return _too_few(len(finite), camera, settings)
     log_accepted = math.log(settings.max_false_probability)
-    best, tried, gathered = _identify(
-        see(spots, finite, camera, settings),
-        breadth_first(min(len(finite), settings.verify_spots), settings.pattern_spots),
+    limits = Limits(
         settings.verify_spots,
         settings.code_tolerance,
-        index.table,
-        index.bright,
         settings.min_matches,
         log_accepted,
         settings.max_hypotheses,
-        index.faint,
-        stars.magnitude_g,
+    )
+    choices = breadth_first(min(len(finite), settings.verify_spots), settings.pattern_spots)
+    patterns = index.table, index.bright, index.faint, stars.magnitude_g
+    best, tried, gathered = _identify(
+        see(spots, finite, camera, settings), choices, *patterns, limits
     )
     if best.log_p >= log_accepted:
         return _not_accepted(best.log_p, best.matches, len(finite), tried, camera)
@@ -90,27 +89,15 @@ def identify(
 def _identify(
     seen: Seen,
     choices: NDArray[np.int64],
-    voting: int,
-    code_tolerance: float,
     table: CodeTable,
     voters: VerificationStars,
-    fewest: int,
-    log_accepted: float,
-    most_hypotheses: int,
     faint: SkyGrid,
     magnitude: Floats,
+    limits: Limits,
 ) -> tuple[Verdict, int, Gathered]:  # pragma: no cover
     """`search` and `gather` in one call: a call takes about as long as the work in it."""
-    best, tried = search(
-        keep_brightest(seen, voting),
-        choices,
-        code_tolerance,
-        table,
-        voters,
-        fewest,
-        log_accepted,
-        most_hypotheses,
-    )
+    voting = keep_brightest(seen, limits.voting)
+    best, tried = search(voting, choices, table, voters, limits)
     return best, tried, gather(seen, faint, magnitude, best.rotation, best.scale)
 
 

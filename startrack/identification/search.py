@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,27 +60,39 @@ def _choices(start: int, stop: int) -> NDArray[np.int64]:
     return choices[np.lexsort((choices[:, 2], choices.sum(axis=1)))]
 
 
+class Limits(NamedTuple):
+    """Of a search.
+
+    voting           number of the brightest spots that verify a hypothesis
+    code_tolerance   1, error of a code beyond the noise
+    fewest           as in `verify`
+    log_accepted     ln of the largest accepted bound on chance
+    most_hypotheses  number after which the search ends
+    """
+
+    voting: int
+    code_tolerance: float
+    fewest: int
+    log_accepted: float
+    most_hypotheses: int
+
+
 @kernel
 def search(
     seen: Seen,
     choices: NDArray[np.int64],
-    code_tolerance: float,
     table: CodeTable,
     voters: VerificationStars,
-    fewest: int,
-    log_accepted: float,
-    most_hypotheses: int,
+    limits: Limits,
 ) -> tuple[Verdict, int]:  # pragma: no cover
     """Look up one triangle after the other until a hypothesis is accepted.
 
-    choices          (k, 3) spots, in the order to try
-    code_tolerance   1, error of a code beyond the noise
-    table, voters    the triangles of the index, and its stars that verify hypotheses
-    fewest           as in `verify`
-    log_accepted     ln of the largest accepted bound on chance
-    most_hypotheses  number after which the search ends
-    Returns          the best verdict, the last one if accepted; number of hypotheses
+    seen           the spots that verify
+    choices        (k, 3) spots, in the order to try
+    table, voters  the triangles of the index, and its stars that verify hypotheses
+    Returns        the best verdict, the last one if accepted; number of hypotheses
     """
+    _, code_tolerance, fewest, log_accepted, most_hypotheses = limits
     tried = 0
     best = Verdict(np.eye(3), 1.0, 0, 0, 0.0)
     screen = spot_grid(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
