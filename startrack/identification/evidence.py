@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, kernel, median, order
+from startrack.identification.fit import cholesky
 
 # Priors, chosen by hand; experiments/identification.py shows the success and the false solutions
 # that they lead to, but does not vary them.
@@ -211,14 +212,10 @@ def _log_seen(
 
 @kernel
 def _log_determinant(matrix: Floats) -> float:  # pragma: no cover
-    """ln det of a positive definite matrix from its lower half, which is overwritten (Cholesky)."""
+    """ln det of a positive definite matrix from its lower half, which is overwritten."""
+    cholesky(matrix, len(matrix))
     total = 0.0
     for j in range(len(matrix)):
-        for k in range(j + 1):
-            rest = matrix[j, k]
-            for i in range(k):
-                rest -= matrix[j, i] * matrix[k, i]
-            matrix[j, k] = math.sqrt(rest) if j == k else rest / matrix[k, k]
         total += 2 * math.log(matrix[j, j])
     return total
 

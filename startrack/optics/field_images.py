@@ -316,13 +316,11 @@ class _Plan:
         self.blur = math.hypot(optics.total_blur, diffusion) / pitch
         self.pixel = math.sqrt(fill_factor)
         light = cube.image / cube.image.sum(axis=(2, 3), keepdims=True)
+        if light.shape[-1] % 2 == 0:  # the middle sample is that of n // 2
+            light = light[..., 1:, 1:]
         # At negative angles an image is turned by half a turn: its even and odd parts.
         self.even = (light + light[..., ::-1, ::-1]) / 2
         self.odd = (light - light[..., ::-1, ::-1]) / 2
-        if light.shape[-1] % 2 == 0:  # the middle sample is that of n // 2
-            light = light[..., 1:, 1:]
-            self.even = (light + light[..., ::-1, ::-1]) / 2
-            self.odd = (light - light[..., ::-1, ::-1]) / 2
         self.over_colour = _over_colour(cube, band)
         half = light.shape[-1] // 2 * cube.spacing / pitch
         self.oversampling = FINE

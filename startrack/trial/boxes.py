@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.catalog import open_sky
+from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Status, Streams, kept
 from startrack.design import Case, Tracker
 from startrack.detection import DetectionPlan, Taken, box_reach, take
@@ -96,6 +96,6 @@ def believed_electrons(case: Case) -> Floats:
 
 
 @kept(4)
-def _electrons(case: Case, catalog) -> Floats:  # type: ignore[no-untyped-def]
+def _electrons(case: Case, catalog: Selection) -> Floats:
     tracker = replace(case.tracker, catalog=None)
     return electrons_of(replace(case, catalog=catalog, tracker=tracker))

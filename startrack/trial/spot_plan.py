@@ -30,7 +30,7 @@ from startrack.trial.spot_response import (
     response_of,
     response_of_zones,
 )
-from startrack.trial.stars import mean_colour, throughput
+from startrack.trial.stars import mean_colour, sky_electrons, throughput
 from startrack.trial.systematic import systematic_variance
 from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
@@ -153,7 +153,7 @@ def _refuse_crowded(case: Case) -> None:
     pattern = dark_pattern(case)
     if pattern is None:
         return
-    empty = empty_frame(case, arriving_sky(case))
+    empty = empty_frame(case, sky_electrons(case))
     assert empty is not None
     most = case.tracker.detection.max_spots
     if empty.spots > CROWDED * most:
@@ -167,13 +167,6 @@ def _refuse_crowded(case: Case) -> None:
             f"covariance needs a dark map that marks at most {MARKED:.1%} of the pixels as hot, "
             f"got {pattern.marked:.2%}; choose the fidelity window or frame"
         )
-
-
-def arriving_sky(case: Case) -> float:
-    """Electron in a pixel, of the sky's uniform light."""
-    instrument = case.instrument
-    light, camera = _light(case.catalog, case.scene), instrument.camera
-    return arriving(light, camera, instrument.detector, throughput(instrument))[1]
 
 
 class Limits(NamedTuple):

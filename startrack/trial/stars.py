@@ -77,6 +77,13 @@ def throughput(instrument: Instrument) -> NDArray[np.float64]:
     return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)
 
 
+def sky_electrons(case: Case) -> float:
+    """Electron in a pixel of mean response, of the sky's uniform light in an exposure."""
+    instrument = case.instrument
+    light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
+    return arriving(light, instrument.camera, instrument.detector, throughput(instrument))[1]
+
+
 def light_by_colour(case: Case, colour: Floats) -> Light:
     """The light of stars of G = 0 and BP - RP (n,), NaN for a sunlike one."""
     count = len(colour)

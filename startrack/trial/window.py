@@ -58,7 +58,6 @@ from startrack.detector import (
     tilted_law,
     write_numbers,
 )
-from startrack.scene import illuminate
 from startrack.trial.belief import as_believed, detection_plan
 from startrack.trial.effects import require_window
 from startrack.trial.exposure import expected_electrons, exposure_of
@@ -69,6 +68,7 @@ from startrack.trial.stars import (
     electrons_of,
     light_of,
     nearby,
+    sky_electrons,
     stars_in_field,
     throughput,
 )
@@ -155,9 +155,7 @@ def frame_in_windows(
     near = nearby(sky, icrs_to_camera, instrument.camera)
     colour = colours_of(case)[near] if isinstance(psf, FieldPsf) else None
     places = path_points(instrument, sky.stars.direction[near], icrs_to_camera, streams)
-    light = illuminate(case.scene, sky.stars[:0])
-    _, level = arriving(light, instrument.camera, detector, throughput(instrument))
-    star = electrons_of(case)[near]
+    star, level = electrons_of(case)[near], sky_electrons(case)
     return expose_within(windows, places, star, psf, detector, level, streams, Workspace(), colour)
 
 
@@ -295,8 +293,7 @@ def plan_of(case: Case) -> Plan:
     require_independent_pixels(detector)
     # Lights that vary over the field in some attitudes are refused in these.
     require_window(case, "instrument.ghosts", "tracker.detection.search")
-    light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
-    _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
+    sky = sky_electrons(case)
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
     border, detection = peak_border(settings), detection_plan(case)
     kernel = detection.kernel
