@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Ints, kernel
-from startrack.detection.background import between
+from startrack.detection.background import Sky, between
 
 Image = NDArray[np.float32]
 
@@ -140,22 +140,12 @@ MOST = 4  # stars for one peak
 
 
 @kernel
-def split(
-    image: Image,
-    merged: Peaks,
-    mean: Image,
-    rms: Image,
-    mesh: int,
-    noise: float,
-    shot: float,
-    border: int,
-) -> Peaks:
+def split(image: Image, merged: Peaks, sky: Sky, noise: float, shot: float, border: int) -> Peaks:
     """Take the peaks apart that the filter has merged.
 
     Two maxima of the image itself are two stars where the image dips between them by more than
     noise does.
 
-    mean, rms  of the Sky, and its mesh
     noise      fraction of a pixel's noise that the filter leaves
     shot       digital number, variance for each digital number of light; NaN where unknown
     border     pixel, distance that a peak must keep from the border, at least 1
@@ -166,7 +156,8 @@ def split(
     near_x, near_y = np.empty((2, MOST), np.int64)
     for i in range(size):
         u, v = merged.x[i], merged.y[i]
-        level, sigma = between(mean, mesh, u, v), between(rms, mesh, u, v) / noise
+        level = between(sky.mean, sky.mesh, u, v)
+        sigma = between(sky.rms, sky.mesh, u, v) / noise
         light = sigma**2 / max(level, sigma) if math.isnan(shot) else shot
         stars = _maxima(image, u, v, level, sigma, light, border, near_x, near_y)
         if stars < 2:

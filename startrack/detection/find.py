@@ -198,26 +198,13 @@ def _choose(
     ground: Sky, far: Image, filters: Floats, regions: Ints, rules: _Rules,
 ) -> tuple[Ints, Ints, Ints]:  # fmt: skip
     """Columns, rows and areas of the peaks that `choose` keeps."""
-    bright_peaks = peaks(
+    merged = peaks(
         image, bright, waiting, rules.min_area, rules.max_area, rules.reach, rules.border
     )
-    bright_peaks = split(
-        value,
-        bright_peaks,
-        ground.mean,
-        ground.rms,
-        ground.mesh,
-        rules.noise,
-        rules.shot,
-        rules.border,
-    )
-    x, y, area = bright_peaks.x, bright_peaks.y, bright_peaks.area
+    x, y, area = split(value, merged, ground, rules.noise, rules.shot, rules.border)
     good = _inside(x, y, regions)
     x, y, area = x[good], y[good], area[good]
-    good = stands_out(
-        value, image, filters, x, y, rules.ring, far, ground.mean, ground.rms, ground.mesh,
-        rules.floor,
-    )  # fmt: skip
+    good = stands_out(value, image, filters, x, y, rules.ring, far, ground, rules.floor)
     for i in range(len(x)):
         if good[i] and rules.fraction > 0:
             good[i] = not is_hot(value, x[i], y[i], rules.ring, rules.fraction)

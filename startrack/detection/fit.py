@@ -309,9 +309,7 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
     u, v = (first_x + last_x) // 2, (first_y + last_y) // 2
     ring = model.ring + max(last_x - u, last_y - v)
     level, slope_x, slope_y, spread, _ = around(sample.image, u, v, ring, sample.floor)
-    noise, shot = pixel_noise(
-        level, spread, sample.floor, sample.electrons_per_dn, sample.offset, sample.read_noise
-    )
+    noise, shot = pixel_noise(sample, level, spread)
     if not noise > 0:
         return False
     data, left, top = _cut(sample, model, x, y, slope_x, slope_y)

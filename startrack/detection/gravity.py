@@ -113,9 +113,7 @@ def _gravity(sample: Sample, uncut: bool) -> Floats:
         table[i, WINDOW_X], table[i, WINDOW_Y] = u, v
         if lost:
             continue
-        noise, shot = pixel_noise(
-            level, spread, sample.floor, sample.electrons_per_dn, sample.offset, sample.read_noise
-        )
+        noise, shot = pixel_noise(sample, level, spread)
         law = PixelLaw(level, spread / math.sqrt(count), noise, shot, sample.saturation)
         cx, cy, by_x, by_y = seen.x, seen.y, UNCORRECTED, UNCORRECTED
         if uncut:
@@ -281,9 +279,7 @@ def _weighted(sample: Sample, table: Floats, sigma: float) -> Floats:
             continue
         u, v = int(table[i, WINDOW_X]), int(table[i, WINDOW_Y])
         background, slope_x, slope_y, spread, _ = around(image, u, v, half, floor)
-        noise, shot = pixel_noise(
-            background, spread, floor, sample.electrons_per_dn, sample.offset, sample.read_noise
-        )
+        noise, shot = pixel_noise(sample, background, spread)
         cx, cy = table[i, X] - u, table[i, Y] - v
         settled = False
         for _ in range(WEIGHTED_ROUNDS):

@@ -207,9 +207,7 @@ def _windows(sample: Sample, star: StarModel, sigma: float, x: Ints, y: Ints) ->
     ground = around_each(sample.image, x, y, sample.half, sample.floor)
     for k, (level, slope_x, slope_y, spread) in enumerate(ground.tolist()):
         value[k] -= level + slope_x * step + slope_y * step[:, None]
-        noise[k], shot[k] = pixel_noise(
-            level, spread, sample.floor, sample.electrons_per_dn, sample.offset, sample.read_noise
-        )
+        noise[k], shot[k] = pixel_noise(sample, level, spread)
     return CentroidInput(value, noise, shot, unknown, sigma, star.psf)
 
 
