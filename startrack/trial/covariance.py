@@ -213,7 +213,7 @@ def _tried(
 @kernel
 def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) -> None:
     """Write the detected stars of each trial, and how many matches and spots it has."""
-    field, view, gate, through = plan.field, plan.view, plan.gate, plan.through
+    _, _, field, _, view, gate, false, through, _ = plan
     most = drawn.star.shape[1]
     flux = np.empty(most)
     for n in range(len(attitude)):
@@ -239,4 +239,4 @@ def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) 
             drawn.pixel[n, at, 0], drawn.pixel[n, at, 1] = seen.x + dx, seen.y + dy
             drawn.star[n, at], drawn.variance[n, at], flux[at] = i, spread, field.flux[i]
         drawn.matched[n] = count
-        drawn.spots[n] = min(count + others + false_spots(keys[n], plan.false), most)
+        drawn.spots[n] = min(count + others + false_spots(keys[n], false), most)

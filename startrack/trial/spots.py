@@ -47,7 +47,7 @@ SIGHT = np.dtype([
 @kernel
 def sights(a: Floats, key: np.uint64, plan: Plan) -> NDArray[np.void]:
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
-    field, companions, view, through = plan.field, plan.companions, plan.view, plan.through
+    response, pull, field, companions, view, _, _, through, hot = plan
     near = in_view(a, field.direction, view)
     sighted = np.empty(len(near), SIGHT)
     count, lens = 0, len(through.table) > 0
@@ -65,14 +65,14 @@ def sights(a: Floats, key: np.uint64, plan: Plan) -> NDArray[np.void]:
         ):
             continue
         start, seen = bits(key, field.number[i]), sighted[count]
-        if not _measure(x, y, column, row, flux, zone, start, plan.response, plan.hot, seen):
+        if not _measure(x, y, column, row, flux, zone, start, response, hot, seen):
             continue
         if lens:
             x, y = x - shift_x, y - shift_y
             seen.dx, seen.dy = seen.dx + shift_x, seen.dy + shift_y
         for k in range(companions.start[i], companions.start[i + 1]):
             u, v = _project(a, companions.direction[k], view)
-            dx, dy = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], plan.pull)
+            dx, dy = _pulled(u - x, v - y, companions.flux[k] - field.flux[i], pull)
             seen.dx += dx
             seen.dy += dy
         if not np.isnan(seen.dx):
@@ -244,13 +244,14 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 @kernel
 def _draw(a: Floats, key: np.uint64, plan: Plan) -> Floats:
     """The table of all spots, stars first; the gate is applied by the solver."""
-    stars, noise = sights(a, key, plan), false_spots(key, plan.false)
+    response, _, _, _, view, _, false, _, _ = plan
+    stars, noise = sights(a, key, plan), false_spots(key, false)
     table = np.empty((len(stars) + noise, ROW))
     for n in range(len(stars)):
         _write(table[n], stars[n])
     for n in range(noise):
         start = bits(key, FALSE + np.uint64(1 + n))
-        _write_false(table[len(stars) + n], start, plan.response.star_at_threshold, plan.view)
+        _write_false(table[len(stars) + n], start, response.star_at_threshold, view)
     return table
 
 
