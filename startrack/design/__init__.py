@@ -56,6 +56,7 @@ from startrack.design.variation import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "Accuracy",
     "CameraCalibration",
     "Campaign",
     "CaseNumber",
@@ -66,6 +67,7 @@ __all__ = [
     "KeepOut",
     "Link",
     "Objective",
+    "OverUnits",
     "Requirements",
     "Scope",
     "Variable",
