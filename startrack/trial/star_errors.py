@@ -108,22 +108,18 @@ def _noise_covariance(case: Case, plain: Chart, images: StarImages, both_signs: 
     saturation, bold = case.tracker.detection.saturation, without_saturation(case)
     magnitude, covariance = plain.magnitude, plain.covariance
     if case.design is not None:
-        near = np.ones(len(magnitude), bool)
-    elif saturation is None:
+        true = Reading.TRUE
+        return chart(bold, magnitude, images, reading=true, both_signs=both_signs).covariance
+    if saturation is None:
         return covariance
-    else:
-        size, detector = scale(case), case.instrument.detector
-        peak = size.star * 10 ** (-0.4 * magnitude) * float(images.point.max())
-        peak += size.background + size.pixel
-        # As many as may reach it, whatever their place and the converter: the others are as they
-        # are.
-        near = detector.offset + peak / detector.electrons_per_dn > NEAR * saturation
-    reading = Reading.BELIEVED if case.design is None else Reading.TRUE
+    size, detector = scale(case), case.instrument.detector
+    peak = size.star * 10 ** (-0.4 * magnitude) * float(images.point.max())
+    peak += size.background + size.pixel
+    # As many as may reach it, whatever their place and the converter: the others are as they are.
+    near = detector.offset + peak / detector.electrons_per_dn > NEAR * saturation
+    covariance = covariance.copy()
     if near.any():
-        covariance = covariance.copy()
-        covariance[near] = chart(
-            bold, magnitude[near], images, reading=reading, both_signs=both_signs
-        ).covariance
+        covariance[near] = chart(bold, magnitude[near], images, both_signs=both_signs).covariance
     return covariance
 
 
