@@ -328,7 +328,7 @@ def votable(path: Path) -> Any:
 
 
 def any_table(path: Path) -> Any:
-    """Read a table of a FITS, VOTable, ECSV or CSV file, told apart by its first bytes.
+    """Read a table of a FITS, VOTable, ECSV or CSV file, recognised by its first bytes.
 
     Raises  ValueError for a file that is none, or cut.
     """

@@ -43,8 +43,8 @@ APPARENT = "magnitudes by which a star may seem fainter or brighter than its cat
 
 @dataclass(frozen=True)
 class Box(Parameters):
-    """Search boxes about the places where stars are expected, as trackers have them that are told
-    which stars to take.
+    """Search boxes about the places where stars are expected, as in trackers that are given
+    the stars to take.
 
     In each box the place is taken where an image of `size` pixels a side has most light above the
     background, among those whose magnitude is that of the star within the limits: a hot pixel or

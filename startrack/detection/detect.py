@@ -18,7 +18,7 @@ SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
 
 
 def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, plan: DetectionPlan) -> Spots:
-    """Measure every candidate, and drop those that run away or lead to the same star.
+    """Measure every candidate, and drop those that diverge or lead to the same star.
 
     Returns  Spots, brightest first
     Raises   those of the files of the four centroids.
@@ -33,7 +33,7 @@ def places(
 ) -> tuple[Floats, Floats]:
     """Centroids of every candidate, which must be different stars, in their order.
 
-    Returns  (n, 2) pixel, (n, 2, 2) pixel^2 as stated; NaN where it runs away
+    Returns  (n, 2) pixel, (n, 2, 2) pixel^2 as stated; NaN where it diverges
     """
     table = measured(sample(frame, pixels, candidates, plan.settings), plan)
     table[np.isnan(table[:, FLUX])] = np.nan

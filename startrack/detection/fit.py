@@ -47,7 +47,7 @@ def information(
 
     Source: Kay, Estimation Theory (1993), sections 3.6 and 7.7.
 
-    data    (rows, columns) less the known slopes; NaN in pixels that tell nothing
+    data    (rows, columns) less the known slopes; NaN in pixels that do not count
     star    (m, 1 + k, rows, columns) p of each star and its slopes by the k values of its shape
     value   (m (k + 1) + 1,) of each star its shape and its flux; last the background
     matrix  (n, n), right (n,) for n values: written here
@@ -235,7 +235,7 @@ CLOSE = 3e-3  # sigma of the place; a last step of that length changes nothing
 LONGEST = 0.5  # pixel
 FASTEST = 0.3  # of the width; one that is to change by more is far from its place yet
 NARROWEST, WIDEST = 0.15, 8.0  # pixel
-SPARE = 4  # pixels more than there are parameters, or the fit tells nothing
+SPARE = 4  # pixels more than there are parameters, for a fit that is determined
 MOST = 8  # stars that are fitted together
 TOUCH = 1.5  # half sides of a window; a star farther off hardly shines into it
 
@@ -460,7 +460,7 @@ def gaussian(sample: Sample, sigma: float) -> Floats:
 def likelihood(sample: Sample, star: StarModel) -> Floats:
     """Fit x, y, flux and background with the PSF of the design, by Fisher's scoring.
 
-    Stars that touch are fitted together. Saturated and dead pixels tell nothing and are left
+    Stars that touch are fitted together. Saturated and dead pixels are left
     out; a smeared star is fitted with a smeared PSF. The covariance is the inverse of Fisher's
     information, the Cramer-Rao bound of these stars.
 

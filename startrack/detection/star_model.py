@@ -104,7 +104,7 @@ def _weights(t: float, value: Floats, slope: Floats) -> None:
 STEPS = 32  # per pixel; linear interpolation then errs by 1e-4 of the window's pull
 SIDE = 2 * STEPS + 1  # from -1 to 1 pixel
 ROUNDS = 20
-FLATTEST = 0.1  # where the centre of gravity moves less than that with the star, it tells nothing
+FLATTEST = 0.1  # where the centre of gravity moves less than that with the star, it is not used
 
 
 def s_curve(psf: Psf, half: int) -> Floats:

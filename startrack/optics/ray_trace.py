@@ -107,7 +107,7 @@ def trace_lens(
     glasses keep their shape and index.
 
     lens      as `read_prescription` gives it
-    progress  is told of each node that is done, 1
+    progress  called with 1 for each node that is done
     Raises    ValueError where the chief ray does not pass, or the lens is not one of revolution
               that images stars.
     Accuracy  the rms of what the terms leave is returned; the open pupil is an ellipse of the true

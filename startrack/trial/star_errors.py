@@ -23,7 +23,7 @@ from startrack.trial.star_response import (
     scale,
 )
 
-LEAST_KEPT = 1e-6  # sum of chances below which a magnitude tells nothing
+LEAST_KEPT = 1e-6  # sum of chances below which a magnitude is not used
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
 NEAR = 0.8  # of saturation, from which on a star may reach it; chosen by hand
 SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"

@@ -39,7 +39,7 @@ from startrack.trial.stars import mean_colour
 PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them
 # Sub-pixel positions, each with its own x and its own y: a lattice that takes the means of waves of
-# one and of two a pixel along the axes and of their products but for one pair.
+# one and of two a pixel along the axes and of their products, except for one pair.
 POSITIONS, TURN = 5, 2
 EVERY = 3  # magnitudes of `errors` between two of a zone
 STILL = 1.0  # pixel of smear; chosen by hand
@@ -287,8 +287,8 @@ def unique_places(
 ) -> tuple[list[tuple[float, float, float]], Ints, Floats]:
     """The places (x, y, colour) of which those of a frame are mirror images.
 
-    Where the lens is centred, stars are measured alike in eight places of a frame, but for a smear
-    below a pixel, whose direction is the same in all.
+    Where the lens is centred, stars are measured alike in eight places of a frame, except for a
+    smear below a pixel, whose direction is the same in all.
 
     Returns  them; which of them each place (n,) is; the mirror (n, 2, 2) of its displacements
     """
