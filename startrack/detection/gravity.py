@@ -88,6 +88,7 @@ class PixelLaw(NamedTuple):
 
 @kernel
 def _gravity(sample: Sample, uncut: bool) -> Floats:
+    """The rows of `gravity`, one star after the other."""
     image, x, y = sample.image, sample.x, sample.y
     rows, columns = image.shape
     table = np.full((len(x), COLUMNS), np.nan)
@@ -273,6 +274,7 @@ def weighted(sample: Sample, sigma: float) -> Floats:
 
 @kernel
 def _weighted(sample: Sample, table: Floats, sigma: float) -> Floats:
+    """The rows of `weighted`, written over those of `gravity`."""
     image, half, floor = sample.image, sample.half, sample.floor
     for i in range(len(sample.x)):
         if np.isnan(table[i, FLUX]):

@@ -121,6 +121,7 @@ def s_curve(psf: Psf, half: int) -> Floats:
 
 @kernel
 def _s_curve(table: Floats, oversampling: int, half: int) -> Floats:
+    """Centre of gravity x, y (pixel) and light in a window, (3, SIDE, SIDE) by place."""
     curve = np.empty((3, SIDE, SIDE))
     star = np.empty((3, 2 * half + 1, 2 * half + 1))
     for j in range(SIDE):

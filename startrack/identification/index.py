@@ -85,6 +85,7 @@ def local_rank(direction: Floats, radius: float, most: int) -> Ranks:
 
 @kernel
 def _rank(direction: Floats, radius: float, most: int, side: int) -> Ranks:  # pragma: no cover
+    """`local_rank` by a grid of `side` cubes along an axis, from the brightest star on."""
     n = len(direction)
     rank = np.empty(n, np.int16)
     newest = np.full(side**3, -1, np.int32)  # the cubes are linked lists: last star put in

@@ -113,6 +113,7 @@ def _see(
     tolerance: float,
     voting: int,
 ) -> Seen:  # pragma: no cover
+    """`see` for spots at (x, y) in the image plane; `voting` of them set the match radius."""
     n = len(x)
     left, top, right, bottom = border
     plane, direction = np.empty((n, 2)), np.empty((n, 3))

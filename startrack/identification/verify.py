@@ -127,6 +127,7 @@ def leave_one_out(
 def _verdict(
     seen: Seen, voters: VerificationStars, star: NDArray[np.int64], agreed: Agreed, fewest: int
 ) -> Verdict:  # pragma: no cover
+    """The verdict on what `agree` found; refused where it is too little or the scale is off."""
     matches = len(agreed.spot)
     if matches < fewest or not abs(agreed.scale - 1) <= _scale_tolerance(seen):
         return Verdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
