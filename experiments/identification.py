@@ -49,8 +49,9 @@ from startrack.benchmark.solving import (
 )
 from startrack.core import Floats
 from startrack.identification import build_index, cached_index, identify, track
+from startrack.identification.agree import Agreed
 from startrack.identification.seen import keep_brightest, see, usable
-from startrack.identification.verify import weigh
+from startrack.identification.verify import log_evidence_of_match
 from startrack.plots import CYCLE, MARKERS, picture, save_picture, styled
 
 CEDAR_SKIES = 20  # a regime: it takes up to a second for one
@@ -88,10 +89,9 @@ def within_reach(seen: Seen, regime: Regime) -> bool:
     distance = np.linalg.norm(view.plane[true] - expected, axis=1)
     best = 0.0
     for fewest in range(4, len(true) + 1):
-        evidence = weigh(
-            view, voters, near, true[:fewest], taken[:fewest],
-            distance[:fewest], seen.icrs_to_camera.as_matrix(), 1.0,
-        )  # fmt: skip
+        matrix, some = seen.icrs_to_camera.as_matrix(), slice(fewest)
+        match = Agreed(true[some], taken[some], distance[some], matrix, 1.0)
+        evidence = log_evidence_of_match(view, voters, near, match)
         best = max(best, evidence)
     return best > -math.log(SETTINGS.max_false_probability)
 

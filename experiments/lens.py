@@ -66,7 +66,8 @@ from startrack.optics.lens_psf import Band, _Plan, _stars, band_of
 from startrack.optimise import TrialRunner, optimize
 from startrack.scene import WAVELENGTH, illuminate
 from startrack.trial import images_of, line_of_sight, psf_of, stars_in_field, throughput
-from startrack.trial.view import TEMPERATURES, colours_of, field_psf_of
+from startrack.trial.images import TEMPERATURES, field_psf_of
+from startrack.trial.stars import colours_of
 from startrack.trial.window import plan_of, spots_in_windows
 from startrack.trial.zones import residual_shift
 

@@ -68,7 +68,7 @@ def page(found: list[dict[str, Any]]) -> str:
         "# What lenses weigh and cost",
         "`max_mass`, `max_volume` and `max_cost` of a design with `lens_family`, or with a "
         "`lens_file` that holds its surfaces, count the lens by its glass: "
-        "`startrack.design.lens_cost` has the equations. This page, written by "
+        "`startrack.design.requirements` has the equations. This page, written by "
         "`experiments/lens_costs.py --markdown`, has the double Gauss family beside nine lenses "
         "for cameras of 24 by 36 mm, at their focal length, f-number and field.",
         "",

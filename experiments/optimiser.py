@@ -29,7 +29,8 @@ from startrack.optimise import Evaluation, Ledger, Search, TrialRunner, evaluate
 from startrack.optimise.evaluate import LOST, PENALTY, measured, missed
 from startrack.optimise.forecast import expected_objective
 from startrack.optimise.runner import FRESH
-from startrack.optimise.steps import assure, correct, prospect, refine
+from startrack.optimise.explore import Explorer
+from startrack.optimise.steps import confirm_requirements, correct, explore, refine
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.verification.margins import margins as margins_of
 
@@ -134,8 +135,11 @@ class Spent(Exception):
     """All trials were used."""
 
 
-def ours(space: DesignSpace, campaign: Campaign, seed: int, start: Floats, ledger: Ledger) -> Run:
+def ours(space: DesignSpace, campaign: Campaign, seed: int, ledger: Ledger) -> Run:
     runner = TrialRunner(seed, ledger=ledger)
+    explorer = Explorer(space, campaign, runner)
+    explore({"": explorer}, {"": space.start}, campaign)
+    print(f"{len(explorer.points)} forecasts; {explorer.ending}", flush=True)
     run = Run([], [])
     best: dict[int, float] = {}
     counted = 0
@@ -148,7 +152,7 @@ def ours(space: DesignSpace, campaign: Campaign, seed: int, start: Floats, ledge
             run.trials.append(counted)
             run.points.append(np.array(one.coordinates))
 
-    final, _ = refine(space, start, campaign, runner, watch)
+    final, _ = refine(explorer, campaign, runner, watch)
     run.trials.append(counted)
     run.points.append(np.array(final[0].coordinates))
     return run
@@ -227,7 +231,10 @@ class Truth:
         case = self.space.design(coordinates)
         outcomes = self.runner.run(case, self.judging.judged, self.campaign.fidelity, FRESH)
         own = self.campaign.judged(case)[0]
-        return assure(own, self.campaign, self.runner, outcomes)["availability"].margin >= 0
+        return (
+            confirm_requirements(own, self.campaign, self.runner, outcomes)["availability"].margin
+            >= 0
+        )
 
     def reference(self, points: list[Floats]) -> Floats:
         """The best of all places and of where the budget, set right by them, is best.
@@ -291,9 +298,6 @@ def search(options: argparse.Namespace) -> dict[str, Any]:
     if options.quick:
         campaign, judging = dataclasses.replace(campaign, **SMALLEST), Judging(2, 1, 2)
     space = DesignSpace(case, campaign.variables)
-    started = time.process_time()
-    start = prospect(space, campaign, space.start).coordinates
-    print(f"prospect {time.process_time() - started:.1f} s", start.round(3), flush=True)
     others: dict[str, Callable[..., Run]] = {"nlopt_plain": nlopt_plain, "tpe": tpe, "cmaes": cmaes}
     needs = {"tpe": "optuna", "cmaes": "cma"}
     names = [
@@ -310,7 +314,7 @@ def search(options: argparse.Namespace) -> dict[str, Any]:
         for name, seed in plan:
             began = time.process_time()
             if name == "ours":
-                run = ours(space, campaign, seed, start, ledger)
+                run = ours(space, campaign, seed, ledger)
             else:
                 run = others[name](space, campaign, seed, options.trials, ledger)
             runs.setdefault(name, []).append(run)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.optics import pupil_transfer
-from startrack.optics.fresnel import fresnel_error, fresnel_radius, paper_radius
+from startrack.optics.diffraction import fresnel_error, fresnel_radius, paper_radius
 from startrack.optics.kirchhoff import ThinLens, on_axis, path_defect
 from startrack.plots import BLUE, GREY, RED, legend_below, picture, save_picture, styled
 
@@ -43,7 +43,7 @@ def nyquist_error(f_number: float) -> float:
 def kirchhoff_modulation(thin: ThinLens, frequency: float) -> float:
     """The autocorrelation of the pupil over q = b sin(angle), in which eq. (7) is a transform.
 
-    Gauss-Legendre over the overlap of two disks, in the manner of `startrack.optics.wavefront`.
+    Gauss-Legendre over the overlap of two disks, in the manner of `startrack.optics.choose`.
     """
     b, g = thin.image, thin.distance
     rim = thin.radius / math.hypot(1, thin.radius / b)

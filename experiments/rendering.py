@@ -32,8 +32,8 @@ from scipy.spatial.transform import Rotation
 from startrack import Camera, Light, LineOfSight, Streams
 from startrack.core import Floats
 from startrack.detector import Detector, Exposure, expose, law_of, read_out
+from startrack.detector.law import BITS, tables_for
 from startrack.detector.maps import dark, response
-from startrack.detector.tables import BITS, tables_for
 from startrack.optics import Optics, pixel_psf
 
 Image = NDArray[Any]

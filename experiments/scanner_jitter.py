@@ -35,7 +35,7 @@ from startrack.motion import Motion, Tone, image_path, nyquist_mtf, slew, stabil
 from startrack.motion.transfer import NYQUIST
 from startrack.optimise import TrialRunner
 from startrack.plots import BLUE, GREEN, legend_below, picture, save_picture, styled
-from startrack.trial.sweep import duration
+from startrack.trial.exposure import duration
 
 FREQUENCIES = (0.05, 0.15, 0.5, 1.5, 5.0, 15.0, 50.0, 150.0)  # Hz; two cycles a line at most
 PHASES = (0.0, 120 * deg, 240 * deg)

@@ -47,7 +47,7 @@ from startrack import (
 )
 from startrack.benchmark.studies import sized
 from startrack.catalog import open_sky
-from startrack.detector.expose import arriving
+from startrack.detector.exposure import arriving
 from startrack.metrics import summarise
 from startrack.montecarlo import Sampling, pool, run, warm
 from startrack.montecarlo.workers import one_thread as one_opencv_thread

@@ -19,7 +19,8 @@ from startrack.cli.options import Option, Options
 from startrack.core import NON_NEGATIVE, DiffuseLight, Unit
 from startrack.design.keys import keys_of
 from startrack.detection.methods import CENTROIDS
-from startrack.detector import PIXEL_EFFECTS, Detector, PixelEffect
+from startrack.detector import PIXEL_EFFECTS, Detector
+from startrack.detector.pixel_effects import PixelEffect
 from startrack.io import shipped
 from startrack.scene import LIGHTS, LightKind
 from startrack.trial import require_fidelity, run_trials

@@ -12,7 +12,7 @@ from startrack.detector import electron_rate
 from startrack.io import shipped
 from startrack.scene import illuminate
 from startrack.trial.chain import run_random_trial
-from startrack.trial.view import throughput
+from startrack.trial.stars import throughput
 
 NAMES = sorted(path.stem for path in shipped("trackers").glob("*.toml"))
 LARGE = {"chandra-aca", "plato-fcam"}  # a deep catalogue, ten megapixels

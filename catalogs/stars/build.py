@@ -104,9 +104,8 @@ def read_hipparcos(path: Path) -> Hipparcos:
     )
     identifier = -np.asarray(table["source_id"], np.int64)
     colour = np.full(len(table), np.nan)
-    stars = assemble(
-        path, 1991.25, identifier, ra, dec, pm_ra, pm_dec, parallax, hp, colour
-    )  # fmt: skip
+    motion = pm_ra, pm_dec, parallax
+    stars = assemble(path, 1991.25, identifier, (ra, dec), motion, (hp, colour))
     return Hipparcos(stars.propagate(2016.0), hp)
 
 

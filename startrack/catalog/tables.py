@@ -250,7 +250,7 @@ def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) ->
         if text.strip():
             pieces = text.split() if cuts is None else [text[: cuts[0]], *_split(text, cuts)]
             try:
-                whole, minutes, seconds = (float(piece) for piece in pieces)
+                degree, minutes, seconds = (float(piece) for piece in pieces)
                 if not (0 <= minutes < 60 and 0 <= seconds <= 60):
                     raise ValueError
             except ValueError:
@@ -258,7 +258,7 @@ def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) ->
                     f"{records.path}, line {records.line[i]}: {name} must be three numbers such "
                     f"as 16 42 58, got {text!r}"
                 ) from None
-            size = abs(whole) + minutes / 60 + seconds / 3600
+            size = abs(degree) + minutes / 60 + seconds / 3600
             values[i] = -size if text.lstrip().startswith("-") else size
     return values
 
@@ -328,7 +328,7 @@ def votable(path: Path) -> Any:
 
 
 def any_table(path: Path) -> Any:
-    """Read a table of a FITS, VOTable, ECSV or CSV file, told apart by its first bytes.
+    """Read a table of a FITS, VOTable, ECSV or CSV file, recognised by its first bytes.
 
     Raises  ValueError for a file that is none, or cut.
     """

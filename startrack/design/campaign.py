@@ -7,21 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from startrack.core import (
-    POSITIVE,
-    Parameters,
-    Range,
-    Refused,
-    non_negative,
-    parse,
-    whole,
-)
+from startrack.core import POSITIVE, Parameters, Range, Refused, non_negative, parse, whole
 from startrack.design.case import Case, Fidelity
-from startrack.design.choice import Choice
 from startrack.design.conditions import Condition, Judged, OverUnits, judged
 from startrack.design.objective import Objective
 from startrack.design.requirements import Accuracy, Requirements
-from startrack.design.variables import Link, Variable
+from startrack.design.variables import Choice, Link, Variable
 
 AGES = ("begin", "end")
 UNIT_TRIALS = 20  # of each fresh unit: its rms is known to 11 %; chosen by hand
@@ -131,9 +122,9 @@ class Campaign(Parameters):
         """The errors that are limited, in any condition."""
         needs = [
             self.requirements,
-            *(one.requirements(self.requirements) for one in self.conditions),
+            *(need.requirements(self.requirements) for need in self.conditions),
         ]
-        return tuple(each for one in needs for each in one.accuracy)
+        return tuple(accuracy for need in needs for accuracy in need.accuracy)
 
     @property
     def trials_per_unit(self) -> int:
@@ -154,8 +145,8 @@ class Campaign(Parameters):
             )
         ends = {"begin": 0.0, "end": case.end_of_life}
         age = ends[self.age] if self.age in ends else parse(self.age, "s")
-        each = math.ceil(self.most_trials / self.unit_count)
-        return OverUnits(self.units, age, self.unit_count, each)
+        per_unit = math.ceil(self.most_trials / self.unit_count)
+        return OverUnits(self.units, age, self.unit_count, per_unit)
 
     def judged(self, case: Case) -> tuple[Judged, ...]:
         """A design in all conditions in which it is judged; see `startrack.design.judged`.
@@ -167,5 +158,8 @@ class Campaign(Parameters):
         if units is None:
             return every
         return tuple(
-            one._replace(units=units) if one.weight or one.needs.accuracy else one for one in every
+            condition._replace(units=units)
+            if condition.weight or condition.needs.accuracy
+            else condition
+            for condition in every
         )

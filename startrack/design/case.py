@@ -1,4 +1,4 @@
-"""Case: what is true and what the tracker believes, kept apart; how faithful a trial is to it."""
+"""Case: what is true and what the tracker believes, kept apart; how faithful a trial is."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from startrack.core import (
     Refused,
     Unit,
 )
-from startrack.design.calibration import CameraCalibration
 from startrack.design.epoch import believed_from, seen_from
 from startrack.design.variation import YEAR, Law, Variation, check_variations, law_of
 from startrack.detection import Box, Detection
@@ -42,6 +41,43 @@ from startrack.optics import (
     open_psf_file,
 )
 from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons
+
+PLACES = ("ground", "orbit")
+ORDERS = (1, 3, 5, 7)
+
+
+@dataclass(frozen=True)
+class CameraCalibration(Parameters):
+    """A calibration of the camera of one unit: a least-squares fit to stars at known directions.
+
+    On the ground, a collimator or a star simulator shows stars at `positions` evenly over the
+    frame, in one attitude of the camera that is fitted too. In orbit, `frames` of random sky have
+    `stars` each, at random places, and an attitude each.
+    """
+
+    place: Annotated[str, Range(choices=PLACES),
+        '"ground": before launch, so that steps of the launch come after; "orbit": after it'
+    ] = "ground"  # fmt: skip
+    positions: Annotated[int, Range(10, 10**5), "on the ground"] = 100
+    frames: Annotated[int, Range(1, 10**5), "in orbit"] = 50
+    stars: Annotated[int, Range(3, 1000), "in each of these frames"] = 10
+    noise: Annotated[float, NON_NEGATIVE,
+        "pixel rms per axis, of the mean centroid of a star at a position, or in a frame"
+    ] = 0.02  # fmt: skip
+    direction: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
+        "radian rms per axis, error of the direction of a position of the collimator"
+    ] = 0.0  # fmt: skip
+    temperature: Annotated[float, Unit("K"), FINITE,
+        "of the instrument above its reference, at which the residual is seen"] = 0.0  # fmt: skip
+    order: Annotated[int,
+        "of the polynomial of distortion in the fit: 1: focal length and principal point alone; "
+        "3: k1 too; 5: and k2; 7: and k3"] = 3  # fmt: skip
+    tangential: Annotated[bool, "whether p1 and p2 are fitted too"] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.order not in ORDERS:
+            raise Refused(f"order must be 1, 3, 5 or 7, got {self.order}")
 
 
 class Fidelity(StrEnum):
@@ -133,10 +169,10 @@ class Instrument(Parameters):
         optics = self.optics
         shift_x, shift_y = self.detector.shift
         if self.imaged:
-            model, known = self.imaged.camera.ideal, self.imaged.optics
+            model, traced = self.imaged.camera.ideal, self.imaged.optics
             return replace(
                 model,
-                focal_length_px=model.focal_length_px * optics.focal_length / known.focal_length,
+                focal_length_px=model.focal_length_px * optics.focal_length / traced.focal_length,
                 principal_x=optics.principal_x + shift_x,
                 principal_y=optics.principal_y + shift_y,
             )
@@ -299,7 +335,7 @@ class Case(CarriesCode):
 
     @cached_property
     def _hash(self) -> int:
-        return hash(tuple(getattr(self, each.name) for each in fields(self)))
+        return hash(tuple(getattr(self, part.name) for part in fields(self)))
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
@@ -327,7 +363,7 @@ class Case(CarriesCode):
     @cached_property
     def laws(self) -> tuple[Law, ...]:
         """Its variations in SI units, in their order."""
-        return tuple(law_of(self, one) for one in self.variation)
+        return tuple(law_of(self, variation) for variation in self.variation)
 
     @property
     def differs(self) -> bool:

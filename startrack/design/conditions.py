@@ -68,10 +68,10 @@ class Condition(Parameters):
         if self.background_g is not None:
             case = replace(case, scene=replace(case.scene, background_g=self.background_g))
         values = {
-            one.name: one.value
-            if isinstance(find(case, one.name), str)
-            else quantity(case, one.name, one.value)
-            for one in self.change
+            change.name: change.value
+            if isinstance(find(case, change.name), str)
+            else quantity(case, change.name, change.value)
+            for change in self.change
         }
         return replaced_all(case, values) if values else case
 

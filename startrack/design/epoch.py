@@ -115,4 +115,4 @@ def _velocity(orbit: Orbit) -> tuple[float, ...]:
 
 
 def _shown(velocity: Floats) -> str:
-    return f"({', '.join(f'{each / 1000:.4g}' for each in velocity)}) km/s"
+    return f"({', '.join(f'{component / 1000:.4g}' for component in velocity)}) km/s"

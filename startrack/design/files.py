@@ -61,7 +61,7 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
     `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
     the catalogue; other keys of the table override them. `base = "other.toml"` and
     `include = ["a.toml"]` at the top of the file take those of other files, see `read_layers`;
-    `[[variation]]` tables of all of them count, but for one below that another with the same
+    `[[variation]]` tables of all of them count, except one below that another with the same
     `name` and `per` replaces.
 
     changes     values over those of the file: "instrument.optics.f_number=2.0"

@@ -1,21 +1,24 @@
-"""The keys of a design file: type, unit, range, default and meaning of each."""
+"""The keys of a design file, as a list, a template with values, and a JSON Schema."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import math
+import tomllib
 import types
 import typing
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import cache
+from textwrap import wrap
 from typing import Any, NamedTuple
 
-from startrack.core import Field, Range, Unit, bare, fields_of, write
+from startrack.core import LARGEST_NUMBER, Field, Range, Unit, bare, fields_of, write
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity
-from startrack.io import shipped, written
+from startrack.design.products import of_product
+from startrack.io import LARGEST_INTEGER, shipped, written
 
 COLUMNS = (*map(str, Fidelity), "budget")
 OF_TRIALS = ("instrument", "tracker", "scene", "catalog")
@@ -61,22 +64,22 @@ CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to
 @cache
 def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
-    found = [*OF_FILES, *keys_of(Case), CAMPAIGN]
-    found += keys_of(Campaign, "campaign")
-    at = next(n for n, key in enumerate(found) if key.name == "instrument.detector") + 1
-    found = [*found[:at], PRODUCT, *found[at:]]
+    keys = [*OF_FILES, *keys_of(Case), CAMPAIGN]
+    keys += keys_of(Campaign, "campaign")
+    at = next(n for n, key in enumerate(keys) if key.name == "instrument.detector") + 1
+    keys = [*keys[:at], PRODUCT, *keys[at:]]
     others = json.loads(shipped("designs/fidelities.json").read_text(encoding="utf-8"))
     return tuple(
         key._replace(taken_by=_taken_by(**others.get(key.name, {})))
         if key.name.partition(".")[0] in OF_TRIALS and "table" not in key.kind
         else key
-        for key in found
+        for key in keys
     )
 
 
 def _taken_by(refused: Sequence[str] = (), left_out: Sequence[str] = ()) -> str:
     """The column of a key; names as of `experiments/key_fidelities.py`, which finds them."""
-    taken = [one for one in COLUMNS if one not in refused and one not in left_out]
+    taken = [column for column in COLUMNS if column not in refused and column not in left_out]
     if len(taken) == len(COLUMNS):
         return "all"
     return ", ".join(taken) + (f" ({', '.join(left_out)})" if left_out else "")
@@ -118,7 +121,7 @@ def _kind(field: Field, inner: Any) -> str:
     if isinstance(inner, type) and issubclass(inner, StrEnum):
         word = f"one of {', '.join(inner)}"
     elif isinstance(inner, types.UnionType):
-        word = " or ".join(WORDS[one] for one in typing.get_args(inner))
+        word = " or ".join(WORDS[kind] for kind in typing.get_args(inner))
     else:
         word = WORDS[inner]
     return f"list of {word}s" if several else word
@@ -166,3 +169,219 @@ def toml(value: Any) -> str:
         case dict():
             return f"{{{', '.join(f'{name} = {toml(one)}' for name, one in value.items())}}}"
     return f"{value:g}"
+
+
+EXAMPLE = "designs/nanosatellite.toml"
+WIDEST = 100  # letters of a line
+# Of a detector product a design keeps what is its own choice.
+OWN = ("exposure",)
+AGEING = "instrument.detector.dark_current"
+
+
+def template(product: str = "", optional: bool = False) -> str:
+    """The text of a design file that `load_design` reads.
+
+    The values are those of the example in the catalogue, a tracker for a nanosatellite.
+
+    product   detector of the catalogue; "": the example's, without a name
+    optional  whether keys that may be left out stand there, too, with their defaults, as comments
+    Raises    ValueError for a product that the catalogue does not have.
+    """
+    table = tomllib.loads(shipped(EXAMPLE).read_text(encoding="utf-8"))
+    if product:
+        detector = of_product(product)
+        own = {name: table["instrument"]["detector"][name] for name in OWN}
+        table["instrument"]["detector"] = {"product": product} | own
+        table["tracker"]["detection"]["saturation"] = float(2 ** detector["bits"] - 1)
+        # The example's detector ages by a law of its own; another one by that of the class.
+        del table["tracker"]["detection"]["dark_map_age"]
+        table["variation"] = [
+            variation for variation in table["variation"] if variation["name"] != AGEING
+        ]
+    keys = {key.name: key for key in design_keys()}
+    head = "# A star tracker; the values are those of an example. All keys: startrack keys"
+    return "\n".join([head, *_tables(table, "", keys, optional)]) + "\n"
+
+
+def _tables(table: Any, place: str, keys: dict[str, Key], optional: bool) -> Iterator[str]:
+    """The lines of a table and of those within it."""
+    lines = {name: one for name, one in table.items() if not _is_table(one)}
+    beside = _left_out(place, set(table), keys) if optional else []
+    if place and (lines or beside):
+        yield from ("", *_about(keys[place].meaning), f"[{place}]")
+    for name, value in lines.items():
+        yield from _line(name, toml(value), keys[f"{place}.{name}" if place else name])
+    for key in beside:
+        yield from _line(f"# {key.name.rpartition('.')[2]}", key.default, key)
+    for name, one in table.items():
+        where = f"{place}.{name}" if place else name
+        if isinstance(one, dict):
+            yield from _tables(one, where, keys, optional)
+        elif _is_table(one):
+            yield from _rows(one, where, keys)
+
+
+def _rows(rows: Iterable[dict[str, Any]], place: str, keys: dict[str, Key]) -> Iterator[str]:
+    """Tables of a list; only the first says what its keys mean."""
+    for number, row in enumerate(rows):
+        yield from ("", *(_about(keys[place].meaning) if number == 0 else ()), f"[[{place}]]")
+        for name, value in row.items():
+            if number == 0:
+                yield from _line(name, toml(value), keys[f"{place}.{name}"])
+            else:
+                yield f"{name} = {toml(value)}"
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict))
+
+
+def _left_out(place: str, there: set[str], keys: dict[str, Key]) -> list[Key]:
+    return [
+        key
+        for key in keys.values()
+        if key.name.rpartition(".")[0] == place
+        and key.kind not in ("table", "tables")
+        and key.name.rpartition(".")[2] not in there
+        and key.default not in ("required", "none", "")
+    ]
+
+
+def _about(meaning: str) -> list[str]:
+    return [f"# {line}" for line in wrap(meaning, WIDEST - 2)]
+
+
+def _line(name: str, value: str, key: Key) -> Iterator[str]:
+    """A value, and its meaning beside it or, where that is long, above it."""
+    text, words = f"{name} = {value}", key.meaning + (f" ({key.range})" if key.range else "")
+    if max(len(text), 34) + len(words) + 4 <= WIDEST:
+        yield f"{text:34s}  # {words}"
+    else:
+        yield from _about(words)
+        yield text
+
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+PERCENTAGE = r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*%\s*$"
+NUMBER = r"\s*{sign}(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"
+# module:function, or the name that a package gives its entry point
+CODE = r"^[A-Za-z_][A-Za-z0-9_.-]*(:[A-Za-z_][A-Za-z0-9_]*)?$"
+Schema = dict[str, Any]
+
+
+@cache
+def _meanings() -> dict[str, Key]:
+    return {key.name: key for key in design_keys()}
+
+
+def design_schema() -> Schema:
+    """A JSON Schema (draft 7) of design files.
+
+    It has types, ranges, choices and the names of all keys. Whether a unit converts, and rules
+    between several keys, are left to `load_design`: a file that it refuses is no design, one that
+    it takes may still be none. In a file with `base` or `include` no key is required.
+    """
+    design = _table(Case, "")
+    campaign, required = _table(Campaign, "campaign"), _required(Case)
+    required["properties"]["campaign"] = _required(Campaign)
+    detector = required["properties"]["instrument"]["properties"]["detector"]
+    either = {"anyOf": [{"required": [name]} for name in ("base", "include")]}
+    design["properties"] |= {"campaign": campaign} | {key.name: _plain(key) for key in OF_FILES}
+    within = design["properties"]["instrument"]["properties"]["detector"]
+    within["properties"]["product"] = _plain(PRODUCT)
+    with_product = {"required": ["product"]}
+    required["properties"]["instrument"]["properties"]["detector"] = {
+        "anyOf": [with_product, detector]
+    }
+    return {
+        "$schema": DRAFT,
+        "title": "startrack design",
+        "description": "A camera, what its tracker believes, and what a study of it is asked.",
+        **design,
+        "if": {"not": either},
+        "then": required,
+    }
+
+
+def _plain(key: Key) -> Schema:
+    text: Schema = {"type": "string"}
+    schema = {"type": "array", "items": text} if key.kind.startswith("list") else text
+    return {"description": key.meaning, **schema}
+
+
+def _table(kind: type, place: str) -> Schema:
+    properties = dict[str, Schema]()
+    for name, field in fields_of(kind).items():
+        where = f"{place}.{name}" if place else name
+        properties[name] = {"description": _meanings()[where].meaning} | _value(
+            field, range_of(field), where
+        )
+        if field.default is not None and not dataclasses.is_dataclass(field.kind):
+            properties[name] |= _schema_default(_meanings()[where])
+    old: Mapping[str, str] = getattr(kind, "OLD_KEYS", {})
+    for before, name in old.items():
+        properties[before] = properties[name] | {"deprecated": True}
+    return {"type": "object", "additionalProperties": False, "properties": properties}
+
+
+def _schema_default(key: Key) -> Schema:
+    return {"markdownDescription": f"{key.meaning}\n\nDefault: `{key.default}`"}
+
+
+def _value(field: Field, limits: Range, place: str) -> Schema:
+    inner, unit = item_of(field)
+    if dataclasses.is_dataclass(inner):
+        schema = _table(typing.cast(type, inner), place)
+    else:
+        schema = _single(inner, unit, limits, field.open)
+    return {"type": "array", "items": schema} if typing.get_origin(field.kind) is tuple else schema
+
+
+def _single(kind: Any, unit: Unit | None, limits: Range, endless: bool) -> Schema:
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return {"enum": list(kind)}
+    if isinstance(kind, types.UnionType):
+        return {"type": ["number", "string"]}
+    if kind is str:
+        if limits.choices and limits.code:
+            code = {"type": "string", "pattern": CODE}
+            return {"anyOf": [{"enum": list(limits.choices)}, code]}
+        return {"enum": list(limits.choices)} if limits.choices else {"type": "string"}
+    if kind is bool:
+        return {"type": "boolean"}
+    if unit:
+        return _with_unit(unit, limits)
+    most = LARGEST_INTEGER if kind is int else LARGEST_NUMBER
+    low, high = max(limits.low, -most), min(limits.high, most)
+    if endless:
+        low, high = limits.low, limits.high
+    schema: Schema = {"type": "integer" if kind is int else "number"}
+    if low > -float("inf"):
+        schema["exclusiveMinimum" if limits.above else "minimum"] = low
+    schema |= {"maximum": high} if high < float("inf") else {}
+    if kind is float:  # or a percentage
+        schema |= {"type": ["number", "string"], "pattern": PERCENTAGE}
+    return schema
+
+
+def _with_unit(unit: Unit, limits: Range) -> Schema:
+    """A text of a number and a unit; its sign is checked where zero is the limit."""
+    signed = limits.low < 0 or unit.absolute  # degC may be below zero
+    number = NUMBER.format(sign="[-+]?" if signed else r"\+?")
+    schema = {"type": "string", "pattern": rf"^{number}[^\s\d].*$"}
+    return schema | {"examples": [f"1 {unit.shown}"]}
+
+
+def _required(kind: type) -> Schema:
+    """What must be there, of a table and of those within it."""
+    schema: Schema = {"required": [], "properties": {}}
+    for name, field in fields_of(kind).items():
+        if field.required:
+            schema["required"].append(name)
+        inner, _ = item_of(field)
+        if dataclasses.is_dataclass(inner):
+            within = _required(typing.cast(type, inner))
+            several = typing.get_origin(field.kind) is tuple
+            if any(within.values()):
+                schema["properties"][name] = {"items": within} if several else within
+    return schema

@@ -77,12 +77,12 @@ class Objective:
 
         Returns  (n,), their mean over the axes; (n, axes) for a level per axis of several
         """
-        each = np.stack([outcomes[f"error_{'xyz'[axis]}"] ** 2 for axis in AXES[self.axes]], -1)
-        known = outcomes["solved"] & ~outcomes["false"]
+        axes = np.stack([outcomes[f"error_{'xyz'[axis]}"] ** 2 for axis in AXES[self.axes]], -1)
+        correct = outcomes["solved"] & ~outcomes["false"]
         if self.per_axis_level:
-            return np.where(known[:, None], each, np.nan)
-        square = each.sum(axis=1) / each.shape[1]
-        return np.where(known, square, np.nan)
+            return np.where(correct[:, None], axes, np.nan)
+        square = axes.sum(axis=1) / axes.shape[1]
+        return np.where(correct, square, np.nan)
 
     @property
     def summed(self) -> list[int]:
@@ -102,8 +102,8 @@ class Objective:
             if self.fraction is None:
                 return np.sqrt((axes if self.radial else 1) * np.nanmean(squares, axis=-1))
             # That for NaN takes the rows one by one; that of no value at all is NaN, too.
-            whole = squares.size and not np.isnan(squares).any()
-            quantile = np.quantile if whole else np.nanquantile
+            complete = squares.size and not np.isnan(squares).any()
+            quantile = np.quantile if complete else np.nanquantile
             if self.per_axis_level:
                 return np.sqrt(quantile(squares, self.fraction, axis=(-2, -1)))
             return np.sqrt(axes * quantile(squares, self.fraction, axis=-1))
@@ -142,7 +142,7 @@ class Objective:
 
         first, second  of each condition, on the same skies in all of them
         """
-        if not all(np.isfinite(one).any() for one in (*first, *second)):
+        if not all(np.isfinite(squares).any() for squares in (*first, *second)):
             return Interval(np.nan, np.nan, np.nan)
         rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))
         n, m = len(first[0]), len(second[0])
@@ -167,5 +167,5 @@ def _weighted(ratios: Sequence[Floats], weights: Sequence[float]) -> Floats:
     """Geometric mean by weights."""
     if len(ratios) == 1:
         return ratios[0]
-    logs = [weight * np.log(one) for one, weight in zip(ratios, weights, strict=True)]
+    logs = [weight * np.log(ratio) for ratio, weight in zip(ratios, weights, strict=True)]
     return np.exp(np.sum(logs, axis=0) / sum(weights))

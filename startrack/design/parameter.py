@@ -116,8 +116,8 @@ def label(case: Any, name: str) -> str:
     if first != "variation":
         return rest
     number, _, key = rest.partition(".")
-    one = find(case, f"variation.{number}")
-    return f"{key} of {one.name.partition('.')[2]} per {one.per}"
+    variation = find(case, f"variation.{number}")
+    return f"{key} of {variation.name.partition('.')[2]} per {variation.per}"
 
 
 def text(case: Any, name: str, value: float, digits: int = 4) -> str:
@@ -140,27 +140,27 @@ class _Change(NamedTuple):
 def _changes(case: Any, values: Mapping[str, Any]) -> list[_Change]:
     changes = []
     for name, value in values.items():
-        held = find(case, name)
-        if isinstance(held, int) and not isinstance(held, bool) and isinstance(value, float):
+        now = find(case, name)
+        if isinstance(now, int) and not isinstance(now, bool) and isinstance(value, float):
             value = round(value)
         changes.append(_Change(name, current_name(case, name).split("."), value))
-    for one in changes:
+    for first in changes:
         for other in changes:
-            if one is not other and other.path[: len(one.path)] == one.path:
-                raise Refused(f"{one.name} and {other.name} must not be changed together")
+            if first is not other and other.path[: len(first.path)] == first.path:
+                raise Refused(f"{first.name} and {other.name} must not be changed together")
     return changes
 
 
 def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
     values = {}
     for head in dict.fromkeys(change.path[0] for change in changes):
-        held = owner[int(head)] if isinstance(owner, tuple) else getattr(owner, head)
+        part = owner[int(head)] if isinstance(owner, tuple) else getattr(owner, head)
         inner = [
             change._replace(path=change.path[1:]) for change in changes if change.path[0] == head
         ]
-        values[head] = _with(held, inner, checked) if inner[0].path else inner[0].value
+        values[head] = _with(part, inner, checked) if inner[0].path else inner[0].value
     if isinstance(owner, tuple):
-        return tuple(values.get(str(at), held) for at, held in enumerate(owner))
+        return tuple(values.get(str(at), part) for at, part in enumerate(owner))
     if not checked:
         return _unchecked(owner, values)
     try:
@@ -171,6 +171,6 @@ def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
 
 def _unchecked(owner: Any, values: Mapping[str, Any]) -> Any:
     new = object.__new__(type(owner))  # whose cached properties are not yet computed
-    for each in dataclasses.fields(owner):
-        object.__setattr__(new, each.name, values.get(each.name, getattr(owner, each.name)))
+    for field in dataclasses.fields(owner):
+        object.__setattr__(new, field.name, values.get(field.name, getattr(owner, field.name)))
     return new

@@ -29,10 +29,10 @@ def with_product(table: Mapping[str, Any]) -> dict[str, Any]:
         case _:
             return dict(table)
     own = {key: value for key, value in detector.items() if key != "product"}
-    found = of_product(detector["product"])
+    values = of_product(detector["product"])
     if AGE not in own:
-        found.pop(AGE, None)
-    return {**table, "instrument": {**instrument, "detector": _merge(found, own)}}
+        values.pop(AGE, None)
+    return {**table, "instrument": {**instrument, "detector": _merge(values, own)}}
 
 
 def products() -> list[str]:

@@ -1,19 +1,22 @@
-"""Variable, Link, DesignSpace: named parameters of a case as points of a unit cube."""
+"""Variable, Link, DesignSpace, Choice: the parameters of a case that a campaign may change."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from itertools import product
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import FINITE, Parameters, Range, Refused
 from startrack.design.case import Case
-from startrack.design.parameter import label, number, quantity, replaced_all, text, unchecked
+from startrack.design.parameter import find, label, number, quantity, replaced_all, text, unchecked
+from startrack.design.products import with_product
+from startrack.io import from_table, to_table
 
 
 @dataclass(frozen=True)
@@ -168,7 +171,7 @@ class DesignSpace:
 
     def labels(self) -> dict[str, str]:
         """The names of the variables, and how tables show them."""
-        return {one.name: label(self.case, one.name) for one in self.variables}
+        return {variable.name: label(self.case, variable.name) for variable in self.variables}
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""
@@ -187,3 +190,84 @@ class DesignSpace:
             (quantity(self.case, v.name, v.low), quantity(self.case, v.name, v.high))
             for v in self.variables
         ]
+
+
+MOST_BRANCHES = 256
+DETECTOR = "instrument.detector"
+EXPOSURE = "instrument.detector.exposure"
+KEPT = "exposure", "age"  # of a detector, where another product takes its place: the mission's
+OF_DEVICE = ("depleted",)  # of the age
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One parameter that takes one of some values."""
+
+    name: Annotated[str,
+        'path in the case; "instrument.detector" for a product of the catalogue, whose values '
+        "take the place of all but the exposure and the age (whose `depleted` is the product's)"
+    ]  # fmt: skip
+    values: Annotated[tuple[float | str, ...],
+        "numbers, texts with a unit where the parameter has one, or names"]  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if not self.values or len(set(self.values)) < len(self.values):
+            raise Refused(f"values must be given, each once, got {self.values}")
+
+
+class Branch(NamedTuple):
+    """A case with one value of each choice, and which."""
+
+    label: str
+    case: Case
+
+
+def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
+    """Every combination of the choices; the case alone where there are none.
+
+    Raises  ValueError where a value does not fit its parameter, or there are more than 256.
+    """
+    count = math.prod(len(choice.values) for choice in choices)
+    if count > MOST_BRANCHES:
+        raise Refused(f"choices must make at most {MOST_BRANCHES} combinations, got {count}")
+    return list(_branches(case, choices))
+
+
+def _branches(case: Case, choices: Sequence[Choice]) -> Iterator[Branch]:
+    for values in product(*(choice.values for choice in choices)):
+        chosen = _chosen(case, {which.name: v for which, v in zip(choices, values, strict=True)})
+        names = (choice.name.rpartition(".")[2] for choice in choices)
+        label = ", ".join(f"{name} {_written(v)}" for name, v in zip(names, values, strict=True))
+        yield Branch(label, chosen)
+
+
+def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
+    """All values at once; a product first, whose values the others then change."""
+    rest = dict(values)
+    if DETECTOR in rest:
+        table = to_table(case)
+        own = {
+            name: setting
+            for name, setting in table["instrument"]["detector"].items()
+            if name in KEPT
+        }
+        if "age" in own:
+            own["age"] = {
+                name: setting for name, setting in own["age"].items() if name not in OF_DEVICE
+            }
+        # A product may refuse the exposure of the case, but not the one that is chosen with it.
+        if EXPOSURE in rest:
+            own["exposure"] = rest.pop(EXPOSURE)
+        table["instrument"]["detector"] = {"product": rest.pop(DETECTOR)} | own
+        case = from_table(Case, with_product(table))
+    return replaced_all(
+        case,
+        {
+            name: value if isinstance(find(case, name), str) else quantity(case, name, value)
+            for name, value in rest.items()
+        },
+    )
+
+
+def _written(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"

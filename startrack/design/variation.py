@@ -149,24 +149,24 @@ class Law:
 
     def difference(self, z: float) -> float:
         """The difference from the design for a standard normal number."""
-        one = self.variation
-        match one.law:
+        given = self.variation
+        match given.law:
             case "normal":
-                return self.mean + one.scale * self.sigma * z
+                return self.mean + given.scale * self.sigma * z
             case "truncated":
                 low, high = (ndtr((end - self.mean) / self.sigma) for end in (self.low, self.high))
                 between = float(ndtri(low + (high - low) * ndtr(z)))
-                return self.mean + one.scale * self.sigma * between
+                return self.mean + given.scale * self.sigma * between
             case "uniform":
                 middle = (self.low + self.high) / 2
-                return middle + one.scale * (self.high - self.low) * (float(ndtr(z)) - 0.5)
+                return middle + given.scale * (self.high - self.low) * (float(ndtr(z)) - 0.5)
             case "lognormal":
-                return math.expm1(self.mean + one.scale * self.sigma * z)
+                return math.expm1(self.mean + given.scale * self.sigma * z)
             case "sinusoid":
-                turn = 2 * math.pi * (float(ndtr(z)) + one.phase)
-                return self.mean + one.scale * self.amplitude * math.sin(turn)
+                turn = 2 * math.pi * (float(ndtr(z)) + given.phase)
+                return self.mean + given.scale * self.amplitude * math.sin(turn)
         place = np.linspace(0, 1, len(self.values))
-        return self.mean + one.scale * float(np.interp(ndtr(z), place, self.values))
+        return self.mean + given.scale * float(np.interp(ndtr(z), place, self.values))
 
     def mean_square(self) -> float:
         """Mean square of the difference, over the middles of equally likely parts."""
@@ -174,44 +174,49 @@ class Law:
         return float(np.mean([self.difference(float(z)) ** 2 for z in ndtri(u)]))
 
 
-def law_of(case: Any, one: Variation) -> Law:
+def law_of(case: Any, variation: Variation) -> Law:
     """The variation in the units of its parameter.
 
     Raises  ValueError where the case has no such number, or a value the wrong unit or size.
     """
-    held = find(case, one.name)
-    curve = isinstance(held, Curve)
-    if isinstance(held, bool) or not (curve or isinstance(held, int | float)):
-        raise Refused(f"{one.name} must be a number or a curve to vary, got {held!r}")
-    if curve and one.vary != RELATIVE:
-        raise Refused(f'{one.name}: vary must be "relative" for a curve')
+    now = find(case, variation.name)
+    curve = isinstance(now, Curve)
+    if isinstance(now, bool) or not (curve or isinstance(now, int | float)):
+        raise Refused(f"{variation.name} must be a number or a curve to vary, got {now!r}")
+    if curve and variation.vary != RELATIVE:
+        raise Refused(f'{variation.name}: vary must be "relative" for a curve')
 
-    unit = unit_at(case, one.name) if one.vary == ABSOLUTE and not curve else None
+    relative = curve or variation.vary != ABSOLUTE
+    unit = None if relative else unit_at(case, variation.name)
 
     def si(key: str, value: float | str) -> float:
         if isinstance(value, str):
             if unit is None:
-                raise Refused(f"{one.name}: {key} must be a number without unit, got {value!r}")
+                raise Refused(
+                    f"{variation.name}: {key} must be a number without unit, got {value!r}"
+                )
             try:
                 return parse(value, unit.si)
             except Refused as error:
-                raise Refused(f"{one.name}: {key} {error}") from None
+                raise Refused(f"{variation.name}: {key} {error}") from None
         if unit is not None and value:
             raise Refused(
-                f"{one.name}: {key} must have a unit, such as '1 {unit.shown}', got {value:g}"
+                f"{variation.name}: {key} must have a unit, such as '1 {unit.shown}', got {value:g}"
             )
         finite(**{key: value})
         return float(value)
 
     sigma, low, high, mean, amplitude = (
-        si(key, getattr(one, key)) for key in ("sigma", "low", "high", "mean", "amplitude")
+        si(key, getattr(variation, key)) for key in ("sigma", "low", "high", "mean", "amplitude")
     )
-    values = tuple(si("values", each) for each in one.values)
-    if sigma < 0 or (one.law in ("truncated",) and not sigma > 0):
-        raise Refused(f"{one.name}: sigma must be positive, got {one.sigma}")
-    if one.law in ("uniform", "truncated") and not low < high:
-        raise Refused(f"{one.name}: low must be below high, got {one.low} and {one.high}")
-    return Law(one, sigma, low, high, mean, amplitude, values)
+    values = tuple(si("values", entry) for entry in variation.values)
+    if sigma < 0 or (variation.law in ("truncated",) and not sigma > 0):
+        raise Refused(f"{variation.name}: sigma must be positive, got {variation.sigma}")
+    if variation.law in ("uniform", "truncated") and not low < high:
+        raise Refused(
+            f"{variation.name}: low must be below high, got {variation.low} and {variation.high}"
+        )
+    return Law(variation, sigma, low, high, mean, amplitude, values)
 
 
 def check_variations(case: Any, variations: tuple[Variation, ...]) -> None:
@@ -219,12 +224,12 @@ def check_variations(case: Any, variations: tuple[Variation, ...]) -> None:
 
     Raises  ValueError that names the variation.
     """
-    known = set[str]()
-    for one in variations:
-        law_of(case, one)
-        if one.stream in known:
-            raise Refused(f"variation of {one.name} must be given once per {one.per}")
-        known.add(one.stream)
+    streams = set[str]()
+    for variation in variations:
+        law_of(case, variation)
+        if variation.stream in streams:
+            raise Refused(f"variation of {variation.name} must be given once per {variation.per}")
+        streams.add(variation.stream)
 
 
 @dataclass(frozen=True)
@@ -250,18 +255,18 @@ def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, f
 
     Each is drawn from streams that (seed, unit, name) alone decide.
     """
-    found = []
-    for one, law in zip(case.variation, case.laws, strict=True):
-        at = _instance(one.per, moment)
+    drawn = []
+    for variation, law in zip(case.variation, case.laws, strict=True):
+        at = _instance(variation.per, moment)
         if at is None:
             continue
-        z = _normal(seed, moment.unit, one.group_stream + at)
-        if one.group and one.correlation != 1 and one.law != "sinusoid":
-            own = _normal(seed, moment.unit, one.stream + at)
-            z = one.correlation * z + math.sqrt(1 - one.correlation**2) * own
+        z = _normal(seed, moment.unit, variation.group_stream + at)
+        if variation.group and variation.correlation != 1 and variation.law != "sinusoid":
+            own = _normal(seed, moment.unit, variation.stream + at)
+            z = variation.correlation * z + math.sqrt(1 - variation.correlation**2) * own
         by = law.difference(z)
-        found.append((one, by * moment.age / YEAR if one.per is Scope.LIFE else by))
-    return found
+        drawn.append((variation, by * moment.age / YEAR if variation.per is Scope.LIFE else by))
+    return drawn
 
 
 @lru_cache(maxsize=2**14)
@@ -329,28 +334,28 @@ def middle_case(case: Any, age: float, names: Collection[str]) -> Any:
     age    second
     names  of the numbers: as for z = 0, as built and with age
     """
-    found = [
-        (one, law.difference(0.0) * (age / YEAR if one.per is Scope.LIFE else 1.0))
-        for one, law in zip(case.variation, case.laws, strict=True)
-        if one.name in names and one.per in (Scope.UNIT, Scope.LIFE)
+    drawn = [
+        (variation, law.difference(0.0) * (age / YEAR if variation.per is Scope.LIFE else 1.0))
+        for variation, law in zip(case.variation, case.laws, strict=True)
+        if variation.name in names and variation.per in (Scope.UNIT, Scope.LIFE)
     ]
     bare = case.without_units
-    return replaced_all(aged(bare, age), _values(case, found)).unit_of(case)
+    return replaced_all(aged(bare, age), _values(case, drawn)).unit_of(case)
 
 
-def _values(case: Any, found: list[tuple[Variation, float]]) -> dict[str, Any]:
+def _values(case: Any, drawn: list[tuple[Variation, float]]) -> dict[str, Any]:
     """The numbers of a design with their differences, by name."""
     factor, shift = dict[str, float](), dict[str, float]()
-    for one, by in found:
-        where = factor if one.vary == RELATIVE else shift
-        where[one.name] = where.get(one.name, 0.0) + by
+    for variation, by in drawn:
+        where = factor if variation.vary == RELATIVE else shift
+        where[variation.name] = where.get(variation.name, 0.0) + by
     values = dict[str, Any]()
     for name in factor.keys() | shift.keys():
-        held = find(case, name)
-        if isinstance(held, Curve):
-            values[name] = held.scaled(1 + factor[name])
+        now = find(case, name)
+        if isinstance(now, Curve):
+            values[name] = now.scaled(1 + factor[name])
         else:
-            values[name] = held * (1 + factor.get(name, 0.0)) + shift.get(name, 0.0)
+            values[name] = now * (1 + factor.get(name, 0.0)) + shift.get(name, 0.0)
     return values
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import kernel
+from startrack.detection.matched import KURTOSIS_RATIO, MILD_SKEWNESS
 from startrack.detection.robust import plane
-from startrack.detection.threshold import KURTOSIS_RATIO, MILD_SKEWNESS
 
 Image = NDArray[np.float32]
 MOST_SKEWNESS = 1.5

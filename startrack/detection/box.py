@@ -23,8 +23,7 @@ from startrack.core import (
     Unit,
     arcsec,
 )
-from startrack.detection.dark_map import corrected
-from startrack.detection.pixels import gain_of
+from startrack.detection.pixels import Gain, corrected, gain_of
 from startrack.detection.plan import DetectionPlan
 
 SIZES = (4, 6, 8)
@@ -44,8 +43,8 @@ APPARENT = "magnitudes by which a star may seem fainter or brighter than its cat
 
 @dataclass(frozen=True)
 class Box(Parameters):
-    """Search boxes about the places where stars are expected, as trackers have them that are told
-    which stars to take.
+    """Search boxes about the places where stars are expected, as in trackers that are given
+    the stars to take.
 
     In each box the place is taken where an image of `size` pixels a side has most light above the
     background, among those whose magnitude is that of the star within the limits: a hot pixel or
@@ -141,12 +140,12 @@ def take(
         image = corrected(image, plan.correction, plan.settings.saturation)
     expected = star_image(plan.star.psf, box)
     gain = gain_of(frame, 0.0)
-    found = [
-        _search(image, at, one, reach, box, expected, gain.offset)
-        for at, one in zip(place, flux, strict=True)
+    corners = [
+        _search(image, at, light, reach, box, expected, gain.offset)
+        for at, light in zip(place, flux, strict=True)
     ]
     measured = [
-        _measure(image, corner, box, expected, gain) if corner else NOTHING for corner in found
+        _measure(image, corner, box, expected, gain) if corner else NOTHING for corner in corners
     ]
     x, y, total, xx, xy, yy, sigma = np.array(measured, float).reshape(-1, 7).T
     covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
@@ -192,9 +191,12 @@ def _table(psf: Psf, x: float, y: float, half: int) -> Floats:
     """Fractions in 2 half x 2 half pixels of a star (x, y) pixel from the middle of the image."""
     middle = len(psf.table) // 2
     step = np.arange(-half, half) + 0.5
-    at = [np.rint((step - one) * psf.oversampling).astype(int) + middle for one in (y, x)]
-    inside = [(one >= 0) & (one < len(psf.table)) for one in at]
-    clipped = [np.clip(one, 0, len(psf.table) - 1) for one in at]
+    at = [
+        np.rint((step - coordinate) * psf.oversampling).astype(int) + middle
+        for coordinate in (y, x)
+    ]
+    inside = [(coordinate >= 0) & (coordinate < len(psf.table)) for coordinate in at]
+    clipped = [np.clip(coordinate, 0, len(psf.table) - 1) for coordinate in at]
     return np.asarray(psf.table[np.ix_(*clipped)] * np.outer(*inside))
 
 
@@ -259,7 +261,9 @@ def _background(window: NDArray[np.float32], box: Box, offset: float) -> NDArray
     return np.asarray(np.sort(np.stack(parts), axis=0)[MIDDLE].mean(axis=0))
 
 
-def _measure(image, corner, box, expected, gain):  # type: ignore[no-untyped-def]
+def _measure(
+    image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
+) -> tuple[float, ...]:
     """Place, flux, covariance (xx, xy, yy) and sigma of the flux of an image."""
     rows, columns = image.shape
     column, row = corner

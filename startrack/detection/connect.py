@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Ints, kernel
-from startrack.detection.background import between
+from startrack.detection.background import Sky, between
 
 Image = NDArray[np.float32]
 
@@ -32,7 +32,7 @@ def lit(image: Image, level: Image, mesh: int) -> Ints:
     Returns  (n,) row * columns + column, row by row
     """
     rows, columns = image.shape
-    found = []
+    bright = []
     lowest = np.empty(level.shape[1] - 2, np.float32)
     for i in range(level.shape[0] - 2):
         for j in range(len(lowest)):
@@ -47,8 +47,8 @@ def lit(image: Image, level: Image, mesh: int) -> Ints:
                     continue
                 for x in range(left, right):
                     if image[y, x] > lowest[j] and image[y, x] > between(level, mesh, x, y):
-                        found.append(y * columns + x)
-    return np.array(found, np.int64)
+                        bright.append(y * columns + x)
+    return np.array(bright, np.int64)
 
 
 @kernel
@@ -140,48 +140,40 @@ MOST = 4  # stars for one peak
 
 
 @kernel
-def split(
-    image: Image,
-    found: Peaks,
-    mean: Image,
-    rms: Image,
-    mesh: int,
-    noise: float,
-    shot: float,
-    border: int,
-) -> Peaks:
+def split(image: Image, merged: Peaks, sky: Sky, noise: float, shot: float, border: int) -> Peaks:
     """Take the peaks apart that the filter has merged.
 
     Two maxima of the image itself are two stars where the image dips between them by more than
     noise does.
 
-    mean, rms  of the Sky, and its mesh
     noise      fraction of a pixel's noise that the filter leaves
     shot       digital number, variance for each digital number of light; NaN where unknown
     border     pixel, distance that a peak must keep from the border, at least 1
     """
-    size = len(found.x)
+    size = len(merged.x)
     x, y, area = np.empty((3, MOST * size), np.int64)
     count = 0
     near_x, near_y = np.empty((2, MOST), np.int64)
     for i in range(size):
-        u, v = found.x[i], found.y[i]
-        level, sigma = between(mean, mesh, u, v), between(rms, mesh, u, v) / noise
+        u, v = merged.x[i], merged.y[i]
+        level = between(sky.mean, sky.mesh, u, v)
+        sigma = between(sky.rms, sky.mesh, u, v) / noise
         light = sigma**2 / max(level, sigma) if math.isnan(shot) else shot
         stars = _maxima(image, u, v, level, sigma, light, border, near_x, near_y)
         if stars < 2:
             near_x[0], near_y[0], stars = u, v, 1
         for k in range(stars):
             if not ((x[:count] == near_x[k]) & (y[:count] == near_y[k])).any():
-                x[count], y[count], area[count] = near_x[k], near_y[k], found.area[i]
+                x[count], y[count], area[count] = near_x[k], near_y[k], merged.area[i]
                 count += 1
     return Peaks(x[:count], y[:count], area[:count])
 
 
 @kernel
-def _maxima(  # type: ignore[no-untyped-def]
-    image, x, y, level, sigma, shot, border, near_x, near_y
-):
+def _maxima(
+    image: NDArray[np.float32], x: int, y: int, level: float, sigma: float, shot: float,
+    border: int, near_x: Ints, near_y: Ints,
+) -> int:  # fmt: skip
     """Write the brightest maxima about a pixel between which the image dips; how many."""
     rows, columns = image.shape
     count = 0

@@ -1,4 +1,4 @@
-"""A Frame enters; Spots leave, brightest first: of the whole frame, or near predicted places."""
+"""A Frame enters; Spots leave, brightest first: of the whole frame, or near given places."""
 
 from __future__ import annotations
 
@@ -7,12 +7,102 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Ints, Psf, Refused, Spots, positive
-from startrack.detection.centroid import centroid
+from startrack.core import Floats, Frame, Ints, Psf, Refused, Spots, kernel, positive
 from startrack.detection.find import Candidates, find
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan, calibrated, planned
+from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, Y
+
+SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
+
+
+def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, plan: DetectionPlan) -> Spots:
+    """Measure every candidate, and drop those that diverge or lead to the same star.
+
+    Returns  Spots, brightest first
+    Raises   those of the files of the four centroids.
+    """
+    table = measured(sample(frame, pixels, candidates, plan.settings), plan)
+    order = np.argsort(-table[:, FLUX], kind="stable")  # NaN goes last
+    return Spots(*_kept(table, order, candidates.area, plan.settings.max_spots))
+
+
+def places(
+    frame: Frame, pixels: Pixels, candidates: Candidates, plan: DetectionPlan
+) -> tuple[Floats, Floats]:
+    """Centroids of every candidate, which must be different stars, in their order.
+
+    Returns  (n, 2) pixel, (n, 2, 2) pixel^2 as stated; NaN where it diverges
+    """
+    table = measured(sample(frame, pixels, candidates, plan.settings), plan)
+    table[np.isnan(table[:, FLUX])] = np.nan
+    return table[:, [X, Y]], table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
+
+
+def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Sample:
+    """Gather it from the frame, its pixels and the settings."""
+    saturation = math.inf if settings.saturation is None else settings.saturation
+    return Sample(
+        pixels.value,
+        pixels.marks,
+        candidates.x,
+        candidates.y,
+        settings.window // 2,
+        pixels.step / math.sqrt(12),
+        frame.electrons_per_dn,
+        frame.offset - pixels.pivot,
+        frame.read_noise / frame.electrons_per_dn,
+        saturation - pixels.pivot,
+    )
+
+
+def measured(stars: Sample, plan: DetectionPlan) -> Floats:
+    """One row per candidate, as `gravity` describes it."""
+    settings = plan.settings
+    return plan.method.measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
+
+
+def placed(stars: Sample, plan: DetectionPlan) -> Floats:
+    """As `measured`; the covariance, and sigma of the flux, may be missing."""
+    settings, method = plan.settings, plan.method
+    measure = method.place or method.measure
+    return measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
+
+
+@kernel
+def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
+    """The columns of Spots, of the rows that `_apart` keeps."""
+    chosen = order[_apart(table, order, most)]
+    x, y, flux, snr = np.empty((4, len(chosen)))
+    covariance = np.empty((len(chosen), 2, 2))
+    for k in range(len(chosen)):
+        row = table[chosen[k]]
+        x[k], y[k], flux[k], snr[k] = row[X], row[Y], row[FLUX], row[FLUX] / row[FLUX_SIGMA]
+        covariance[k, 0, 0], covariance[k, 1, 1] = row[XX], row[YY]
+        covariance[k, 0, 1] = covariance[k, 1, 0] = row[XY]
+    return x, y, flux, covariance, snr, area[chosen]
+
+
+@kernel
+def _apart(table: Floats, order: Ints, most: int) -> Ints:
+    """Which places in `order` to keep: those with a flux, one for each star, the first `most`."""
+    kept = np.empty(min(len(order), most), np.int64)
+    count = 0
+    for k in range(len(order)):
+        x, y, flux = table[order[k], X], table[order[k], Y], table[order[k], FLUX]
+        if count == len(kept) or np.isnan(flux):
+            break
+        new = True
+        for other in kept[:count]:
+            dx, dy = table[order[other], X] - x, table[order[other], Y] - y
+            if dx * dx + dy * dy < SAME * SAME:
+                new = False
+                break
+        if new:
+            kept[count] = k
+            count += 1
+    return kept[:count]
 
 
 def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = None) -> Spots:
@@ -86,14 +176,14 @@ def _near(image: Pixels, place: Floats, reach: float, plan: DetectionPlan) -> Ca
     # So that windows far apart in the frame fit together; some of the pixels tell it.
     values = values - np.median(values[:, ::MEDIAN_STRIDE], axis=1)[:, None]
     stack = Pixels(values.reshape(-1, side), image.pivot, image.step, dead)
-    found = find(stack, plan, mesh=side)
-    window = found.y // side
-    x, y = found.x + corner[window, 0], found.y - window * side + corner[window, 1]
+    candidates = find(stack, plan, mesh=side)
+    window = candidates.y // side
+    x, y = candidates.x + corner[window, 0], candidates.y - window * side + corner[window, 1]
     off = np.maximum(abs(x - place[inside][window, 0]), abs(y - place[inside][window, 1]))
     border = settings.window // 2 + settings.edge
     good = (off <= reach + 1) & (np.minimum(x, columns - 1 - x) >= border)
     good &= np.minimum(y, rows - 1 - y) >= border
-    return Candidates(x[good], y[good], found.area[good])
+    return Candidates(x[good], y[good], candidates.area[good])
 
 
 def _stacked(image: NDArray, corner: Ints, side: int) -> NDArray:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Streams, kernel
-from startrack.detection.background import between
+from startrack.detection.background import Sky, between
+from startrack.detection.matched import highest_between
 from startrack.detection.robust import around, around_among
-from startrack.detection.threshold import highest_between
 
 Image = NDArray[np.float32]
 # The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.
@@ -30,9 +30,7 @@ def stands_out(
     y: Ints,
     reach: int,
     sigmas: Image,
-    mean: Image,
-    rms: Image,
-    mesh: int,
+    sky: Sky,
     floor: float,
 ) -> NDArray[np.bool_]:
     """Whether peaks stand out of their tile, and out of the ring around them where it is uneven.
@@ -43,16 +41,15 @@ def stands_out(
 
     filters    of stars between the pixels, (rows, columns, k)
     sigmas     how far a peak must stand out, on the grid of the Sky
-    mean, rms  of the Sky, and its mesh
     floor      digital number, least noise
     """
-    good = np.empty(len(x), np.bool_)
+    mesh, good = sky.mesh, np.empty(len(x), np.bool_)
     far_off = 2 * reach + 4
     for i in range(len(x)):
         # At the edge of trees, their own tile describes them better than its neighbours do.
         v, u = y[i] // mesh + 1, x[i] // mesh + 1
-        level = between(mean, mesh, x[i], y[i])
-        noise = max(between(rms, mesh, x[i], y[i]), rms[v, u])
+        level = between(sky.mean, mesh, x[i], y[i])
+        noise = max(between(sky.rms, mesh, x[i], y[i]), sky.rms[v, u])
         far = max(between(sigmas, mesh, x[i], y[i]), sigmas[v, u])
         good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
         if good[i]:
@@ -138,7 +135,7 @@ def chance_to_pass(
     spread = np.sqrt(noise * noise + shot * np.maximum(core, 0.0))
     largest = float(np.sqrt((patterns**2).sum(axis=(1, 2)).max()))
     chance, unsure = _without_doubt(core, spread, largest, noise, fraction)
-    core, spread = (np.ascontiguousarray(one[..., unsure]) for one in (core, spread))
+    core, spread = (np.ascontiguousarray(values[..., unsure]) for values in (core, spread))
     chance[unsure] = _passed(core, spread, patterns, noise, fraction) / len(patterns)
     return chance
 

@@ -1,22 +1,28 @@
-"""An image of expected numbers and the stars in it -> how the detection will see these stars."""
+"""Image of expected numbers and its stars -> how the detection will see them."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints, kernel
-from startrack.detection.centroid import measured, sample
+from startrack.detection.detect import measured, placed, sample
 from startrack.detection.examine import chance_to_pass, largest_fraction
 from startrack.detection.find import Candidates
-from startrack.detection.matched import filtered
+from startrack.detection.matched import (
+    equivalent_sigmas,
+    filtered,
+    highest_between,
+    noise_from_gain,
+)
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Gain, Pixels, gain_of
-from startrack.detection.plan import DetectionPlan
+from startrack.detection.plan import DetectionPlan, calibrated
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
-from startrack.detection.threshold import equivalent_sigmas, highest_between, noise_from_gain
 
 Image = NDArray[np.float32]
 
@@ -66,12 +72,12 @@ def expect(
     """
     settings, kernel, gain = plan.settings, plan.kernel, gain_of(frame, 0.0)
     image = np.ascontiguousarray(frame.image, np.float32)
-    known = Pixels(image, 0.0, 1.0, None, gain)
+    calibrated_image = Pixels(image, 0.0, 1.0, None, gain)
     column, row = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
     rms, skewness, kurtosis = noise_from_gain(np.array([level], np.float32), gain, 1.0, kernel)
     far = equivalent_sigmas(plan.threshold(area), skewness, kurtosis)
     if search is not None:
-        rms, far = (np.array([one], np.float32) for one in search)
+        rms, far = (np.array([number], np.float32) for number in search)
     height = _heights(image, column, row, level, plan.filters) / rms
     # The star's own photons add to the noise of what the filter makes of it.
     light = _light(image, column, row, level, kernel.whole)
@@ -80,7 +86,7 @@ def expect(
     height = np.where(height > 0, np.sqrt(height**2 + 2 * spread**2), height)
     dark = float(rms[0]) / kernel.noise
     kept = _kept(image, column, row, level, dark, gain, settings)
-    seen = sample(frame, known, Candidates(column, row, np.ones_like(row)), settings)
+    seen = sample(frame, calibrated_image, Candidates(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), plan)
@@ -140,3 +146,71 @@ def _light(image, x, y, level, weight):  # type: ignore[no-untyped-def]
             for i in range(weight.shape[1]):
                 light[n] += weight[j, i] ** 2 * (image[y[n] + j - down, x[n] + i - across] - level)
     return np.maximum(light, 0.0)
+
+
+class Response(NamedTuple):
+    """A centroid to first order: place + sum over its pixels of slope times their change.
+
+    place       (n, 2) pixel x, y on the frame itself; NaN where there is none
+    covariance  (n, 2, 2) pixel^2, as the detection states it
+    snr         (n,) 1
+    corner      (n, 2) pixel x, y, the first of the pixels that count
+    slope       (n, 2, side, side) pixel per digital number, [axis, row, column]
+    """
+
+    place: Floats
+    covariance: Floats
+    snr: Floats
+    corner: Ints
+    slope: Floats
+
+    def of(self, which: Ints | NDArray[np.bool_]) -> Response:
+        """That of some of the stars."""
+        return Response._make(array[which] for array in self)
+
+
+def joined(parts: Sequence[Response]) -> Response:
+    """Those of several parts, one after the other."""
+    return Response._make(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+
+
+def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan) -> Response:
+    """How centroids answer to their pixels, whatever the method of the settings.
+
+    Each pixel is moved up and down by its own noise, that of all stars at once; stars must be
+    farther apart than twice the side, or they answer to each other's.
+
+    frame    expected numbers, not rounded
+    x, y     (n,) pixel, peaks, at least the side from the border
+    sigma    (rows, columns) digital number, of the pixels' noise
+    Accuracy  numerical: a secant over two sigma, exact where the centroid is quadratic there. What
+              a pixel of the ring does to the background is left out.
+    """
+    nothing: NDArray[np.int64] = np.ones(len(x), np.int64)
+    # Frames are whole numbers, though their expectation is not.
+    stars = sample(frame, calibrated(frame, plan), Candidates(x, y, nothing), plan.settings)
+    stars = stars._replace(floor=1 / math.sqrt(12))
+    middle = measured(stars, plan)
+    half = half_of(plan)
+    slope = np.zeros((len(x), 2, 2 * half + 1, 2 * half + 1))
+    image = stars.image
+    for j in range(-half, half + 1):
+        for i in range(-half, half + 1):
+            pixel = y + j, x + i
+            before, step = image[pixel], sigma[pixel].astype(np.float32)
+            image[pixel] = before + step
+            above = placed(stars, plan)[:, [X, Y]]
+            image[pixel] = before - step
+            below = placed(stars, plan)[:, [X, Y]]
+            image[pixel] = before
+            slope[:, :, half + j, half + i] = (above - below) / (2 * step)[:, None]
+    covariance = middle[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
+    corner = np.column_stack([x, y]) - half
+    snr = middle[:, FLUX] / middle[:, FLUX_SIGMA]
+    return Response(middle[:, [X, Y]], covariance, snr, corner, slope)
+
+
+def half_of(plan: DetectionPlan) -> int:
+    """Half the side of the square of pixels that move a centroid."""
+    settings = plan.settings
+    return plan.method.moved_by(settings.window // 2, settings.kernel_sigma, plan.star)

@@ -3,21 +3,77 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from startrack.core import Ints, is_code, kernel
+from startrack.core import POINTS, Floats, Ints, Psf, call_code, is_code, kernel, returned
 from startrack.detection.background import Sky, sky, with_gain_noise
 from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import has_dead_pixel, is_hot, largest_fraction, stands_out
-from startrack.detection.extension_search import peaks_by_code
-from startrack.detection.matched import Kernel, filtered
+from startrack.detection.matched import Kernel, equivalent_sigmas, filtered, noise_from_gain
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan
-from startrack.detection.threshold import equivalent_sigmas, noise_from_gain
+
+GROUP = "detections"
+
+
+@dataclass(frozen=True, eq=False)
+class DetectionInput:
+    """A frame, of which a detection says where stars may be.
+
+    value             (rows, columns) digital number above the empty pixel, as the tracker believes
+    dead              (rows, columns) whether a pixel is known to be dead
+    electrons_per_dn  NaN where unknown
+    read_noise        digital number rms; NaN where unknown
+    psf               the star's image that the tracker assumes
+    border            pixel that a peak must stay from the border of the frame
+    """
+
+    value: NDArray[np.float32]
+    dead: NDArray[np.bool_]
+    electrons_per_dn: float
+    read_noise: float
+    psf: Psf
+    border: int
+
+
+class DetectionMethod(Protocol):
+    """A detection of one's own, which a design names in `tracker.detection.search`.
+
+    Returns  (n, 2) whole numbers: column and row of the brightest pixel of each star; the centroid
+             of the design measures them. Those nearer to the border than `border` are left out
+    """
+
+    def __call__(self, given: DetectionInput, /) -> ArrayLike:
+        """Find the stars of a frame."""
+
+
+def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
+    """Columns and rows (n,) of the stars that a function of the design finds.
+
+    Raises  ValueError where the function raises an error, or returns what it must not.
+    """
+    settings, gain = plan.settings, pixels.gain
+    name, border = settings.search, settings.window // 2 + settings.edge
+    rows, columns = pixels.value.shape
+    dead = np.zeros((rows, columns), bool) if pixels.dead is None else pixels.dead > 0
+    value = np.asarray(pixels.value - np.nan_to_num(gain.offset), np.float32)
+    given = DetectionInput(
+        value, dead, gain.electrons_per_dn, gain.read_noise, plan.star.psf, border
+    )
+    answer = call_code(GROUP, name, given)
+    places = returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
+    inside = ((places >= 0) & (places < [columns, rows])).all()
+    if not inside or (places != np.rint(places)).any():
+        raise ValueError(f"{POINTS[GROUP]} {name} must return columns and rows of pixels")
+    x, y = np.unique(places.astype(np.int64), axis=0).T
+    good = (np.minimum(x, columns - 1 - x) >= border) & (np.minimum(y, rows - 1 - y) >= border)
+    return x[good], y[good]
+
 
 Image = NDArray[np.float32]
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
@@ -106,20 +162,8 @@ def choose(
     waiting = plan.workspace.array("waiting pixels", image.shape, np.uint8)
     if regions is None:
         regions = np.array([[0, 0, image.shape[1], image.shape[0]]])
-    return Candidates(
-        *_choose(
-            pixels.value,
-            pixels.marks,
-            image,
-            bright,
-            waiting,
-            ground,
-            far,
-            plan.filters,
-            regions,
-            rules,
-        )
-    )
+    images = pixels.value, pixels.marks, image
+    return Candidates(*_choose(*images, bright, waiting, ground, far, plan.filters, regions, rules))
 
 
 class _Rules(NamedTuple):
@@ -149,19 +193,18 @@ class _Rules(NamedTuple):
 
 
 @kernel
-def _choose(value, dead, image, bright, waiting, ground, far, filters, regions, rules):  # type: ignore[no-untyped-def]
+def _choose(
+    value: Image, dead: NDArray[np.uint8], image: Image, bright: Ints, waiting: NDArray[np.uint8],
+    ground: Sky, far: Image, filters: Floats, regions: Ints, rules: _Rules,
+) -> tuple[Ints, Ints, Ints]:  # fmt: skip
     """Columns, rows and areas of the peaks that `choose` keeps."""
-    found = peaks(image, bright, waiting, rules.min_area, rules.max_area, rules.reach, rules.border)
-    found = split(
-        value, found, ground.mean, ground.rms, ground.mesh, rules.noise, rules.shot, rules.border
+    merged = peaks(
+        image, bright, waiting, rules.min_area, rules.max_area, rules.reach, rules.border
     )
-    x, y, area = found.x, found.y, found.area
+    x, y, area = split(value, merged, ground, rules.noise, rules.shot, rules.border)
     good = _inside(x, y, regions)
     x, y, area = x[good], y[good], area[good]
-    good = stands_out(
-        value, image, filters, x, y, rules.ring, far, ground.mean, ground.rms, ground.mesh,
-        rules.floor,
-    )  # fmt: skip
+    good = stands_out(value, image, filters, x, y, rules.ring, far, ground, rules.floor)
     for i in range(len(x)):
         if good[i] and rules.fraction > 0:
             good[i] = not is_hot(value, x[i], y[i], rules.ring, rules.fraction)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, kernel
-from startrack.detection.psf_table import expected
 from startrack.detection.robust import around
 from startrack.detection.sample import (
     COLUMNS,
@@ -25,7 +24,7 @@ from startrack.detection.sample import (
     Y,
     pixel_noise,
 )
-from startrack.detection.star_model import StarModel
+from startrack.detection.star_model import StarModel, expected
 
 
 @kernel
@@ -48,14 +47,14 @@ def information(
 
     Source: Kay, Estimation Theory (1993), sections 3.6 and 7.7.
 
-    data    (rows, columns) less the known slopes; NaN in pixels that tell nothing
+    data    (rows, columns) less the known slopes; NaN in pixels that do not count
     star    (m, 1 + k, rows, columns) p of each star and its slopes by the k values of its shape
     value   (m (k + 1) + 1,) of each star its shape and its flux; last the background
     matrix  (n, n), right (n,) for n values: written here
     Returns how many pixels counted
     """
-    stars, each, rows, columns = star.shape
-    size, shapes = len(value), each - 1
+    stars, per_star, rows, columns = star.shape
+    size, shapes = len(value), per_star - 1
     if stars == 1 and shapes == 2:
         return int(_information_of_one(data, star[0], value, noise, shot, matrix, right))
     matrix[:] = 0
@@ -70,12 +69,12 @@ def information(
             count += 1
             mean, variance = value[size - 1], noise * noise
             for s in range(stars):
-                fraction, flux = star[s, 0, j, i], value[s * each + shapes]
+                fraction, flux = star[s, 0, j, i], value[s * per_star + shapes]
                 mean += flux * fraction
                 variance += shot * flux * max(fraction, 0.0)
                 for k in range(shapes):
-                    slope[s * each + k] = flux * star[s, k + 1, j, i]
-                slope[s * each + shapes] = fraction
+                    slope[s * per_star + k] = flux * star[s, k + 1, j, i]
+                slope[s * per_star + shapes] = fraction
             weight = 1 / variance
             rest = weight * (data[j, i] - mean)
             for k in range(size):
@@ -104,7 +103,7 @@ def _information_of_one(
     """
     flux, level, square, count = value[2], value[3], noise * noise, 0
     xx, xy, yy, xf, yf, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    x1, y1, f1, one, by_x, by_y, by_f, by_1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x1, y1, f1, b1, by_x, by_y, by_f, by_1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(data.shape[0]):
         for i in range(data.shape[1]):
             if np.isnan(data[j, i]):
@@ -128,9 +127,9 @@ def _information_of_one(
             x1 += weight * x
             y1 += weight * y
             f1 += weight * f
-            one += weight
+            b1 += weight
     # Not row by row: numba would compile the sentence of a row that does not fit.
-    matrix[0, 0], matrix[1, 1], matrix[2, 2], matrix[3, 3] = xx, yy, ff, one
+    matrix[0, 0], matrix[1, 1], matrix[2, 2], matrix[3, 3] = xx, yy, ff, b1
     matrix[0, 1] = matrix[1, 0] = xy
     matrix[0, 2] = matrix[2, 0] = xf
     matrix[0, 3] = matrix[3, 0] = x1
@@ -144,7 +143,7 @@ def _information_of_one(
 @kernel
 def brightness(data: Floats, star: Floats, value: Floats) -> None:
     """Write fluxes and background of stars of known shapes, by least squares, into the values."""
-    stars, each, rows, columns = star.shape
+    stars, per_star, rows, columns = star.shape
     matrix, right = np.zeros((stars + 1, stars + 1)), np.zeros(stars + 1)
     part = np.ones(stars + 1)
     for j in range(rows):
@@ -160,7 +159,7 @@ def brightness(data: Floats, star: Floats, value: Floats) -> None:
     if not solved(matrix, right):
         right[:] = 0
     for s in range(stars):
-        value[s * each + each - 1] = right[s]
+        value[s * per_star + per_star - 1] = right[s]
     value[len(value) - 1] = right[stars]
 
 
@@ -236,7 +235,7 @@ CLOSE = 3e-3  # sigma of the place; a last step of that length changes nothing
 LONGEST = 0.5  # pixel
 FASTEST = 0.3  # of the width; one that is to change by more is far from its place yet
 NARROWEST, WIDEST = 0.15, 8.0  # pixel
-SPARE = 4  # pixels more than there are parameters, or the fit tells nothing
+SPARE = 4  # pixels more than there are parameters, for a fit that is determined
 MOST = 8  # stars that are fitted together
 TOUCH = 1.5  # half sides of a window; a star farther off hardly shines into it
 
@@ -261,9 +260,9 @@ class Model(NamedTuple):
 
 @kernel
 def fitted(sample: Sample, model: Model) -> Floats:
-    """Fit the stars that touch together, and each on its own where that runs away.
+    """Fit the stars that touch together, and each on its own where that diverges.
 
-    Returns  (n, COLUMNS) as `gravity`; NaN where the fit runs away
+    Returns  (n, COLUMNS) as `gravity`; NaN where the fit diverges
     """
     count = len(sample.x)
     table = np.full((count, COLUMNS), np.nan)
@@ -302,7 +301,7 @@ def _touching(sample: Sample, model: Model, first: int, waiting: NDArray[np.bool
 
 @kernel
 def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
-    """Write what a group of stars is found to be into their rows; False where it runs away."""
+    """Write what a group of stars is found to be into their rows; False where it diverges."""
     x, y = np.empty(len(group), np.int64), np.empty(len(group), np.int64)
     for k in range(len(group)):
         x[k], y[k] = sample.x[group[k]], sample.y[group[k]]
@@ -310,39 +309,37 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
     u, v = (first_x + last_x) // 2, (first_y + last_y) // 2
     ring = model.ring + max(last_x - u, last_y - v)
     level, slope_x, slope_y, spread, _ = around(sample.image, u, v, ring, sample.floor)
-    noise, shot = pixel_noise(
-        level, spread, sample.floor, sample.electrons_per_dn, sample.offset, sample.read_noise
-    )
+    noise, shot = pixel_noise(sample, level, spread)
     if not noise > 0:
         return False
     data, left, top = _cut(sample, model, x, y, slope_x, slope_y)
     shapes = 3 if model.width > 0 else 2
-    each, size = shapes + 1, len(group) * (shapes + 1) + 1
+    per_star, size = shapes + 1, len(group) * (shapes + 1) + 1
     # Of each star x, y, sigma if it is not known, and flux; of all of them the background.
     value = np.empty(size)
     for k in range(len(group)):
-        value[k * each], value[k * each + 1] = x[k], y[k]
+        value[k * per_star], value[k * per_star + 1] = x[k], y[k]
         if model.width > 0:
-            value[k * each + 2] = model.width
-    star = np.empty((len(group), each, data.shape[0], data.shape[1]))
+            value[k * per_star + 2] = model.width
+    star = np.empty((len(group), per_star, data.shape[0], data.shape[1]))
     matrix, step = np.empty((size, size)), np.empty(size)
-    _shine(model, value, left, top, star)
+    _render_model(model, value, left, top, star)
     brightness(data, star, value)
     for _ in range(ROUNDS):
         for k in range(len(group)):
             # A negative star would repel its own place.
-            value[k * each + shapes] = max(value[k * each + shapes], noise)
+            value[k * per_star + shapes] = max(value[k * per_star + shapes], noise)
         count = information(data, star, value, noise, shot, matrix, step)
         if count < size + SPARE or not solved(matrix, step):
             return False
-        slower, settled = _slower(value, step, matrix, each, shapes)
+        fraction_of_step, settled = _step_fraction(value, step, matrix, per_star, shapes)
         for k in range(size):
-            value[k] += slower * step[k]
-        if not _near(value, x, y, model, each):
+            value[k] += fraction_of_step * step[k]
+        if not _inside_windows(value, x, y, model, per_star):
             return False
         if settled:
-            return _written(value, matrix, group, each, shapes, table)
-        _shine(model, value, left, top, star)
+            return _written(value, matrix, group, per_star, shapes, table)
+        _render_model(model, value, left, top, star)
     return False
 
 
@@ -381,60 +378,62 @@ def _cut(
 
 
 @kernel
-def _shine(model: Model, value: Floats, left: int, top: int, star: Floats) -> None:
+def _render_model(model: Model, value: Floats, left: int, top: int, star: Floats) -> None:
     """Share of each star's light in each pixel, and its slopes: (stars, 1 + k, rows, columns)."""
-    each = star.shape[1]
+    per_star = star.shape[1]
     for k in range(len(star)):
-        x, y = value[k * each], value[k * each + 1]
+        x, y = value[k * per_star], value[k * per_star + 1]
         if model.width > 0:
-            gaussian_star(x - left, y - top, value[k * each + 2], star[k])
+            gaussian_star(x - left, y - top, value[k * per_star + 2], star[k])
         else:
             expected(model.table, model.oversampling, x, y, left, top, star[k])
 
 
 @kernel
-def _slower(
-    value: Floats, step: Floats, matrix: Floats, each: int, shapes: int
+def _step_fraction(
+    value: Floats, step: Floats, matrix: Floats, per_star: int, shapes: int
 ) -> tuple[float, bool]:
     """Share of a step that leads not too far, and whether it is the last one.
 
     matrix  covariance of the values
     """
-    slower, settled = 1.0, True
-    for k in range(0, len(value) - 1, each):
+    fraction_of_step, settled = 1.0, True
+    for k in range(0, len(value) - 1, per_star):
         length = max(abs(step[k]), abs(step[k + 1]))
-        slower = min(slower, LONGEST / max(length, 1e-30))
+        fraction_of_step = min(fraction_of_step, LONGEST / max(length, 1e-30))
         if shapes == 3:
-            slower = min(slower, FASTEST * value[k + 2] / max(abs(step[k + 2]), 1e-30))
+            fraction_of_step = min(
+                fraction_of_step, FASTEST * value[k + 2] / max(abs(step[k + 2]), 1e-30)
+            )
         if not length < CLOSE * math.sqrt(min(matrix[k, k], matrix[k + 1, k + 1])):
             settled = False
-    return slower, settled and slower == 1
+    return fraction_of_step, settled and fraction_of_step == 1
 
 
 @kernel
-def _near(value: Floats, x: Ints, y: Ints, model: Model, each: int) -> bool:
+def _inside_windows(value: Floats, x: Ints, y: Ints, model: Model, per_star: int) -> bool:
     """Whether all stars are still in their windows, and no Gaussian has lost its width."""
     for k in range(len(x)):
         if (
-            abs(value[k * each] - x[k]) > model.half_x
-            or abs(value[k * each + 1] - y[k]) > model.half_y
+            abs(value[k * per_star] - x[k]) > model.half_x
+            or abs(value[k * per_star + 1] - y[k]) > model.half_y
         ):
             return False
-        if model.width > 0 and not NARROWEST < value[k * each + 2] < WIDEST:
+        if model.width > 0 and not NARROWEST < value[k * per_star + 2] < WIDEST:
             return False
     return True
 
 
 @kernel
 def _written(
-    value: Floats, matrix: Floats, group: Ints, each: int, shapes: int, table: Floats
+    value: Floats, matrix: Floats, group: Ints, per_star: int, shapes: int, table: Floats
 ) -> bool:
     """Write the stars' rows; False where a star has no light."""
     for k in range(len(group)):
-        if not value[k * each + shapes] > 0:
+        if not value[k * per_star + shapes] > 0:
             return False
     for k in range(len(group)):
-        a, f, row = k * each, k * each + shapes, table[group[k]]
+        a, f, row = k * per_star, k * per_star + shapes, table[group[k]]
         row[X], row[Y], row[FLUX] = value[a], value[a + 1], value[f]
         row[FLUX_SIGMA] = math.sqrt(matrix[f, f])
         row[XX], row[XY], row[YY] = matrix[a, a], matrix[a, a + 1], matrix[a + 1, a + 1]
@@ -451,7 +450,7 @@ def gaussian(sample: Sample, sigma: float) -> Floats:
     their width.
 
     sigma    pixel, first guess, which also sets the window: 3 sigma and half a pixel
-    Returns  as `gravity`; NaN where the fit runs away
+    Returns  as `gravity`; NaN where the fit diverges
     Accuracy  model: a star that is no Gaussian is fitted by its core.
     """
     half = max(sample.half, math.ceil(3 * sigma + 0.5))
@@ -461,7 +460,7 @@ def gaussian(sample: Sample, sigma: float) -> Floats:
 def likelihood(sample: Sample, star: StarModel) -> Floats:
     """Fit x, y, flux and background with the PSF of the design, by Fisher's scoring.
 
-    Stars that touch are fitted together. Saturated and dead pixels tell nothing and are left
+    Stars that touch are fitted together. Saturated and dead pixels are left
     out; a smeared star is fitted with a smeared PSF. The covariance is the inverse of Fisher's
     information, the Cramer-Rao bound of these stars.
 
@@ -469,7 +468,7 @@ def likelihood(sample: Sample, star: StarModel) -> Floats:
     optical position estimators; `information` for the equations.
 
     star     as the tracker assumes it
-    Returns  as `gravity`; NaN where the fit runs away
+    Returns  as `gravity`; NaN where the fit diverges
     Accuracy  statistical: the bound within 1 % from an SNR of 15 on and 3 % at 8, counting the
               star's own shot noise, as no estimator keeps it where the star is nearly noise. model:
               a PSF that is too wide by 10 % costs 1 % in the error of the place, and 10 % in the

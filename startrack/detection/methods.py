@@ -1,21 +1,35 @@
-"""Centroid methods: each from a Sample and a StarModel to a row per star.
-
-A new method is a file with a function of a Sample, and one entry in `CENTROIDS`.
-"""
+"""Sample and Psf -> a row per star, by each of the centroid methods that a design can name."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple, Protocol
 
-from startrack.core import Floats
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from startrack.core import Floats, Ints, Psf, call_code, is_code, returned
 from startrack.detection.fit import gaussian, likelihood
-from startrack.detection.gravity import gravity
-from startrack.detection.s_curve import compensate
-from startrack.detection.sample import Sample
-from startrack.detection.star_model import StarModel
-from startrack.detection.weighted import weighted
+from startrack.detection.gravity import gravity, weighted
+from startrack.detection.robust import around_each
+from startrack.detection.sample import (
+    COLUMNS,
+    FLUX,
+    FLUX_SIGMA,
+    WINDOW_X,
+    WINDOW_Y,
+    XX,
+    XY,
+    YY,
+    Sample,
+    X,
+    Y,
+    pixel_noise,
+)
+from startrack.detection.star_model import StarModel, compensate
 
 NARROWEST_WEIGHT = 1.0  # pixel
 WIDEST = 6  # pixel, half side; light farther out moves no centroid
@@ -78,3 +92,153 @@ CENTROIDS: Mapping[str, CentroidMethod] = {
         skips_dead=True,
     ),
 }
+
+
+GROUP = "centroids"
+FARTHEST = 1  # pixel along either axis, by which a window moves after a star that is off its middle
+
+
+@dataclass(frozen=True, eq=False)
+class CentroidInput:
+    """Windows about stars, of which a centroid measures the middle.
+
+    signal        (n, side, side) digital number above the local background, [row, column]
+    noise         (n,) digital number, rms of an empty pixel
+    shot          (n,) digital number, variance that each digital number of light adds
+    unknown       (n, side, side) whether a pixel is dead or saturated
+    kernel_sigma  pixel, sigma of the star's image that the tracker assumes
+    psf           the star's image that the tracker assumes
+    """
+
+    signal: Floats
+    noise: Floats
+    shot: Floats
+    unknown: NDArray[np.bool_]
+    kernel_sigma: float
+    psf: Psf
+
+
+class Centroid(Protocol):
+    """A centroid of one's own, which a design names in `tracker.detection.centroid`.
+
+    Returns  (n, 3): x and y in pixel from the middle of the window, flux in digital numbers; then
+             startrack computes the covariance from the change of x and y with each pixel. Or
+             (n, 6): xx, xy and yy of that covariance, pixel^2, too. A row with NaN is a star that
+             cannot be measured; its spot is left out.
+    """
+
+    def __call__(self, given: CentroidInput, /) -> ArrayLike:
+        """Measure all windows; the same rows whatever the other windows are."""
+
+
+def method_of(name: str) -> CentroidMethod:
+    """The centroid method of a value of the key `centroid`."""
+    if not is_code(name):
+        return CENTROIDS[name]
+    return CentroidMethod(
+        partial(centroids_by_code, name),
+        reads=lambda half, sigma, star: half + FARTHEST,
+        moved_by=lambda half, sigma, star: half + FARTHEST,
+        place=partial(centroids_by_code, name, stated=False),
+    )
+
+
+def centroids_by_code(
+    name: str, sample: Sample, star: StarModel, sigma: float, compensation: str, stated: bool = True
+) -> Floats:
+    """One row per candidate, as `gravity` describes it; a window moves once after its star.
+
+    stated  whether to state covariances; else they are zero
+    Raises  ValueError where the function raises an error, or returns what it must not.
+    """
+    table = np.full((len(sample.x), COLUMNS), np.nan)
+    table[:, WINDOW_X], table[:, WINDOW_Y] = sample.x, sample.y
+    if not len(sample.x):
+        return table
+    given = sample, star, sigma
+    measured = _measured(name, *given, sample.x, sample.y, stated)
+    rows, columns = sample.image.shape
+    off = np.nan_to_num(np.clip(np.rint(measured[:, :2]), -FARTHEST, FARTHEST)).astype(np.int64)
+    half = sample.half
+    x = np.clip(sample.x + off[:, 0], half, columns - 1 - half)
+    y = np.clip(sample.y + off[:, 1], half, rows - 1 - half)
+    moved = (x != sample.x) | (y != sample.y)
+    if moved.any():
+        measured[moved] = _measured(name, *given, x[moved], y[moved], stated)
+    # A star that has left its window is another one, or none.
+    good = np.isfinite(measured).all(axis=1) & (np.abs(measured[:, :2]) <= half).all(axis=1)
+    good &= (measured[:, 2] > 0) & (measured[:, 3:] >= 0)[:, [0, 1, 3]].all(axis=1)
+    order = np.array([X, Y, FLUX, FLUX_SIGMA, XX, XY, YY])
+    measured[:, 0] += x
+    measured[:, 1] += y
+    table[:, WINDOW_X], table[:, WINDOW_Y] = x, y
+    table[np.ix_(np.flatnonzero(good), order)] = measured[good]
+    return table
+
+
+def _measured(
+    name: str, sample: Sample, star: StarModel, sigma: float, x: Ints, y: Ints, stated: bool
+) -> Floats:
+    """Rows x, y, flux, its sigma, xx, xy, yy of the windows about pixels (n,)."""
+    given = _windows(sample, star, sigma, x, y)
+    answer = returned(GROUP, name, call_code(GROUP, name, given), (len(x), (3, 6)), finite=False)
+    rows = np.zeros((len(x), 7))
+    rows[:, :3] = answer[:, :3]
+    if not stated:
+        return rows
+    variance = given.noise[:, None, None] ** 2 + given.shot[:, None, None] * given.signal.clip(0)
+    if answer.shape[1] == 6:
+        rows[:, 3] = np.sqrt(variance.sum(axis=(1, 2)))
+        rows[:, 4:] = answer[:, 3:]
+    else:
+        rows[:, 3:] = _propagated(name, given, variance)
+    return rows
+
+
+def _windows(sample: Sample, star: StarModel, sigma: float, x: Ints, y: Ints) -> CentroidInput:
+    """The windows about pixels, above the plane that the ring about each of them gives."""
+    step = np.arange(-sample.half, sample.half + 1)
+    row, column = y[:, None, None] + step[:, None], x[:, None, None] + step
+    value = sample.image[row, column].astype(float)
+    unknown = value >= sample.saturation
+    if sample.dead.size:
+        unknown |= sample.dead[row, column] > 0
+    noise, shot = np.empty((2, len(x)))
+    ground = around_each(sample.image, x, y, sample.half, sample.floor)
+    for k, (level, slope_x, slope_y, spread) in enumerate(ground.tolist()):
+        value[k] -= level + slope_x * step + slope_y * step[:, None]
+        noise[k], shot[k] = pixel_noise(sample, level, spread)
+    return CentroidInput(value, noise, shot, unknown, sigma, star.psf)
+
+
+def _propagated(name: str, given: CentroidInput, variance: Floats) -> Floats:
+    """Sigma of the flux and covariance xx, xy, yy by the noise of each pixel alone.
+
+        cov = sum_i slope_i slope_i^T var_i
+
+    Source: linear propagation of independent pixel noise, slopes by central differences over two
+    sigma of each pixel, all of them in one call.
+    """
+    count, side, _ = given.signal.shape
+    size = side * side
+    step = np.sqrt(variance).reshape(count, size)
+    above = np.repeat(given.signal.reshape(count, 1, size), 2 * size, axis=1)
+    pixel = np.arange(size)
+    above[:, pixel, pixel] += step
+    above[:, size + pixel, pixel] -= step
+    changed = CentroidInput(
+        above.reshape(-1, side, side),
+        np.repeat(given.noise, 2 * size),
+        np.repeat(given.shot, 2 * size),
+        np.repeat(given.unknown, 2 * size, axis=0),
+        given.kernel_sigma,
+        given.psf,
+    )
+    shape = (len(changed.signal), (3, 6))
+    answer = returned(GROUP, name, call_code(GROUP, name, changed), shape, finite=False)
+    answer = answer[:, :3].reshape(count, 2, size, 3)
+    by = (answer[:, 0] - answer[:, 1]) / 2  # slope times sigma
+    rows = np.empty((count, 4))
+    rows[:, 0] = np.sqrt((by[:, :, 2] ** 2).sum(axis=1))
+    rows[:, 1:] = (by[:, :, [0, 0, 1]] * by[:, :, [0, 1, 1]]).sum(axis=1)
+    return rows

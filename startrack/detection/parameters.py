@@ -5,17 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.core import (
-    NON_NEGATIVE,
-    POSITIVE,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    within,
-)
-from startrack.detection.dark_map import DarkMap
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, within
 from startrack.detection.methods import CENTROIDS
+from startrack.detection.pixels import DarkMap
 
 SEARCHES = ("filter",)
 KERNELS = ("gaussian", "psf")

@@ -7,15 +7,25 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 from startrack.core import Floats, Frame, Psf, Refused, Workspace, is_code
-from startrack.detection.dark_map import Calibration, Correction, corrected, correction_of
-from startrack.detection.extension_centroid import method_of
-from startrack.detection.matched import Kernel, kernel_of
-from startrack.detection.methods import CENTROIDS, CentroidMethod
+from startrack.detection.matched import (
+    Kernel,
+    kernel_of,
+    offset_filters,
+    peak_density,
+    roughness,
+    threshold_for,
+)
+from startrack.detection.methods import CENTROIDS, CentroidMethod, method_of
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Pixels, pixels
-from startrack.detection.psf_table import gaussian_psf
-from startrack.detection.star_model import StarModel, smeared
-from startrack.detection.threshold import offset_filters, peak_density, roughness, threshold_for
+from startrack.detection.pixels import (
+    Calibration,
+    Correction,
+    Pixels,
+    corrected,
+    correction_of,
+    pixels,
+)
+from startrack.detection.star_model import StarModel, gaussian_psf, smeared
 
 # Pixel, smear from which on only the likelihood follows a star. Chosen by hand: the windows of the
 # others lose the ends of a longer one, and a shorter one costs any method less than 10 %.
@@ -101,12 +111,12 @@ def calibrated(frame: Frame, plan: DetectionPlan) -> Pixels:
 
     Raises  as `pixels`, and ValueError where the map is missing or differs in shape.
     """
-    known, correction = pixels(frame), plan.correction
+    raw, correction = pixels(frame), plan.correction
     if correction is None:
-        return known
-    value = corrected(known.value, correction, plan.settings.saturation, known.pivot)
-    dead = correction.marks if known.dead is None else correction.marks | known.dead
-    return known._replace(value=value, dead=dead)
+        return raw
+    value = corrected(raw.value, correction, plan.settings.saturation, raw.pivot)
+    dead = correction.marks if raw.dead is None else correction.marks | raw.dead
+    return raw._replace(value=value, dead=dead)
 
 
 @lru_cache(maxsize=16)

@@ -203,11 +203,11 @@ def around(
 @kernel
 def around_each(image: Values, x: Ints, y: Ints, half: int, floor: float) -> Floats:
     """As `around`, of many spots at pixels (n,): level, slopes and noise, (n, 4)."""
-    found = np.empty((len(x), 4))
+    grounds = np.empty((len(x), 4))
     for i in range(len(x)):
         level, slope_x, slope_y, noise, _ = around(image, x[i], y[i], half, floor)
-        found[i, 0], found[i, 1], found[i, 2], found[i, 3] = level, slope_x, slope_y, noise
-    return found
+        grounds[i, 0], grounds[i, 1], grounds[i, 2], grounds[i, 3] = level, slope_x, slope_y, noise
+    return grounds
 
 
 @kernel

@@ -45,14 +45,7 @@ class Sample(NamedTuple):
 
 
 @kernel
-def pixel_noise(
-    background: float,
-    spread: float,
-    floor: float,
-    electrons_per_dn: float,
-    offset: float,
-    read_noise: float,
-) -> tuple[float, float]:
+def pixel_noise(sample: Sample, background: float, spread: float) -> tuple[float, float]:
     """Noise of an empty pixel, and the variance that each digital number of light adds.
 
         variance = read_noise^2 + (background - offset) / gain + step^2 / 12
@@ -64,12 +57,11 @@ def pixel_noise(
     spread   of the pixels around
     Returns  digital number; digital number
     """
-    shot = 1 / electrons_per_dn
-    noise = spread
+    shot, noise, light = 1 / sample.electrons_per_dn, spread, background - sample.offset
     if np.isnan(shot):
-        shot = noise**2 / max(background - offset, noise, 1e-30)
-    elif not np.isnan(read_noise):
-        variance = read_noise**2 + max(background - offset, 0.0) * shot + floor**2
+        shot = noise**2 / max(light, noise, 1e-30)
+    elif not np.isnan(sample.read_noise):
+        variance = sample.read_noise**2 + max(light, 0.0) * shot + sample.floor**2
         if spread < UNEVEN * math.sqrt(variance):
             noise = math.sqrt(variance)
     return noise, shot

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints, Psf, Spots, kernel
 from startrack.detection.background import Sky, between
-from startrack.detection.centroid import centroid
 from startrack.detection.connect import any_above
-from startrack.detection.dark_map import corrected_within
+from startrack.detection.detect import centroid
 from startrack.detection.find import choose, examination_level, ground_of, ring_half, threshold_grid
 from startrack.detection.matched import Kernel, filtered
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Pixels, gain_of
+from startrack.detection.pixels import Pixels, corrected_within, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 
 Image = NDArray[np.float32]
@@ -72,9 +71,9 @@ def detect_within(frame: Frame, regions: Ints, ground: Ground, plan: DetectionPl
         )
         dead = plan.correction.marks
     bright = _filter(value, seen, kernel.whole, image, ground.look, ground.sky.mesh)
-    known = Pixels(value, 0.0, 1.0, dead, gain_of(frame, 0.0))
-    found = choose(known, image, bright, ground.sky, ground.far, plan, regions)
-    return centroid(frame, known, found, plan)
+    raw = Pixels(value, 0.0, 1.0, dead, gain_of(frame, 0.0))
+    candidates = choose(raw, image, bright, ground.sky, ground.far, plan, regions)
+    return centroid(frame, raw, candidates, plan)
 
 
 def margin(plan: DetectionPlan) -> int:
@@ -122,7 +121,9 @@ def grown_mask(regions: Ints, by: int, columns: int, rows: int) -> Ints:
 
 
 @kernel
-def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-untyped-def]
+def _filter(
+    value: Image, windows: Ints, kernel: Image, image: Image, level: Image, mesh: int
+) -> Ints:
     """`matched.filtered` in windows, and which pixels there exceed a level, as `connect.lit`.
 
     Returns  (n,) row * columns + column; where windows overlap, a pixel may come twice
@@ -130,13 +131,13 @@ def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-unty
     columns = value.shape[1]
     down, across = kernel.shape[0] // 2, kernel.shape[1] // 2
     lowest = level.min()
-    found = []
+    bright_pixels = []
     for k in range(len(windows)):
         left, top, right, bottom = windows[k]
-        held = _cut(value, left - across, top - down, right + across, bottom + down)
-        width = held.shape[1]
+        window = _cut(value, left - across, top - down, right + across, bottom + down)
+        width = window.shape[1]
         total = np.zeros((bottom - top) * width, np.float32)
-        line, many = held.ravel(), (bottom - top) * width - 2 * across
+        line, many = window.ravel(), (bottom - top) * width - 2 * across
         # One straight loop over all rows of the window; what it makes between them is left there.
         for j in range(kernel.shape[0]):
             for i in range(kernel.shape[1]):
@@ -152,8 +153,8 @@ def _filter(value, windows, kernel, image, level, mesh):  # type: ignore[no-unty
                 continue
             for i in range(len(row)):
                 if row[i] > lowest and row[i] > between(level, mesh, left + i, y):
-                    found.append(y * columns + left + i)
-    return np.array(found, np.int64)
+                    bright_pixels.append(y * columns + left + i)
+    return np.array(bright_pixels, np.int64)
 
 
 @kernel
@@ -162,11 +163,11 @@ def _cut(value, left, top, right, bottom):  # type: ignore[no-untyped-def]
     rows, columns = value.shape
     if left >= 0 and top >= 0 and right <= columns and bottom <= rows:
         return value[top:bottom, left:right].copy()
-    held = np.empty((bottom - top, right - left), np.float32)
+    window = np.empty((bottom - top, right - left), np.float32)
     for y in range(top, bottom):
         for x in range(left, right):
-            held[y - top, x - left] = value[_mirrored(y, rows), _mirrored(x, columns)]
-    return held
+            window[y - top, x - left] = value[_mirrored(y, rows), _mirrored(x, columns)]
+    return window
 
 
 @kernel(inline="always")

@@ -7,11 +7,10 @@ from functools import lru_cache
 import numpy as np
 
 from startrack.core import Camera, Floats, Light, kept
-from startrack.detector.effects import diffuse
-from startrack.detector.law import law_of
+from startrack.detector.law import Tables, law_of, tables_for
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
-from startrack.detector.tables import Tables, tables_for
+from startrack.detector.pixel_effects import diffuse
 
 # Standard deviations above the background, of most pixels in the wings of stars. Chosen by hand:
 # more make larger tables, fewer draw more pixels one by one; the numbers are the same.
@@ -63,12 +62,16 @@ def diffuse_electrons(
     per_photon = efficiency(light, detector, throughput)
     scale = camera.focal_length_px**-2 * detector.exposure
     electrons = np.zeros((detector.rows, detector.columns))
-    for one in light.diffuse:
+    for diffuse_light in light.diffuse:
         down, across = (
             _linear_weights(nodes, pixels)
-            for nodes, pixels in zip(one.fraction.shape, electrons.shape, strict=True)
+            for nodes, pixels in zip(diffuse_light.fraction.shape, electrons.shape, strict=True)
         )
-        electrons += down @ (one.fraction * (one.spectrum @ per_photon * scale)) @ across.T
+        electrons += (
+            down
+            @ (diffuse_light.fraction * (diffuse_light.spectrum @ per_photon * scale))
+            @ across.T
+        )
     return electrons
 
 

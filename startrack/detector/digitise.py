@@ -7,6 +7,8 @@ of a number of its own follow the first 22.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,8 +25,19 @@ from startrack.core import (
     read_only,
     uniform,
 )
-from startrack.detector.law import COUNT, Image, Law, blank, number, signal
-from startrack.detector.tables import BITS, ENTRY_BITS, Tables, tables_for
+from startrack.detector.law import (
+    BITS,
+    COUNT,
+    EMPTY,
+    ENTRY_BITS,
+    Image,
+    Law,
+    Tables,
+    blank,
+    number,
+    signal,
+    tables_for,
+)
 
 
 def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | None = None) -> Image:
@@ -42,7 +55,7 @@ def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | Non
     """
     image = blank(electrons.shape, law)
     tables = tables_for(electrons, law) if tables is None else tables
-    _digitise(image, read_only(electrons), *keys(law, streams), law, tables)
+    _digitise(image, read_only(electrons), draws_of(law, tables, streams))
     return image
 
 
@@ -50,7 +63,7 @@ def shot(electrons: Floats, streams: Streams) -> Floats:
     """Poisson numbers of electrons (rows, columns); accuracy as `digitise`."""
     caught = np.empty(electrons.shape)
     tables = tables_for(electrons, COUNT)
-    _digitise(caught, read_only(electrons), *keys(COUNT, streams), COUNT, tables)
+    _digitise(caught, read_only(electrons), draws_of(COUNT, tables, streams))
     return caught
 
 
@@ -67,7 +80,8 @@ def digitise_hit(
     pixel  (k,) row * columns + column
     extra  (k,) electron
     """
-    _digitise_hit(image.ravel(), electrons.ravel(), pixel, extra, *keys(law, streams), law)
+    draws = draws_of(law, EMPTY, streams)
+    _digitise_hit(image.ravel(), electrons.ravel(), pixel, extra, draws)
 
 
 def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
@@ -77,26 +91,38 @@ def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
     return out
 
 
-def keys(law: Law, streams: Streams) -> tuple[np.uint64, np.uint64]:
-    """Keys of shot noise and read noise; the latter is not drawn where there is none."""
+class Draws(NamedTuple):
+    """What the numbers of pixels are drawn from.
+
+    shot, read  keys of shot noise and read noise; the latter is not drawn where there is none
+    """
+
+    shot: np.uint64
+    read: np.uint64
+    law: Law
+    tables: Tables
+
+
+def draws_of(law: Law, tables: Tables, streams: Streams) -> Draws:
+    """The draws of a law and its tables, by the streams of a trial."""
     read = streams.key("read noise") if law.noise else np.uint64(0)
-    return streams.key("shot noise"), read
+    return Draws(streams.key("shot noise"), read, law, tables)
 
 
 @kernel
-def _digitise(image, electrons, shot, read, law, tables):  # type: ignore[no-untyped-def]
+def _digitise(image, electrons, draws):  # type: ignore[no-untyped-def]
     rows, columns = image.shape
     room = work_row()
     for row in range(rows):
         start = np.uint64(row * columns)
-        digitise_row(image[row], electrons[row], start, shot, read, law, tables, room)
+        digitise_row(image[row], electrons[row], start, draws, room)
 
 
 @instead_of(_digitise)
-def _digitise_in_one(image, electrons, shot, read, law, tables):  # type: ignore[no-untyped-def]
+def _digitise_in_one(image, electrons, draws):  # type: ignore[no-untyped-def]
     room = np.empty((WORK, image.size + 2), np.uint32)
     out, mean = image.reshape(-1), electrons.reshape(-1)
-    _digitise_part(out, mean, np.uint64(0), shot, read, law, tables, room)
+    _digitise_part(out, mean, np.uint64(0), draws, room)
 
 
 U32, F32 = np.uint32, np.float32
@@ -118,14 +144,14 @@ def work_row():  # type: ignore[no-untyped-def]
 
 
 @kernel
-def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
+def digitise_row(out, mean, start, draws, room):  # type: ignore[no-untyped-def]
     """Write the numbers of pixels in a row, the first of which is pixel number `start`.
 
     room  from `work_row`
     """
     for first in range(0, len(mean), PART):
         part, pixel = mean[first : first + PART], start + np.uint64(first)
-        _digitise_part(out[first : first + PART], part, pixel, shot, read, law, tables, room)
+        _digitise_part(out[first : first + PART], part, pixel, draws, room)
 
 
 # The loops of a part are separate so that each has numbers of one width: a processor works on as
@@ -133,11 +159,15 @@ def digitise_row(out, mean, start, shot, read, law, tables, room):  # type: igno
 # integers and floats one by one. Each sum is cut to 32 bits at once, because numba would go on in
 # 64.
 @kernel
-def _digitise_part(out, mean, start, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
-    many = len(mean)
+def _digitise_part(
+    out: NDArray[Any], mean: Floats, start: np.uint64, draws: Draws, room: NDArray[np.uint32]
+) -> None:
+    """`digitise_row` of at most PART pixels."""
+    many, tables = len(mean), draws.tables
     odd = np.int64(start & np.uint64(1))
     pairs, at, other = room[0], room[1, :many], room[2, :many]
-    _random_pairs(shot, start >> np.uint64(1), pairs.view(np.uint64)[: (odd + many + 1) // 2])
+    words = pairs.view(np.uint64)[: (odd + many + 1) // 2]
+    _random_pairs(draws.shot, start >> np.uint64(1), words)
     random = pairs[odd : odd + many]
     near = other.view(np.float32)
     _write_singles(near, mean)
@@ -145,7 +175,7 @@ def _digitise_part(out, mean, start, shot, read, law, tables, room):  # type: ig
     for k in range(_settle(out, at, random, other, tables)):
         column = np.int64(other[k])
         pixel = start + np.uint64(column)
-        out[column] = _unsettled(mean[column], at[column], pixel, shot, read, law, tables)
+        out[column] = _unsettled(mean[column], at[column], pixel, draws)
 
 
 @kernel
@@ -160,7 +190,9 @@ def _write_singles_of_arrays(out, mean):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def digitise_window(image, left, top, mean, shot, read, law, tables, room):  # type: ignore[no-untyped-def]
+def digitise_window(
+    image: Image, left: int, top: int, mean: Floats, draws: Draws, room: NDArray[np.uint32]
+) -> None:
     """As `digitise_row`, of a window of an image, several short rows in one step.
 
     A loop over a short row ends before the processor works on many pixels at once.
@@ -170,7 +202,7 @@ def digitise_window(image, left, top, mean, shot, read, law, tables, room):  # t
     if together < 2:
         for j in range(height):
             out, start = image[top + j, left : left + width], (top + j) * columns + left
-            digitise_row(out, mean[j], np.uint64(start), shot, read, law, tables, room)
+            digitise_row(out, mean[j], np.uint64(start), draws, room)
         return
     for first in range(0, height, together):
         rows = min(together, height - first)
@@ -181,28 +213,29 @@ def digitise_window(image, left, top, mean, shot, read, law, tables, room):  # t
             start = begin + j * columns
             odd = start & 1
             pairs = room[0].view(np.uint64)[: (odd + width + 1) // 2]
-            _random_pairs(shot, np.uint64(start >> 1), pairs)
+            _random_pairs(draws.shot, np.uint64(start >> 1), pairs)
             row = slice(j * width, (j + 1) * width)
             random[row] = room[0, odd : odd + width]
             _write_singles(near[row], mean[first + j])
-        _cells_of_levels(near, random, tables, at)
-        left_over = _settle(numbers, at, random, other, tables)
+        _cells_of_levels(near, random, draws.tables, at)
+        left_over = _settle(numbers, at, random, other, draws.tables)
         for j in range(rows):
             image[top + first + j, left : left + width] = numbers[j * width : (j + 1) * width]
         for k in range(left_over):
             j, i = np.int64(other[k]) // width, np.int64(other[k]) % width
             pixel = np.uint64(begin + j * columns + i)
-            number = _unsettled(mean[first + j, i], at[other[k]], pixel, shot, read, law, tables)
+            number = _unsettled(mean[first + j, i], at[other[k]], pixel, draws)
             image[top + first + j, left + i] = number
 
 
 @kernel
-def _unsettled(mean, cell, pixel, shot, read, law, tables):  # type: ignore[no-untyped-def]
+def _unsettled(mean, cell, pixel, draws):  # type: ignore[no-untyped-def]
     """The number of a pixel that no entry settles."""
+    tables = draws.tables
     if cell == len(tables.entry) - 1:
-        return draw_number(mean, 0.0, shot, read, pixel, law)
+        return draw_number(mean, 0.0, pixel, draws)
     line = np.int64(cell >> tables.cells)
-    return float(tables.lowest + _number_by_all_bits(shot, pixel, line, tables.limit))
+    return float(tables.lowest + _number_by_all_bits(draws.shot, pixel, line, tables.limit))
 
 
 @kernel
@@ -229,7 +262,9 @@ def _random_bits(shot, pixel):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cells_of_levels(mean, random, tables, at):  # type: ignore[no-untyped-def]
+def _cells_of_levels(
+    mean: NDArray[np.float32], random: NDArray[np.uint32], tables: Tables, at: NDArray[np.uint32]
+) -> None:
     """The cell of each pixel in one of the two levels about its expectation, or none.
 
     In 32 bits: the mean of a pixel is right to 1e-4 of its standard deviation up to 1e6 electrons.
@@ -263,14 +298,17 @@ def _cells_of_levels_of_arrays(mean, random, tables, at):  # type: ignore[no-unt
 
 
 @kernel
-def _settle(out, at, random, other, tables):  # type: ignore[no-untyped-def]
+def _settle(
+    out: NDArray[Any], at: NDArray[np.uint32], random: NDArray[np.uint32],
+    other: NDArray[np.uint32], tables: Tables,
+) -> int:  # fmt: skip
     """Write the numbers that entries settle, and the columns of the other pixels; how many."""
     entry, lowest = tables.entry, U32(tables.lowest)
     mask = U32((1 << (ENTRY_BITS - tables.cells)) - 1)
     many = 0
     for column in range(len(at)):
-        found = entry[at[column]]
-        threshold, step = found >> U32(16), found & LOW
+        cell = entry[at[column]]
+        threshold, step = cell >> U32(16), cell & LOW
         bit = (random[column] >> U32(LEVEL_BITS)) & mask
         if bit != threshold and step != LOW:
             out[column] = U32(lowest + step + (bit > threshold))
@@ -282,9 +320,9 @@ def _settle(out, at, random, other, tables):  # type: ignore[no-untyped-def]
 
 @instead_of(_settle)
 def _settle_arrays(out, at, random, other, tables):  # type: ignore[no-untyped-def]
-    found = tables.entry[at]
+    cell = tables.entry[at]
     bit = (random >> U32(LEVEL_BITS)) & U32((1 << (ENTRY_BITS - tables.cells)) - 1)
-    threshold, step = found >> U32(16), found & LOW
+    threshold, step = cell >> U32(16), cell & LOW
     settled = (bit != threshold) & (step != LOW)
     out[settled] = (U32(tables.lowest) + step + (bit > threshold).astype(np.uint32))[settled]
     columns = np.flatnonzero(~settled)
@@ -307,20 +345,21 @@ def _number_by_all_bits(shot, pixel, line, limit):  # type: ignore[no-untyped-de
 
 
 @kernel
-def draw_number(mean, extra, shot, read, pixel, law):  # type: ignore[no-untyped-def]
+def draw_number(mean, extra, pixel, draws):  # type: ignore[no-untyped-def]
     """The number of a pixel outside the tables, with extra electrons."""
-    caught = poisson_of_uniform(mean, uniform(_random_bits(shot, pixel)))
+    law = draws.law
+    caught = poisson_of_uniform(mean, uniform(_random_bits(draws.shot, pixel)))
     level = signal(caught + extra, law.full_well, law.nonlinearity)
     if law.noise > 0.0:
-        level += law.noise * inverse_normal(uniform(bits(read, pixel)))
+        level += law.noise * inverse_normal(uniform(bits(draws.read, pixel)))
     return number(level, law.gain, law.offset, law.adc_inl, law.largest)
 
 
 @kernel
-def _digitise_hit(image, electrons, pixels, extra, shot, read, law):  # type: ignore[no-untyped-def]
+def _digitise_hit(image, electrons, pixels, extra, draws):  # type: ignore[no-untyped-def]
     for i in range(len(pixels)):
         mean, pixel = electrons[pixels[i]], np.uint64(pixels[i])
-        image[pixels[i]] = draw_number(mean, extra[i], shot, read, pixel, law)
+        image[pixels[i]] = draw_number(mean, extra[i], pixel, draws)
 
 
 @kernel

@@ -1,15 +1,17 @@
-"""Signal chain of a pixel: its digital number from its electrons and its read noise."""
+"""Signal chain of a pixel, and tables of the exact distribution of its digital number."""
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
+from scipy import special
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, Ints, instead_of, kernel
 from startrack.detector.parameters import Detector
 
 Image = NDArray[np.uint16] | NDArray[np.uint32]
@@ -131,3 +133,180 @@ def upper_edge(law: Law, numbers: Floats) -> Floats:
     middle = 1 + parabola / law.largest
     root = np.sqrt(middle**2 - 4 * parabola / law.largest**2 * wanted)
     return (2 * wanted / (middle + root) - law.offset) / law.gain
+
+
+STEPS = 64  # least number of levels in a standard deviation
+BITS = 48  # of the uniform number
+ENTRY_BITS = 22  # of them, that the entries compare
+UNSETTLED = 0xFFFF  # in an entry: the cell does not determine the number
+FARTHEST = 8.2  # standard deviations; the probability beyond is less than 2^-48
+LEAST_VARIANCE = 1e-6  # electron^2, of levels; there is nothing to see below
+SKEW = 25.0  # electrons by which the upper tail of a Poisson distribution exceeds a normal one
+# Chosen by hand, for time and memory; the numbers of a frame hardly depend on them.
+BLOCK = 16  # levels, multiple to which tables are rounded up, so that similar frames share one
+MOST_LEVELS = 1024
+MOST_NUMBERS = 4096
+# Bits. A cell of the tails holds several limits, and its pixels take twenty times the time of
+# others; the tables of more cells fit no cache.
+LEAST_CELLS, MOST_CELLS = 10, 12
+MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
+
+
+class Tables(NamedTuple):
+    """The distributions of consecutive levels.
+
+    entry    (levels << cells,) and one unsettled at the end: threshold << 16 | number - lowest,
+             the threshold for the ENTRY_BITS - cells bits after those of the cell
+    cells    number of bits that choose a cell
+    limit    (levels, d) P(number <= lowest + d) of each level, in units of 2^-48
+    lowest   digital number of the first column of `limit`
+    first    number of the first level: its expectation over the spacing
+    levels   number of levels
+    spacing  electron, between the expectations of two levels
+    """
+
+    entry: NDArray[np.uint32]
+    cells: int
+    limit: NDArray[np.uint64]
+    lowest: int
+    first: int
+    levels: int
+    spacing: float
+
+
+EMPTY = Tables(np.full(1, UNSETTLED, np.uint32), 1, np.zeros((1, 1), np.uint64), 0, 0, 0, 1.0)
+
+
+def level_spacing(lowest: float, noise: float) -> float:
+    """Electrons between two levels, a power of two; the lowest level has this expectation."""
+    deviation = math.sqrt(max(lowest + noise**2, LEAST_VARIANCE))
+    return 2.0 ** math.floor(math.log2(deviation / STEPS))
+
+
+def lowest_mean(low: float, middle: float, noise: float) -> float:
+    """The least expectation that has a level: a few dark pixels must not make levels narrower.
+
+    low, middle  electron, of the darkest pixels and of the median
+    """
+    return max(low, (middle + noise**2) / 4 - noise**2, 0.0)
+
+
+def tables_for(mean: NDArray[np.float64], law: Law, wings: float = 0.1) -> Tables:
+    """The tables for most pixels of a frame; empty where they would cost more than they save.
+
+    They depend on the frame alone, so that a frame does not depend on those before it.
+
+    mean   (rows, columns) electron
+    wings  standard deviations above the highest level that are included
+    """
+    sample = mean.ravel()[:: mean.size // 4096 | 1]  # odd, to visit all columns
+    low, middle, high = np.quantile(np.maximum(sample, 0.0), [0.002, 0.5, 0.99])
+    spread = math.sqrt(middle + law.noise**2)
+    # Wider than the sample, but not so wide that it includes stars.
+    lowest = lowest_mean(low - 0.1 * spread, middle, law.noise)
+    spacing = level_spacing(lowest, law.noise)
+    first = max(math.floor(lowest / spacing), math.floor(middle / spacing) - MOST_LEVELS // 2)
+    last = min(math.floor((high + wings * spread) / spacing) + 1, first + MOST_LEVELS)
+    first, last = first // BLOCK, -(-last // BLOCK)
+    # One by one, a pixel costs 60 ns; a level costs some 100 microseconds to make.
+    if mean.size < 2**14 or mean.size < 64 * (last - first) * BLOCK:
+        return EMPTY
+    return build(law, first * BLOCK, (last - first) * BLOCK + 1, spacing)
+
+
+@lru_cache(maxsize=4)
+def build(law: Law, first: int, count: int, spacing: float) -> Tables:
+    """The tables of some levels; empty where the numbers spread too far."""
+    mean = np.arange(first, first + count) * spacing
+    least = max(math.floor(mean[0] - FARTHEST * math.sqrt(mean[0])), 0.0)
+    most = math.ceil(mean[-1] + FARTHEST * math.sqrt(mean[-1]) + SKEW)
+    if count * (most - least) > MOST_TERMS:
+        return EMPTY
+    electrons = np.arange(least, most)
+    held = np.minimum(electrons, law.full_well)
+    held = nonlinear_signal(held, law.full_well, law.nonlinearity)
+    far = FARTHEST * law.noise
+    least, most = (int(converted(held[i] + s * far, law)) for i, s in ((0, -1), (-1, 1)))
+    if most - least >= MOST_NUMBERS:
+        return EMPTY
+    span = np.arange(least, most + 1.0)
+    # Electrons before `start` give at most a number, those from `end` on give more; between the
+    # two, the read noise decides.
+    edge = upper_edge(law, span)
+    if law.noise:
+        start, end = (np.searchsorted(held, edge + s * far) for s in (-1, 1))
+    else:
+        start = end = np.searchsorted(converted(held, law), span, side="right")
+    between = np.minimum(start[:, None] + np.arange((end - start).max()), len(held) - 1)
+    z = (edge[:, None] - held[between]) / law.noise
+    if count * z.size > MOST_TERMS:
+        return EMPTY
+    log = special.xlogy(electrons, mean[:, None]) - special.gammaln(electrons + 1) - mean[:, None]
+    probability = np.exp(log)
+    lower, upper = _sums(probability, start, end, special.ndtr(z), special.ndtr(-z))
+    # The smaller of the two has no cancellation.
+    limit = np.where(lower < 0.5, lower * 2.0**BITS, 2.0**BITS - upper * 2.0**BITS)
+    limit = np.rint(limit).astype(np.uint64)
+    limit[:, -1] = 2**BITS
+    deviation = math.sqrt(mean[-1] + law.noise**2) * law.gain
+    cells = math.ceil(math.log2(32 * max(deviation, 0.1)))
+    cells = min(max(cells, LEAST_CELLS), MOST_CELLS)
+    entry = np.concatenate(
+        [*(_entries(level_limits, cells) for level_limits in limit), [UNSETTLED]]
+    ).astype(np.uint32)
+    return Tables(entry, cells, limit, least, first, count, spacing)
+
+
+@kernel
+def _sums(
+    probability: Floats, start: Ints, end: Ints, below: Floats, above: Floats
+) -> tuple[Floats, Floats]:
+    """P(number <= d) and P(number > d) of each level, each summed separately to keep its digits."""
+    levels, electrons = probability.shape
+    lower = np.empty((levels, len(start)))
+    upper = np.empty((levels, len(start)))
+    head, tail = np.zeros(electrons + 1), np.zeros(electrons + 1)
+    for level in range(levels):
+        chance = probability[level]
+        for n in range(electrons):
+            head[n + 1] = head[n] + chance[n]
+            back = electrons - 1 - n
+            tail[back] = tail[back + 1] + chance[back]
+        for d in range(len(start)):
+            less, more = head[start[d]], tail[end[d]]
+            for k in range(end[d] - start[d]):
+                less += chance[start[d] + k] * below[d, k]
+                more += chance[start[d] + k] * above[d, k]
+            lower[level, d], upper[level, d] = less, more
+    return lower, upper
+
+
+@instead_of(_sums)
+def _sums_of_arrays(probability, start, end, below, above):  # type: ignore[no-untyped-def]
+    edge = np.zeros((len(probability), 1))
+    head = np.cumsum(np.concatenate([edge, probability], axis=1), axis=1)
+    tail = np.cumsum(np.concatenate([edge, probability[:, ::-1]], axis=1), axis=1)[:, ::-1]
+    lower, upper = head[:, start], tail[:, end]
+    for k in range(below.shape[1]):
+        among = start + k < end
+        chance = probability[:, np.where(among, start + k, 0)] * among
+        lower, upper = lower + chance * below[:, k], upper + chance * above[:, k]
+    return lower, upper
+
+
+def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
+    """The entries of one level.
+
+    A cell with one limit contains its next bits; one with several limits is unsettled.
+    """
+    start = np.arange(2**cells, dtype=np.uint64) << np.uint64(BITS - cells)
+    lower = np.searchsorted(limit, start, side="right")
+    upper = np.append(lower[1:], len(limit) - 1)
+    inside = upper - lower
+    threshold = np.where(
+        inside == 1,
+        (limit[np.minimum(lower, len(limit) - 1)] - start) >> np.uint64(BITS - ENTRY_BITS),
+        np.uint64(UNSETTLED),
+    )
+    number = np.where(inside > 1, UNSETTLED, lower)
+    return (threshold << np.uint64(16) | number.astype(np.uint64)).astype(np.uint32)

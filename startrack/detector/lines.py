@@ -5,14 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    Parameters,
-    Range,
-    Refused,
-    whole,
-)
+from startrack.core import FINITE, NON_NEGATIVE, Parameters, Range, Refused, whole
 
 KINDS = ("line", "staggered", "tdi", "lines")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from startrack.core import Floats, Streams, kept, require_memory
 from startrack.detector.ageing import Flickering, aged
-from startrack.detector.nonuniformity import Defects, dark_response, photo_response
+from startrack.detector.imperfections import Defects, dark_response, photo_response
 from startrack.detector.parameters import Detector
 
 BYTES = 40  # of a pixel of a map while it is drawn; measured

@@ -21,10 +21,8 @@ from startrack.core import (
     whole,
 )
 from startrack.detector.ageing import TAILS, Age, typical
-from startrack.detector.hits import Hits
+from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
 from startrack.detector.lines import Scan
-from startrack.detector.nonuniformity import Defects, Pattern
-from startrack.detector.thermal import Thermal
 
 EFFECTS_BY_CODE = ("charge_effects", "signal_effects", "image_effects")
 ROOM = ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature

@@ -7,15 +7,18 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Streams
 from startrack.detector.digitise import digitise, digitise_hit, normals, shot
-from startrack.detector.effects import bloom, multiply, settle
-from startrack.detector.extension_effects import after_effects
-from startrack.detector.hits import tracks
-from startrack.detector.law import Image, Law, blank, converted, law_of, nonlinear_signal
+from startrack.detector.imperfections import offsets, tracks
+from startrack.detector.law import Image, Law, Tables, blank, converted, law_of, nonlinear_signal
 from startrack.detector.maps import device_streams, read_noise
-from startrack.detector.nonuniformity import offsets
 from startrack.detector.parameters import Detector
-from startrack.detector.pixel_effects import changed, in_steps
-from startrack.detector.tables import Tables
+from startrack.detector.pixel_effects import (
+    after_effects,
+    bloom,
+    changed,
+    in_steps,
+    multiply,
+    settle,
+)
 
 
 def read_out(

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import (
@@ -17,28 +22,40 @@ from startrack.core import (
     whole,
 )
 from startrack.detector.collect import diffuse_electrons, electron_rate
-from startrack.detector.expose import frame_of
+from startrack.detector.exposure import Turn, frame_of
 from startrack.detector.lines import Line
 from startrack.detector.maps import response
 from startrack.detector.parameters import Detector
-from startrack.detector.shutter import Turn
 from startrack.detector.stamp import stamp
 
 NODES = 8  # of Gauss-Legendre in the exposure of a line: 1e-6 of the flux at one pixel of smear
 
 
-def scan(
-    light: Light,
-    psf: Psf,
-    icrs_to_camera: Rotation,
-    turn: Turn,
-    camera: Camera,
-    lines: tuple[Line, ...],
-    count: int,
-    detector: Detector,
-    throughput: Floats,
-    streams: Streams,
-) -> Frame:
+@dataclass(frozen=True, eq=False)
+class LineExposure:
+    """What the image of a detector of lines depends on, except its noise.
+
+    light           at the entrance pupil
+    icrs_to_camera  attitude at time zero
+    turn            seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
+    camera          the true one; lines lie at its rows
+    count           rows of the image
+    detector        as many rows as there are lines; `exposure` is that of one line
+    throughput      (k,) square metre in each spectral bin
+    """
+
+    light: Light
+    psf: Psf
+    icrs_to_camera: Rotation
+    turn: Turn
+    camera: Camera
+    lines: tuple[Line, ...]
+    count: int
+    detector: Detector
+    throughput: Floats
+
+
+def scan(exposure: LineExposure, streams: Streams) -> Frame:
     """One image of `count` rows, each the sum of the lines that add to it.
 
         electrons_i = sum over lines: gain integral of the line's electron rate,
@@ -47,32 +64,17 @@ def scan(
     Each line has its own direction and time, so that a star is smeared if it does not move with
     the charge.
 
-    icrs_to_camera  attitude at time zero
-    turn            seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
-    camera          the true one; lines lie at its rows
-    detector        as many rows as there are lines; `exposure` is that of one line
     Raises          ValueError where sizes differ, or for a `read_noise_spread`.
     Accuracy        model: blooming, hits and settling act on the image as on a matrix; diffuse
                     light is that of time zero.
     """
-    electrons = scanned(
-        light, psf, icrs_to_camera, turn, camera, lines, count, detector, throughput
-    )
-    return frame_of(electrons, detector, streams)
+    return frame_of(scanned(exposure), exposure.detector, streams)
 
 
-def scanned(
-    light: Light,
-    psf: Psf,
-    icrs_to_camera: Rotation,
-    turn: Turn,
-    camera: Camera,
-    lines: tuple[Line, ...],
-    count: int,
-    detector: Detector,
-    throughput: Floats,
-) -> Floats:
+def scanned(exposure: LineExposure) -> Floats:
     """The expected electrons (count, columns * phases) of `scan`."""
+    light, camera, lines = exposure.light, exposure.camera, exposure.lines
+    detector, throughput, count = exposure.detector, exposure.throughput, exposure.count
     whole(1, 2**20, count=count)
     if camera.columns != detector.columns or len(lines) != detector.rows:
         raise Refused(
@@ -98,43 +100,42 @@ def scanned(
         expected = np.full((count, detector.columns), sky)
         if diffuse is not None:
             expected += diffuse[number]
-        for row, x, y, electrons in _star_positions(
-            light.direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
-        ):
-            stamp(expected[row : row + 1], psf, x, y, electrons)
+        for row, x, y, electrons in _star_positions(exposure, star_rate, line, start):
+            stamp(expected[row : row + 1], exposure.psf, x, y, electrons)
         if gain is not None:
             expected *= gain[number]
         image[line.phase] += line.gain * (expected + detector.dark_rate * detector.exposure)
     return image.transpose(1, 2, 0).reshape(count, -1)
 
 
-def _star_positions(  # type: ignore[no-untyped-def]
-    direction, star_rate, psf, icrs_to_camera, turn, camera, line, start, detector
-):
+def _star_positions(
+    exposure: LineExposure, star_rate: Floats, line: Line, start: NDArray[np.floating[Any]]
+) -> Iterator[tuple[int, Floats, Floats, Floats]]:
     """For each row of the image with stars, their positions during its exposure.
 
     Yields  row; x, y (k,) pixel from the line's first; electrons (k,)
     """
-    here = icrs_to_camera.apply(direction)
+    here = exposure.icrs_to_camera.apply(exposure.light.direction)
+    duration, reach = exposure.detector.exposure, exposure.psf.half_width + 1
 
     def position(time: Floats, towards: Floats) -> Floats:
-        pixel = camera.project(Rotation.from_rotvec(turn(time)).apply(towards))
-        return pixel - (line.shift, line.row)
+        turned = Rotation.from_rotvec(exposure.turn(time)).apply(towards)
+        return exposure.camera.project(turned) - (line.shift, line.row)
 
-    ends = np.append(start, start[-1] + detector.exposure)
+    ends = np.append(start, start[-1] + duration)
     all_ends = np.repeat(ends, len(here)), np.tile(here, (len(ends), 1))
     across = position(*all_ends)[:, 1].reshape(len(ends), len(here))
     # The image of a star can touch the line in an exposure if it is near at the start or the end,
     # or passes the line between them.
     low, high = np.minimum(across[:-1], across[1:]), np.maximum(across[:-1], across[1:])
-    near = (low < psf.half_width + 1) & (high > -psf.half_width - 1)
+    near = (low < reach) & (high > -reach)
     row, star = np.nonzero(near)
     node, weight = np.polynomial.legendre.leggauss(NODES)
-    time = start[row, None] + (node + 1) / 2 * detector.exposure
+    time = start[row, None] + (node + 1) / 2 * duration
     pixel = position(time.ravel(), np.repeat(here[star], NODES, axis=0))
-    electrons = np.outer(star_rate[star], weight / 2 * detector.exposure).ravel()
+    electrons = np.outer(star_rate[star], weight / 2 * duration).ravel()
     edge = np.searchsorted(row, np.arange(len(start) + 1)) * NODES
-    for each in np.unique(row):
-        part = slice(edge[each], edge[each + 1])
+    for number in np.unique(row):
+        part = slice(edge[number], edge[number + 1])
         x, y = pixel[part].T.copy()
-        yield each, x, y, electrons[part]
+        yield number, x, y, electrons[part]

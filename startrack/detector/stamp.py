@@ -105,7 +105,7 @@ def psf_table(psf: Psf | FieldPsf) -> PsfTable:
         several, bend = np.empty((0, *room.shape[1:]), np.float32), NO_BEND
         if isinstance(psf, FieldPsf):
             several = np.ascontiguousarray(room, np.float32)
-            bend = np.array([_bend(one) for one in tables])
+            bend = np.array([_bend(table) for table in tables])
         _shapes[psf] = PsfTable(room[0].copy(), several, bend, *lines, side, step, across)
     return _shapes[psf]
 
@@ -155,7 +155,7 @@ class Work(NamedTuple):
 
 
 @kernel
-def work_arrays(shape, points):  # type: ignore[no-untyped-def]
+def work_arrays(shape: PsfTable, points: int) -> Work:
     """Work arrays for `add_path`."""
     side = shape.oversampling + 2 * TAPS
     return Work(
@@ -186,7 +186,10 @@ def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-unty
 
 
 @kernel(forceinline=True)
-def add_path(image, shape, weight, x, y, electrons, n, left, top, gain, work):  # type: ignore[no-untyped-def]
+def add_path(
+    image: Floats, shape: PsfTable, weight: Floats, x: Floats, y: Floats, electrons: Floats,
+    n: int, left: int, top: int, gain: Floats, work: Work,
+) -> None:  # fmt: skip
     """Add the image of the point n, which moves along a path, with the electrons of each table.
 
     Points about one pixel share samples of the table: the weights of each sample are added first.
@@ -206,7 +209,10 @@ def add_path(image, shape, weight, x, y, electrons, n, left, top, gain, work):  
 
 
 @kernel
-def _places(size, shape, weight, x, y, n, left, top, work):  # type: ignore[no-untyped-def]
+def _places(
+    size: tuple[int, int], shape: PsfTable, weight: Floats, x: Floats, y: Floats, n: int,
+    left: int, top: int, work: Work,
+) -> int:  # fmt: skip
     """Write the places of the points whose light reaches an image; how many."""
     rows, columns = size
     many = 0
@@ -231,7 +237,7 @@ def _is_seen(u, v, rows, columns, shape):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _place(centre, pixels, shape):  # type: ignore[no-untyped-def]
+def _place(centre: float, pixels: int, shape: PsfTable) -> tuple[int, int, int, int, float]:
     """Along one axis: the nearest pixel, the first and last around it where its image is seen.
 
     Also the sample before the point, and how far behind it the point lies. Pixel p + i reads
@@ -249,7 +255,10 @@ def _place(centre, pixels, shape):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _add_product(image, shape, weight, u, v, light, gain, work):  # type: ignore[no-untyped-def]
+def _add_product(
+    image: Floats, shape: PsfTable, weight: float, u: float, v: float, light: float,
+    gain: Floats, work: Work,
+) -> None:  # fmt: skip
     """Add the image of one point, of a table that is the product of a line and a column."""
     rows, columns = image.shape
     if weight == 0.0 or not _is_seen(u, v, rows, columns, shape):
@@ -288,7 +297,9 @@ def _add_about(image, shape, first, many, electrons, gain, work):  # type: ignor
 
 
 @kernel
-def _sum(star, shape, electrons, first, many, work):  # type: ignore[no-untyped-def]
+def _sum(
+    star: Floats, shape: PsfTable, electrons: Floats, first: int, many: int, work: Work
+) -> None:
     """Add the tables, in units of the light of the first, which no image is without."""
     curved = abs(electrons[0]) * shape.bend[0] > LEAST
     if curved:
@@ -305,15 +316,15 @@ def _sum(star, shape, electrons, first, many, work):  # type: ignore[no-untyped-
 
 
 @kernel
-def _alike(one, other):  # type: ignore[no-untyped-def]
+def _alike(about, other):  # type: ignore[no-untyped-def]
     alike = True
     for k in range(6):
-        alike = alike and one[k] == other[k]
+        alike = alike and about[k] == other[k]
     return alike
 
 
 @kernel
-def _collect(shape, first, many, curved, work):  # type: ignore[no-untyped-def]
+def _collect(shape: PsfTable, first: int, many: int, curved: bool, work: Work) -> int:
     """Write where the images of samples begin, and their weights; how many, a multiple of four.
 
     curved  by polynomials of the fifth degree between the samples; else by straight lines, with the

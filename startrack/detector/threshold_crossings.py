@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Streams, bits, kernel, uniform
 from startrack.detector.collect import background
-from startrack.detector.law import law_of
+from startrack.detector.law import BITS, build, law_of, level_spacing, lowest_mean
 from startrack.detector.parameters import Detector
-from startrack.detector.tables import BITS, build, level_spacing, lowest_mean
 
 LEAST_CUMULANT = -1e9  # K of tiles without pixels
 OUTSIDE = -1
@@ -123,9 +122,9 @@ def tilted_law(
     """
     middle = float(np.nanmedian(numbers.place))
     theta = _theta(numbers, weight, level - numbers.lowest * weight.sum(), middle)
-    each, kind = np.unique(weight, return_inverse=True)
+    weights, kind = np.unique(weight, return_inverse=True)
     kind = kind.reshape(weight.shape)
-    tilted = np.exp(theta * np.outer(each, np.arange(numbers.probability.shape[1])))
+    tilted = np.exp(theta * np.outer(weights, np.arange(numbers.probability.shape[1])))
     sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
     whole = _whole(numbers.place, weight)
     tiles = _cumulants(*numbers[:2], theta, weight, kind, sums, whole, shift, mesh, border)
@@ -235,7 +234,7 @@ def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _folded_weights(weight, x, y, place):  # type: ignore[no-untyped-def]
+def _folded_weights(weight: Floats, x: int, y: int, place: NDArray[np.float32]) -> Floats:
     """The weights around a pixel of the pixels whose numbers it has.
 
     Those beyond the border are added to the mirrored pixels, those of a replaced pixel to its
@@ -253,25 +252,38 @@ def _folded_weights(weight, x, y, place):  # type: ignore[no-untyped-def]
             folded[v - y + down, u - x + across] += weight[j, i]
     for j in range(1, weight.shape[0] - 1):
         for i in range(1, weight.shape[1] - 1):
-            v, u = y + j - down, x + i - across
-            if folded[j, i] == 0.0 or not np.isnan(place[v, u]):
-                continue
-            count = 0
-            for q in range(max(v - 1, 0), min(v + 2, rows)):
-                for p in range(max(u - 1, 0), min(u + 2, columns)):
-                    count += not np.isnan(place[q, p])
-            for q in range(max(v - 1, 0), min(v + 2, rows)):
-                for p in range(max(u - 1, 0), min(u + 2, columns)):
-                    if not np.isnan(place[q, p]):
-                        folded[q - y + down, p - x + across] += folded[j, i] / count
-            folded[j, i] = 0.0
+            if folded[j, i] != 0.0 and np.isnan(place[y + j - down, x + i - across]):
+                _give_to_neighbours(folded, j, i, y - down, x - across, place)
     return folded
 
 
 @kernel
-def _cumulants(  # type: ignore[no-untyped-def]
-    probability, place, theta, weight, kind, sums, whole, shift, mesh, border
-):
+def _give_to_neighbours(
+    folded: Floats, j: int, i: int, top: int, left: int, place: NDArray[np.float32]
+) -> None:
+    """Spread the weight of a replaced pixel evenly over those about it that are not replaced.
+
+    top, left  row and column of the first weight
+    """
+    rows, columns = place.shape
+    upper, lower = max(top + j - 1, 0), min(top + j + 2, rows)
+    first, last = max(left + i - 1, 0), min(left + i + 2, columns)
+    count = 0
+    for v in range(upper, lower):
+        for u in range(first, last):
+            count += not np.isnan(place[v, u])
+    for v in range(upper, lower):
+        for u in range(first, last):
+            if not np.isnan(place[v, u]):
+                folded[v - top, u - left] += folded[j, i] / count
+    folded[j, i] = 0.0
+
+
+@kernel
+def _cumulants(
+    probability: Floats, place: NDArray[np.float32], theta: float, weight: Floats, kind: Ints,
+    sums: Floats, whole: NDArray[np.bool_], shift: NDArray[np.float32], mesh: int, border: int,
+) -> Floats:  # fmt: skip
     """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn."""
     rows, columns = place.shape
     down, across = -(-rows // mesh), -(-columns // mesh)
@@ -322,32 +334,14 @@ def _folded_cumulant(probability, place, x, y, tilts):  # type: ignore[no-untype
 
 
 @kernel
-def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probability, place):  # type: ignore[no-untyped-def]
+def _propose(
+    pixel: Ints, drawn: Ints, start: np.uint64, rates: ProposalRates, mesh: int, border: int,
+    regions: Ints, tilt: TiltedLaw, probability: Floats, place: NDArray[np.float32],
+) -> int:  # fmt: skip
     """Write the accepted proposals; returns their number."""
-    rows, columns = place.shape
-    across = -(-columns // mesh)
     size = np.uint64(3 + tilt.weight.size)
-    tiles = np.empty(len(pixel), np.int64)
-    x, y = np.empty((2, len(pixel)), np.int64)
-    levels = np.empty((len(pixel), *tilt.weight.shape), np.float32)
-    # Step by step for all: a processor waits for the memory of many at once.
-    for n in range(len(pixel)):
-        tile = np.searchsorted(rates.fraction, uniform(bits(start, np.uint64(n) * size)), "right")
-        tiles[n] = min(tile, len(rates.fraction) - 1)
-    for n in range(len(pixel)):
-        fraction = uniform(bits(start, np.uint64(n) * size + np.uint64(1)))
-        inside = _index_of_sum(tilt.among[tiles[n]], fraction)
-        x[n] = (tiles[n] % across) * mesh + inside % mesh
-        y[n] = (tiles[n] // across) * mesh + inside // mesh
-    down, aside = tilt.weight.shape[0] // 2, tilt.weight.shape[1] // 2
-    for n in range(len(pixel)):
-        if not (border <= x[n] < columns - border and border <= y[n] < rows - border):
-            x[n] = y[n] = OUTSIDE  # by rounding
-        elif tilt.whole[y[n], x[n]]:
-            top, left = y[n] - down, x[n] - aside
-            for j in range(levels.shape[1]):
-                for i in range(levels.shape[2]):
-                    levels[n, j, i] = place[top + j, left + i]
+    tiles, x, y = _places(len(pixel), start, size, rates, mesh, border, tilt)
+    levels = _levels_about(x, y, tilt, place)
     kept = 0
     for n in range(len(pixel)):
         u, v, at = x[n], y[n], np.uint64(n) * size
@@ -364,9 +358,52 @@ def _propose(pixel, drawn, start, rates, mesh, border, regions, tilt, probabilit
         over = filtered - rates.level[tiles[n]] - _shift(tilt.shift, u, v)
         chance = uniform(bits(start, at + np.uint64(2)))
         if over > 0 and chance < math.exp(-tilt.theta * over):
-            pixel[kept] = v * columns + u
+            pixel[kept] = v * place.shape[1] + u
             kept += 1
     return kept
+
+
+@kernel
+def _places(
+    count: int, start: np.uint64, size: np.uint64, rates: ProposalRates, mesh: int, border: int,
+    tilt: TiltedLaw,
+) -> tuple[Ints, Ints, Ints]:  # fmt: skip
+    """Tiles, x and y (n,) of proposals; step by step for all, as a processor waits for the memory
+    of many at once.
+
+    size  random numbers of a proposal
+    """
+    rows, columns = tilt.whole.shape
+    across = -(-columns // mesh)
+    tiles = np.empty(count, np.int64)
+    x, y = np.empty((2, count), np.int64)
+    for n in range(count):
+        tile = np.searchsorted(rates.fraction, uniform(bits(start, np.uint64(n) * size)), "right")
+        tiles[n] = min(tile, len(rates.fraction) - 1)
+    for n in range(count):
+        fraction = uniform(bits(start, np.uint64(n) * size + np.uint64(1)))
+        inside = _index_of_sum(tilt.among[tiles[n]], fraction)
+        x[n] = (tiles[n] % across) * mesh + inside % mesh
+        y[n] = (tiles[n] // across) * mesh + inside // mesh
+        if not (border <= x[n] < columns - border and border <= y[n] < rows - border):
+            x[n] = y[n] = OUTSIDE  # by rounding
+    return tiles, x, y
+
+
+@kernel
+def _levels_about(
+    x: Ints, y: Ints, tilt: TiltedLaw, place: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Levels (n, 2 m + 1, 2 n + 1) of the pixels about those whose filter is not folded."""
+    levels = np.empty((len(x), *tilt.weight.shape), np.float32)
+    down, aside = tilt.weight.shape[0] // 2, tilt.weight.shape[1] // 2
+    for n in range(len(x)):
+        if x[n] != OUTSIDE and tilt.whole[y[n], x[n]]:
+            top, left = y[n] - down, x[n] - aside
+            for j in range(levels.shape[1]):
+                for i in range(levels.shape[2]):
+                    levels[n, j, i] = place[top + j, left + i]
+    return levels
 
 
 @kernel(inline="always")
@@ -398,7 +435,9 @@ def _shift(shift, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _draw_by_sums(numbers, start, at, levels, tilt):  # type: ignore[no-untyped-def]
+def _draw_by_sums(
+    numbers: Ints, start: np.uint64, at: np.uint64, levels: NDArray[np.float32], tilt: TiltedLaw
+) -> float:
     """As `_draw`, by the sums computed before, for weights that are not folded.
 
     levels  (2 m + 1, 2 n + 1) of the pixels
@@ -429,7 +468,10 @@ def _draw_by_sums(numbers, start, at, levels, tilt):  # type: ignore[no-untyped-
 
 
 @kernel
-def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type: ignore[no-untyped-def]
+def _draw(
+    numbers: Ints, start: np.uint64, at: np.uint64, x: int, y: int, theta: float,
+    folded: Floats, probability: Floats, place: NDArray[np.float32],
+) -> float:  # fmt: skip
     """Write numbers of the tilted law around a pixel; returns the filtered number."""
     rows, columns = place.shape
     down, across = folded.shape[0] // 2, folded.shape[1] // 2
@@ -454,7 +496,7 @@ def _draw(numbers, start, at, x, y, theta, folded, probability, place):  # type:
 
 
 @kernel
-def _number_at(probability, place, tilt, wanted):  # type: ignore[no-untyped-def]
+def _number_at(probability: Floats, place: float, tilt: float, wanted: float) -> int:
     """The number at which the sum behind `_moment` passes a value."""
     k = min(int(place), len(probability) - 1)
     above = min(k + 1, len(probability) - 1)

@@ -7,27 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import (
-    FieldPsf,
-    Floats,
-    Frame,
-    Ints,
-    Psf,
-    Streams,
-    Workspace,
-    kept,
-    kernel,
-)
+from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kept, kernel
 from startrack.detector.collect import background, background_tables
-from startrack.detector.digitise import digitise_window, draw_number, keys, work_row
-from startrack.detector.expose import colours, to_frame
-from startrack.detector.hits import tracks
-from startrack.detector.law import Law, law_of
+from startrack.detector.digitise import (
+    digitise_window,
+    draw_number,
+    draws_of,
+    work_row,
+)
+from startrack.detector.exposure import Places, colours, to_frame
+from startrack.detector.imperfections import tracks
+from startrack.detector.law import Law, Tables, law_of
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
-from startrack.detector.shutter import Places
-from startrack.detector.stamp import UNIT_GAIN, PsfTable, add_path, psf_table, work_arrays
-from startrack.detector.tables import Tables
+from startrack.detector.stamp import UNIT_GAIN, PsfTable, Work, add_path, psf_table, work_arrays
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
 
@@ -95,7 +88,7 @@ def expose_within(
     else:
         part = star[:, None]
     points = StarPaths(psf_table(psf), *places, part)
-    _render(image, windows, pixels, points, *hits, *keys(law, streams), law, tables)
+    _render(image, windows, pixels, points, *hits, draws_of(law, tables, streams))
     return to_frame(image, detector)
 
 
@@ -141,7 +134,7 @@ def outlier_pixels(detector: Detector, sky: float, limit: float) -> Ints:
 
 
 @kernel
-def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables):  # type: ignore[no-untyped-def]
+def _render(image, windows, pixels, points, hit, extra, draws):  # type: ignore[no-untyped-def]
     """One window after the other, in memory that stays in the cache of the processor."""
     rows, columns = image.shape
     ends = _path_bounds(points.x, points.y)
@@ -150,13 +143,13 @@ def _render(image, windows, pixels, points, hit, extra, shot, read, law, tables)
         left, top, right, bottom = windows[k]
         electrons = _window_electrons(windows[k], rows, columns, pixels, points, ends, work)
         electrons += _crop(pixels.dark, left, top, right, bottom)
-        digitise_window(image, left, top, electrons, shot, read, law, tables, room)
+        digitise_window(image, left, top, electrons, draws, room)
         if len(hit):
-            _add_hits(image, windows[k], electrons, hit, extra, shot, read, law)
+            _add_hits(image, windows[k], electrons, hit, extra, draws)
 
 
 @kernel
-def _add_hits(image, window, electrons, hit, extra, shot, read, law):  # type: ignore[no-untyped-def]
+def _add_hits(image, window, electrons, hit, extra, draws):  # type: ignore[no-untyped-def]
     """Replace the numbers of the pixels of a window that were hit."""
     left, top, right, bottom = window
     for row in range(top, bottom):
@@ -165,12 +158,15 @@ def _add_hits(image, window, electrons, hit, extra, shot, read, law):  # type: i
         while n < len(hit) and hit[n] < first + right:
             column = hit[n] - first
             mean = electrons[row - top, column - left]
-            image[row, column] = draw_number(mean, extra[n], shot, read, np.uint64(hit[n]), law)
+            image[row, column] = draw_number(mean, extra[n], np.uint64(hit[n]), draws)
             n += 1
 
 
 @kernel
-def _window_electrons(window, rows, columns, pixels, points, ends, work):  # type: ignore[no-untyped-def]
+def _window_electrons(
+    window: Ints, rows: int, columns: int, pixels: PixelMaps, points: StarPaths, ends: Floats,
+    work: Work,
+) -> Floats:  # fmt: skip
     """Electrons of the background and of the stars near a window, summed in the order of a frame.
 
     The map of `background` is not read besides that of the response: access to memory is slow.

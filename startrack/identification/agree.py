@@ -21,10 +21,9 @@ from startrack.core import (
     quaternion,
 )
 from startrack.identification.fit import fit
+from startrack.identification.grids import SkyGrid
 from startrack.identification.parameters import Identification
-from startrack.identification.predict import predict, project
-from startrack.identification.seen import Seen, see
-from startrack.identification.sky import SkyGrid
+from startrack.identification.seen import Seen, predict, project, see
 
 
 @kernel
@@ -155,10 +154,10 @@ def agree(
 
 
 @kernel
-def _equal(one: Ints, other: Ints) -> bool:  # pragma: no cover
-    equal = len(one) == len(other)
-    for k in range(min(len(one), len(other))):
-        equal &= one[k] == other[k]
+def _equal(some: Ints, other: Ints) -> bool:  # pragma: no cover
+    equal = len(some) == len(other)
+    for k in range(min(len(some), len(other))):
+        equal &= some[k] == other[k]
     return equal
 
 
@@ -235,15 +234,15 @@ def gather(
     """
     star, place = _brightest(seen, faint, magnitude, rotation, scale)
     reach = max(seen.excess, REACH * median(seen.sigma))
-    found = agree(seen, faint.direction, star, place, rotation, scale, reach, 2, -1)
-    matched = star[found.taken]
+    agreed = agree(seen, faint.direction, star, place, rotation, scale, reach, 2, -1)
+    matched = star[agreed.taken]
     return Gathered(
-        found.spot,
+        agreed.spot,
         faint.member[matched].astype(np.int64),
         faint.direction[matched],
-        found.rotation,
-        quaternion(found.rotation),
-        min(max(found.scale, 1 - seen.focal), 1 + seen.focal),
+        agreed.rotation,
+        quaternion(agreed.rotation),
+        min(max(agreed.scale, 1 - seen.focal), 1 + seen.focal),
     )
 
 

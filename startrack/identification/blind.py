@@ -1,17 +1,20 @@
-"""Matches and field of view from the spots of an unknown camera."""
+"""Spots of an unknown camera -> matches and field of view, then the distortion of its lens."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Matches, Refused, Spots, Stars, deg, within
-from startrack.identification.identify import identify
+from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, deg, within
+from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
+from startrack.identification.seen import usable
 
 # Radian across the columns. A larger range takes more tries; the pinhole of a field of 2.5 radian
 # has its corners 77 degrees off the axis.
@@ -99,3 +102,198 @@ def identify_blind(
         if matches.icrs_to_camera is not None:
             break
     return matches
+
+
+# What is estimated with the attitude, one stage after the other, with the standard deviation of its
+# prior: relative focal length, principal point over the width of the image, radial distortion.
+PRIORS = {"focal": 0.2, "x": 0.03, "y": 0.03, "k1": 0.5, "k2": 0.5}
+STAGES = (("focal",), ("focal", "k1"), ("focal", "k1", "x", "y"), ("focal", "k1", "x", "y", "k2"))
+# Chosen by hand.
+SIGNIFICANT = 10.0  # of Fisher's F: a stage is kept above; a smaller one fits noise
+LEAST_FREE = 8  # coordinates beyond the unknowns, below which a stage is not tried
+FLOOR = 0.05  # pixel, of a centroid: no lens is known better
+# Pixel, of the axis through the centre of the image: what this model leaves of a lens. That of the
+# 25 photographs of `fit_lens` is tilted, which the model does not know.
+AXIS = 0.1
+OUTLIER = 2.0  # sigma, beyond which a residual counts less (soft L1)
+ROUNDS = 8  # of matching and fitting in a stage, unless the matches stay the same before
+
+
+class LensFit(NamedTuple):
+    """An image with the distortion of its lens.
+
+    matches            with the camera that was found and its attitude
+    icrs_to_image      the attitude of the axis through the centre of the image, turned from that of
+                       the camera, whose axis goes through the principal point, by the shortest way
+    covariance         (3, 3) radian^2, of the small rotation about these axes; the unknowns of the
+                       camera are counted
+    residual_rms       pixel, root mean square over both axes of all matches
+    """
+
+    matches: Matches
+    icrs_to_image: Rotation
+    covariance: Floats
+    residual_rms: float
+
+
+def fit_lens(
+    spots: Spots, matches: Matches, stars: Stars, index: PatternIndex, settings: Identification
+) -> LensFit:
+    """Estimate what the matches show of the lens, and match more stars with it, in turns.
+
+    Radial distortion, principal point and a second radial term are added one after the other, each
+    if it is significant with those before. One image determines a principal point where
+    its field is wide (20 pixels, at 50 degrees and 40 stars, to 1 pixel).
+
+    spots, matches  as of `identify`, solved
+    stars, index    as of `identify`
+    settings        its `match_radius` holds for the fitted lens
+    Raises          ValueError where the matches are not solved.
+    Accuracy        model: OpenCV's radial distortion of second order about the principal point.
+                    The boresights of 25 photographs of 50 degrees lie within 0.2 arcmin in the
+                    median, and 2 at most, of those with a camera fitted to all of them.
+    """
+    if matches.icrs_to_camera is None:
+        raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
+    best = _Fit(spots, matches, STAGES[0])
+    for free in STAGES[1:]:
+        if 2 * len(best.matches) - 3 - len(free) < LEAST_FREE:
+            break
+        better = _rematched(spots, best, free, stars, index, settings)
+        if better.significant(best.free):
+            best = better
+    return best.lens()
+
+
+def _rematched(
+    spots: Spots,
+    start: _Fit,
+    free: tuple[str, ...],
+    stars: Stars,
+    index: PatternIndex,
+    settings: Identification,
+) -> _Fit:
+    """The fit with more unknowns, after the matches have stayed the same."""
+    fit, settings_held = _Fit(spots, start.matches, free), replace(settings, focal_tolerance=0.0)
+    for _ in range(ROUNDS):
+        assert fit.matches.icrs_to_camera is not None
+        again = refined(
+            spots, usable(spots), fit.matches.camera, stars, index, settings_held,
+            fit.matches.icrs_to_camera.as_matrix(), 1.0,
+            math.log(max(start.matches.false_probability, 1e-300)),
+        )  # fmt: skip
+        if len(again) < len(fit.matches) or again.icrs_to_camera is None:
+            break
+        same = np.array_equal(again.star, fit.matches.star)
+        fit = _Fit(spots, again, free)
+        if same:
+            break
+    return fit
+
+
+class _Fit:
+    """Robust least squares of attitude and camera for given matches."""
+
+    def __init__(self, spots: Spots, matches: Matches, free: tuple[str, ...]) -> None:
+        from scipy.optimize import least_squares  # which a tracker's trial does without
+
+        assert matches.icrs_to_camera is not None
+        self.free, self.start, self.camera = free, matches.icrs_to_camera, matches.camera
+        self.direction = matches.direction
+        self.place = np.column_stack([spots.x, spots.y])[matches.spot]
+        covariance = spots.covariance[matches.spot]
+        noise = (covariance[:, 0, 0] + covariance[:, 1, 1]) / 2
+        self.noise = np.where(np.isfinite(noise), noise, 1.0) + FLOOR**2
+        self.excess = 0.0
+        self.unknown = np.zeros(3 + len(free))
+        for _ in range(2):  # the second time with the weights of the residuals of the first
+            self.found: Any = least_squares(self._weighted, self.unknown, x_scale="jac")
+            self.unknown = self.found.x
+            self.excess = self._excess()
+        camera, rotation = self._at(self.unknown)
+        self.matches = replace(matches, camera=camera, icrs_to_camera=rotation)
+
+    def _at(self, unknown: Floats) -> tuple[Camera, Rotation]:
+        camera, step = self.camera, dict(zip(self.free, unknown[3:].tolist(), strict=True))
+        width = camera.columns
+        camera = replace(
+            camera,
+            focal_length_px=camera.focal_length_px * math.exp(step["focal"]),
+            principal_x=camera.principal_x + step.get("x", 0.0) * width,
+            principal_y=camera.principal_y + step.get("y", 0.0) * width,
+            k1=camera.k1 + step.get("k1", 0.0),
+            k2=camera.k2 + step.get("k2", 0.0),
+        )
+        return camera, Rotation.from_rotvec(unknown[:3]) * self.start
+
+    def residual(self, unknown: Floats) -> Floats:
+        """Pixel (n, 2), spots minus stars; of a star behind the camera far outside."""
+        camera, rotation = self._at(unknown)
+        pixel = camera.project(rotation.apply(self.direction))
+        return np.nan_to_num(self.place - pixel, nan=1e6, posinf=1e6, neginf=-1e6)
+
+    def _weighted(self, unknown: Floats) -> Floats:
+        """Residuals in sigma, large ones as their soft L1, and those of the priors."""
+        rows = self.residual(unknown) / np.sqrt(self.noise + self.excess)[:, None]
+        robust = np.sqrt(2 * OUTLIER**2 * (np.sqrt(1 + (rows / OUTLIER) ** 2) - 1))
+        rows = np.copysign(robust, rows)
+        prior = [self._offset(name, unknown) / PRIORS[name] for name in self.free]
+        return np.concatenate([rows.ravel(), prior])
+
+    def _offset(self, name: str, unknown: Floats) -> float:
+        """Of an unknown from the mean of its prior."""
+        step = float(unknown[3 + self.free.index(name)])
+        start = {
+            "focal": 0.0,
+            "x": self.camera.principal_x / self.camera.columns,
+            "y": self.camera.principal_y / self.camera.columns,
+            "k1": self.camera.k1,
+            "k2": self.camera.k2,
+        }
+        return start[name] + step
+
+    def _excess(self) -> float:
+        """Variance of the residuals per axis beyond the noise; see `agree`."""
+        square = (self.residual(self.unknown) ** 2).sum(axis=1)
+        left = max(2 * len(square) - len(self.unknown), 1) / (2 * len(square))
+        typical = float(np.median(square)) / (2 * math.log(2) * left)
+        return max(typical - float(np.median(self.noise)), 0.0)
+
+    def significant(self, before: tuple[str, ...]) -> bool:
+        """Whether the unknowns that were not free before are significantly different from zero."""
+        added = [3 + self.free.index(name) for name in self.free if name not in before]
+        jacobian = self.found.jac
+        covariance = np.linalg.pinv(jacobian.T @ jacobian)
+        offset = np.array([self._offset(self.free[k - 3], self.unknown) for k in added])
+        chi_square = float(offset @ np.linalg.solve(covariance[np.ix_(added, added)], offset))
+        return chi_square / len(added) > SIGNIFICANT * self._chi_square()
+
+    def _chi_square(self) -> float:
+        """Per degree of freedom; at least 1."""
+        freedom = 2 * len(self.place) - len(self.unknown)
+        return max(1.0, 2 * float(self.found.cost) / freedom) if freedom > 0 else 1.0
+
+    def lens(self) -> LensFit:
+        """The result, its covariance from the derivatives of all unknowns."""
+        jacobian = self.found.jac
+        covariance = np.linalg.pinv(jacobian.T @ jacobian) * self._chi_square()
+        centre = _to_image(*self._at(self.unknown))
+        rows = np.empty((3, len(self.unknown)))
+        for k, sigma in enumerate(np.sqrt(covariance.diagonal())):
+            step = np.zeros(len(self.unknown))
+            step[k] = sigma
+            moved = _to_image(*self._at(self.unknown + step)) * centre.inv()
+            rows[:, k] = moved.as_rotvec() / max(sigma, 1e-300)
+        rms = float(np.sqrt(np.mean(self.residual(self.unknown) ** 2)))
+        axis_covariance = rows @ covariance @ rows.T
+        axis_covariance[[0, 1], [0, 1]] += (AXIS / self.camera.focal_length_px) ** 2
+        return LensFit(self.matches, centre, axis_covariance, rms)
+
+
+def _to_image(camera: Camera, icrs_to_camera: Rotation) -> Rotation:
+    """The attitude of the axis through the centre of the image."""
+    middle = np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
+    x, y, z = camera.unproject(middle)[0]
+    apart = math.hypot(x, y)
+    turn = np.array([-y, x, 0.0]) * (math.atan2(apart, z) / apart if apart else 0.0)
+    return Rotation.from_rotvec(turn).inv() * icrs_to_camera

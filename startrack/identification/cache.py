@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Camera, Kept, Stars, private_folder, trusted
+from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex, build_index, indexed_field
-from startrack.identification.sky import SkyGrid, VerificationStars
 
 FORMAT = 6  # grows with every change of what an index holds or how it is built
 # Files of some 10 MB; `identify_blind` needs 26 to 28. Chosen by hand: disk against rebuilding.

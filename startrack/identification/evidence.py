@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, kernel, median, order
+from startrack.identification.fit import cholesky
 
 # Priors, chosen by hand; experiments/identification.py shows the success and the false solutions
 # that they lead to, but does not vary them.
@@ -42,23 +43,23 @@ def log_brightness(
     spot       (k,) indices into `magnitude` of the matches
     star       (k,) indices into `expected` of the matches
     """
-    known, n = np.empty(len(magnitude)), 0
+    finite, n = np.empty(len(magnitude)), 0
     for i in range(len(magnitude)):
         if math.isfinite(magnitude[i]):
-            known[n] = magnitude[i]
+            finite[n] = magnitude[i]
             n += 1
     if n < 2:
         return 0.0
-    known = known[:n]
-    centre = _mean(known)
-    faintest, brightest, squares = known[0], known[0], 0.0
+    finite = finite[:n]
+    centre = _mean(finite)
+    faintest, brightest, squares = finite[0], finite[0], 0.0
     for i in range(n):
-        faintest, brightest = max(faintest, known[i]), min(brightest, known[i])
-        squares += (known[i] - centre) ** 2
+        faintest, brightest = max(faintest, finite[i]), min(brightest, finite[i])
+        squares += (finite[i] - centre) ** 2
     spread = max(math.sqrt(squares / n), LEAST_SPREAD)
     reach = faintest - brightest + 1.0
     brightest_stars = order(expected)[: len(magnitude)]
-    shift = median(known) - median(expected[brightest_stars])
+    shift = median(finite) - median(expected[brightest_stars])
     product = np.empty(len(ZERO_POINTS))
     for z in range(len(ZERO_POINTS)):
         product[z] = 1.0
@@ -169,10 +170,10 @@ def log_evidence(
 def _log_mean(logarithm: Floats) -> float:  # pragma: no cover
     """ln of the mean of numbers whose logarithms are given."""
     most, total = -np.inf, 0.0
-    for each in logarithm:
-        most = max(most, each)
-    for each in logarithm:
-        total += math.exp(each - most)
+    for value in logarithm:
+        most = max(most, value)
+    for value in logarithm:
+        total += math.exp(value - most)
     return most + math.log(total / len(logarithm))
 
 
@@ -211,19 +212,15 @@ def _log_seen(
 
 @kernel
 def _log_determinant(matrix: Floats) -> float:  # pragma: no cover
-    """ln det of a positive definite matrix from its lower half, which is overwritten (Cholesky)."""
+    """ln det of a positive definite matrix from its lower half, which is overwritten."""
+    cholesky(matrix, len(matrix))
     total = 0.0
     for j in range(len(matrix)):
-        for k in range(j + 1):
-            rest = matrix[j, k]
-            for i in range(k):
-                rest -= matrix[j, i] * matrix[k, i]
-            matrix[j, k] = math.sqrt(rest) if j == k else rest / matrix[k, k]
         total += 2 * math.log(matrix[j, j])
     return total
 
 
 @kernel
-def _log_found(found: int, of: int, p: float) -> float:  # pragma: no cover
+def _log_found(seen: int, of: int, p: float) -> float:  # pragma: no cover
     """ln of the probability to detect just these stars, each with a probability p."""
-    return found * math.log(p) + (of - found) * math.log(1 - p)
+    return seen * math.log(p) + (of - seen) * math.log(1 - p)

@@ -126,14 +126,20 @@ def turned(rotation: Floats, d: Floats) -> tuple[float, float, float]:  # pragma
 
 
 @kernel
-def _solve(normal: Floats, right: Floats, n: int) -> Floats:  # pragma: no cover
-    """The solution (4,) of the first n equations, by Cholesky; NaN where there is none."""
+def cholesky(matrix: Floats, n: int) -> None:  # pragma: no cover
+    """Overwrite the lower half of the first n rows of a symmetric matrix by its Cholesky factor."""
     for j in range(n):
         for k in range(j + 1):
-            total = normal[j, k]
+            total = matrix[j, k]
             for i in range(k):
-                total -= normal[j, i] * normal[k, i]
-            normal[j, k] = math.sqrt(total) if j == k else total / normal[k, k]
+                total -= matrix[j, i] * matrix[k, i]
+            matrix[j, k] = math.sqrt(total) if j == k else total / matrix[k, k]
+
+
+@kernel
+def _solve(normal: Floats, right: Floats, n: int) -> Floats:  # pragma: no cover
+    """The solution (4,) of the first n equations; NaN where there is none."""
+    cholesky(normal, n)
     solution = np.zeros(4)
     for j in range(n):
         total = right[j]

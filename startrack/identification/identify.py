@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +21,11 @@ from startrack.core import (
     kernel,
 )
 from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
-from startrack.identification.extension_method import matches_by_code
+from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
-from startrack.identification.parameters import Identification
-from startrack.identification.search import breadth_first, search
+from startrack.identification.parameters import Identification, matches_by_code
+from startrack.identification.search import Limits, breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.sky import SkyGrid, VerificationStars
 from startrack.identification.verify import Verdict
 
 # Bound on chance below which a refused hypothesis is reported as ambiguous, not as no match. Chosen
@@ -66,18 +64,17 @@ def identify(
     if len(finite) < settings.min_matches:
         return _too_few(len(finite), camera, settings)
     log_accepted = math.log(settings.max_false_probability)
-    best, tried, found = _identify(
-        see(spots, finite, camera, settings),
-        breadth_first(min(len(finite), settings.verify_spots), settings.pattern_spots),
+    limits = Limits(
         settings.verify_spots,
         settings.code_tolerance,
-        index.table,
-        index.bright,
         settings.min_matches,
         log_accepted,
         settings.max_hypotheses,
-        index.faint,
-        stars.magnitude_g,
+    )
+    choices = breadth_first(min(len(finite), settings.verify_spots), settings.pattern_spots)
+    patterns = index.table, index.bright, index.faint, stars.magnitude_g
+    best, tried, gathered = _identify(
+        see(spots, finite, camera, settings), choices, *patterns, limits
     )
     if best.log_p >= log_accepted:
         return _not_accepted(best.log_p, best.matches, len(finite), tried, camera)
@@ -85,34 +82,22 @@ def identify(
         return refined(
             spots, finite, camera, stars, index, settings, best.rotation, best.scale, best.log_p
         )
-    return _solved(found, finite, camera.scaled(found.scale), best.log_p)
+    return _solved(gathered, finite, camera.scaled(gathered.scale), best.log_p)
 
 
 @kernel
 def _identify(
     seen: Seen,
     choices: NDArray[np.int64],
-    voting: int,
-    code_tolerance: float,
     table: CodeTable,
     voters: VerificationStars,
-    fewest: int,
-    log_accepted: float,
-    most_hypotheses: int,
     faint: SkyGrid,
     magnitude: Floats,
+    limits: Limits,
 ) -> tuple[Verdict, int, Gathered]:  # pragma: no cover
     """`search` and `gather` in one call: a call takes about as long as the work in it."""
-    best, tried = search(
-        keep_brightest(seen, voting),
-        choices,
-        code_tolerance,
-        table,
-        voters,
-        fewest,
-        log_accepted,
-        most_hypotheses,
-    )
+    voting = keep_brightest(seen, limits.voting)
+    best, tried = search(voting, choices, table, voters, limits)
     return best, tried, gather(seen, faint, magnitude, best.rotation, best.scale)
 
 
@@ -139,21 +124,21 @@ def refined(
     rounds = FOCAL_ROUNDS if camera.distorted and settings.focal_tolerance else 1
     for _ in range(rounds):
         seen = see(spots, finite, camera.scaled(scale), settings)
-        found = gather(seen, index.faint, stars.magnitude_g, rotation, 1.0)
-        scale *= found.scale
-        rotation = found.rotation
-    return _solved(found, finite, camera.scaled(scale), log_p)
+        gathered = gather(seen, index.faint, stars.magnitude_g, rotation, 1.0)
+        scale *= gathered.scale
+        rotation = gathered.rotation
+    return _solved(gathered, finite, camera.scaled(scale), log_p)
 
 
-def _solved(found: Gathered, finite: Ints, camera: Camera, log_p: float) -> Matches:
+def _solved(gathered: Gathered, finite: Ints, camera: Camera, log_p: float) -> Matches:
     return Matches(
         Status.SOLVED,
-        f"{len(found.spot)} of {len(finite)} spots are stars of the catalogue",
-        finite[found.spot],
-        found.star,
-        found.direction,
+        f"{len(gathered.spot)} of {len(finite)} spots are stars of the catalogue",
+        finite[gathered.spot],
+        gathered.star,
+        gathered.direction,
         camera,
-        Rotation.from_quat(found.quaternion),
+        Rotation.from_quat(gathered.quaternion),
         math.exp(log_p),
     )
 
@@ -178,19 +163,3 @@ def _not_accepted(log_p: float, matches: int, spots: int, tried: int, camera: Ca
 def _unsolved(status: Status, reason: str, camera: Camera, chance: float = 1.0) -> Matches:
     none: NDArray[np.int64] = np.empty(0, np.int64)
     return Matches(status, reason, none, none, np.empty((0, 3)), camera, None, chance)
-
-
-def identify_all(
-    frames: Iterable[Spots],
-    camera: Camera,
-    stars: Stars,
-    index: PatternIndex,
-    settings: Identification,
-) -> Iterator[Matches]:
-    """Identify one frame after the other, each at an unknown attitude; arguments as `identify`.
-
-    A generator: thousands of frames need the memory of one. The frames are independent, so that
-    an executor may distribute them to processes.
-    """
-    for spots in frames:
-        yield identify(spots, camera, stars, index, settings)

@@ -1,14 +1,29 @@
-"""Identification: tolerances of the camera model and thresholds of the match."""
+"""Identification: tolerances of the camera and thresholds of the match, or code of one's own."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from startrack.core import (
+    POINTS,
     POSITIVE,
+    Camera,
+    Floats,
+    Ints,
+    Matches,
     Parameters,
     Range,
+    Spots,
+    Stars,
+    Status,
+    call_code,
+    returned,
 )
 
 METHODS = ("triangles",)
@@ -49,3 +64,105 @@ class Identification(Parameters):
         "\"triangles\": codes of triangles, which other spots verify; or code of one's own, see "
         "docs/extensions.md. Of the keys above it, code follows min_matches and what it reads "
         "itself"] = "triangles"  # fmt: skip
+
+
+GROUP = "identifications"
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationInput:
+    """Spots and the catalogue, of which an identification says what belongs together.
+
+    seen        (n, 3) unit vectors of the spots in camera axes, brightest first, by the camera
+                that the tracker believes
+    sigma       (n,) radian, standard deviation of each per axis
+    flux        (n,) digital number
+    stars       the tracker's catalogue: direction (m, 3) unit vectors in ICRS axes, magnitude_g
+                (m,); the same object in each trial, so that functools.cache holds what a method
+                makes of it
+    radius      radian, from the boresight to the corners of the frame
+    settings    the other keys of tracker.identification
+    predicted   (3, 3) icrs_to_camera that a tracker expects in a sequence; None: lost in space
+    covariance  (3, 3) radian^2 of that, about the camera's axes; None: lost in space
+    """
+
+    seen: Floats
+    sigma: Floats
+    flux: Floats
+    stars: Stars
+    radius: float
+    settings: Identification
+    predicted: Floats | None
+    covariance: Floats | None
+
+
+class IdentificationMethod(Protocol):
+    """An identification of one's own, which a design names in `tracker.identification.method`.
+
+    Returns  (k, 2) whole numbers: index of a spot, index of its star; none twice. Without rows the
+             sky is not identified
+    """
+
+    def __call__(self, given: IdentificationInput, /) -> ArrayLike:
+        """Match spots with stars, or none of them."""
+
+
+def matches_by_code(
+    spots: Spots,
+    usable: Ints,
+    camera: Camera,
+    stars: Stars,
+    settings: Identification,
+    predicted: Rotation | None = None,
+    covariance: Floats | None = None,
+) -> Matches:
+    """The matches of a function that a design names; arguments as of `identify` and `track`.
+
+    usable   (n,) indices of the spots that may be matched
+    Returns  Matches, with the false probability unknown (NaN); no match where the function matches
+             fewer stars than `settings.min_matches`, or two with a prediction
+    Raises   ValueError where the function raises an error, or returns what it must not.
+    """
+    name, none = settings.method, np.empty(0, np.int64)
+    fewest = settings.min_matches if predicted is None else 2
+    nothing = none, none, np.empty((0, 3)), camera, None, math.nan
+    if len(usable) < fewest:
+        status = Status.TOO_FEW if len(usable) else Status.BLANK
+        return Matches(status, f"{len(usable)} usable spots, {fewest} are needed", *nothing)
+    seen = camera.unproject(np.column_stack([spots.x, spots.y])[usable])
+    spread = np.trace(spots.covariance[usable], axis1=1, axis2=2) / 2
+    given = IdentificationInput(
+        seen,
+        np.sqrt(spread) / camera.focal_length_px,
+        spots.flux[usable],
+        stars,
+        camera.half_diagonal,
+        settings,
+        None if predicted is None else predicted.as_matrix(),
+        covariance,
+    )
+    answer = call_code(GROUP, name, given)
+    pairs = returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
+    spot, star = pairs.astype(np.int64).T
+    _check(name, pairs, len(usable), len(stars))
+    if len(pairs) < fewest:
+        reason = f"{name} matches {len(pairs)} of {len(usable)} spots, {fewest} are needed"
+        return Matches(Status.NO_MATCH, reason, *nothing)
+    order = np.argsort(spot)
+    spot, star = spot[order], star[order]
+    attitude, _ = Rotation.align_vectors(seen[spot], stars.direction[star])
+    reason = f"{len(pairs)} of {len(usable)} spots are stars of the catalogue by {name}"
+    return Matches(
+        *(Status.SOLVED, reason, usable[spot], star, stars.direction[star]),
+        *(camera, attitude, math.nan),
+    )
+
+
+def _check(name: str, pairs: Floats, spots: int, stars: int) -> None:
+    """Refuse indices of no spot or star, and those that are there twice."""
+    asked = f"{POINTS[GROUP]} {name} must return"
+    for column, most, what in zip(pairs.T, (spots, stars), ("spots", "stars"), strict=True):
+        if (column != np.rint(column)).any() or ((column < 0) | (column >= most)).any():
+            raise ValueError(f"{asked} indices of {what} from 0 to {most - 1}")
+        if len(np.unique(column)) < len(column):
+            raise ValueError(f"{asked} none of the {what} twice")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, kernel
+from startrack.identification.grids import VerificationStars, spot_grid
 from startrack.identification.index import (
     CELLS_BASE,
     CELLS_Y,
@@ -21,14 +23,12 @@ from startrack.identification.index import (
     triangle_code,
 )
 from startrack.identification.seen import Seen
-from startrack.identification.sky import VerificationStars
-from startrack.identification.spot_grid import spot_grid
 from startrack.identification.verify import (
     FIRST_RADIUS,
     Verdict,
     attempt_attitude,
-    challenge,
-    promising,
+    leave_one_out,
+    prefilter,
     verify,
 )
 
@@ -37,7 +37,7 @@ SIGMAS = (
     3.5  # tolerance of a code for noise: a larger one takes time, a smaller one loses triangles
 )
 # Fraction of matches with the brightest stars below which an accepted hypothesis is checked by
-# `challenge`: a larger one takes time, a smaller one misses fits that a false spot has distorted.
+# `leave_one_out`: a larger one takes time, a smaller one misses fits that a false spot distorted.
 EXPECTED = 0.7
 
 
@@ -60,27 +60,39 @@ def _choices(start: int, stop: int) -> NDArray[np.int64]:
     return choices[np.lexsort((choices[:, 2], choices.sum(axis=1)))]
 
 
+class Limits(NamedTuple):
+    """Of a search.
+
+    voting           number of the brightest spots that verify a hypothesis
+    code_tolerance   1, error of a code beyond the noise
+    fewest           as in `verify`
+    log_accepted     ln of the largest accepted bound on chance
+    most_hypotheses  number after which the search ends
+    """
+
+    voting: int
+    code_tolerance: float
+    fewest: int
+    log_accepted: float
+    most_hypotheses: int
+
+
 @kernel
 def search(
     seen: Seen,
     choices: NDArray[np.int64],
-    code_tolerance: float,
     table: CodeTable,
     voters: VerificationStars,
-    fewest: int,
-    log_accepted: float,
-    most_hypotheses: int,
+    limits: Limits,
 ) -> tuple[Verdict, int]:  # pragma: no cover
     """Look up one triangle after the other until a hypothesis is accepted.
 
-    choices          (k, 3) spots, in the order to try
-    code_tolerance   1, error of a code beyond the noise
-    table, voters    the triangles of the index, and its stars that verify hypotheses
-    fewest           as in `verify`
-    log_accepted     ln of the largest accepted bound on chance
-    most_hypotheses  number after which the search ends
-    Returns          the best verdict, the last one if accepted; number of hypotheses
+    seen           the spots that verify
+    choices        (k, 3) spots, in the order to try
+    table, voters  the triangles of the index, and its stars that verify hypotheses
+    Returns        the best verdict, the last one if accepted; number of hypotheses
     """
+    _, code_tolerance, fewest, log_accepted, most_hypotheses = limits
     tried = 0
     best = Verdict(np.eye(3), 1.0, 0, 0, 0.0)
     screen = spot_grid(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
@@ -113,14 +125,14 @@ def search(
                         rotation, scale = attempt_attitude(
                             seen, names[k], direction[a], direction[b]
                         )
-                        if not promising(seen, screen, table.sky, rotation, scale, fewest):
+                        if not prefilter(seen, screen, table.sky, rotation, scale, fewest):
                             continue
                         verdict = verify(seen, voters, rotation, scale, fewest)
                         if verdict.log_p < best.log_p:
                             best = verdict
                         if best.log_p < log_accepted:
                             if best.expected < EXPECTED * best.matches:
-                                best = challenge(seen, voters, best, fewest)
+                                best = leave_one_out(seen, voters, best, fewest)
                             return best, tried
                     if tried >= most_hypotheses:
                         return best, tried

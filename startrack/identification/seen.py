@@ -1,4 +1,4 @@
-"""Spots in the image plane of the believed camera."""
+"""Spots in the image plane of the believed camera, and the stars expected among them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Camera, Floats, Ints, Spots, kernel, median
+from startrack.identification.fit import turned
+from startrack.identification.grids import SkyGrid, cubes_around, most_within
 from startrack.identification.parameters import Identification
 
 # Chosen by hand: a larger gate matches more false spots, a smaller one loses noisy stars.
@@ -70,7 +72,7 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
     if camera.distorted:
         direction = camera.unproject(np.column_stack([spots.x[chosen], spots.y[chosen]]))
         plane_x, plane_y = (direction[:, :2] / direction[:, 2:]).T.copy()
-    flux, snr = (np.asarray(each[chosen], np.float64) for each in (spots.flux, spots.snr))
+    flux, snr = (np.asarray(values[chosen], np.float64) for values in (spots.flux, spots.snr))
     border = (
         _border(camera)
         if camera.distorted
@@ -111,6 +113,7 @@ def _see(
     tolerance: float,
     voting: int,
 ) -> Seen:  # pragma: no cover
+    """`see` for spots at (x, y) in the image plane; `voting` of them set the match radius."""
     n = len(x)
     left, top, right, bottom = border
     plane, direction = np.empty((n, 2)), np.empty((n, 3))
@@ -162,3 +165,51 @@ def keep_brightest(seen: Seen, count: int) -> Seen:  # pragma: no cover
         seen.area,
         seen.focal,
     )
+
+
+@kernel
+def predict(
+    seen: Seen, sky: SkyGrid, rotation: Floats, scale: float
+) -> tuple[Ints, Floats]:  # pragma: no cover
+    """Indices into `sky` (m,) and positions in the plane (m, 2) of the stars in the image.
+
+    rotation  (3, 3) icrs_to_camera
+    scale     true over believed focal length
+    """
+    rxx, rxy, rxz = rotation[0]
+    ryx, ryy, ryz = rotation[1]
+    rzx, rzy, rzz = rotation[2]
+    reach = min(1.02 * seen.corner / min(scale, 1.0), 1.57)
+    nearest = math.cos(reach)
+    low, high = cubes_around(sky, rotation[2], reach)
+    left, top = seen.low
+    right, bottom = seen.high
+    star = np.empty(most_within(sky, low, high) + 1, np.int64)
+    place = np.empty((len(star), 2))
+    count = 0
+    for i in range(low[0], high[0] + 1):
+        for j in range(low[1], high[1] + 1):
+            # Cubes along the last axis are contiguous, and so are their stars.
+            row = (i * sky.side + j) * sky.side
+            for s in range(sky.start[row + low[2]], sky.start[row + high[2] + 1]):
+                dx, dy, dz = sky.direction[s, 0], sky.direction[s, 1], sky.direction[s, 2]
+                z = rzx * dx + rzy * dy + rzz * dz
+                x = scale * (rxx * dx + rxy * dy + rxz * dz) / z
+                y = scale * (ryx * dx + ryy * dy + ryz * dz) / z
+                star[count] = s
+                place[count, 0], place[count, 1] = x, y
+                # No branch: half would be mispredicted, which takes three times as long.
+                count += (z > nearest) & (left <= x) & (x <= right) & (top <= y) & (y <= bottom)
+    return star[:count], place[:count]
+
+
+@kernel
+def project(
+    direction: Floats, star: Ints, rotation: Floats, scale: float
+) -> Floats:  # pragma: no cover
+    """Positions (m, 2) of the chosen stars in the image plane."""
+    place = np.empty((len(star), 2))
+    for i in range(len(star)):
+        x, y, z = turned(rotation, direction[star[i]])
+        place[i, 0], place[i, 1] = scale * x / z, scale * y / z
+    return place

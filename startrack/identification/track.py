@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, is_code, kernel
-from startrack.identification.extension_method import matches_by_code
+from startrack.identification.agree import Agreed
 from startrack.identification.fit import derivatives, fit, turned
+from startrack.identification.grids import VerificationStars
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
-from startrack.identification.parameters import Identification
-from startrack.identification.predict import predict, project
-from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.sky import VerificationStars
-from startrack.identification.verify import weigh_prior
+from startrack.identification.parameters import Identification, matches_by_code
+from startrack.identification.seen import Seen, keep_brightest, predict, project, see, usable
+from startrack.identification.verify import log_evidence_with_prior
 
 # Squared radius of a window over its variance. Chosen by hand: a larger one takes more false spots;
 # one of 3000 true ones lies outside.
@@ -29,10 +28,7 @@ MOST_CHAINS = 200  # chosen by hand: trades time against the success with uncert
 
 @kernel
 def follow(
-    seen: Seen,
-    voters: VerificationStars,
-    predicted: Floats,
-    covariance: Floats,
+    seen: Seen, voters: VerificationStars, predicted: Floats, covariance: Floats
 ) -> tuple[Floats, int, float]:  # pragma: no cover
     """The chain of matches with the greatest evidence.
 
@@ -80,18 +76,8 @@ def follow(
                 dx, dy = seen.plane[spots[i]] - fitted[i]
                 distance[i] = math.hypot(dx, dy)
             log_prior = log_peak - 0.5 * np.dot(away, np.dot(information, away))
-            log_p = -weigh_prior(
-                seen,
-                voters,
-                star,
-                spots,
-                stars,
-                distance,
-                rotation,
-                1.0,
-                information,
-                log_prior,
-            )
+            match = Agreed(spots, stars, distance, rotation, 1.0)
+            log_p = -log_evidence_with_prior(seen, voters, star, match, information, log_prior)
             if log_p < best:
                 best, best_rotation, most = log_p, rotation, len(spots)
     return best_rotation, most, best

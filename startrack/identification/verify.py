@@ -12,11 +12,9 @@ from startrack.core import Floats, kernel, order
 from startrack.identification.agree import Agreed, agree
 from startrack.identification.evidence import LOG_ATTITUDES, log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives
+from startrack.identification.grids import SkyGrid, SpotGrid, VerificationStars, hits
 from startrack.identification.index import separation
-from startrack.identification.predict import predict
-from startrack.identification.seen import Seen
-from startrack.identification.sky import SkyGrid, VerificationStars
-from startrack.identification.spot_grid import SpotGrid, hits
+from startrack.identification.seen import Seen, predict
 
 # Times the match radius, because three stars predict the others less accurately than all stars do.
 # Chosen by hand: a larger one matches more false spots, a smaller one loses true hypotheses.
@@ -56,7 +54,7 @@ def attempt_attitude(
 
 
 @kernel
-def promising(
+def prefilter(
     seen: Seen, screen: SpotGrid, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
 ) -> bool:  # pragma: no cover
     """Whether at least `fewest` stars of `sky` lie near a spot; else `verify` is not needed."""
@@ -81,7 +79,7 @@ def verify(
     fewest  matches; with fewer the hypothesis is refused
     """
     star, place = predict(seen, voters.sky, rotation, scale)
-    found = agree(
+    agreed = agree(
         seen,
         voters.sky.direction,
         star,
@@ -92,11 +90,11 @@ def verify(
         fewest,
         -1,
     )
-    return _verdict(seen, voters, star, found, fewest)
+    return _verdict(seen, voters, star, agreed, fewest)
 
 
 @kernel
-def challenge(
+def leave_one_out(
     seen: Seen, voters: VerificationStars, verdict: Verdict, fewest: int
 ) -> Verdict:  # pragma: no cover
     """The best of a verdict and those found with each of its matches left out of the first fit.
@@ -107,7 +105,7 @@ def challenge(
     star, place = predict(seen, voters.sky, verdict.rotation, verdict.scale)
     best = verdict
     for without in range(verdict.matches):
-        found = agree(
+        agreed = agree(
             seen,
             voters.sky.direction,
             star,
@@ -118,8 +116,8 @@ def challenge(
             fewest,
             without,
         )
-        if len(found.spot) > best.matches:
-            other = _verdict(seen, voters, star, found, fewest)
+        if len(agreed.spot) > best.matches:
+            other = _verdict(seen, voters, star, agreed, fewest)
             if other.log_p < best.log_p:
                 best = other
     return best
@@ -127,20 +125,19 @@ def challenge(
 
 @kernel
 def _verdict(
-    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], found: Agreed, fewest: int
+    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], agreed: Agreed, fewest: int
 ) -> Verdict:  # pragma: no cover
-    matches = len(found.spot)
-    if matches < fewest or not abs(found.scale - 1) <= _scale_tolerance(seen):
-        return Verdict(found.rotation, found.scale, 0, 0, 0.0)
-    evidence = weigh(
-        seen, voters, star, found.spot, found.taken, found.distance, found.rotation, found.scale
-    )
+    """The verdict on what `agree` found; refused where it is too little or the scale is off."""
+    matches = len(agreed.spot)
+    if matches < fewest or not abs(agreed.scale - 1) <= _scale_tolerance(seen):
+        return Verdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
+    evidence = log_evidence_of_match(seen, voters, star, agreed)
     magnitude = voters.magnitude[star]
     limit = magnitude[order(magnitude)[matches - 1]]
     expected = 0
-    for taken in found.taken:
+    for taken in agreed.taken:
         expected += magnitude[taken] <= limit
-    return Verdict(found.rotation, found.scale, matches, expected, min(-evidence, 0.0))
+    return Verdict(agreed.rotation, agreed.scale, matches, expected, min(-evidence, 0.0))
 
 
 @kernel
@@ -154,60 +151,34 @@ def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
 
 
 @kernel
-def weigh(
-    seen: Seen,
-    voters: VerificationStars,
-    star: NDArray[np.int64],
-    matched_spot: NDArray[np.int64],
-    matched_star: NDArray[np.int64],
-    distance: Floats,
-    rotation: Floats,
-    scale: float,
+def log_evidence_of_match(
+    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], match: Agreed
 ) -> float:  # pragma: no cover
     """ln of the evidence for a match, all attitudes being equally likely a priori.
 
-    star          (m,) indices into `voters` of the stars that the image should hold
-    matched_spot  (k,) indices into `seen`
-    matched_star  (k,) indices into `star`
-    distance      (k,) between the two, in the image plane
-    rotation      (3, 3) icrs_to_camera
-    scale         1, true over believed focal length
+    star   (m,) indices into `voters` of the stars that the image should hold
+    match  of spots with these stars, and the attitude and scale that it gives
     """
     unknowns = 4 if seen.focal > 0 else 3
     prior, log_prior = np.zeros((unknowns, unknowns)), -LOG_ATTITUDES
     if seen.focal > 0:
         prior[3, 3] = seen.focal**-2
-        log_prior -= 0.5 * ((scale - 1) / seen.focal) ** 2 + math.log(
-            seen.focal * math.sqrt(2 * math.pi)
-        )
-    return weigh_prior(
-        seen,
-        voters,
-        star,
-        matched_spot,
-        matched_star,
-        distance,
-        rotation,
-        scale,
-        prior,
-        log_prior,
-    )
+        off = (match.scale - 1) / seen.focal
+        log_prior -= 0.5 * off**2 + math.log(seen.focal * math.sqrt(2 * math.pi))
+    return log_evidence_with_prior(seen, voters, star, match, prior, log_prior)
 
 
 @kernel
-def weigh_prior(
+def log_evidence_with_prior(
     seen: Seen,
     voters: VerificationStars,
     star: NDArray[np.int64],
-    matched_spot: NDArray[np.int64],
-    matched_star: NDArray[np.int64],
-    distance: Floats,
-    rotation: Floats,
-    scale: float,
+    match: Agreed,
     prior: Floats,
     log_prior: float,
 ) -> float:  # pragma: no cover
-    """`weigh` with another prior: `prior` and `log_prior` as in `log_evidence`."""
+    """`log_evidence_of_match` with another prior: `prior` and `log_prior` as in `log_evidence`."""
+    matched_spot, matched_star, distance, rotation, scale = match
     unknowns = len(prior)
     expected = voters.magnitude[star]
     brighter = np.empty(len(matched_star), np.int64)
@@ -215,8 +186,8 @@ def weigh_prior(
     square, variance = np.empty(len(matched_star)), np.empty(len(matched_star))
     for i in range(len(matched_star)):
         brighter[i] = 0
-        for each in expected:
-            brighter[i] += each < expected[matched_star[i]]
+        for magnitude in expected:
+            brighter[i] += magnitude < expected[matched_star[i]]
         direction = voters.sky.direction[star[matched_star[i]]]
         slopes = derivatives(rotation, direction, scale)
         for axis in range(2):

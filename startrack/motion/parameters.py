@@ -96,7 +96,7 @@ class Motion(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        axes = [one.axis for one in self.broadband]
+        axes = [spectrum.axis for spectrum in self.broadband]
         if len(set(axes)) < len(axes):
             raise Refused(
                 f"broadband must have at most one spectrum for each axis, got {', '.join(axes)}"

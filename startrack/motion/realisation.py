@@ -5,14 +5,54 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaincinv
 
-from startrack.core import Floats, Streams
-from startrack.motion.extension_jitter import lines_by_code
+from startrack.core import POINTS, Floats, Streams, call_code, returned
 from startrack.motion.parameters import AXES, Broadband, Motion, Tone
+
+GROUP = "jitters"
+
+
+@dataclass(frozen=True, eq=False)
+class JitterInput:
+    """What jitter is drawn from.
+
+    exposure   second
+    generator  random numbers of this trial for this jitter alone
+    """
+
+    exposure: float
+    generator: np.random.Generator
+
+
+class Jitter(Protocol):
+    """A jitter of one's own, which a design lists in `instrument.motion.jitter`.
+
+    Returns  (k, 7): frequency in hertz, then for the camera's axes x, y and z the amplitudes of the
+             cosines and those of the sines in radian, all at the middle of the exposure
+    """
+
+    def __call__(self, given: JitterInput, /) -> ArrayLike:
+        """Draw the lines of one trial; the same for the same random numbers."""
+
+
+def lines_by_code(
+    name: str, exposure: float, generator: np.random.Generator
+) -> tuple[Floats, NDArray[np.complex128]]:
+    """Frequencies (k,) hertz and complex amplitudes (k, 3) radian of a function of a design.
+
+    Raises  ValueError where the function raises an error, or returns what it must not.
+    """
+    answer = call_code(GROUP, name, JitterInput(exposure, generator))
+    lines = returned(GROUP, name, answer, (-1, 7))
+    if (lines[:, 0] < 0).any():
+        raise ValueError(f"{POINTS[GROUP]} {name} must return no negative frequency")
+    return lines[:, 0], lines[:, 1:4] - 1j * lines[:, 4:]
+
 
 BANDS_PER_OCTAVE = 8  # chosen by hand: a sum of tens of lines is nearly normal
 
@@ -119,7 +159,7 @@ class MotionRealisation:
         lines = []
         for axis, used in enumerate((amplitude != 0).T):
             a, b = first[:, used] * amplitude[used, axis], second[:, used].conj()
-            real = [np.concatenate([one.real, one.imag], axis=1) for one in (a, b)]
+            real = [np.concatenate([phasor.real, phasor.imag], axis=1) for phasor in (a, b)]
             lines.append(np.einsum("pk,jk->pj", *real) - self.cosine[:, axis].sum())
         time = np.add.outer(start, step)
         return -(time[..., None] * self.rate + np.stack(lines, axis=-1))
@@ -152,7 +192,7 @@ def realise_motion(
         for number, tone in enumerate(motion.tones)
         if not tone.silent
     ]
-    lines += [_broadband(one, exposure, streams) for one in motion.broadband]
+    lines += [_broadband(spectrum, exposure, streams) for spectrum in motion.broadband]
     lines += [
         lines_by_code(name, exposure, _generator(streams, f"jitter {name}"))
         for name in motion.jitter

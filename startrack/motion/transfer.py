@@ -40,7 +40,7 @@ def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float =
 
 
 @kernel
-def _deposit(image, x, y, fraction):  # type: ignore[no-untyped-def]
+def _deposit(image: Floats, x: Floats, y: Floats, fraction: Floats) -> None:
     """Add the time of each straight segment to the cells that it crosses."""
     for n in range(len(fraction)):
         dx, dy = x[n + 1] - x[n], y[n + 1] - y[n]

@@ -1,34 +1,24 @@
 """How a point is blurred: Optics become a Psf.
 
 parameters    Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF.
-extension_psf  Points on the detector -> irradiance of a star, by code that is not part of
-              startrack.
-pupil         Shape of the aperture: clear, obscured, crossed by a spider, segmented or sparse.
-zernike       Zernike polynomials by Noll's index: the shapes of wavefront errors.
-wavefront     Optics -> the complex pupil of each diffraction model.
+pupil         Shape of the aperture, and the Zernike polynomials of wavefront errors in it.
 closed_forms  Closed forms: irradiance, energy and transfer functions of an ideal lens, a Gaussian,
               a pixel.
-fraunhofer    Fraunhofer diffraction of any pupil by a matrix Fourier transform, folded by symmetry.
-fresnel       Fresnel diffraction of any pupil near the image plane by a fast chirp transform; its
-              limits.
+diffraction   Fraunhofer and Fresnel diffraction of any pupil, by fast transforms.
 kirchhoff     Kirchhoff integral over a thin lens without paraxial approximation: the reference
               model.
-choose        The cheapest model of the PSF within a tolerance, and the reason.
+choose        Optics -> the complex pupil of each diffraction model; the cheapest within a
+              tolerance.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
 lens_family   Family, focal length, f-number -> the LensTable of a lens of that family.
 measured_psf  Images of stars -> the oversampled Psf that they share.
 psf_file      PsfFile: images of a point, measured or exported, over field and wavelength; their
               file.
-over_field    Optics -> Psf at points of the field, where aberrations grow with the distance to the
-              axis.
 quality       Psf -> figures of merit: transfer at Nyquist, energies, widths.
 lens_table    LensTable: wavefront, place, pupil and area of a lens over temperature, wavelength and
               field; its file.
-field_images  Images at places and wavelengths -> the FieldPsf of a frame, and the camera of
-              places.
+field_images  Images at places and wavelengths -> the FieldPsf of a frame, and the camera of places.
 zemax_text    Text that Zemax saves -> a PsfFile of Huygens PSFs, a LensTable of wavefront maps.
-psf_cube      Optics with a file of several images -> the camera that fits them, and the FieldPsf of
-              a detector.
 lens_psf      Optics with a lens table -> the camera that fits it, and the FieldPsf of a detector.
 surfaces      Surfaces: radii, spaces, glasses and clear apertures of a lens, beside its table.
 ray_trace     Prescription of a lens -> its LensTable, by rays of the program optiland (extra
@@ -42,81 +32,38 @@ baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle
 from startrack.optics.baffle import Baffle, stray_light
 from startrack.optics.choose import Choice, choose
 from startrack.optics.closed_forms import airy, blur_transfer, pixel_transfer, pupil_transfer
-from startrack.optics.extension_psf import PsfInput, PsfModel
-from startrack.optics.field_images import COARSE
-from startrack.optics.fraunhofer import intensity, pupil_samples
+from startrack.optics.diffraction import intensity, pupil_samples
+from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf
 from startrack.optics.ghosts import Ghosts, add_ghosts, lens_surfaces, save_ghosts
-from startrack.optics.lens_family import (
-    FAMILIES,
-    element_count,
-    family_surfaces,
-    family_table,
-    scaled_table,
-)
-from startrack.optics.lens_psf import (
-    ROOM,
-    Lens,
-    field_psf,
-    fit_camera,
-    mirrored,
-    open_optics,
-)
-from startrack.optics.lens_table import (
-    LensPoints,
-    LensTable,
-    lens_path,
-    load_lens,
-    open_lens,
-    save_lens,
-)
-from startrack.optics.measured_psf import Stars, brightest, file_of, lone_stars, reconstruct
-from startrack.optics.over_field import at_field, over_field
+from startrack.optics.lens_family import element_count, family_surfaces
+from startrack.optics.lens_psf import ROOM, field_psf, fit_camera, mirrored, open_optics
+from startrack.optics.lens_table import LensTable, lens_path, load_lens, open_lens, save_lens
+from startrack.optics.measured_psf import brightest, file_of, lone_stars, reconstruct
 from startrack.optics.parameters import Optics
-from startrack.optics.pixel_psf import pixel_psf, pixel_response
-from startrack.optics.psf_cube import camera_of_cube, cube_psf
+from startrack.optics.pixel_psf import PsfInput, PsfModel, over_field, pixel_psf
 from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, save_psf_file
-from startrack.optics.pupil import Pupil, Segment, area_weights, pupil_grid
-from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, encircled, modulation, quality
-from startrack.optics.ray_trace import (
-    Traced,
-    Tracing,
-    read_prescription,
-    surfaces_of,
-    trace_lens,
-)
+from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pupil_grid, zernike
+from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, quality
+from startrack.optics.ray_trace import Tracing, read_prescription, surfaces_of, trace_lens
 from startrack.optics.residual import Residual, residual_law
-from startrack.optics.surfaces import Surfaces, load_surfaces, open_surfaces, save_surfaces
+from startrack.optics.surfaces import Surfaces, open_surfaces, save_surfaces
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
-from startrack.optics.zernike import Aberration, zernike
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "POINT",
     "Aberration",
     "Baffle",
     "Choice",
     "Ghosts",
-    "Lens",
-    "LensPoints",
     "LensTable",
     "Optics",
     "PsfFile",
     "PsfInput",
     "PsfModel",
     "Pupil",
-    "Quality",
     "Residual",
     "Segment",
-    "at_field",
-    "blur_transfer",
     "choose",
-    "encircled",
-    "modulation",
     "over_field",
     "pixel_psf",
-    "pixel_response",
-    "pixel_transfer",
-    "pupil_transfer",
-    "quality",
-    "stray_light",
 ]

@@ -73,7 +73,7 @@ def stray_light(
     """
     line = icrs_to_camera.inv().apply(camera.lattice(NODES))
     spread = optics.focal_length**2 / optics.area
-    stray = tuple(_stray_light_of(one, line, baffle, spread) for one in light.stray_sources)
+    stray = tuple(_stray_light_of(source, line, baffle, spread) for source in light.stray_sources)
     return replace(light, diffuse=light.diffuse + stray)
 
 

@@ -1,4 +1,4 @@
-"""The cheapest model of the PSF within a tolerance, and the reason."""
+"""Optics -> the complex pupil of each diffraction model; the cheapest within a tolerance."""
 
 from __future__ import annotations
 
@@ -9,9 +9,83 @@ import numpy as np
 
 from startrack.core import Floats, is_code
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
+from startrack.optics.kirchhoff import path_defect
 from startrack.optics.parameters import MODELS, Optics
-from startrack.optics.pupil import area_weights, pupil_grid
-from startrack.optics.wavefront import wavefront
+from startrack.optics.pupil import area_weights, pupil_grid, zernike
+
+STEEPEST = 0.999  # largest sine of an angle at the focus; it clips the soft edge beyond the rim
+
+
+@dataclass(frozen=True, eq=False)
+class Wavefront:
+    """A sampled pupil.
+
+    coordinate  (n,) 1, of the samples in units of the rim
+    weight      (n, n) 1, open area times amplitude
+    path        (n, n) metre
+    energy      1, the sum of open area times amplitude squared
+    f_number    1, scale / (2 rim)
+    """
+
+    coordinate: Floats
+    weight: Floats
+    path: Floats
+    energy: float
+    f_number: float
+
+
+def wavefront(optics: Optics, model: str, samples: int) -> Wavefront:
+    """The pupil of a model on `samples` by `samples` cells.
+
+    Accuracy  model "kirchhoff": without the phase k x^2 R^2 / b^3 of an image point x, a tenth of a
+              radian at x = 0.1 sqrt(lambda b^3) / R, farther out than any table reaches.
+    """
+    coordinate, cell = pupil_grid(samples)
+    opened = area_weights(optics.pupil, coordinate, cell)
+    b, radius = optics.image_distance, optics.aperture / 2
+    scale, rim = b, radius
+    amplitude: Floats | float = 1.0
+    square = (coordinate**2 + coordinate[:, None] ** 2) * radius**2
+    # From coordinates to those in the lens, the arguments of the Zernike polynomials.
+    in_lens: Floats | float = 1.0
+    if model == "fraunhofer":
+        path = -optics.defocus * square / (2 * b**2)
+    elif model == "fresnel":
+        scale = b + optics.defocus
+        path = -optics.defocus * square / (2 * b * scale)
+    else:
+        thin = optics.lens != "aplanatic"
+        rim = radius / math.hypot(1, radius / b) if thin else radius
+        sine2 = np.minimum((rim / radius) ** 2 * square / b**2, STEEPEST**2)
+        cosine = np.sqrt(1 - sine2)
+        # d (cos - 1) without cancellation
+        path = -optics.defocus * sine2 / (1 + cosine)
+        if thin:
+            lens2 = sine2 / (1 - sine2) * b**2
+            g = optics.object_distance or math.inf
+            amplitude = 1 + lens2 / b**2
+            if math.isfinite(g):
+                amplitude = amplitude * g**2 / (g**2 + lens2)
+            if optics.lens == "parabolic":
+                path = path + path_defect(lens2, b, g)
+            in_lens = (rim / radius) / cosine
+        else:
+            amplitude = 1 / np.sqrt(cosine)
+    x, y = coordinate * in_lens, coordinate[:, None] * in_lens
+    for aberration in optics.aberrations:
+        if aberration.growth == 0 and aberration.rms:
+            path = path + aberration.rms * zernike(aberration.noll, x, y)
+    weight = opened * amplitude
+    return Wavefront(coordinate, weight, path, float((weight * amplitude).sum()), scale / (2 * rim))
+
+
+def steepest_slope(optics: Optics, model: str) -> float:
+    """Metre of path per radius of the aperture: the steepest slope of the wavefront."""
+    wave = wavefront(optics, model, 96)
+    down, across = np.gradient(wave.path, wave.coordinate, wave.coordinate)
+    inside = np.hypot(wave.coordinate, wave.coordinate[:, None]) <= 1
+    return float(np.hypot(down, across)[inside].max())
+
 
 AIRY_SIGMA = math.sqrt(2) / math.pi  # wavelength * f-number: peak and energy of the Airy disk
 SAMPLES = 64  # across the pupils that are compared; chosen by hand
@@ -65,7 +139,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
     if optics.psf != "auto":
         model, reason = optics.psf, "the design names it"
     else:
-        model = next(each for each in MODELS if errors[each] <= optics.psf_tolerance)
+        model = next(candidate for candidate in MODELS if errors[candidate] <= optics.psf_tolerance)
         before = MODELS[MODELS.index(model) - 1] if model != MODELS[0] else None
         reason = f"it keeps {optics.psf_tolerance:.1g} of the peak and no model is cheaper"
         if before and math.isinf(errors[before]):

@@ -8,9 +8,13 @@ from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from scipy import ndimage
 
 from startrack.core import Camera, FieldPsf, Floats, Refused, lagrange_weights, nm
+from startrack.optics.lens_table import spline
+from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import gauss_band
+from startrack.optics.psf_file import FINE, PsfFile, averaged, open_psf_file
 
 # Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak, and of 2 %
 # and 6 % with as few as suffice where the tolerance of the design is COARSE.
@@ -69,14 +73,14 @@ def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Ban
     return Band(nodes, fraction @ lagrange_weights(nodes, wavelength))
 
 
-def refuse_band(key: str, held: Floats, wavelength: Floats, spectra: Floats) -> None:
+def refuse_band(key: str, of_file: Floats, wavelength: Floats, spectra: Floats) -> None:
     """Refuse detected light beyond the wavelengths (metre) that a file holds.
 
     key  of the design that names the file
     """
     detected = (spectra > 1e-4 * spectra.max(axis=1, keepdims=True)).any(axis=0)
     first, last = wavelength[detected][[0, -1]]
-    low, high = held[[0, -1]]
+    low, high = of_file[[0, -1]]
     bin_width = float(np.diff(wavelength).max(initial=0.0))
     if first < low - bin_width or last > high + bin_width:
         raise Refused(
@@ -114,9 +118,11 @@ def camera_through(
     angles = edge * np.sqrt((np.arange(FITTED) + 0.5) / FITTED)
     image, tangent = places(angles), np.tan(angles)
     powers = tangent[:, None] ** np.array([1, 3, 5, 7]) / tangent[-1] ** np.array([0, 2, 4, 6])
-    found = np.linalg.lstsq(powers, image, rcond=None)[0] / tangent[-1] ** np.array([0, 2, 4, 6])
-    k1, k2, k3 = (float(each) for each in found[1:] / found[0])
-    return Camera(columns, rows, float(found[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
+    coefficients = np.linalg.lstsq(powers, image, rcond=None)[0] / tangent[-1] ** np.array(
+        [0, 2, 4, 6]
+    )
+    k1, k2, k3 = (float(coefficient) for coefficient in coefficients[1:] / coefficients[0])
+    return Camera(columns, rows, float(coefficients[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
 
 
 def images_over_frame(
@@ -146,12 +152,12 @@ def images_over_frame(
         return _reflected(*made[key], away_x, away_y)
 
     images = [[node(float(u), float(v)) for u in x] for v in y]
-    tables = np.array([[one[0] for one in row] for row in images])
+    tables = np.array([[image[0] for image in row] for row in images])
     tables = tables.reshape(len(y) * len(x) * len(colour), -1)
     basis, coefficient = _components(tables)
     side = plan.side
     basis = basis.reshape(-1, side, side)
-    centre = np.array([[one[1] for one in row] for row in images])
+    centre = np.array([[image[1] for image in row] for row in images])
     coefficient = coefficient.reshape(len(y), len(x), len(colour), -1)
     value = np.concatenate([centre, coefficient], axis=-1).transpose(2, 0, 1, 3)
     made_of = FieldPsf(
@@ -211,8 +217,171 @@ def _checked(psf: FieldPsf, plan: Plan, camera: Camera) -> tuple[float, float]:
         y = float(psf.y[j] + psf.y[min(j + 1, last_y)]) / 2
         table, centre = plan.image(x - camera.centre[0], y - camera.centre[1])
         many = len(psf.colour)
-        found = psf.at(np.full(many, x), np.full(many, y), psf.colour)
-        made = np.tensordot(found[:, 3:], psf.table, 1)
+        values = psf.at(np.full(many, x), np.full(many, y), psf.colour)
+        made = np.tensordot(values[:, 3:], psf.table, 1)
         worst = max(worst, float(np.abs(made - table).max() / table.max()))
-        far = max(far, float(np.abs(found[:, :2] - centre[:, :2]).max()))
+        far = max(far, float(np.abs(values[:, :2] - centre[:, :2]).max()))
     return worst, far
+
+
+DEGREE = 3  # of the splines between the nodes of a file
+
+
+def cube_psf(
+    optics: Optics, camera: Camera, pitch: float, wavelength: Floats, spectra: Floats,
+    colour: Floats, fill_factor: float, diffusion: float, nodes: int = NODES,
+) -> FieldPsf:  # fmt: skip
+    """Images of stars over the frame and over their colour, from those of a `psf_file`.
+
+    Between its nodes, images are interpolated by cubic splines over the field angle, through the
+    mirror images of the nodes too, and over the inverse of the wavelength; those off the axis are
+    turned to the azimuth of the star. Arguments as those of `field_psf`.
+
+    Raises    ValueError where the file does not hold the frame or the band.
+    Accuracy  numerical: that of the splines; the error between the nodes of the frame is measured.
+    """
+    cube = open_psf_file(optics.psf_file)
+    _refuse_colours(cube, wavelength, spectra)
+    count = BAND_NODES if optics.psf_tolerance < COARSE else FEW_NODES
+    plan = _Plan(
+        optics, cube, camera, pitch, band_of(wavelength, spectra, count), fill_factor, diffusion
+    )
+    return images_over_frame(plan, camera, colour, optics.psf_tolerance < COARSE, nodes)
+
+
+def camera_of_cube(
+    optics: Optics, columns: int, rows: int, pitch: float, principal: tuple[float, float],
+    wavelength: Floats, spectrum: Floats,
+) -> Camera:  # fmt: skip
+    """The camera that fits the places of a `psf_file`, in light of one spectrum.
+
+    As `fit_camera`, to the centroids of the images.
+    """
+    cube = open_psf_file(optics.psf_file)
+    assert cube.place is not None
+    _refuse_colours(cube, wavelength, spectrum[None])
+    band = band_of(wavelength, spectrum[None])
+    n = cube.image.shape[-1]
+    at = (np.arange(n) - n // 2) * cube.spacing
+    light = cube.image.sum(axis=2)
+    centroid = cube.place + light @ at / light.sum(axis=-1)
+
+    def places(angles: Floats) -> Floats:
+        over_field = _over_field(cube, angles, odd=True)  # (a, f)
+        return np.asarray(band.weight[0] @ (_over_colour(cube, band) @ centroid) @ over_field.T)
+
+    return camera_through(
+        places, float(cube.angle[-1]), "psf_file", columns, rows, pitch, principal
+    )
+
+
+def _refuse_colours(cube: PsfFile, wavelength: Floats, spectra: Floats) -> None:
+    if len(cube.wavelength) > 1:
+        refuse_band("psf_file", cube.wavelength, wavelength, spectra)
+
+
+def _over_colour(cube: PsfFile, band: Band) -> Floats:
+    """Weights (n, w) of the images at the wavelengths of a band."""
+    nodes = cube.wavelength
+    unit = np.eye(len(nodes))
+    return spline(-1 / nodes, unit, -1 / np.clip(band.wavelength, nodes[0], nodes[-1]), 0, DEGREE)
+
+
+def _over_field(cube: PsfFile, angles: Floats, odd: bool = False) -> Floats:
+    """Weights (a, f) of the values at field angles, which are odd or even in the angle."""
+    nodes = cube.angle
+    if len(nodes) == 1:
+        return np.ones((len(angles), 1))
+    unit = np.eye(len(nodes))
+    mirrored = np.concatenate([(-unit if odd else unit)[:0:-1], unit])
+    both = np.concatenate([-nodes[:0:-1], nodes])
+    return spline(both, mirrored, angles, 0, DEGREE)
+
+
+class _Plan:
+    """What the images of all places share."""
+
+    def __init__(
+        self, optics: Optics, cube: PsfFile, camera: Camera, pitch: float, band: Band,
+        fill_factor: float, diffusion: float,
+    ) -> None:  # fmt: skip
+        self.found, self.camera, self.pitch, self.band = cube, camera, pitch, band
+        corner = camera.half_diagonal
+        last = float(cube.angle[-1])
+        if len(cube.angle) > 1 and corner > last * (1 + 1e-6) + 1e-9:
+            raise Refused(
+                f"psf_file must hold the field to the corner of the detector, "
+                f"{math.degrees(corner):.4g} deg, but ends at {math.degrees(last):.4g} deg"
+            )
+        self.blur = math.hypot(optics.total_blur, diffusion) / pitch
+        self.pixel = math.sqrt(fill_factor)
+        light = cube.image / cube.image.sum(axis=(2, 3), keepdims=True)
+        if light.shape[-1] % 2 == 0:  # the middle sample is that of n // 2
+            light = light[..., 1:, 1:]
+        # At negative angles an image is turned by half a turn: its even and odd parts.
+        self.even = (light + light[..., ::-1, ::-1]) / 2
+        self.odd = (light - light[..., ::-1, ::-1]) / 2
+        self.over_colour = _over_colour(cube, band)
+        half = light.shape[-1] // 2 * cube.spacing / pitch
+        self.oversampling = FINE
+        lateral = 0.0 if cube.place is None else float(np.ptp(cube.place, axis=0).max()) / pitch
+        self.half = math.ceil((math.ceil(half + lateral) + 0.5) * FINE)
+        more = math.ceil((self.pixel / 2 + 5 * self.blur) * FINE)
+        self.room = math.ceil((self.half + more) / FINE + 0.5) * FINE + FINE // 2 + 3
+        self.side = 2 * self.room + 1
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the images of a frame repeat eight times, by mirrors and a turn."""
+        centred = self.camera.principal_x == self.camera.principal_y == 0
+        return centred and self.found.even and not self.camera.p1 and not self.camera.p2
+
+    def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
+        """Table (c, m, m) of each spectrum; its shift (pixel) and relative flux, (c, 3)."""
+        cube, band = self.found, self.band
+        place = np.array([[away_x, away_y]]) + self.camera.centre
+        direction = self.camera.unproject(place)[0]
+        angle = math.atan2(math.hypot(direction[0], direction[1]), direction[2])
+        angle = min(angle, float(cube.angle[-1])) if len(cube.angle) > 1 else angle
+        azimuth = math.atan2(direction[1], direction[0])
+        at = np.array([angle])
+        even, odd = _over_field(cube, at)[0], _over_field(cube, at, odd=True)[0]
+        light = np.tensordot(even, self.even, (0, 1))
+        light += np.tensordot(odd, self.odd, (0, 1)) if len(cube.angle) > 1 else self.odd[:, 0]
+        spectra = band.weight
+        shift = np.zeros((len(spectra), 2))
+        turn = np.array([math.cos(azimuth), math.sin(azimuth)])
+        if cube.place is None:
+            mixed = np.tensordot(spectra @ self.over_colour, light, 1)
+            tables = [self._table(image, 0.0, azimuth) for image in mixed]
+        else:
+            radial = self.over_colour @ (cube.place @ odd)  # metre, at each wavelength
+            centre = spectra @ radial
+            coloured = np.tensordot(self.over_colour, light, 1)
+            tables = []
+            for weight, middle in zip(spectra, centre, strict=True):
+                parts = [
+                    w * self._turned(image, (here - middle) / self.pitch, azimuth)
+                    for w, image, here in zip(weight, coloured, radial, strict=True)
+                ]
+                tables.append(self._averaged(np.sum(parts, axis=0)))
+            shift = np.outer(centre / self.pitch, turn) - [away_x, away_y]
+        return np.array(tables), np.column_stack([shift, np.ones(len(spectra))])
+
+    def _table(self, image: Floats, along: float, azimuth: float) -> Floats:
+        return self._averaged(self._turned(image, along, azimuth))
+
+    def _turned(self, image: Floats, along: float, azimuth: float) -> Floats:
+        """An image on the grid of the table, moved along its x axis (pixel), then turned."""
+        axis = np.arange(-self.half, self.half + 1) / self.oversampling
+        x, y = axis[None], axis[:, None]
+        size = self.pitch / self.found.spacing
+        middle = len(image) // 2
+        u = (x * math.cos(azimuth) + y * math.sin(azimuth) - along) * size + middle
+        v = (y * math.cos(azimuth) - x * math.sin(azimuth)) * size + middle
+        return np.asarray(ndimage.map_coordinates(image, [v, u], order=3, mode="constant"))
+
+    def _averaged(self, image: Floats) -> Floats:
+        table = averaged(image, self.oversampling, self.pixel, self.blur)
+        table = np.pad(table, self.room - len(table) // 2)
+        return np.asarray(table * (self.found.energy * self.oversampling**2 / table.sum()))

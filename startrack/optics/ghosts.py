@@ -10,15 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    Camera,
-    DiffuseLight,
-    Floats,
-    Light,
-    Parameters,
-    Range,
-    Refused,
-)
+from startrack.core import Camera, DiffuseLight, Floats, Light, Parameters, Range, Refused
 from startrack.io import open_checked
 from startrack.io import whole as whole_file
 from startrack.optics.lens_family import family_surfaces
@@ -79,11 +71,11 @@ def lens_surfaces(optics: Optics) -> Surfaces:
             optics.lens_family, optics.focal_length, optics.f_number, optics.family_field
         )
     else:
-        found = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
-        if found is None:
+        stored = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
+        if stored is None:
             raise Refused("ghosts must be left out where no lens table has SURFACES of the lens")
         table = open_lens(optics.lens_file)
-        made = found.scaled(optics.focal_length / table.focal_length)
+        made = stored.scaled(optics.focal_length / table.focal_length)
         radius = made.radius.copy()
         radius[made.stop] *= min(table.f_number / optics.f_number, 1.0)
         made = replace(made, radius=radius)
@@ -114,15 +106,15 @@ def pairs(surfaces: Surfaces, ghosts: Ghosts) -> tuple[Pair, ...]:
     """
     reflectance = reflectances(surfaces, ghosts)
     entry = _entry(surfaces)
-    found = []
+    bright = []
     for first in range(1, len(surfaces) + 1):
         for second in range(first):
             both = float(reflectance[first] * reflectance[second])
             if both:
                 matrix = _folded(surfaces, first, second)
                 place = matrix[0, 0] * entry + matrix[0, 1]
-                found.append(Pair(first, second, abs(matrix[0, 0]), float(place), both))
-    return tuple(sorted(found, key=lambda pair: -pair.irradiance))
+                bright.append(Pair(first, second, abs(matrix[0, 0]), float(place), both))
+    return tuple(sorted(bright, key=lambda pair: -pair.irradiance))
 
 
 def _entry(surfaces: Surfaces) -> float:
@@ -253,19 +245,19 @@ def add_ghosts(
               rays between those traced are interpolated linearly, 1/32 of the beam apart.
     """
     surfaces = lens_surfaces(optics)
-    found = pairs(surfaces, ghosts)
-    kept = [pair for pair in found if pair.irradiance >= FAINTEST * found[0].irradiance]
+    reflections = pairs(surfaces, ghosts)
+    kept = [pair for pair in reflections if pair.irradiance >= FAINTEST * reflections[0].irradiance]
     made = []
     for direction, spectrum in _sources(light, ghosts.sources):
         ahead = icrs_to_camera.apply(direction)
         if not ahead[2] > math.cos(WIDEST):
             continue
         maps = [
-            one
-            for one in (ghost_map(surfaces, pair, ahead, camera, pitch, optics) for pair in kept)
-            if one is not None
+            ghost
+            for ghost in (ghost_map(surfaces, pair, ahead, camera, pitch, optics) for pair in kept)
+            if ghost is not None
         ]
-        made += [DiffuseLight(spectrum, one) for one in _summed(maps)]
+        made += [DiffuseLight(spectrum, ghost) for ghost in _summed(maps)]
     return replace(light, diffuse=light.diffuse + tuple(made))
 
 
@@ -273,14 +265,14 @@ def _sources(light: Light, count: int) -> list[tuple[Floats, Floats]]:
     """Directions and irradiances of the brightest point sources, and of all bodies."""
     brightness = light.photon_irradiance.sum(axis=1)
     order = np.argsort(-brightness, kind="stable")[:count]
-    found = [(light.direction[at], light.photon_irradiance[at]) for at in order]
+    sources = [(light.direction[at], light.photon_irradiance[at]) for at in order]
     for body in light.stray_sources:
-        found += [
+        sources += [
             (direction, fraction * body.photon_irradiance)
             for direction, fraction in zip(body.direction, body.fraction, strict=True)
             if fraction > 0
         ]
-    return found
+    return sources
 
 
 def ghost_map(
@@ -341,8 +333,10 @@ def _counted(
 
 def _summed(maps: list[Floats]) -> list[Floats]:
     """The maps of each shape added."""
-    shapes = dict.fromkeys(one.shape for one in maps)
-    return [sum((one for one in maps if one.shape == shape), np.zeros(shape)) for shape in shapes]
+    shapes = dict.fromkeys(ghost.shape for ghost in maps)
+    return [
+        sum((ghost for ghost in maps if ghost.shape == shape), np.zeros(shape)) for shape in shapes
+    ]
 
 
 def save_ghosts(path: Path, surfaces: Surfaces) -> None:

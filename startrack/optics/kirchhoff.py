@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,7 +214,10 @@ def _limit_effort(count: int) -> None:
 
 
 @kernel
-def _off_axis(radius, r, amplitude, cosine, plane, wavenumber):  # type: ignore[no-untyped-def]
+def _off_axis(
+    radius: Floats, r: Floats, amplitude: NDArray[np.complex128], cosine: Floats, plane: float,
+    wavenumber: float,
+) -> Any:  # fmt: skip
     """Sum over the lens; half a turn is enough by symmetry."""
     result = np.empty(len(radius), np.complex128)
     for n in range(len(radius)):

@@ -10,8 +10,8 @@ import numpy as np
 from startrack.core import Floats, Refused
 from startrack.io import shipped
 from startrack.optics.lens_table import LensTable, open_lens
+from startrack.optics.pupil import noll_to_nm, zernike
 from startrack.optics.surfaces import Surfaces, open_surfaces
-from startrack.optics.zernike import noll_to_nm, zernike
 
 WIDER = 1.5  # largest field over that of the traced lens
 NARROWER = 0.5
@@ -90,9 +90,9 @@ def family_surfaces(
     """
     family = _family(name)
     table = open_lens(family.lens)
-    found = open_surfaces(shipped(f"lenses/{family.lens}.fits"))
-    assert found is not None  # the shipped ones have them
-    return found.scaled(
+    stored = open_surfaces(shipped(f"lenses/{family.lens}.fits"))
+    assert stored is not None  # the shipped ones have them
+    return stored.scaled(
         focal_length / table.focal_length, table.f_number / f_number, _wider(name, table, field)
     )
 
@@ -106,8 +106,8 @@ def element_count(name: str, f_number: float, field: float | None = None) -> flo
     """
     table = open_lens(_family(name).lens)
     more = max(table.f_number / f_number, 1.0) * _wider(name, table, field)
-    whole = len(family_surfaces(name, table.focal_length, table.f_number).elements)
-    return whole * max(more, 1.0) ** COMPLEXITY
+    elements = len(family_surfaces(name, table.focal_length, table.f_number).elements)
+    return elements * max(more, 1.0) ** COMPLEXITY
 
 
 def scaled_table(table: LensTable, faster: float, wider: float) -> LensTable:
@@ -175,7 +175,7 @@ def _wider(name: str, table: LensTable, field: float | None) -> float:
     edge = float(table.field[-1])
     wider = float(np.tan(field) / np.tan(edge))
     if not NARROWER * (1 - 1e-9) <= wider <= WIDER * (1 + 1e-9):
-        low, high = (np.degrees(np.arctan(np.tan(edge) * each)) for each in (NARROWER, WIDER))
+        low, high = (np.degrees(np.arctan(np.tan(edge) * factor)) for factor in (NARROWER, WIDER))
         raise Refused(
             f"family_field must lie in [{low:.3g}, {high:.3g}] deg in the lens_family {name}, got "
             f"{np.degrees(field):.3g} deg"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +36,10 @@ from startrack.optics.lens_table import (
     rim_harmonics,
     spline,
 )
-from startrack.optics.over_field import at_field
 from startrack.optics.parameters import Optics
+from startrack.optics.pixel_psf import at_field
 from startrack.optics.psf_file import open_psf_file
-from startrack.optics.pupil import MARGIN, soft_step
-from startrack.optics.zernike import noll_to_nm, zernike
+from startrack.optics.pupil import MARGIN, noll_to_nm, soft_step, zernike
 
 ROOM = 293.15  # kelvin, of a lens whose design names no temperature
 RINGS, SPOKES = 16, 24  # rays from which widths are taken
@@ -51,7 +50,7 @@ PER_SIGMA = 4.0  # samples per sigma of the core: interpolation errs by 2e-5 of 
 LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to that
 FINEST, COARSEST = 32, 12  # samples per pixel
 ROUGH = 9, 10  # the same where the tolerance of the design is COARSE: that of the fewest points
-SAMPLED = 1.025  # of the highest frequencies that are told apart: just finer than needed
+SAMPLED = 1.025  # of the highest frequencies that are distinguished: just finer than needed
 PASSED = 1e-5  # of a blur's transfer, below which it hides what the samples confuse
 ALIAS = 1.3  # of the points of an image that its transform has at least, unless it is rough
 MORE_NODES = 10  # than the degree of a wavefront, so that the sphere of a defocus is a polynomial
@@ -92,28 +91,28 @@ class Lens(NamedTuple):
 
         Raises  ValueError where the table does not hold them.
         """
-        found = self.table.at(self.temperature, wavelength, field)
+        traced = self.table.at(self.temperature, wavelength, field)
         size, opening = self.scale, self.table.f_number / self.optics.f_number
-        stop, clear = found.pupil[..., :3], found.pupil[..., 3:]
+        stop, clear = traced.pupil[..., :3], traced.pupil[..., 3:]
         low = np.maximum(clear[..., 0] - clear[..., 1], stop[..., 0] - opening * stop[..., 1])
         high = np.minimum(clear[..., 0] + clear[..., 1], stop[..., 0] + opening * stop[..., 1])
         across = np.minimum(clear[..., 2], opening * stop[..., 2])
         if not (high > low).all():
             raise Refused("f_number must leave the pupil open over the field of lens_file")
         used = np.stack([(low + high) / 2, (high - low) / 2, across], axis=-1)
-        outline, area = found.outline, found.area
+        outline, area = traced.outline, traced.area
         if opening < 1:
-            outline = _stopped(stop * (1, opening, opening), clear, found.outline, used)
-            area = area * (_rim_area(used, outline) / _rim_area(clear, found.outline))
-        curvature = found.curvature / size
+            outline = _stopped(stop * (1, opening, opening), clear, traced.outline, used)
+            area = area * (_rim_area(used, outline) / _rim_area(clear, traced.outline))
+        curvature = traced.curvature / size
         nearer = 1 + curvature[..., None] * self.optics.defocus
         return LensPoints(
-            found.wavefront * size,
-            found.place * size,
+            traced.wavefront * size,
+            traced.place * size,
             np.concatenate([stop, used], axis=-1) / nearer,
             outline,
             area * size**2,
-            found.amplitude,
+            traced.amplitude,
             curvature,
         )
 
@@ -208,8 +207,8 @@ class _Star:
             u, v = u / opening, v / opening
             cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
             x, y = u * cosine - v * sine, u * sine + v * cosine
-            for each in self.extra.aberrations:
-                total += each.rms * zernike(each.noll, x, y)
+            for aberration in self.extra.aberrations:
+                total += aberration.rms * zernike(aberration.noll, x, y)
         return total
 
     def light(self, p: Floats, q: Floats) -> Floats:
@@ -231,7 +230,7 @@ class _Star:
                     and the rows of the detector
         Returns     (n, n) metre
         """
-        added = [noll_to_nm(each.noll)[0] for each in self.extra.aberrations]
+        added = [noll_to_nm(aberration.noll)[0] for aberration in self.extra.aberrations]
         degree = max([self.power.shape[0] - 1, *added])
 
         def path(p: Floats, q: Floats) -> Floats:
@@ -252,12 +251,12 @@ class _Star:
         x, y = node * reach, node[:, None] * reach
         cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
         p, q = self.pupil[3] - (x * cosine + y * sine), x * sine - y * cosine
-        found: NDArray[Any] = values(p.ravel(), q.ravel()).reshape(p.shape)
+        at_nodes: NDArray[Any] = values(p.ravel(), q.ravel()).reshape(p.shape)
         weight: NDArray[Any] = (
             np.polynomial.chebyshev.chebvander(coordinate / reach, len(node) - 1) @ through
         )
-        found, weight = found.astype(coordinate.dtype), weight.astype(coordinate.dtype)
-        return np.asarray(weight @ found @ weight.T)
+        at_nodes, weight = at_nodes.astype(coordinate.dtype), weight.astype(coordinate.dtype)
+        return np.asarray(weight @ at_nodes @ weight.T)
 
     def open_pupil(
         self, coordinate: NDArray[np.float32], cell: float
@@ -267,7 +266,7 @@ class _Star:
         coordinate, cell  of a square, as those of `path_over_square`; their spacing
         """
         cosine, sine = np.float32(math.cos(self.azimuth)), np.float32(math.sin(self.azimuth))
-        half_p, half_q = (np.float32(one) for one in self.pupil[4:])
+        half_p, half_q = (np.float32(half) for half in self.pupil[4:])
         column = coordinate[:, None]
         # The direction cosines from the centre, in half axes.
         a = coordinate * (-cosine / half_p) + column * (-sine / half_p)
@@ -392,26 +391,26 @@ def _powers(noll: tuple[int, ...]) -> Floats:
     return table
 
 
-def _power_series(table: LensTable, found: LensPoints) -> tuple[Floats, Floats]:
+def _power_series(table: LensTable, points: LensPoints) -> tuple[Floats, Floats]:
     """Coefficients (n, m, i, j) of u^i v^(2 j) of the wavefront (metre) and of the amplitude.
 
     Those of an even amplitude are no numbers.
     """
     noll = tuple(table.noll.tolist())
-    wavefront = np.tensordot(found.wavefront, _powers(noll), 1)
-    terms = found.amplitude.shape[-1]
+    wavefront = np.tensordot(points.wavefront, _powers(noll), 1)
+    terms = points.amplitude.shape[-1]
     if not terms:
-        return wavefront, np.empty((*found.place.shape, 0, 0))
-    amplitude = np.tensordot(found.amplitude, _powers(noll[:terms]), 1)
+        return wavefront, np.empty((*points.place.shape, 0, 0))
+    amplitude = np.tensordot(points.amplitude, _powers(noll[:terms]), 1)
     amplitude[..., 0, 0] += 1
     return wavefront, amplitude
 
 
 def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> list[list[_Star]]:
     """For each field angle, a star at each wavelength."""
-    found = lens.at(wavelength, fields)
-    power, amplitude = _power_series(lens.table, found)
-    defocus = lens.defocus(found.curvature)
+    points = lens.at(wavelength, fields)
+    power, amplitude = _power_series(lens.table, points)
+    defocus = lens.defocus(points.curvature)
     rows = []
     for f, field in enumerate(fields):
         extra = lens.optics
@@ -419,8 +418,8 @@ def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> li
             extra = at_field(extra, field * math.cos(azimuth), field * math.sin(azimuth))
         rows.append([
             _Star(
-                lens, extra, float(one), azimuth, power[j, f], float(found.place[j, f]),
-                found.pupil[j, f], found.outline[j, f], float(found.area[j, f]), amplitude[j, f],
+                lens, extra, float(one), azimuth, power[j, f], float(points.place[j, f]),
+                points.pupil[j, f], points.outline[j, f], float(points.area[j, f]), amplitude[j, f],
                 float(defocus[j, f]),
             )
             for j, one in enumerate(wavelength)
@@ -446,9 +445,9 @@ def fit_camera(
     band = band_of(wavelength, spectrum[None], _wavelengths(lens.optics))
     last = float(lens.table.field[-1])
     nodes = np.linspace(0, last, CAMERA_NODES)
-    found = lens.at(band.wavelength, nodes)
-    flux = band.weight[0][:, None] * found.area
-    centroid = (flux * _centroids(lens, found)).sum(axis=0) / flux.sum(axis=0)
+    points = lens.at(band.wavelength, nodes)
+    flux = band.weight[0][:, None] * points.area
+    centroid = (flux * _centroids(lens, points)).sum(axis=0) / flux.sum(axis=0)
     mirrored = np.concatenate([-nodes[:0:-1], nodes]), np.concatenate([-centroid[:0:-1], centroid])
 
     def places(angles: Floats) -> Floats:
@@ -457,21 +456,21 @@ def fit_camera(
     return camera_through(places, last, "lens_file", columns, rows, pitch, principal)
 
 
-def _centroids(lens: Lens, found: LensPoints) -> Floats:
+def _centroids(lens: Lens, points: LensPoints) -> Floats:
     """Centroids (n, m) of stars along the radius, metre, without the design's aberrations."""
-    power, amplitude = _power_series(lens.table, found)
-    centre, half_p, half_q, middle, open_p, open_q = np.moveaxis(found.pupil, -1, 0)[..., None]
+    power, amplitude = _power_series(lens.table, points)
+    centre, half_p, half_q, middle, open_p, open_q = np.moveaxis(points.pupil, -1, 0)[..., None]
     u, v, weight = GAUSSIAN
-    farther = np.hypot(u, v) / rim_distance(found.outline, *np.broadcast_arrays(u, v, middle)[:2])
+    farther = np.hypot(u, v) / rim_distance(points.outline, *np.broadcast_arrays(u, v, middle)[:2])
     p, q = middle + open_p * u * farther, open_q * v * farther
     # A ray meets the detector at -dW/dp.
     along = power[..., 1:, :] * np.arange(1.0, power.shape[-2])[:, None]
     in_stop = (centre - p) / half_p, (q / half_q) ** 2
     x = _polynomial(along, *in_stop) / half_p
-    x += lens.defocus(found.curvature)[..., None] * p / np.sqrt(1 - p * p - q * q)
+    x += lens.defocus(points.curvature)[..., None] * p / np.sqrt(1 - p * p - q * q)
     light = _polynomial(amplitude, *in_stop) if amplitude.size else 1.0
     weight = weight * (farther * light) ** 2
-    return np.asarray(found.place + (x * weight).sum(axis=-1) / weight.sum(axis=-1))
+    return np.asarray(points.place + (x * weight).sum(axis=-1) / weight.sum(axis=-1))
 
 
 def _wavelengths(optics: Optics) -> int:
@@ -515,13 +514,22 @@ def mirrored(optics: Optics, camera: Camera) -> bool:
     centred = camera.principal_x == camera.principal_y == 0
     if optics.psf_file:
         return centred and open_psf_file(optics.psf_file).even and not (camera.p1 or camera.p2)
-    constant = any(each.growth == 0 for each in optics.aberrations)
-    odd = any(noll_to_nm(each.noll)[1] < 0 for each in optics.aberrations)
+    constant = any(aberration.growth == 0 for aberration in optics.aberrations)
+    odd = any(noll_to_nm(aberration.noll)[1] < 0 for aberration in optics.aberrations)
     return centred and not constant and not odd
 
 
 class _Plan:
-    """What the images of all places share."""
+    """What the images of all places share.
+
+    rough          whether the tolerance of the design is COARSE
+    side_of_pixel  metre, of its active square
+    blur           metre, sigma of the Gaussian blur of all images
+    oversampling   samples per pixel of a table;  side  samples along a side of it
+    fine           points of an irradiance per sample;  spacing  metre between two points
+    margin         points between the edge of an irradiance and the first sample
+    count          points along a side of an irradiance
+    """
 
     def __init__(
         self, lens: Lens, camera: Camera, pitch: float, band: Band, fill_factor: float,
@@ -530,58 +538,75 @@ class _Plan:
         self.lens, self.camera, self.pitch, self.band = lens, camera, pitch, band
         self.side_of_pixel = pitch * math.sqrt(fill_factor)
         self._known = dict[tuple[float, float], list[_Star]]()
-        optics = lens.optics
-        self.rough = optics.psf_tolerance >= COARSE
-        blur = math.hypot(optics.total_blur, diffusion)
-        corners = [
-            (u, v) for u in frame_nodes(camera)[0][[0, -1]] for v in frame_nodes(camera)[1][[0, -1]]
-        ]
-        away = [(x - camera.centre[0], y - camera.centre[1]) for x, y in corners]
-        if self.symmetric:
-            away = away[-1:]
-        away += [(0.0, 0.0), (away[-1][0] / 2, away[-1][1] / 2)]
-        stars = [star for u, v in away for star in self.stars(u, v)]
+        self.rough = lens.optics.psf_tolerance >= COARSE
+        places = self._extreme_places()
+        stars = [star for u, v in places for star in self.stars(u, v)]
+        fastest = min(1 / (2 * star.radius) for star in stars)
+        self.blur, core = self._blurred(math.hypot(lens.optics.total_blur, diffusion), fastest)
         # An ellipse's narrower axis makes the wider image.
         f_number = max(1 / (2 * float(min(star.pupil[4:6]))) for star in stars)
-        longest = float(band.wavelength.max())
-        core = math.hypot(0.45 * float(band.wavelength.mean()) * self._fastest(stars), blur)
-        if core < LEAST_CORE * pitch:
-            blur = math.sqrt(blur**2 + (LEAST_CORE * pitch) ** 2 - core**2)
-            core = LEAST_CORE * pitch
-        self.blur = blur
-        spread = max(self._spread(u, v) for u, v in away)
-        shift = self._lateral(away)
-        reach = (AIRY_BOX * longest * f_number + 4 * blur + spread + shift) / pitch
-        highest = 1 / (float(band.wavelength.min()) * self._fastest(stars))
-        # Of two frequencies that samples confuse, the higher one must be beyond the lens, or the
-        # lower one hidden by the blur.
-        passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(blur, 1e-12)
-        points = SAMPLED * (highest + min(highest, passed)) * pitch
-        sampling = int(np.clip(math.ceil(PER_SIGMA * pitch / core), COARSEST, FINEST))
+        airy = AIRY_BOX * float(band.wavelength.max()) * f_number
+        spread, shift = max(self._spread(u, v) for u, v in places), self._lateral(places)
+        reach = (airy + 4 * self.blur + spread + shift) / pitch
+        points = self._points_per_pixel(fastest)
+        self.oversampling = sampling = self._sampling(core, points, reach)
+        half = math.ceil((math.ceil(max(reach, 1.0)) + 0.5) * sampling) + 3
+        self.side, self.fine = 2 * half + 1, math.ceil(points / sampling)
+        self.spacing = pitch / sampling / self.fine
+        sigmas, more = ROUGH_GUARD if self.rough else GUARD
+        around = self.side_of_pixel / 2 + sigmas * self.blur + shift
+        self.margin = math.ceil(around / self.spacing) + more
+        self.count = 2 * (half * self.fine + self.margin) + 1
+        if self.count > MOST_POINTS:
+            self._refuse_points(self.count, spread)
+
+    def _extreme_places(self) -> list[tuple[float, float]]:
+        """Places (pixel from the axis) whose images are the widest: corners, and the axis."""
+        columns, rows = (nodes[[0, -1]] for nodes in frame_nodes(self.camera))
+        x, y = self.camera.centre
+        corners = [(u - x, v - y) for u in columns for v in rows]
+        if self.symmetric:
+            corners = corners[-1:]
+        return [*corners, (0.0, 0.0), (corners[-1][0] / 2, corners[-1][1] / 2)]
+
+    def _blurred(self, blur: float, fastest: float) -> tuple[float, float]:
+        """The blur (metre) with what makes the core of the finest image wide enough; that core.
+
+        fastest  least f-number of all stars
+        """
+        core = math.hypot(0.45 * float(self.band.wavelength.mean()) * fastest, blur)
+        least = LEAST_CORE * self.pitch
+        if core < least:
+            return math.sqrt(blur**2 + least**2 - core**2), least
+        return blur, core
+
+    def _points_per_pixel(self, fastest: float) -> float:
+        """Of an irradiance, so that of two frequencies that its points confuse, the higher one is
+        beyond the lens, or the lower one hidden by the blur."""
+        highest = 1 / (float(self.band.wavelength.min()) * fastest)
+        passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(self.blur, 1e-12)
+        return SAMPLED * (highest + min(highest, passed)) * self.pitch
+
+    def _sampling(self, core: float, points: float, reach: float) -> int:
+        """Samples per pixel of a table; reach, pixel, is half its side."""
+        sampling = int(np.clip(math.ceil(PER_SIGMA * self.pitch / core), COARSEST, FINEST))
         if self.rough:
-            sampling = min(ROUGH, key=lambda one: (one * math.ceil(points / one), one))
-        tables = NODES**2 * len(band.weight)
+            sampling = min(
+                ROUGH, key=lambda samples: (samples * math.ceil(points / samples), samples)
+            )
+        tables = NODES**2 * len(self.band.weight)
         while sampling > COARSEST and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS:
             sampling -= 1
-        self.oversampling = sampling
-        half = math.ceil((math.ceil(max(reach, 1.0)) + 0.5) * sampling) + 3
-        self.side = 2 * half + 1
-        fine = math.ceil(points / sampling)
-        self.fine, self.spacing = fine, pitch / sampling / fine
-        sigmas, more = ROUGH_GUARD if self.rough else GUARD
-        around = self.side_of_pixel / 2 + sigmas * blur + shift
-        self.margin = math.ceil(around / self.spacing) + more
-        self.count = 2 * (half * fine + self.margin) + 1
-        if self.count > MOST_POINTS:
-            raise Refused(
-                f"the images of lens_file must fit {MOST_POINTS} points a side, got {self.count}: "
-                f"rays spread over {spread * 1e6:.0f} um; focus the lens, stop it down or use a "
-                "smaller field"
-            )
+        return sampling
 
     @staticmethod
-    def _fastest(stars: list[_Star]) -> float:
-        return min(1 / (2 * star.radius) for star in stars)
+    def _refuse_points(count: float, spread: float) -> NoReturn:
+        """Refuse an image of so many points a side, whose rays spread so far (metre)."""
+        raise Refused(
+            f"the images of lens_file must fit {MOST_POINTS} points a side, got {count:.0f}: "
+            f"rays spread over {spread * 1e6:.0f} um; focus the lens, stop it down or use a "
+            "smaller field"
+        )
 
     @property
     def symmetric(self) -> bool:
@@ -605,7 +630,7 @@ class _Plan:
     def _spread(self, away_x: float, away_y: float) -> float:
         """Metre, within which all but KEPT_RAYS of the light meets the detector."""
         x, y, share = np.array([star.rays for star in self.stars(away_x, away_y)]).swapaxes(0, 1)
-        middle_x, middle_y = ((one * share).sum(axis=1)[:, None] for one in (x, y))
+        middle_x, middle_y = ((at * share).sum(axis=1)[:, None] for at in (x, y))
         radius = np.hypot(x - middle_x, y - middle_y).ravel()
         order = np.argsort(radius)
         light = np.maximum(self.band.weight, 0)
@@ -657,11 +682,7 @@ class _Plan:
         if not self.rough:
             size = max(size, ALIAS * self.count)
         if size > MOST_POINTS:
-            raise Refused(
-                f"the images of lens_file must fit {MOST_POINTS} points a side, got {size:.0f}: "
-                f"rays spread over {far * self.spacing * 1e6:.0f} um; focus the lens, stop it down "
-                "or use a smaller field"
-            )
+            self._refuse_points(size, far * self.spacing)
         wavelength, radius = star.wavelength, star.radius
         # The samples of the pupil must fit, with their soft edge.
         fine = math.ceil(2 * radius * self.spacing / (FILLED * wavelength))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Refused, positive
 from startrack.io import open_checked, shipped, whole
-from startrack.optics.zernike import MOST, noll_to_nm
+from startrack.optics.pupil import MOST, noll_to_nm
 
 Reals = NDArray[np.floating[Any]]
 FORMAT = 1
@@ -124,7 +124,7 @@ class LensTable:
             )
         self._check_terms()
         shape = len(self.temperature), len(self.wavelength), len(self.field)
-        harmonics, terms = (np.shape(each)[-1:] for each in (self.outline, self.amplitude))
+        harmonics, terms = (np.shape(array)[-1:] for array in (self.outline, self.amplitude))
         sizes = {
             "wavefront": (len(self.noll),), "place": (), "pupil": (6,), "outline": harmonics,
             "area": (), "amplitude": terms, "curvature": (),
@@ -206,11 +206,11 @@ class LensTable:
     def _refuse_outside(self, name: str, asked: Floats, nodes: Floats, unit: str) -> None:
         low, high = float(nodes[0]), float(nodes[-1])
         slack = 1e-9 * max(abs(low), abs(high))
-        for one in (float(np.min(asked)), float(np.max(asked))):
-            if not low - slack <= one <= high + slack:
+        for value in (float(np.min(asked)), float(np.max(asked))):
+            if not low - slack <= value <= high + slack:
                 raise Refused(
                     f"{name} must lie in the lens table of {self.name}, [{low:.4g}, {high:.4g}] "
-                    f"{unit}, got {one:.4g} {unit}"
+                    f"{unit}, got {value:.4g} {unit}"
                 )
 
 
@@ -305,7 +305,7 @@ def save_lens(path: Path, table: LensTable) -> None:
     first.header["FOCAL"] = (table.focal_length, "[m] focal length")
     first.header["FNUMBER"] = (table.f_number, "f-number")
     arrays = {name: getattr(table, name) for name in (*AXES, *ARRAYS)}
-    parts = [fits.ImageHDU(each, name=name) for name, each in arrays.items() if each.size]
+    parts = [fits.ImageHDU(array, name=name) for name, array in arrays.items() if array.size]
     for part in parts:
         part.header["BUNIT"] = UNITS.get(part.name.lower(), "")
     with whole(Path(path)) as draft:
@@ -322,14 +322,14 @@ def load_lens(path: Path) -> LensTable:
         head = parts[0].header
         name, source = str(head["NAME"]), str(head["SOURCE"])
         focal_length, f_number = (_number(path, key, head[key]) for key in ("FOCAL", "FNUMBER"))
-        known = [name for name in (*AXES, *ARRAYS) if name not in ABSENT or name in parts]
-        arrays: dict[str, Any] = {name: np.array(parts[name].data) for name in known}
+        names = [name for name in (*AXES, *ARRAYS) if name not in ABSENT or name in parts]
+        arrays: dict[str, Any] = {name: np.array(parts[name].data) for name in names}
         for key, more in ABSENT.items():
             arrays.setdefault(key, np.zeros((*arrays["area"].shape, *more)))
     try:
         kinds = {"noll": np.int64}
-        found = {key: each.astype(kinds.get(key, np.float64)) for key, each in arrays.items()}
-        return LensTable(name, source, focal_length, f_number, **found)
+        columns = {key: array.astype(kinds.get(key, np.float64)) for key, array in arrays.items()}
+        return LensTable(name, source, focal_length, f_number, **columns)
     except (ValueError, TypeError) as error:
         raise Refused(f"{path}: {error}") from None
 
@@ -358,10 +358,10 @@ def catalogued(name: str, key: str, folder: str, what: str) -> Path:
         if not Path(name).is_file():
             raise Refused(f"{key} must be {what}, but there is no file {name!r}")
         return Path(name)
-    known = sorted(path.stem for path in shipped(folder).glob("*.fits"))
-    if name not in known:
+    names = sorted(path.stem for path in shipped(folder).glob("*.fits"))
+    if name not in names:
         raise Refused(
-            f"{key} must be a path that ends with .fits or one of {', '.join(known)}, got {name!r}"
+            f"{key} must be a path that ends with .fits or one of {', '.join(names)}, got {name!r}"
         )
     return shipped(f"{folder}/{name}.fits")
 

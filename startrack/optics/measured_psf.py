@@ -70,12 +70,12 @@ def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: f
     return Lone(Stars(made, (x - column)[chosen], (y - row)[chosen]), spots.flux[chosen])
 
 
-def brightest(found: Sequence[Lone], count: int) -> Stars:
+def brightest(measured: Sequence[Lone], count: int) -> Stars:
     """The brightest stars of some images."""
-    flux = np.concatenate([one.flux for one in found])
+    flux = np.concatenate([part.flux for part in measured])
     order = np.argsort(-flux, kind="stable")[:count]
     image, x, y = (
-        np.concatenate([getattr(one.stars, name) for one in found])[order]
+        np.concatenate([getattr(part.stars, name) for part in measured])[order]
         for name in ("image", "x", "y")
     )
     return Stars(image, x, y)

@@ -21,8 +21,7 @@ from startrack.core import (
 )
 from startrack.optics.lens_table import WIDEST
 from startrack.optics.psf_file import open_psf_file
-from startrack.optics.pupil import Pupil
-from startrack.optics.zernike import Aberration
+from startrack.optics.pupil import Aberration, Pupil
 
 MODELS = (
     "gaussian",
@@ -125,7 +124,7 @@ class Optics(Parameters):
             raise Refused("lens_field and lens_colour must be left out without a lens table")
 
     def _refuse_beside_file(self) -> None:
-        found = open_psf_file(self.psf_file)
+        psf_file = open_psf_file(self.psf_file)
         beside = {
             "lens_file": bool(self.lens_file),
             "lens_family": bool(self.lens_family),
@@ -133,7 +132,7 @@ class Optics(Parameters):
             "lens": self.lens != "aplanatic",
             "defocus": self.defocus != 0,
             "aberrations": bool(self.aberrations),
-            "k1, k2, p1, p2 and k3": found.place is not None
+            "k1, k2, p1, p2 and k3": psf_file.place is not None
             and any((self.k1, self.k2, self.p1, self.p2, self.k3)),
         }
         for name, there in beside.items():

@@ -1,32 +1,86 @@
-"""Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position."""
+"""Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
+
+The irradiance is of a diffraction model, of a file or of code that is not part of startrack; over
+the field aberrations grow with the distance to the axis."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 from scipy import fft, special
 from scipy.linalg import eigh_tridiagonal
 
 from startrack.core import (
+    POINTS,
     Floats,
     Psf,
     Refused,
+    call_code,
     is_code,
     non_negative,
     positive,
     require_memory,
+    returned,
     within,
 )
-from startrack.optics.choose import AIRY_SIGMA, choose
+from startrack.optics.choose import AIRY_SIGMA, choose, steepest_slope, wavefront
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
-from startrack.optics.extension_psf import irradiance_by_code
-from startrack.optics.fraunhofer import intensity, pupil_samples
+from startrack.optics.diffraction import intensity, pupil_samples
 from startrack.optics.parameters import Optics
 from startrack.optics.psf_file import open_psf_file, psf_of_file
-from startrack.optics.wavefront import steepest_slope, wavefront
+from startrack.optics.pupil import Aberration, nm_to_noll, noll_to_nm
+
+GROUP = "psfs"
+
+
+@dataclass(frozen=True, eq=False)
+class PsfInput:
+    """Where the irradiance of a star is asked for.
+
+    x, y        (m, m) metre on the detector, along columns and rows, from the star's place
+    wavelength  (k,) metre, of the detected light
+    weight      (k,) 1, of its photons; the sum is 1
+    optics      of the design: focal length, f-number, defocus, ...
+    """
+
+    x: Floats
+    y: Floats
+    wavelength: Floats
+    weight: Floats
+    optics: Optics
+
+
+class PsfModel(Protocol):
+    """A PSF of one's own, which a design names in `instrument.optics.psf`.
+
+    Returns  (m, m) irradiance on any scale, before the blur of the design, diffusion and pixels
+    """
+
+    def __call__(self, given: PsfInput, /) -> ArrayLike:
+        """Compute the irradiance at all points."""
+
+
+def irradiance_by_code(
+    optics: Optics, wavelength: Floats, weight: Floats, spacing: float, count: int
+) -> Floats:
+    """The irradiance (count, count) of a function that a design names, whose integral is one.
+
+    Raises  ValueError where the function raises an error, or returns what it must not.
+    """
+    name, line = optics.psf, (np.arange(count, dtype=float) - count // 2) * spacing
+    x, y = np.meshgrid(line, line)
+    answer = call_code(GROUP, name, PsfInput(x, y, wavelength, weight, optics))
+    plane = returned(GROUP, name, answer, (count, count))
+    if (plane < 0).any() or not plane.any():
+        raise ValueError(f"{POINTS[GROUP]} {name} must return irradiances that are not negative")
+    return np.asarray(plane / (plane.sum() * spacing**2))
 
 
 def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, Floats]:
@@ -173,8 +227,8 @@ def _airy(
 ) -> Psf:  # fmt: skip
     def transfer(frequency: Floats) -> Floats:
         pupil = np.zeros_like(frequency)
-        for fraction, each in zip(weight, wavelength, strict=True):
-            pupil += fraction * pupil_transfer(frequency, each, f_number)
+        for fraction, metre in zip(weight, wavelength, strict=True):
+            pupil += fraction * pupil_transfer(frequency, metre, f_number)
         return pupil * blur_transfer(frequency, blur)
 
     cusp = 4 / math.pi * float(weight @ wavelength) * f_number
@@ -297,12 +351,12 @@ def irradiance(
     cell = wave.coordinate[1] - wave.coordinate[0]
     grid = (np.arange(count) - count // 2) * spacing
     total = np.zeros((count, count))
-    for fraction, each in zip(weight, wavelength, strict=True):
-        disk = each * wave.f_number
+    for fraction, metre in zip(weight, wavelength, strict=True):
+        disk = metre * wave.f_number
         # By Parseval the integral over the whole plane is one.
         unit = fraction * cell**2 / (4 * wave.energy * disk**2)
         total += unit * intensity(
-            wave.weight, 2 * math.pi / each * wave.path, wave.coordinate, grid / disk
+            wave.weight, 2 * math.pi / metre * wave.path, wave.coordinate, grid / disk
         )
     return total
 
@@ -340,3 +394,47 @@ def _half_samples(width: float, oversampling: int) -> int:
     """Samples from centre to edge of the table: its width, half a pixel, the interpolation."""
     # Whole pixels, so that a star has as many pixels on its left as on its right.
     return math.ceil((math.ceil(max(width, 1.0)) + 0.5) * oversampling) + 3
+
+
+def at_field(optics: Optics, x: float, y: float) -> Optics:
+    """The optics for a star at a field angle.
+
+    A term that grows is given for a star along +x: rms (angle / field_edge)^growth. At the azimuth
+    phi it is rotated, by the symmetry of a lens of revolution:
+
+        (cos, sin) -> (c cos(m phi) - s sin(m phi), c sin(m phi) + s cos(m phi))
+
+    x, y     radian, field angles along the columns and the rows
+    Returns  optics with constant aberrations alone
+    """
+    height, azimuth = math.hypot(x, y) / optics.field_edge, math.atan2(y, x)
+    terms: dict[int, float] = defaultdict(float)
+    for aberration in optics.aberrations:
+        rms = aberration.rms * height**aberration.growth if aberration.growth else aberration.rms
+        n, m = noll_to_nm(aberration.noll)
+        turn = abs(m) * azimuth if aberration.growth else 0.0
+        if m < 0:
+            turn += math.pi / 2  # a sine is a cosine shifted by a quarter of its period
+        if m == 0:
+            terms[aberration.noll] += rms
+        else:
+            terms[nm_to_noll(n, abs(m))] += rms * math.cos(turn)
+            terms[nm_to_noll(n, -abs(m))] += rms * math.sin(turn)
+    # The cosine of a quarter turn is rounding, not an aberration.
+    least = 1e-12 * max((abs(rms) for rms in terms.values()), default=0.0)
+    kept = tuple(Aberration(noll, rms) for noll, rms in sorted(terms.items()) if abs(rms) > least)
+    return replace(optics, aberrations=kept)
+
+
+def over_field(
+    optics: Optics, angles: Sequence[tuple[float, float]], pitch: float,
+    wavelength: Floats, weight: Floats, fill_factor: float = 1.0, diffusion: float = 0.0,
+) -> tuple[Psf, ...]:  # fmt: skip
+    """One Psf for each field angle; the other arguments are those of `pixel_psf`.
+
+    angles  radian, field angles (x, y)
+    """
+    return tuple(
+        pixel_psf(at_field(optics, x, y), pitch, wavelength, weight, fill_factor, diffusion)
+        for x, y in angles
+    )

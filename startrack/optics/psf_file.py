@@ -109,7 +109,7 @@ def _check_nodes(name: str, nodes: Floats, low: float, high: float) -> None:
 
 
 def psf_of_file(
-    found: PsfFile, pitch: float, blur: float, fill_factor: float, diffusion: float
+    file: PsfFile, pitch: float, blur: float, fill_factor: float, diffusion: float
 ) -> Psf:
     """The Psf of the one image of a file.
 
@@ -124,25 +124,25 @@ def psf_of_file(
                  left out.
     """
     non_negative(blur=blur)
-    image = found.image[0, 0]
-    if found.pixel:
-        if found.pitch is not None and abs(pitch / found.pitch - 1) > SAME:
+    image = file.image[0, 0]
+    if file.pixel:
+        if file.pitch is not None and abs(pitch / file.pitch - 1) > SAME:
             raise Refused(
-                f"pixel_pitch times binning must be {found.pitch * 1e6:.4g} um, that of the pixels "
+                f"pixel_pitch times binning must be {file.pitch * 1e6:.4g} um, that of the pixels "
                 f"in psf_file, got {pitch * 1e6:.4g} um"
             )
-        spacing = found.spacing if found.pitch is None else found.spacing / found.pitch
+        spacing = file.spacing if file.pitch is None else file.spacing / file.pitch
         kernel = blur / pitch
     else:
-        spacing, kernel = found.spacing / pitch, math.hypot(blur, diffusion) / pitch
+        spacing, kernel = file.spacing / pitch, math.hypot(blur, diffusion) / pitch
     step = max(FINE, math.ceil(1 / spacing - SAME))
     table = _resampled(image, spacing * step)
-    if found.pixel:
+    if file.pixel:
         table = ndimage.gaussian_filter(table, kernel * step, mode="constant") if kernel else table
     else:
         table = averaged(table, step, math.sqrt(fill_factor), kernel)
-    table = table * (found.energy * step**2 / table.sum())
-    return Psf(_padded(table, step), step, found.energy)
+    table = table * (file.energy * step**2 / table.sum())
+    return Psf(_padded(table, step), step, file.energy)
 
 
 def _resampled(image: Floats, size: float) -> Floats:

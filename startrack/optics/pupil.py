@@ -1,4 +1,4 @@
-"""The shape of the aperture: clear, obscured, crossed by a spider, segmented or sparse."""
+"""Shape of the aperture, and the Zernike polynomials of wavefront errors in it."""
 
 from __future__ import annotations
 
@@ -11,15 +11,7 @@ from typing import Annotated
 import numpy as np
 from scipy import special
 
-from startrack.core import (
-    FINITE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-)
+from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Refused, Unit
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
 MARGIN = 3  # cells beyond the rim, where the soft edge is zero
@@ -82,9 +74,9 @@ class Pupil(Parameters):
                 "vanes and vane_width must both be zero or both not, got "
                 f"{self.vanes} and {self.vane_width}"
             )
-        for one, other in combinations(self.segments, 2):
-            if one.overlaps(other):
-                raise Refused(f"segments must not overlap, got {one} and {other}")
+        for segment, other in combinations(self.segments, 2):
+            if segment.overlaps(other):
+                raise Refused(f"segments must not overlap, got {segment} and {other}")
 
     @property
     def clear(self) -> bool:
@@ -132,8 +124,8 @@ def area_weights(pupil: Pupil, x: Floats, cell: float) -> Floats:
     y = x[:, None]
     if pupil.segments:
         mask = np.zeros((len(x), len(x)))
-        for each in pupil.segments:
-            mask += _segment(each, x - each.x, y - each.y, cell)
+        for segment in pupil.segments:
+            mask += _segment(segment, x - segment.x, y - segment.y, cell)
     else:
         mask = soft_step((np.hypot(x, y) - 1) / cell)
     if pupil.obscuration:
@@ -168,3 +160,68 @@ def _segment(segment: Segment, x: Floats, y: Floats, cell: float) -> Floats:
     for turn in SIDES:
         mask *= _strip(x * math.cos(turn) + y * math.sin(turn), segment.size, cell)
     return mask
+
+
+MOST = 231  # Noll index of the last mode with n = 20
+
+
+@dataclass(frozen=True)
+class Aberration(Parameters):
+    """One term of the wavefront error."""
+
+    noll: Annotated[int, Range(1, MOST),
+        "Noll's index: 4 defocus, 5 and 6 astigmatism, 7 and 8 coma, 11 spherical"]  # fmt: skip
+    rms: Annotated[float, Unit("m", "nm"), FINITE,
+        "over the clear circular aperture (at the edge of the field if it grows)"]  # fmt: skip
+    growth: Annotated[int, Range(0, 10),
+        "power of the field angle with which it grows from the axis; 0: the same everywhere"
+    ] = 0  # fmt: skip
+
+
+def noll_to_nm(noll: int) -> tuple[int, int]:
+    """Radial order n and azimuthal order m of a Noll index; m < 0 for the sine.
+
+    Source: Noll (1976), J. Opt. Soc. Am. 66, 207, table I.
+
+    >>> [noll_to_nm(j) for j in (1, 2, 3, 4, 5, 6, 7, 8, 11)]
+    [(0, 0), (1, 1), (1, -1), (2, 0), (2, -2), (2, 2), (3, -1), (3, 1), (4, 0)]
+    """
+    n = (math.isqrt(8 * noll - 7) - 1) // 2
+    rank = noll - n * (n + 1) // 2  # 1 ... n + 1 within the order
+    m = 2 * (rank // 2) if n % 2 == 0 else 2 * ((rank - 1) // 2) + 1
+    return n, m if noll % 2 == 0 else -m
+
+
+def zernike(noll: int, x: Floats, y: Floats) -> Floats:
+    """A Zernike polynomial, of unit rms over the unit disk.
+
+        Z = sqrt(n + 1) R_n^m(rho) {1, sqrt(2) cos(m theta), sqrt(2) sin(m theta)}
+        R_n^m(rho) = (-1)^k rho^m P_k^(m, 0)(1 - 2 rho^2),  k = (n - m) / 2
+
+    Source: Noll (1976), eqs. (1)-(3); the Jacobi polynomials keep R stable at high orders.
+
+    x, y     (...) 1, in radii of the aperture; beyond the rim the polynomial is continued
+    Returns  (...) 1
+    """
+    n, m = noll_to_nm(noll)
+    order = abs(m)
+    k = (n - order) // 2
+    square = x * x + y * y
+    radial = (-1) ** k * special.eval_jacobi(k, order, 0, 1 - 2 * square)
+    # rho^m exp(i m theta) is a power of x + i y: no angle, which is undefined at the centre.
+    power = (x + 1j * y) ** order
+    turn = power.imag if m < 0 else power.real
+    return math.sqrt((n + 1) * (2 if m else 1)) * radial * turn
+
+
+def nm_to_noll(n: int, m: int) -> int:
+    """Noll's index of radial order n and azimuthal order m; m < 0 for the sine.
+
+    >>> all(nm_to_noll(*noll_to_nm(j)) == j for j in range(1, MOST + 1))
+    True
+    """
+    first = n * (n + 1) // 2 + 1
+    here = [noll for noll in range(first, first + n + 1) if noll_to_nm(noll) == (n, m)]
+    if not here:
+        raise Refused(f"m must be one of -n, -n + 2, ... n, got n = {n}, m = {m}")
+    return here[0]

@@ -14,8 +14,8 @@ import numpy as np
 
 from startrack.core import ZERO_CELSIUS, Floats, Refused, nm
 from startrack.optics.lens_table import LensTable, rim_harmonics
+from startrack.optics.pupil import noll_to_nm, zernike
 from startrack.optics.surfaces import Surfaces
-from startrack.optics.zernike import noll_to_nm, zernike
 
 MILLIMETRE = 1e-3  # metre; the tracer's lengths are in millimetre
 MICROMETRE = 1e6  # per metre; its wavelengths are in micrometre
@@ -107,7 +107,7 @@ def trace_lens(
     glasses keep their shape and index.
 
     lens      as `read_prescription` gives it
-    progress  is told of each node that is done, 1
+    progress  called with 1 for each node that is done
     Raises    ValueError where the chief ray does not pass, or the lens is not one of revolution
               that images stars.
     Accuracy  the rms of what the terms leave is returned; the open pupil is an ellipse of the true
@@ -137,7 +137,7 @@ def trace_lens(
                 ) = node.measure(names)  # fmt: skip
                 progress(1)
     focal_length, f_number = float(paraxial.f2()) * MILLIMETRE, float(paraxial.FNO())
-    nodes = [np.array(each) for each in (tracing.temperature, tracing.wavelength, tracing.field)]
+    nodes = [np.array(axis) for axis in (tracing.temperature, tracing.wavelength, tracing.field)]
     table = LensTable(
         name, source, abs(focal_length), abs(f_number), nodes[0], nodes[1], nodes[2],
         np.array(names), wavefront, place, pupil, outline, area, amplitude, curvature,
@@ -169,16 +169,16 @@ def surfaces_of(lens: Any) -> Surfaces:
             index, outer * MILLIMETRE, float(surface.interaction_model.is_reflective),
         ])  # fmt: skip
     columns = np.array(rows).T
-    known = np.isfinite(columns[3])
-    columns[3][~known] = 1e-9
+    is_clear = np.isfinite(columns[3])
+    columns[3][~is_clear] = 1e-9
     columns[3][stop] = _stop_radius(lens) * MILLIMETRE
     curvature, thickness, index, clear, mirror = columns
     made = Surfaces(curvature, thickness, index, clear, mirror, stop)
     axis, field = made.heights()
-    largest = max(float(each.y) for each in lens.fields.fields)
+    largest = max(float(angle.y) for angle in lens.fields.fields)
     beam = np.abs(axis) * columns[3][stop] / abs(axis[stop])
     beam = beam + np.abs(field) * math.tan(math.radians(largest))
-    clear = np.where(known | (np.arange(len(known)) == stop), clear, beam)
+    clear = np.where(is_clear | (np.arange(len(is_clear)) == stop), clear, beam)
     return replace(made, radius=clear)
 
 
@@ -193,7 +193,7 @@ def refuse_lens(lens: Any) -> None:
     for number in range(1, len(surfaces)):
         frame = surfaces[number].geometry.cs
         placed = frame.x, frame.y, frame.rx, frame.ry
-        if any(abs(float(np.squeeze(each))) > 1e-9 for each in placed):
+        if any(abs(float(np.squeeze(shift))) > 1e-9 for shift in placed):
             raise Refused(
                 f"the prescription must be a lens of revolution, but surface {number} is tilted or "
                 "decentred"
@@ -222,10 +222,10 @@ def _launch(lens: Any, aim: Aim, angle: float, wavelength: float, across: Floats
     sine, cosine = math.sin(angle), math.cos(angle)
     length = abs(float(np.squeeze(lens.surfaces[-1].geometry.cs.z))) + abs(aim.pupil)
     back = 2 * (length + 6 * aim.radius)
-    one = np.ones_like(across)
+    ones = np.ones_like(across)
     rays = RealRays(
-        across * cosine - back * sine, y * one, aim.pupil - across * sine - back * cosine,
-        sine * one, 0 * one, cosine * one, one, wavelength * MICROMETRE * one,
+        across * cosine - back * sine, y * ones, aim.pupil - across * sine - back * cosine,
+        sine * ones, 0 * ones, cosine * ones, ones, wavelength * MICROMETRE * ones,
     )  # fmt: skip
     lens.surfaces.trace(rays, skip=1)
     return rays
@@ -286,7 +286,7 @@ def _at_state(lens: Any, kelvin: float, wavelength: float, tracing: Tracing) -> 
         glass = index > 1.05
         after = _expansion(material) if glass else 0.0
         if warmer:
-            both = [one for one in (before, after) if one]
+            both = [state for state in (before, after) if state]
             radius = float(np.squeeze(surface.geometry.radius))
             if both and math.isfinite(radius):
                 update.set_radius(radius * (1 + warmer * sum(both) / len(both)), number)
@@ -304,8 +304,8 @@ def _expansion(material: Any) -> float:
     path = getattr(material, "filename", None)
     if not path or not Path(path).is_file():
         return 0.0
-    found = EXPANSION.search(Path(path).read_text(encoding="utf-8"))
-    return float(found[1]) if found else 0.0
+    match = EXPANSION.search(Path(path).read_text(encoding="utf-8"))
+    return float(match[1]) if match else 0.0
 
 
 class _Sphere(NamedTuple):
@@ -324,7 +324,9 @@ class _Sphere(NamedTuple):
 
         Of paths, those from the sphere on and that of the chief ray are taken off.
         """
-        p, q, x, y, path = (np.asarray(each) for each in (rays.L, rays.M, rays.x, rays.y, rays.opd))
+        p, q, x, y, path = (
+            np.asarray(array) for array in (rays.L, rays.M, rays.x, rays.y, rays.opd)
+        )
         x = x - self.place
         # To the detector from the foot of the perpendicular from the centre; its length squared.
         along = p * x + q * y
@@ -438,7 +440,7 @@ class _Node:
     def _sphere(self) -> _Sphere:
         """About the place of the chief ray, through the paraxial exit pupil."""
         chief = self.trace(np.array([self.middle]), np.zeros(1))
-        place, path, forward = (float(np.squeeze(each)) for each in (chief.x, chief.opd, chief.N))
+        place, path, forward = (float(np.squeeze(array)) for array in (chief.x, chief.opd, chief.N))
         exit_pupil = float(np.squeeze(self.lens.paraxial.exit_pupil_point_gcs()[2]))
         before = float(np.squeeze(self.lens.surfaces[-1].geometry.cs.z)) - exit_pupil
         return _Sphere(place, path, math.copysign(1 / math.hypot(place, before), before * forward))
@@ -470,13 +472,13 @@ class _Node:
         u, v = -(p - pupil[0]) / pupil[1], -q / pupil[2]
         shapes = np.stack([np.ones_like(u), *(zernike(j, u, v) for j in noll)], axis=-1)
         root = np.sqrt(share[good])
-        found = np.linalg.lstsq(shapes[good] * root[:, None], error[good] * root, SMALLEST)[0]
-        rest = (error - shapes @ found)[good & (open_ <= 1)]
+        terms = np.linalg.lstsq(shapes[good] * root[:, None], error[good] * root, SMALLEST)[0]
+        rest = (error - shapes @ terms)[good & (open_ <= 1)]
         part = share[good & (open_ <= 1)]
         left = math.sqrt(float(part @ (rest * rest) / part.sum()))
         few = [j for j in noll if j <= UNEVEN]
         amplitude = _amplitude(few, u[good], v[good], across[good], y[good], root)
-        return found[1:] * MILLIMETRE, amplitude, left * MILLIMETRE
+        return terms[1:] * MILLIMETRE, amplitude, left * MILLIMETRE
 
 
 def _amplitude(
@@ -494,8 +496,8 @@ def _amplitude(
     area = slope_u[:, 0] * slope_v[:, 1] - slope_u[:, 1] * slope_v[:, 0]
     root = np.sqrt(np.abs(area))
     few = np.stack([np.ones_like(u), *(zernike(j, u, v) for j in noll)], axis=-1)
-    found = np.linalg.lstsq(few * weight[:, None], root * weight, SMALLEST)[0]
-    return np.asarray(found[1:] / found[0])
+    coefficients = np.linalg.lstsq(few * weight[:, None], root * weight, SMALLEST)[0]
+    return np.asarray(coefficients[1:] / coefficients[0])
 
 
 def _largest(values: Floats) -> float:
@@ -509,5 +511,5 @@ def _largest(values: Floats) -> float:
 def _enclosed(p: Floats, q: Floats) -> float:
     """Area inside a closed curve of evenly spaced parameters, by derivatives of its harmonics."""
     order = np.fft.fftfreq(len(p), 1 / len(p)) * 1j
-    slope_p, slope_q = (np.fft.ifft(order * np.fft.fft(each)).real for each in (p, q))
+    slope_p, slope_q = (np.fft.ifft(order * np.fft.fft(rim)).real for rim in (p, q))
     return abs(float((p * slope_q - q * slope_p).mean())) * math.pi

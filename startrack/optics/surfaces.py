@@ -172,12 +172,12 @@ def load_surfaces(path: Path) -> Surfaces | None:
     with open_checked(path, "LENS", FORMAT, "a lens table") as parts:
         if PART not in [part.name for part in parts]:
             return None
-        found = np.array(parts[PART].data, float)
-    if found.ndim != 2 or found.shape[1] != len(COLUMNS) + 1 or (found[:, -1] == 1).sum() != 1:
+        table = np.array(parts[PART].data, float)
+    if table.ndim != 2 or table.shape[1] != len(COLUMNS) + 1 or (table[:, -1] == 1).sum() != 1:
         raise Refused(f"{path}: SURFACES must have six columns and one stop")
     try:
-        columns = dict(zip(COLUMNS, np.ascontiguousarray(found[:, :-1].T), strict=True))
-        return Surfaces(**columns, stop=int(found[:, -1].argmax()))
+        columns = dict(zip(COLUMNS, np.ascontiguousarray(table[:, :-1].T), strict=True))
+        return Surfaces(**columns, stop=int(table[:, -1].argmax()))
     except ValueError as error:
         raise Refused(f"{path}: {error}") from None
 

@@ -14,7 +14,7 @@ from startrack.core import Floats, Refused, positive
 from startrack.io import read_bytes
 from startrack.optics.lens_table import LensTable
 from startrack.optics.psf_file import LARGEST, SMALLEST, PsfFile
-from startrack.optics.zernike import noll_to_nm, zernike
+from startrack.optics.pupil import noll_to_nm, zernike
 
 TERMS = 37  # largest Noll index of a wavefront
 MOST_BYTES = 100_000_000
@@ -69,10 +69,10 @@ def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
         raise Refused("all pages must have one spacing and size")
     image = np.array([[of[w, a].data for a in angles] for w in waves])
     places = [[of[w, a].place for a in angles] for w in waves]
-    known = all(one is not None for row in places for one in row) and len(angles) > 1
+    placed = all(place is not None for row in places for place in row) and len(angles) > 1
     return PsfFile(
         source, image, spacings.pop(), False, None, 1.0, np.array(waves), np.array(angles),
-        np.array(places, float) if known else None,
+        np.array(places, float) if placed else None,
     )  # fmt: skip
 
 
@@ -97,8 +97,8 @@ def table_of_pages(
     waves, angles, of = _nodes(pages)
     noll = [j for j in range(2, TERMS + 1) if noll_to_nm(j)[1] >= 0]
     fits = [[_terms(of[w, a].data, noll) for a in angles] for w in waves]
-    terms = np.array([[one.terms for one in row] for row in fits]) * np.reshape(waves, (-1, 1, 1))
-    left = np.array([[one.left for one in row] for row in fits])
+    terms = np.array([[fit.terms for fit in row] for row in fits]) * np.reshape(waves, (-1, 1, 1))
+    left = np.array([[fit.left for fit in row] for row in fits])
     field, wavelength = np.array(angles), np.array(waves)
     if len(field) == 1:
         field, terms = np.array([0.0, WIDE]), np.repeat(terms, 2, axis=1)
@@ -124,13 +124,13 @@ class _Terms(NamedTuple):
 
 def _terms(waves: Floats, noll: Sequence[int]) -> _Terms:
     """Terms of a map of waves, and the rms that they leave."""
-    known, axis = np.isfinite(waves), np.arange(len(waves)) - len(waves) // 2
+    inside, axis = np.isfinite(waves), np.arange(len(waves)) - len(waves) // 2
     across, down = np.meshgrid(axis, axis)
-    radius = max(float(np.hypot(across, down)[known].max()), 1.0)
-    u, v = across[known] / radius, down[known] / radius
+    radius = max(float(np.hypot(across, down)[inside].max()), 1.0)
+    u, v = across[inside] / radius, down[inside] / radius
     shapes = np.column_stack([np.ones_like(u), *(zernike(j, u, v) for j in noll)])
-    found = np.linalg.lstsq(shapes, waves[known], rcond=None)[0]
-    return _Terms(np.asarray(found[1:], float), float((waves[known] - shapes @ found).std()))
+    terms = np.linalg.lstsq(shapes, waves[inside], rcond=None)[0]
+    return _Terms(np.asarray(terms[1:], float), float((waves[inside] - shapes @ terms).std()))
 
 
 def _nodes(

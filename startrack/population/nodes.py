@@ -229,11 +229,11 @@ def _with(plan: Plan, parts: list[Floats]) -> Plan:
     flux, bias, root, light, above, kept, least, pull, false = parts
     response = plan.response._replace(
         bias=bias,
-        root=np.where(plan.response.root != 0, root, 0.0),
+        covariance_root=np.where(plan.response.covariance_root != 0, root, 0.0),
         light=np.maximum(light, 0.0),
-        above=above,
-        kept=np.clip(kept, 0.0, 1.0),
-        least=np.where(np.isnan(plan.response.least), np.nan, least),
+        threshold_margin=above,
+        pass_probability=np.clip(kept, 0.0, 1.0),
+        star_at_threshold=np.where(np.isnan(plan.response.star_at_threshold), np.nan, least),
     )
     brighter = float((flux - plan.field.flux).mean())
     return plan._replace(

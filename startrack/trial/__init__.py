@@ -1,35 +1,33 @@
 """One trial in any fidelity: frame, window, spots, covariance.
 
-view           Case and attitude -> what the detector is exposed to: stars, light, PSF, line of
-               sight.
-sweep          Case and attitude -> the image of a line detector, and its spots as those of a
-               matrix.
+pointing       Attitude of a trial, the motion of the camera about it, and what a tracker must
+               report.
+stars          Case -> the stars of its sky: which a frame may hold, how bright, and of what colour.
+images         Instrument -> the images of stars: their PSF, over the frame and over their colour.
+exposure       Case and attitude -> what its detector is exposed to, a matrix or lines that sweep.
+belief         Case -> what its tracker believes: plan of the detection, meaning of the numbers,
+               smear.
 window         Case and attitude -> the spots of a frame of which only windows are rendered.
-conditions     Dark current of pixels, colours of stars, and stars too close together to be
-               separated.
 star_response  Case -> response of the tracker's centroid to single stars of any flux.
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
-zones          Case with a lens table -> how single stars are measured over the frame and over
-               their colour.
-neighbours     Case -> shift of the centroid of each star by the light of its neighbours.
+zones          Case with a lens table -> how single stars are measured over the frame and over their
+               colour.
 systematic     Case -> systematic variance of each star, which the tracker adds to that of the
                noise.
-dark_pattern   Case -> the same case with an even dark current and more noise, and what its hot
-               pixels do.
+dark_pattern   Dark signal of pixels: its law, its pattern in a case, and what hot pixels do.
 spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.
-spot_plan      Case -> plan of its statistical trials: detectable stars, their response, and what
-               is refused.
+spot_plan      Case -> plan of its statistical trials: detectable stars, their response, what is
+               refused.
 spots          Case and attitude -> the spots of one trial, drawn without an image.
 covariance     Case -> outcomes of trials from drawn spots, with identification assumed to be
                perfect.
 effects        The effects that designs may have, one row each: who counts, refuses or leaves out
                each.
-require        Case, fidelity -> a refusal, before the first trial, of what that fidelity cannot
-               compute.
 boxes          Frame and expected attitude -> the stars that a tracker takes in its search boxes.
 chain          One trial, one line a room, in the order in which the light goes.
 """
 
+from startrack.trial.belief import as_believed, detection_plan, known_smear, smear_of
 from startrack.trial.boxes import agreeing, boxed, take_boxes
 from startrack.trial.chain import (
     OUTCOMES,
@@ -45,28 +43,17 @@ from startrack.trial.chain import (
     shrunk,
     solve_matches,
 )
-from startrack.trial.conditions import (
-    SeparableStars,
-    colour_correction,
-    dark_currents,
-    index_resolution,
-    mean_colour,
-    separable_stars,
-    separated,
-)
 from startrack.trial.covariance import outcomes
-from startrack.trial.effects import (
-    EFFECTS,
-    HITS,
-    LENS_COLOUR,
-    SHUTTER,
-    Effect,
-    Term,
-    left_out,
-    present,
+from startrack.trial.effects import HITS, LENS_COLOUR, SHUTTER, Term, left_out, present
+from startrack.trial.exposure import expected_electrons
+from startrack.trial.images import detected_spectrum, images_of, psf_of
+from startrack.trial.pointing import (
+    line_of_sight,
+    random_attitude,
+    random_attitudes,
+    reference_attitude,
+    rotations_from_cube,
 )
-from startrack.trial.neighbours import blending_shift
-from startrack.trial.require import require_fidelity
 from startrack.trial.spot_plan import (
     Limits,
     Plan,
@@ -74,10 +61,10 @@ from startrack.trial.spot_plan import (
     plan_of,
     plan_within,
     refuse,
+    require_fidelity,
     through_of,
     view_of,
 )
-from startrack.trial.spots import spots_of
 from startrack.trial.star_errors import METHOD, READ, SHOT, TYPICAL, Errors, errors, lasting
 from startrack.trial.star_response import (
     cell_side,
@@ -88,37 +75,22 @@ from startrack.trial.star_response import (
     scale,
     star_images,
 )
-from startrack.trial.systematic import (
-    focal_stretches,
-    shared_errors,
-    systematic_variance,
-    systematic_variance_of,
-)
-from startrack.trial.view import (
-    as_believed,
-    detected_spectrum,
-    detection_plan,
-    expected_electrons,
-    images_of,
-    known_smear,
+from startrack.trial.stars import (
+    colour_correction,
+    index_resolution,
     light_of,
-    line_of_sight,
-    psf_of,
-    random_attitude,
-    random_attitudes,
-    reference_attitude,
-    rotations_from_cube,
-    smear_of,
+    mean_colour,
+    separated,
     stars_in_field,
     throughput,
 )
-from startrack.trial.zones import (
-    LENS_FIELD,
-    residual_shift,
-    zone_detection,
-    zone_errors,
-    zones_of,
+from startrack.trial.systematic import (
+    blending_shift,
+    focal_stretches,
+    systematic_variance,
+    systematic_variance_of,
 )
+from startrack.trial.zones import LENS_FIELD, residual_shift, zone_detection, zone_errors, zones_of
 
 # Public; the other imports serve other rooms.
-__all__ = ["Errors", "errors", "lasting", "systematic_variance", "systematic_variance_of"]
+__all__ = ["Errors", "errors", "systematic_variance"]

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.catalog import open_sky
+from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Status, Streams, kept
 from startrack.design import Case, Tracker
 from startrack.detection import DetectionPlan, Taken, box_reach, take
-from startrack.trial.view import as_believed, detection_plan, electrons_of, nearby
+from startrack.trial.belief import as_believed, detection_plan
+from startrack.trial.stars import electrons_of, nearby
 from startrack.trial.window import frame_in_windows
 
 BOX = "box"
@@ -35,9 +36,9 @@ def targets(case: Case, camera: Camera, expected: Rotation) -> tuple[Ints, Float
     near = nearby(sky, expected, camera)
     place = camera.project(expected.apply(sky.stars.direction[near]))
     border = box_reach(box, camera.focal_length_px) + MARGIN + 1
-    whole = (place >= border).all(axis=1)
-    whole &= (place <= np.array([camera.columns, camera.rows]) - 1 - border).all(axis=1)
-    chosen = np.flatnonzero(whole)[: box.stars]
+    complete = (place >= border).all(axis=1)
+    complete &= (place <= np.array([camera.columns, camera.rows]) - 1 - border).all(axis=1)
+    chosen = np.flatnonzero(complete)[: box.stars]
     return near[chosen], place[chosen]
 
 
@@ -95,6 +96,6 @@ def believed_electrons(case: Case) -> Floats:
 
 
 @kept(4)
-def _electrons(case: Case, catalog) -> Floats:  # type: ignore[no-untyped-def]
+def _electrons(case: Case, catalog: Selection) -> Floats:
     tracker = replace(case.tracker, catalog=None)
     return electrons_of(replace(case, catalog=catalog, tracker=tracker))

@@ -29,29 +29,16 @@ from startrack.core import (
 from startrack.design import Case, Fidelity, Tracker
 from startrack.detection import detect
 from startrack.detector import expose
-from startrack.identification import (
-    PatternIndexes,
-    identify,
-    refit,
-)
+from startrack.identification import PatternIndexes, identify, refit
 from startrack.metrics import JUDGED, Outcome, judge
+from startrack.trial.belief import as_believed, detection_plan, smear, with_smear
 from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, take_boxes
 from startrack.trial.covariance import outcomes as drawn_outcomes
+from startrack.trial.exposure import exposure_of, straighten, sweep
+from startrack.trial.pointing import line_of_sight, random_attitude, reference_attitude
 from startrack.trial.spots import spots_of
-from startrack.trial.sweep import straighten, sweep
+from startrack.trial.stars import light_of, stars_in_field
 from startrack.trial.systematic import focal_stretches, shared_errors, systematic_variance
-from startrack.trial.view import (
-    as_believed,
-    detection_plan,
-    exposure_of,
-    light_of,
-    line_of_sight,
-    random_attitude,
-    reference_attitude,
-    smear,
-    stars_in_field,
-    with_smear,
-)
 from startrack.trial.window import spots_in_windows
 
 
@@ -129,15 +116,11 @@ def run_trial(
         return Outcome(*drawn[0].item())
     if fidelity is Fidelity.WINDOW and boxed(case):
         spots, matches = boxes_in_windows(case, icrs_to_camera, streams)
-        estimate = estimate_of(case, agreeing(case.tracker), spots, matches)
-        return judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
-    make = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
-    spots = make(case, icrs_to_camera, streams)
-    indexes, camera = pattern_indexes(case.believed_catalog), case.believed_camera
-    known = case.tracker.identification
-    matches = identify(spots, camera, indexes.stars, indexes(camera), known)
-    estimate = estimate_of(case, case.tracker, spots, matches)
-    return judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
+    else:
+        spots_in = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
+        spots = spots_in(case, icrs_to_camera, streams)
+        matches = _identified(case, spots)
+    return _judged(case, icrs_to_camera, streams, spots, matches)[1]
 
 
 def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
@@ -146,21 +129,17 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     icrs_to_camera  true attitude at the middle of the exposure
     Raises          ValueError where the case contradicts itself.
     """
-    believed, catalog = case.believed_camera, open_sky(case.believed_catalog).stars
     stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, case.instrument.camera)
     light = light_of(case, stars, icrs_to_camera, streams)
     path = line_of_sight(case.instrument, streams)
     frame = _exposed(case, light, path, icrs_to_camera, streams)
-    tracker = case.tracker
     if boxed(case):
-        expected, tracker = expected_attitude(case, icrs_to_camera, streams), agreeing(tracker)
-        spots, matches = take_boxes(case, frame, believed, expected)
+        expected = expected_attitude(case, icrs_to_camera, streams)
+        spots, matches = take_boxes(case, frame, case.believed_camera, expected)
     else:
         spots = _detected(case, frame)
-        index = pattern_indexes(case.believed_catalog)(believed)
-        matches = identify(spots, believed, catalog, index, case.tracker.identification)
-    estimate = estimate_of(case, tracker, spots, matches)
-    outcome = judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
+        matches = _identified(case, spots)
+    estimate, outcome = _judged(case, icrs_to_camera, streams, spots, matches)
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
 
@@ -182,6 +161,21 @@ def _detected(case: Case, frame: Frame) -> Spots:
     return straighten(
         spots, detector.scan, detector.exposure, case.believed_motion, case.believed_camera
     )
+
+
+def _identified(case: Case, spots: Spots) -> Matches:
+    """The spots as stars of the tracker's catalogue."""
+    indexes, camera = pattern_indexes(case.believed_catalog), case.believed_camera
+    return identify(spots, camera, indexes.stars, indexes(camera), case.tracker.identification)
+
+
+def _judged(
+    case: Case, icrs_to_camera: Rotation, streams: Streams, spots: Spots, matches: Matches
+) -> tuple[Estimate, Outcome]:
+    """The attitude that the tracker estimates, and its error against the true one."""
+    tracker = agreeing(case.tracker) if boxed(case) else case.tracker
+    estimate = estimate_of(case, tracker, spots, matches)
+    return estimate, judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
 
 
 def lost_in_space(
@@ -249,8 +243,8 @@ def solve_matches(
     tolerance = tracker.identification.focal_tolerance
     if stretch is not None and len(matches):
         spots, matches = shrunk(spots, matches, tracker, stretch)
-    known = None if systematic is None else systematic[matches.star]
-    return solve(spots, matches, tracker.attitude, tolerance, known, shared)
+    variance = None if systematic is None else systematic[matches.star]
+    return solve(spots, matches, tracker.attitude, tolerance, variance, shared)
 
 
 def shrunk(

@@ -15,10 +15,10 @@ from startrack.core import Floats, Ints, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.effects import require_least_squares
+from startrack.trial.pointing import random_attitudes, reference_attitude
 from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 from startrack.trial.systematic import shared_errors
-from startrack.trial.view import random_attitudes, reference_attitude
 
 SURPRISE = 1e-3  # probability below which noise alone does not explain the residuals; as `solve`
 
@@ -47,23 +47,23 @@ def fitted(
         seen = camera.centre + (seen - camera.centre) / scale[:, None, None]
     observed = camera.unproject(seen.reshape(-1, 2)).reshape(reference.shape)
     weight = np.where(there, camera.focal_length_px**2 / noise, 0.0)
-    found = align(observed, reference, weight)
+    alignment = align(observed, reference, weight)
     # As the tracker's solver does with residuals that the noise does not explain.
     freedom = np.maximum(2 * there.sum(axis=1) - (4 if tolerance else 3), 1)
-    chance = special.chdtrc(freedom, 2 * found.loss)
-    excess = np.where(chance < SURPRISE, 2 * found.loss / freedom, 1.0)
-    covariance = found.covariance
+    chance = special.chdtrc(freedom, 2 * alignment.loss)
+    excess = np.where(chance < SURPRISE, 2 * alignment.loss / freedom, 1.0)
+    covariance = alignment.covariance
     if tolerance:
         covariance = scale_unknown(covariance, observed, weight, tolerance)
     covariance = covariance * excess[:, None, None]
     shared = shared_errors(case)
     if shared is not None:
-        enough = found.observability == Observability.OBSERVED
+        enough = alignment.observability == Observability.OBSERVED
         inverse = (there / noise)[enough, :, None, None] * np.eye(2)
         plane = observed[enough, :, :2] / observed[enough, :, 2:]
         gain = attitude_gain(plane, inverse, camera.focal_length_px, tolerance)
         covariance[enough] += shared.added(gain, seen[enough])
-    return found, covariance
+    return alignment, covariance
 
 
 @kernel
@@ -82,7 +82,9 @@ def _turned(matrix, direction):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _scales(seen, predicted, noise, there, tolerance):  # type: ignore[no-untyped-def]
+def _scales(
+    seen: Floats, predicted: Floats, noise: Floats, there: NDArray[np.bool_], tolerance: float
+) -> Floats:
     """Relative error of the focal length that the identification fits, (m,) 1.
 
     It fits the scale together with the attitude, to stars weighted by their noise, with a normal
@@ -198,26 +200,25 @@ def _tried(
         reference = plan.field.believed[stars]
         noise = np.where(there, drawn.variance[part, :used], 1.0) + plan.field.systematic[stars]
         seen = np.where(there[..., None], drawn.pixel[part, :used], 0.0)
-        found, covariance = fitted(case, matrix[part], seen, reference, noise, there)
+        alignment, covariance = fitted(case, matrix[part], seen, reference, noise, there)
         solved = (matched[part] >= case.tracker.identification.min_matches) & (
-            found.observability == Observability.OBSERVED
+            alignment.observability == Observability.OBSERVED
         )
         judged[part] = judge_all(
-            found.source_to_target, covariance, truth[part], matched[part], spots[part], solved
+            alignment.source_to_target, covariance, truth[part], matched[part], spots[part], solved
         )
     return judged
 
 
 @kernel
-def _draw(attitude, keys, plan, drawn):  # type: ignore[no-untyped-def]
+def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) -> None:
     """Write the detected stars of each trial, and how many matches and spots it has."""
-    response, pull, field, companions, view, gate, false, through, hot = plan
+    _, _, field, _, view, gate, false, through, _ = plan
     most = drawn.star.shape[1]
     flux = np.empty(most)
-    near = response, pull, field, companions, view, through, hot
     for n in range(len(attitude)):
         count = others = 0
-        for seen in sights(attitude[n], keys[n], *near):
+        for seen in sights(attitude[n], keys[n], plan):
             i = seen.star
             # The tracker's focal length for the star's colour.
             stretch = field.stretch[i] / (1 + field.stretch[i])

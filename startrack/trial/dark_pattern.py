@@ -1,4 +1,4 @@
-"""Case -> the same case with an even dark current and more noise, and what its hot pixels do."""
+"""Dark signal of pixels: its law, its pattern in a case, and what hot pixels do."""
 
 from __future__ import annotations
 
@@ -9,12 +9,74 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
+from scipy.special import ndtr
 
 from startrack.core import Floats, Ints, Streams, kept
 from startrack.design import Case
-from startrack.detection import detect, false_alarms, measure_ground
-from startrack.detector import Detector, dark, flickering, frame_of
-from startrack.trial.view import as_believed, detection_plan
+from startrack.detection import DarkMap, detect, false_alarms, measure_ground
+from startrack.detector import Defects, Detector, dark, flickering, frame_of
+from startrack.trial.belief import as_believed, detection_plan
+
+
+def dark_currents(detector: Detector) -> tuple[float, float]:
+    """Mean and rms about it over single pixels, electron / second at the reference temperature.
+
+        d = max(N(m, s), 0) + hot,   mean d = m Phi(m/s) + s phi(m/s) + p h
+        var d = (m^2 + s^2) Phi + m s phi - (m Phi + s phi)^2 + (2 p - p^2) h^2
+
+    of normal currents, clipped at zero, and hot pixels with the probability p and an exponential
+    distribution of mean h.
+    """
+    m, defects = detector.typical_current, detector.defects
+    if not defects:
+        return m, 0.0
+    mean, square, s = m, m * m, defects.dsnu
+    if s:
+        fraction, density = (
+            float(ndtr(m / s)),
+            math.exp(-((m / s) ** 2) / 2) / math.sqrt(2 * math.pi),
+        )
+        mean, square = m * fraction + s * density, (m * m + s * s) * fraction + m * s * density
+    p, h = defects.hot, defects.hot_current
+    return mean + p * h, math.sqrt(max(square - mean**2, 0.0) + (2 * p - p * p) * h * h)
+
+
+def dark_electrons(detector: Detector) -> tuple[float, float]:
+    """`dark_currents` in an exposure, electron in a pixel of the image."""
+    growth = detector.thermal.growth if detector.thermal else 1.0
+    mean, spread = (growth * detector.exposure * current for current in dark_currents(detector))
+    return mean * detector.binning**2, spread * detector.binning
+
+
+def dark_residual(detector: Detector, dark_map: DarkMap | None) -> float:
+    """Rms over the pixels of the dark signal that a tracker does not know of, electron.
+
+        with a map        sqrt(noise^2 / frames + step^2 / 12)
+        list of hot ones  sqrt(s^2 + v (1 - (a^2 / 2 + a + 1) exp(-a))),   a = hot noise / h
+
+    with the variances s^2 of the usual pixels and v of the hot ones, and their mean signal h.
+
+    Accuracy  model: stars beside a hot pixel, of which some are lost, are left out.
+    """
+    _, spread = dark_electrons(detector)
+    if dark_map is None:
+        return spread
+    defects, step = detector.defects or Defects(), detector.electrons_per_dn
+    usual = replace(detector, defects=replace(defects, hot=0.0))
+    mean, unmapped = dark_electrons(usual)
+    noise = math.hypot(math.sqrt(mean), detector.noise, step / math.sqrt(12))
+    if dark_map.subtracted:
+        error = noise / math.sqrt(dark_map.frames)
+        rounding = dark_map.step * step / math.sqrt(12)  # of a map that spans several steps
+        return math.hypot(error, min(rounding, math.hypot(error, unmapped)))
+    growth = detector.thermal.growth if detector.thermal else 1.0
+    h = growth * detector.exposure * defects.hot_current
+    if not defects.hot * h:
+        return unmapped
+    a = dark_map.hot * noise / h
+    kept = 1 - (a * a + 2 * a + 2) * math.exp(-a) / 2
+    return math.sqrt(unmapped**2 + (spread**2 - unmapped**2) * kept)
+
 
 OUTLYING = 5.0  # sigma of the even pixels, beyond which a pixel is apart; chosen by hand
 ROUNDS = 20  # of leaving out such pixels
@@ -95,7 +157,7 @@ def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
     return DarkPattern(mean, spread, marked, outlying, flat[outlying] - mean)
 
 
-def evened(case: Case) -> Case:
+def with_uniform_dark(case: Case) -> Case:
     """The case whose pixels all have the mean dark current, and its spread as noise of the pixels.
 
     Stars lie anywhere on the pixels, so that the spread acts as noise does, from trial to trial.
@@ -144,14 +206,14 @@ def near_stars(case: Case, side: int) -> tuple[float, Floats]:
 class Empty(NamedTuple):
     """What the search makes of a frame without stars.
 
-    spots  beyond those that noise makes of even pixels
-    noise  digital number, of the filtered frame in a typical tile
-    far    sigma, by which a star must stand out there
+    spots            beyond those that noise makes of even pixels
+    noise            digital number, of the filtered frame in a typical tile
+    threshold_sigma  sigma of the filtered frame, detection threshold
     """
 
     spots: float
     noise: float
-    far: float
+    threshold_sigma: float
 
 
 def empty_frame(case: Case, sky: float) -> Empty | None:

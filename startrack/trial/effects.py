@@ -16,7 +16,7 @@ from startrack.core import Refused, is_code
 from startrack.design import Case
 from startrack.detector import PIXEL_EFFECTS, require_independent_pixels
 from startrack.scene import LIGHTS
-from startrack.trial.conditions import dark_currents
+from startrack.trial.dark_pattern import dark_currents
 from startrack.trial.zones import LENS_FIELD
 
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
@@ -102,8 +102,8 @@ def _linear(case: Case) -> Case:
 
 
 def _calibrated(case: Case) -> Case:
-    known = None if case.design is None else case.instrument.camera
-    return _believing(case, camera=known, camera_model="radial", calibrated_at=None)
+    camera_as_built = None if case.design is None else case.instrument.camera
+    return _believing(case, camera=camera_as_built, camera_model="radial", calibrated_at=None)
 
 
 def _moved(case: Case) -> Case:
@@ -132,8 +132,8 @@ def _corrected(case: Case) -> Case:
 
 
 def _aligned(case: Case) -> Case:
-    known = None if case.design is None else case.instrument.mounting.still
-    return _believing(case, mounting=known)
+    as_built = None if case.design is None else case.instrument.mounting.still
+    return _believing(case, mounting=as_built)
 
 
 def _cool(case: Case) -> Case:
@@ -143,8 +143,8 @@ def _cool(case: Case) -> Case:
 
 
 def _punctual(case: Case) -> Case:
-    known = None if case.design is None else case.instrument.delay
-    return _believing(case, delay=known)
+    as_built = None if case.design is None else case.instrument.delay
+    return _believing(case, delay=as_built)
 
 
 def _shining(case: Case) -> list[str]:

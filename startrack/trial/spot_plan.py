@@ -1,4 +1,4 @@
-"""Case -> plan of its statistical trials: detectable stars, their response, and what is refused."""
+"""Case -> plan of its statistical trials: detectable stars, their response, what is refused."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Ints, Light, Refused, kept
-from startrack.design import Case
+from startrack.design import Case, Fidelity
 from startrack.detection import false_alarms, peak_border, star_profile
-from startrack.detector import arriving
+from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
-from startrack.trial.conditions import mean_colour
-from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, evened
-from startrack.trial.effects import require_no_image
+from startrack.trial.belief import detection_plan
+from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, with_uniform_dark
+from startrack.trial.effects import require_least_squares, require_no_image, require_window
+from startrack.trial.images import colour_range, field_psf_of, psf_of
 from startrack.trial.spot_response import (
     RATIOS,
     REACH,
@@ -29,8 +30,8 @@ from startrack.trial.spot_response import (
     response_of,
     response_of_zones,
 )
+from startrack.trial.stars import mean_colour, sky_electrons, throughput
 from startrack.trial.systematic import systematic_variance
-from startrack.trial.view import colour_range, detection_plan, field_psf_of, psf_of, throughput
 from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
@@ -152,7 +153,7 @@ def _refuse_crowded(case: Case) -> None:
     pattern = dark_pattern(case)
     if pattern is None:
         return
-    empty = empty_frame(case, arriving_sky(case))
+    empty = empty_frame(case, sky_electrons(case))
     assert empty is not None
     most = case.tracker.detection.max_spots
     if empty.spots > CROWDED * most:
@@ -166,13 +167,6 @@ def _refuse_crowded(case: Case) -> None:
             f"covariance needs a dark map that marks at most {MARKED:.1%} of the pixels as hot, "
             f"got {pattern.marked:.2%}; choose the fidelity window or frame"
         )
-
-
-def arriving_sky(case: Case) -> float:
-    """Electron in a pixel, of the sky's uniform light."""
-    instrument = case.instrument
-    light, camera = _light(case.catalog, case.scene), instrument.camera
-    return arriving(light, camera, instrument.detector, throughput(instrument))[1]
 
 
 class Limits(NamedTuple):
@@ -189,7 +183,7 @@ class Limits(NamedTuple):
 
 def limits_of(case: Case) -> Limits:
     """The stars that can be detected."""
-    case = evened(case)
+    case = with_uniform_dark(case)
     instrument = case.instrument
     detector, camera, psf = instrument.detector, instrument.camera, psf_of(instrument)
     stars = open_sky(case.catalog).stars
@@ -203,14 +197,14 @@ def limits_of(case: Case) -> Limits:
     shapes = [psf]
     if instrument.optics.tabulated:
         images = field_psf_of(instrument)
-        shapes += [images.image(*one)[0] for one in zones_of(case).middles]
-    peak = max(float(star_profile(one, detection.kernel)[0]) for one in shapes)
+        shapes += [images.image(*zone)[0] for zone in zones_of(case).middles]
+    peak = max(float(star_profile(zone, detection.kernel)[0]) for zone in shapes)
     faintest = max(threshold - FAINTEST, LEAST) * noise / peak
-    found = np.flatnonzero(
+    detectable = np.flatnonzero(
         flux >= min(faintest, flux.max())
     )  # at least one, so that arrays are not empty
-    found = found[np.argsort(stars.direction[found, 2])]
-    return Limits(faintest, float(flux[found].max(initial=faintest)), found)
+    detectable = detectable[np.argsort(stars.direction[detectable, 2])]
+    return Limits(faintest, float(flux[detectable].max(initial=faintest)), detectable)
 
 
 @kept(8)
@@ -221,17 +215,17 @@ def plan_of(case: Case) -> Plan:
 
 def plan_within(case: Case, limits: Limits) -> Plan:
     """`plan_of`, with given stars, so that the plans of several cases have the same shape."""
-    even, settings = evened(case), case.tracker.detection
+    even, settings = with_uniform_dark(case), case.tracker.detection
     instrument = even.instrument
     detector, camera = instrument.detector, instrument.camera
     stars = open_sky(case.catalog).stars
     flux, sky = arriving(_light(case.catalog, case.scene), camera, detector, throughput(instrument))
-    faintest, brightest, found = limits
+    faintest, brightest, detectable = limits
     lens = instrument.optics.tabulated
     believed = open_sky(case.believed_catalog).stars
-    there, known = believed.find(stars.identifier[found])
+    there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
-    grid = Grid(even, sky, search=empty and (empty.noise, empty.far))
+    grid = Grid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
     radius = (REACH + 1) / camera.focal_length_px
     return Plan(
         response_of_zones(grid, faintest, brightest)
@@ -239,12 +233,13 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         else response_of(grid, faintest, brightest),
         companion_shift(grid, TYPICAL * faintest),
         Field(
-            np.ascontiguousarray(stars.direction[found]),
-            np.ascontiguousarray(believed.direction[there]), known,
-            np.log(flux[found]), found.astype(np.uint64), systematic_variance(case)[there],
-            *_colours(case, stars.colour[found], believed.colour[there]),
+            np.ascontiguousarray(stars.direction[detectable]),
+            np.ascontiguousarray(believed.direction[there]), is_known,
+            np.log(flux[detectable]), detectable.astype(np.uint64),
+            systematic_variance(case)[there],
+            *_colours(case, stars.colour[detectable], believed.colour[there]),
         ),
-        _companions(stars.direction, flux, found, radius),
+        _companions(stars.direction, flux, detectable, radius),
         view_of(camera, peak_border(settings)),
         case.tracker.attitude.gate,
         false_alarms(detection_plan(even), detector.columns, detector.rows)
@@ -333,13 +328,27 @@ def _light(catalog: Selection, scene: Scene) -> Light:
     return illuminate(scene, open_sky(catalog).stars)
 
 
-def _companions(directions: Floats, flux: Floats, found: Ints, radius: float) -> Companions:
+def _companions(directions: Floats, flux: Floats, detectable: Ints, radius: float) -> Companions:
     """The stars within an angle of each of these, except those that are much fainter."""
-    pairs = cKDTree(directions[found]).query_ball_tree(cKDTree(directions), radius)
-    row = np.repeat(np.arange(len(found)), [len(near) for near in pairs])
+    pairs = cKDTree(directions[detectable]).query_ball_tree(cKDTree(directions), radius)
+    row = np.repeat(np.arange(len(detectable)), [len(near) for near in pairs])
     other = np.fromiter(chain.from_iterable(pairs), np.int64, len(row))
-    bright = flux[other] > flux[found][row] * math.exp(RATIOS[0])
-    kept = (other != np.asarray(found)[row]) & bright
-    start = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=len(found)))])
+    bright = flux[other] > flux[detectable][row] * math.exp(RATIOS[0])
+    kept = (other != np.asarray(detectable)[row]) & bright
+    start = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=len(detectable)))])
     other = other[kept]
     return Companions(start, directions[other].reshape(-1, 3), np.log(flux[other]))
+
+
+def require_fidelity(case: Case, fidelity: Fidelity) -> None:
+    """Refuse a fidelity that some trial of a case would refuse.
+
+    Raises  Refused that names what it cannot compute.
+    """
+    if fidelity is Fidelity.WINDOW:
+        require_independent_pixels(case.instrument.detector)
+        require_window(case)
+    elif fidelity is not Fidelity.FRAME:
+        refuse(case)
+        if fidelity is Fidelity.COVARIANCE:
+            require_least_squares(case)

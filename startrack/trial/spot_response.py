@@ -14,9 +14,11 @@ from startrack.core import Floats, Psf, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
+from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import NO_HOT, HotPixels, near_stars
+from startrack.trial.images import field_psf_of, psf_of
+from startrack.trial.pointing import line_of_sight
 from startrack.trial.star_response import PHASES, phases
-from startrack.trial.view import detection_plan, field_psf_of, line_of_sight, psf_of
 from startrack.trial.zones import centroid_shift, unique_places, zones_of
 
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
@@ -30,22 +32,24 @@ class Response(NamedTuple):
 
     In each of z zones of the frame and of colour; without a lens table there is one.
 
-    first  logarithm of the least flux in electron; the others follow in equal steps
-    bias   (z, l, p, p, 2) pixel x and y, by row and column of the position
-    root   (z, l, p, p, 3) pixel electron, triangular root xx, yx, yy of the covariance, times flux
-    light  (z, l, p, p, 2) measured flux (digital number) over electron; its relative noise
-    above  (z, l, p, p) sigma, by which a star passes the threshold
-    kept   (z, l, p, p) 1, probability that it is not rejected as a hot pixel then
-    least  (5,) flux in digital number, its sigma, covariance xx, xy, yy of a star at the threshold
+    first              logarithm of the least flux in electron; the others follow in equal steps
+    bias               (z, l, p, p, 2) pixel x and y, by row and column of the position
+    covariance_root    (z, l, p, p, 3) pixel electron, triangular root xx, yx, yy of the covariance,
+                       times flux
+    light              (z, l, p, p, 2) measured flux (digital number) over electron; its relative
+                       noise
+    threshold_margin   (z, l, p, p) sigma, by which a star passes the threshold
+    pass_probability   (z, l, p, p) 1, that it is not rejected as a hot pixel then
+    star_at_threshold  (5,) flux in digital number, its sigma, covariance xx, xy, yy
     """
 
     first: float
     bias: Floats
-    root: Floats
+    covariance_root: Floats
     light: Floats
-    above: Floats
-    kept: Floats
-    least: Floats
+    threshold_margin: Floats
+    pass_probability: Floats
+    star_at_threshold: Floats
 
 
 @dataclass(frozen=True)
@@ -127,14 +131,13 @@ def response_of_zones(grid: Grid, faintest: float, brightest: float) -> Response
         measured.append(response_of(replace(grid, psf=psf), faintest, brightest))
     zones = []
     for (x, y, colour), u, turn in zip(middles, which, mirror, strict=True):
-        one = _mirrored(measured[u], turn)
+        zone = _mirrored(measured[u], turn)
         at = np.array([x]), np.array([y]), np.array([colour])
         apart = shift.at(*at)[0, :2] - images.at(*at)[0, :2]
-        zones.append(one._replace(bias=one.bias - apart))
-    bias, root, light, above, kept = (
-        np.concatenate(each) for each in zip(*(one[1:6] for one in zones), strict=True)
-    )
-    return Response(mean.first, bias, root, light, above, kept, mean.least)
+        zones.append(zone._replace(bias=zone.bias - apart))
+    tables = zip(*(zone[1:6] for zone in zones), strict=True)
+    joined = map(np.concatenate, tables)
+    return Response._make([mean.first, *joined, mean.star_at_threshold])
 
 
 def _mirrored(response: Response, mirror: Floats) -> Response:
@@ -147,7 +150,7 @@ def _mirrored(response: Response, mirror: Floats) -> Response:
             table = np.flip(table, axis) if sign < 0 else table
         return table
 
-    bias, root, light, above, kept = (turned(one) for one in response[1:6])
+    bias, root, light, above, kept = (turned(quantity) for quantity in response[1:6])
     xx, yx, yy = np.moveaxis(root, -1, 0)
     covariance = np.stack(
         [np.stack([xx**2, xx * yx], -1), np.stack([xx * yx, yx**2 + yy**2], -1)], -1
@@ -157,23 +160,23 @@ def _mirrored(response: Response, mirror: Floats) -> Response:
     yx = covariance[..., 0, 1] / np.where(xx > 0, xx, 1.0)
     yy = np.sqrt(np.maximum(covariance[..., 1, 1] - yx**2, 0))
     bias, root = bias @ mirror.T, np.stack([xx, yx, yy], axis=-1)
-    return Response(response.first, bias, root, light, above, kept, response.least)
+    return Response(response.first, bias, root, light, above, kept, response.star_at_threshold)
 
 
 def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:
-    """`Response.least`: interpolated over flux (l, positions), the median of all positions."""
+    """`Response.star_at_threshold`: interpolated over flux, the median of all positions."""
     xx, xy, yy = (seen.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
-    each = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)
-    above, *rest = np.median(each[:, good.all(axis=1)], axis=2)
+    values = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)
+    above, *rest = np.median(values[:, good.all(axis=1)], axis=2)
     # A saturated star may pass by less than a fainter one.
     above = np.maximum.accumulate(above)
-    return np.array([np.interp(0.0, above, one) if len(above) else np.nan for one in rest])
+    return np.array([np.interp(0.0, above, figure) if len(above) else np.nan for figure in rest])
 
 
 def hot_pixels(grid: Grid, true: Case, faintest: float, brightest: float) -> HotPixels:
     """What hot pixels do to the centroids of stars of all fluxes.
 
-    grid  of the case `evened`;  true  the case with its hot pixels
+    grid  of the case `with_uniform_dark`;  true  the case with its hot pixels
     """
     chance, dark = near_stars(true, grid.side)
     if not chance:

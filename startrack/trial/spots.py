@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import belt
 from startrack.core import (
+    Floats,
     Spots,
     Streams,
     bits,
@@ -20,8 +22,9 @@ from startrack.core import (
     uniform,
 )
 from startrack.design import Case
-from startrack.trial.spot_plan import plan_of, refuse
-from startrack.trial.spot_response import RATIOS, REACH, STEP
+from startrack.trial.dark_pattern import HotPixels
+from startrack.trial.spot_plan import Plan, Through, plan_of, refuse
+from startrack.trial.spot_response import RATIOS, REACH, STEP, Response
 from startrack.trial.star_response import PHASES
 
 MARGIN = 8.0  # pixel beyond the frame, from which a lens table moves no star into it
@@ -42,10 +45,11 @@ SIGHT = np.dtype([
 
 
 @kernel
-def sights(a, key, response, pull, field, companions, view, through, hot):  # type: ignore[no-untyped-def]
+def sights(a: Floats, key: np.uint64, plan: Plan) -> NDArray[np.void]:
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
+    response, pull, field, companions, view, _, _, through, hot = plan
     near = in_view(a, field.direction, view)
-    found = np.empty(len(near), SIGHT)
+    sighted = np.empty(len(near), SIGHT)
     count, lens = 0, len(through.table) > 0
     for i in near:
         x, y = _project(a, field.direction[i], view)
@@ -60,7 +64,7 @@ def sights(a, key, response, pull, field, companions, view, through, hot):  # ty
             and view.border <= row < view.rows - view.border
         ):
             continue
-        start, seen = bits(key, field.number[i]), found[count]
+        start, seen = bits(key, field.number[i]), sighted[count]
         if not _measure(x, y, column, row, flux, zone, start, response, hot, seen):
             continue
         if lens:
@@ -74,7 +78,7 @@ def sights(a, key, response, pull, field, companions, view, through, hot):  # ty
         if not np.isnan(seen.dx):
             seen.star, seen.x, seen.y = i, x, y
             count += 1
-    return found[:count]
+    return sighted[:count]
 
 
 def trial_keys(seed: int, numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
@@ -100,14 +104,14 @@ def false_spots(key, mean):  # type: ignore[no-untyped-def]
 def in_view(a, direction, view):  # type: ignore[no-untyped-def]
     """Which stars (k,) of directions (n, 3), in order of z, lie in the cone around the frame."""
     first, last = belt(direction, a[2, 2], math.acos(view.cosine))
-    found = np.empty(last - first, np.int64)
+    inside = np.empty(last - first, np.int64)
     count = 0
     for i in range(first, last):
         d = direction[i]
         if a[2, 0] * d[0] + a[2, 1] * d[1] + a[2, 2] * d[2] >= view.cosine:
-            found[count] = i
+            inside[count] = i
             count += 1
-    return found[:count]
+    return inside[:count]
 
 
 @kernel(inline="always")
@@ -121,53 +125,58 @@ def _project(a, d, view):  # type: ignore[no-untyped-def]
 
 
 @kernel(inline="always")
-def _shifted(x, y, colour, through):  # type: ignore[no-untyped-def]
+def _shifted(x: float, y: float, colour: int, through: Through) -> tuple[int, float, float, float]:
     """Zone of a place among those of a colour, logarithm of its flux, and its shift in pixel."""
-    p, q = through.table.shape[2], through.table.shape[1]
+    table = through.table
+    p, q = table.shape[2], table.shape[1]
     u = min(max((x + 0.5) / through.step_x, 0.0), p - 1.0)
     v = min(max((y + 0.5) / through.step_y, 0.0), q - 1.0)
     i, j = min(int(u), p - 2), min(int(v), q - 2)
     u, v = u - i, v - j
-    table = through.table
-    a, b, c, d = (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v
     column = min(max(int((x + 0.5) / through.wide), 0), through.across - 1)
     row = min(max(int((y + 0.5) / through.high), 0), through.down - 1)
+    corners = table[colour, j : j + 2, i : i + 2]
+    zone = row * through.across + column
     return (
-        row * through.across + column,
-        a * table[colour, j, i, 2]
-        + b * table[colour, j, i + 1, 2]
-        + c * table[colour, j + 1, i, 2]
-        + d * table[colour, j + 1, i + 1, 2],
-        a * table[colour, j, i, 0]
-        + b * table[colour, j, i + 1, 0]
-        + c * table[colour, j + 1, i, 0]
-        + d * table[colour, j + 1, i + 1, 0],
-        a * table[colour, j, i, 1]
-        + b * table[colour, j, i + 1, 1]
-        + c * table[colour, j + 1, i, 1]
-        + d * table[colour, j + 1, i + 1, 1],
+        zone,
+        _bilinear(corners, u, v, 2),
+        _bilinear(corners, u, v, 0),
+        _bilinear(corners, u, v, 1),
     )
 
 
+@kernel(inline="always")
+def _bilinear(corners, u, v, k):  # type: ignore[no-untyped-def]
+    a, b, c, d = (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v
+    return a * corners[0, 0, k] + b * corners[0, 1, k] + c * corners[1, 0, k] + d * corners[1, 1, k]
+
+
 @kernel
-def _measure(x, y, column, row, flux, zone, start, response, hot, seen):  # type: ignore[no-untyped-def]
+def _measure(
+    x: float, y: float, column: int, row: int, flux: float, zone: int, start: np.uint64,
+    response: Response, hot: HotPixels, seen: Any,
+) -> bool:  # fmt: skip
     """Whether a single star is detected at a position in a pixel; writes its measurement."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
     at = (flux - response.first) / STEP
-    k = min(max(int(at), 0), response.above.shape[1] - 2)
+    k = min(max(int(at), 0), response.threshold_margin.shape[1] - 2)
     t = min(max(at - k, 0.0), 1.0)
-    above = (1 - t) * response.above[zone, k, j, i] + t * response.above[zone, k + 1, j, i]
+    above = (1 - t) * response.threshold_margin[zone, k, j, i] + t * response.threshold_margin[
+        zone, k + 1, j, i
+    ]
     seen.surplus = inverse_normal(uniform(bits(start, np.uint64(0))))
-    kept = (1 - t) * response.kept[zone, k, j, i] + t * response.kept[zone, k + 1, j, i]
+    kept = (1 - t) * response.pass_probability[zone, k, j, i] + t * response.pass_probability[
+        zone, k + 1, j, i
+    ]
     if not above + seen.surplus > 0 or uniform(bits(start, np.uint64(3))) > kept:
         return False
     normal_x = inverse_normal(uniform(bits(start, np.uint64(1))))
     normal_y = inverse_normal(uniform(bits(start, np.uint64(2))))
     electrons = math.exp(flux)
-    seen.xx = _between(response.root, zone, k, t, j, i, 0) / electrons
-    seen.yx = _between(response.root, zone, k, t, j, i, 1) / electrons
-    seen.yy = _between(response.root, zone, k, t, j, i, 2) / electrons
+    seen.xx = _between(response.covariance_root, zone, k, t, j, i, 0) / electrons
+    seen.yx = _between(response.covariance_root, zone, k, t, j, i, 1) / electrons
+    seen.yy = _between(response.covariance_root, zone, k, t, j, i, 2) / electrons
     seen.dx = _between(response.bias, zone, k, t, j, i, 0) + seen.xx * normal_x
     seen.dy = _between(response.bias, zone, k, t, j, i, 1) + seen.yx * normal_x + seen.yy * normal_y
     seen.flux = _between(response.light, zone, k, t, j, i, 0) * electrons
@@ -185,7 +194,7 @@ def _between(table, zone, k, t, j, i, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pulled(dx, dy, ratio, pull):  # type: ignore[no-untyped-def]
+def _pulled(dx: float, dy: float, ratio: float, pull: Floats) -> tuple[float, float]:
     """Shift of a centroid by a companion; NaN where only the companion is detected."""
     r, q = (ratio - RATIOS[0]) / (RATIOS[1] - RATIOS[0]), len(RATIOS) - 1
     if not (abs(dx) < REACH and abs(dy) < REACH) or r < 0:
@@ -198,9 +207,9 @@ def _pulled(dx, dy, ratio, pull):  # type: ignore[no-untyped-def]
     for n in range(8):
         c, b, a = n // 4, (n // 2) % 2, n % 2
         weight = (t if c else 1 - t) * (v if b else 1 - v) * (u if a else 1 - u)
-        one = pull[k + c, j + b, i + a]
-        if not np.isnan(one[0]):
-            x, y, total = x + weight * one[0], y + weight * one[1], total + weight
+        shift = pull[k + c, j + b, i + a]
+        if not np.isnan(shift[0]):
+            x, y, total = x + weight * shift[0], y + weight * shift[1], total + weight
     return x / total, y / total
 
 
@@ -225,7 +234,7 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     refuse(case)
     plan = plan_of(case)
     key = trial_keys(streams.seed, np.array([streams.trial], np.uint64))[0]
-    table = _draw(icrs_to_camera.as_matrix(), key, *plan)
+    table = _draw(icrs_to_camera.as_matrix(), key, plan)
     table = table[np.argsort(-table[:, 2], kind="stable")][: case.tracker.detection.max_spots]
     x, y, flux, sigma, xx, xy, yy = table.T.copy()
     covariance = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
@@ -233,17 +242,16 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
 
 @kernel
-def _draw(a, key, response, pull, field, companions, view, gate, false, through, hot):  # type: ignore[no-untyped-def]
+def _draw(a: Floats, key: np.uint64, plan: Plan) -> Floats:
     """The table of all spots, stars first; the gate is applied by the solver."""
-    stars = sights(a, key, response, pull, field, companions, view, through, hot)
-    noise = false_spots(key, false)
+    response, _, _, _, view, _, false, _, _ = plan
+    stars, noise = sights(a, key, plan), false_spots(key, false)
     table = np.empty((len(stars) + noise, ROW))
     for n in range(len(stars)):
         _write(table[n], stars[n])
     for n in range(noise):
-        _write_false(
-            table[len(stars) + n], bits(key, FALSE + np.uint64(1 + n)), response.least, view
-        )
+        start = bits(key, FALSE + np.uint64(1 + n))
+        _write_false(table[len(stars) + n], start, response.star_at_threshold, view)
     return table
 
 

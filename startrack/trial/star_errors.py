@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -9,19 +10,22 @@ import numpy as np
 
 from startrack.core import Floats
 from startrack.design import Case
-from startrack.trial.conditions import dark_residual
+from startrack.trial.dark_pattern import dark_residual
 from startrack.trial.star_response import (
+    Chart,
+    Reading,
+    StarImages,
     chart,
+    images_at_phases,
     kept_fraction,
     magnitudes,
-    noise_covariance,
     pattern,
-    point_images,
-    without_saturation,
+    scale,
 )
 
-LEAST_KEPT = 1e-6  # sum of chances below which a magnitude tells nothing
+LEAST_KEPT = 1e-6  # sum of chances below which a magnitude is not used
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
+NEAR = 0.8  # of saturation, from which on a star may reach it; chosen by hand
 SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"
 
 
@@ -46,31 +50,83 @@ class Errors(NamedTuple):
 def errors(case: Case) -> Errors:
     """Errors of single stars of each magnitude, cause by cause; kept for the 8 last cases."""
     detector = case.instrument.detector
-    magnitude = magnitudes(case, case.believed_catalog.limit_g)
-    plain = chart(case, magnitude)
-    kept = kept_fraction(case, plain)
+    images, magnitude = images_at_phases(case), magnitudes(case, case.believed_catalog.limit_g)
+    star = noisy_stars(case, magnitude, images)
+    plain, kept = star.plain, star.kept
     method = mean_of(plain.offset, kept)
-    # The tracker overstates the covariance of a saturated star on purpose.
-    noise = mean_of(noise_covariance(case, plain), kept)
-    bare = chart(without_saturation(case), magnitude, noisy=False, believed=False, once=True)
-    shot = mean_of(bare.covariance, kept)
     random = {
-        SHOT: shot,
-        READ: noise - shot,
+        SHOT: star.shot,
+        READ: star.noise - star.shot,
         METHOD: moment_of(plain.offset - method[:, None], kept),
     }
-    shape = (len(magnitude), *point_images(case).shape)
+    shape = (len(magnitude), *images.point.shape)
     if detector.prnu:
         gain = 1 + detector.prnu / detector.binning * pattern("photo response", shape)
-        moved = chart(case, magnitude, gain=gain, once=True).offset - plain.once
+        moved = chart(case, magnitude, gain=gain, both_signs=False).offset - plain.one_sign
         random["PRNU"] = moment_of(moved, kept)
     spread = dark_residual(detector, case.tracker.detection.dark_map)
     if spread:
         extra = spread * pattern("dark current", shape)
-        moved = chart(case, magnitude, extra=extra, once=True).offset - plain.once
+        moved = chart(case, magnitude, extra=extra, both_signs=False).offset - plain.one_sign
         random["DSNU"] = moment_of(moved, kept)
-    stated = mean_of(plain.covariance, kept)
-    return Errors(magnitude, kept.mean(axis=1), stated, random, method)
+    return Errors(magnitude, kept.mean(axis=1), star.stated, random, method)
+
+
+class NoisyStars(NamedTuple):
+    """Stars of m magnitudes at p positions, and what the noise does to them.
+
+    plain                those without noise
+    kept                 (m, p) chance that the tracker measures a detected star and takes it for no
+                         hot pixel
+    stated, noise, shot  (m, 2, 2) pixel^2, means over the positions: covariance by the tracker, by
+                         all noise, by shot noise alone
+    """
+
+    plain: Chart
+    kept: Floats
+    stated: Floats
+    noise: Floats
+    shot: Floats
+
+
+def noisy_stars(
+    case: Case, magnitude: Floats, images: StarImages, both_signs: bool = True
+) -> NoisyStars:
+    """The noise of stars of some images; arguments as of `chart`."""
+    plain = chart(case, magnitude, images, both_signs=both_signs)
+    kept = kept_fraction(case, plain, images)
+    noise = _noise_covariance(case, plain, images, both_signs)
+    # The tracker overstates the covariance of a saturated star on purpose.
+    bold = without_saturation(case)
+    bare = chart(bold, magnitude, images, reading=Reading.SHOT_NOISE, both_signs=False)
+    covariances = plain.covariance, noise, bare.covariance
+    return NoisyStars(plain, kept, *(mean_of(covariance, kept) for covariance in covariances))
+
+
+def _noise_covariance(case: Case, plain: Chart, images: StarImages, both_signs: bool) -> Floats:
+    """The true covariance (m, p, 2, 2) pixel^2 of a chart, by the case `without_saturation`."""
+    saturation, bold = case.tracker.detection.saturation, without_saturation(case)
+    magnitude, covariance = plain.magnitude, plain.covariance
+    if case.design is not None:
+        true = Reading.TRUE
+        return chart(bold, magnitude, images, reading=true, both_signs=both_signs).covariance
+    if saturation is None:
+        return covariance
+    size, detector = scale(case), case.instrument.detector
+    peak = size.star * 10 ** (-0.4 * magnitude) * float(images.point.max())
+    peak += size.background + size.pixel
+    # As many as may reach it, whatever their place and the converter: the others are as they are.
+    near = detector.offset + peak / detector.electrons_per_dn > NEAR * saturation
+    covariance = covariance.copy()
+    if near.any():
+        covariance[near] = chart(bold, magnitude[near], images, both_signs=both_signs).covariance
+    return covariance
+
+
+def without_saturation(case: Case) -> Case:
+    """A case whose tracker overstates the covariance of no saturated star."""
+    detection = replace(case.tracker.detection, saturation=None)
+    return replace(case, tracker=replace(case.tracker, detection=detection))
 
 
 def mean_of(values: Floats, kept: Floats) -> Floats:
@@ -101,7 +157,7 @@ def lasting(star: Errors, magnitude: Floats | float = TYPICAL) -> Floats:
     magnitude  (...) G of sunlike stars
     Returns    (...) root mean square over positions in the pixel and over devices
     """
-    still = sum(one for name, one in star.random.items() if name not in (SHOT, READ))
+    still = sum(part for name, part in star.random.items() if name not in (SHOT, READ))
     variance = np.trace(still, axis1=1, axis2=2) / 2
     # The error by dark current grows with a power of magnitude: interpolate its logarithm.
     return np.exp(np.interp(magnitude, star.magnitude, np.log(np.maximum(variance, 1e-16)) / 2))

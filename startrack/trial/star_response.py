@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from enum import Enum
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.special import ndtr
 
-from startrack.core import Floats, Frame, Psf, Stars, Streams, kept
+from startrack.core import Floats, Frame, Ints, Psf, Streams, kept
 from startrack.design import Case, Instrument
 from startrack.detection import (
     Candidates,
@@ -36,9 +37,10 @@ from startrack.detector import (
     with_adc_inl,
 )
 from startrack.motion import blur, slew
-from startrack.scene import illuminate
-from startrack.trial.conditions import dark_electrons
-from startrack.trial.view import as_believed, detection_plan, psf_of, throughput
+from startrack.trial.belief import as_believed, detection_plan
+from startrack.trial.dark_pattern import dark_electrons
+from startrack.trial.images import psf_of
+from startrack.trial.stars import light_by_colour, throughput
 
 
 def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:
@@ -93,7 +95,6 @@ PHASES = 6  # sub-pixel positions per axis
 STEP = 0.5  # magnitude between two rows of the chart
 BRIGHTEST = -1.5
 RING = 3  # pixel, width of the ring around the window that gives the background
-NEAR = 0.8  # of saturation, from which on a star may reach it; chosen by hand
 FAINTEST_SNR = 3.0  # below this no star is detected
 
 
@@ -102,13 +103,13 @@ class Chart(NamedTuple):
 
     magnitude   (m,) G of a sunlike star
     offset      (m, p, 2) pixel, measured minus true; NaN where the tracker drops the star
-    once        (m, p, 2) the same of one measurement, see `measure`
+    one_sign    (m, p, 2) the same with one sign of the chessboard, see `measure`
     covariance  (m, p, 2, 2) pixel^2, as the tracker states it
     """
 
     magnitude: Floats
     offset: Floats
-    once: Floats
+    one_sign: Floats
     covariance: Floats
 
 
@@ -136,145 +137,107 @@ class Scale(NamedTuple):
 def scale(case: Case) -> Scale:
     """The scale of a case; see `electron_rate` for its errors. Kept for the 16 last cases."""
     detector = case.instrument.detector
-    one = np.zeros(1)
-    sunlike = Stars(np.zeros(1, np.int64), np.zeros((1, 3)), one, np.full(1, np.nan))
-    light = illuminate(case.scene, sunlike)
-    star, sky = electron_rate(light, detector, throughput(case.instrument))
+    sunlike = light_by_colour(case, np.full(1, np.nan))
+    star, sky = electron_rate(sunlike, detector, throughput(case.instrument))
     solid_angle = case.instrument.camera.focal_length_px**-2
     return Scale(
         float(star[0]) * detector.exposure,
         float(sky) * solid_angle * detector.exposure + dark_electrons(detector)[0],
         math.hypot(detector.noise, detector.electrons_per_dn / math.sqrt(12)),
         min(
-            detector.full_well,
-            (2**detector.bits - 1 - detector.offset) * detector.electrons_per_dn,
+            detector.full_well, (2**detector.bits - 1 - detector.offset) * detector.electrons_per_dn
         ),
     )
+
+
+class Reading(Enum):
+    """How the tracker reads a noise-free frame."""
+
+    BELIEVED = "numbers and noise as those of its design"
+    TRUE = "as what they are, so that the covariance is the true one"
+    SHOT_NOISE = "as what they are, with pixels without light that have no noise"
+
+
+class StarImages(NamedTuple):
+    """Images of a star at p sub-pixel positions.
+
+    point  (p, side, side) fraction of its light in each pixel
+    place  (p, 2) pixel, from the middle of the cell
+    """
+
+    point: Floats
+    place: Floats
 
 
 def chart(
     case: Case,
     magnitude: Floats,
+    images: StarImages | None = None,
     gain: Floats | None = None,
     extra: Floats | None = None,
-    noisy: bool = True,
-    point: Floats | None = None,
-    place: Floats | None = None,
-    believed: bool = True,
-    once: bool = False,
+    reading: Reading = Reading.BELIEVED,
+    both_signs: bool = True,
 ) -> Chart:
     """Measure stars without noise, as the tracker would.
 
     The error of a star without noise is that of the centroid method alone; the covariance that
     the tracker states is that of the noise.
 
-    magnitude  (m,) G
-    gain       (m, p, side, side) 1, response of the pixels around each star; None: uniform
-    extra      (m, p, side, side) electron to add to them; None: none
-    noisy      whether the tracker believes that pixels without light have noise
-    point      (p, side, side) fraction of a star's light in each pixel; None: `point_images`
-    place      (p, 2) pixel, their sub-pixel positions; None: `phases`
-    believed   whether the tracker reads the numbers as those of its design; false: as what they
-               are, so that the covariance is the true one
-    once       as of `measure`
+    magnitude   (m,) G
+    images      None: `images_at_phases`
+    gain        (m, p, side, side) 1, response of the pixels around each star; None: uniform
+    extra       (m, p, side, side) electron to add to them; None: none
+    both_signs  as of `measure`
     """
-    light = scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None])
-    electrons = light * (point_images(case) if point is None else point)
+    images = images or images_at_phases(case)
+    electrons = star_electrons(case, magnitude, images)
     if gain is not None:
         electrons = electrons * gain
     if extra is not None:
         electrons = electrons + extra
     side, shape = electrons.shape[-1], electrons.shape[:2]
-    every = electrons.reshape(-1, side, side)
-    place_true = phases() if place is None else place
-    found, covariances = _measurements(case, every, noisy, believed, once)
+    cells = electrons.reshape(-1, side, side)
+    centroids, covariances = _measurements(case, cells, reading, both_signs)
     return Chart(
         magnitude,
-        _mean(found).reshape(*shape, 2) - place_true,
-        found[0].reshape(*shape, 2) - place_true,
+        _mean(centroids).reshape(*shape, 2) - images.place,
+        centroids[0].reshape(*shape, 2) - images.place,
         _mean(covariances).reshape(*shape, 2, 2),
     )
 
 
-def kept_fraction(case: Case, plain: Chart, point: Floats | None = None) -> Floats:
-    """Chance (m, p) that the tracker measures a detected star and takes it for no hot pixel.
-
-    plain  chart of the same stars, without `gain` and `extra`
-    point  as `chart` takes it
-    """
-    light = scale(case).star * 10 ** (-0.4 * plain.magnitude[:, None, None, None])
-    electrons = light * (point_images(case) if point is None else point)
-    chance = _chance_kept(case, electrons.reshape(-1, *electrons.shape[2:]))
-    return np.where(np.isfinite(plain.offset[..., 0]), chance.reshape(electrons.shape[:2]), 0.0)
-
-
-def noise_covariance(
-    case: Case, plain: Chart, point: Floats | None = None, place: Floats | None = None,
-    once: bool = False,
-) -> Floats:  # fmt: skip
-    """The true covariance (m, p, 2, 2) pixel^2 of a chart, by the case `without_saturation`.
-
-    plain, point, place, once  as `kept_fraction` and `chart` take them
-    """
-    detection, bold = case.tracker.detection, without_saturation(case)
-    if case.design is not None:
-        return chart(bold, plain.magnitude, None, None, True, point, place, False, once).covariance
-    if detection.saturation is None:
-        return plain.covariance
-    size = scale(case)
-    point = point_images(case) if point is None else point
-    peak = size.star * 10 ** (-0.4 * plain.magnitude) * float(point.max())
-    peak += size.background + size.pixel
-    detector = case.instrument.detector
-    # As many as may reach it, whatever their place and the converter: the others are as they are.
-    near = detector.offset + peak / detector.electrons_per_dn > NEAR * detection.saturation
-    covariance = plain.covariance.copy()
-    if near.any():
-        covariance[near] = chart(
-            bold, plain.magnitude[near], point=point, place=place, once=once
-        ).covariance
-    return covariance
-
-
-def without_saturation(case: Case) -> Case:
-    """A case whose tracker overstates the covariance of no saturated star."""
-    detection = replace(case.tracker.detection, saturation=None)
-    return replace(case, tracker=replace(case.tracker, detection=detection))
+def star_electrons(case: Case, magnitude: Floats, images: StarImages) -> Floats:
+    """Electrons (m, p, side, side) of stars (m,) in the pixels about each position."""
+    return scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None]) * images.point
 
 
 def measure(
-    case: Case,
-    electrons: Floats,
-    noisy: bool = True,
-    believed: bool = True,
-    once: bool = False,
+    case: Case, electrons: Floats, reading: Reading = Reading.BELIEVED, both_signs: bool = True
 ) -> tuple[Floats, Floats]:
     """The tracker's centroids of stars, each in a separate cell.
 
-    electrons  (n, side, side) of the star in the pixels of its cell, side odd
-    believed   as of `chart`
-    once       whether the chessboard of `noise_free_frame` may move them all, as only differences
-               count
-    Returns    (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
-               star that the tracker drops
+    electrons   (n, side, side) of the star in the pixels of its cell, side odd
+    both_signs  average over both signs of the chessboard of `noise_free_frame`; unnecessary where
+                only differences between measurements are used
+    Returns     (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
+                star that the tracker drops
     """
-    places, covariances = _measurements(case, electrons, noisy, believed, once)
-    return _mean(places), _mean(covariances)
+    centroids, covariances = _measurements(case, electrons, reading, both_signs)
+    return _mean(centroids), _mean(covariances)
 
 
 def _measurements(
-    case: Case, electrons: Floats, noisy: bool, believed: bool, once: bool
+    case: Case, electrons: Floats, reading: Reading, both_signs: bool
 ) -> tuple[list[Floats], list[Floats]]:
     """What `measure` averages: places and covariances with one chessboard or with both."""
     size, detection = scale(case), case.tracker.detection
-    noise = size.noise if noisy else 0.0
+    noise = 0.0 if reading is Reading.SHOT_NOISE else size.noise
     ripple = math.hypot(noise, math.sqrt(size.background))
-    every = replace(detection, max_spots=2**20)
-    plan = detection_plan(case, every)
+    plan = detection_plan(case, replace(detection, max_spots=2**20))
     # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
-    signs = (1, -1) if plan.method.skips_dead and not once else (1,)
-    found = [_measured(case, electrons, sign * ripple, noise, plan, believed) for sign in signs]
-    return [place for place, _ in found], [covariance for _, covariance in found]
+    signs = (1, -1) if plan.method.skips_dead and both_signs else (1,)
+    pairs = [_measured(case, electrons, sign * ripple, reading, plan) for sign in signs]
+    return [place for place, _ in pairs], [covariance for _, covariance in pairs]
 
 
 def _mean(values: list[Floats]) -> Floats:
@@ -282,44 +245,44 @@ def _mean(values: list[Floats]) -> Floats:
 
 
 def _measured(
-    case: Case,
-    electrons: Floats,
-    ripple: float,
-    noise: float,
-    plan: DetectionPlan,
-    believed: bool,
+    case: Case, electrons: Floats, ripple: float, reading: Reading, plan: DetectionPlan
 ) -> tuple[Floats, Floats]:
     """`measure` with one ripple."""
-    frame, across = _in_cells(case, electrons, ripple, noise, believed)
-    side = electrons.shape[-1]
-    row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
+    frame, middle = _in_cells(case, electrons, ripple, reading)
+    column, row = middle.T
     candidates = Candidates(column, row, np.ones(len(row), np.int64))
-    found, covariance = places(frame, pixels(frame), candidates, plan)
-    return found - np.column_stack([column, row]), covariance
+    centroid, covariance = places(frame, pixels(frame), candidates, plan)
+    return centroid - middle, covariance
 
 
 def _in_cells(
-    case: Case, electrons: Floats, ripple: float, noise: float, believed: bool = True
-) -> tuple[Frame, int]:
-    """A frame of the stars of `measure`, and how many there are in a row of it."""
+    case: Case, electrons: Floats, ripple: float, reading: Reading = Reading.BELIEVED
+) -> tuple[Frame, Ints]:
+    """A frame of the stars of `measure`, and the middles (n, 2) of their cells, pixel."""
     side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
+    noise = 0.0 if reading is Reading.SHOT_NOISE else scale(case).noise
     cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
     light = cells.reshape(-1, across * side) + scale(case).background
     frame = noise_free_frame(light, case.instrument.detector, ripple, noise)
-    if case.design is not None and believed:
-        stated = scale(case.as_designed).noise if noise else 0.0
+    if case.design is not None and reading is Reading.BELIEVED:
+        stated = scale(case.as_designed).noise
         frame = replace(as_believed(case, frame), read_noise=stated)
-    return frame, across
-
-
-def _chance_kept(case: Case, electrons: Floats) -> Floats:
-    """Chance (n,) that the tracker takes a detected star for none of the hot pixels."""
-    size, side = scale(case), electrons.shape[-1]
-    frame, across = _in_cells(case, electrons, 0.0, size.noise)
-    empty, _ = _in_cells(case, np.zeros((1, 2, 2)), 0.0, size.noise)
     row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
-    place = np.column_stack([column, row]).astype(float)
-    return chance_kept(frame, place, float(empty.image[0, 0]), detection_plan(case))
+    return frame, np.column_stack([column, row])
+
+
+def kept_fraction(case: Case, plain: Chart, images: StarImages) -> Floats:
+    """Chance (m, p) that the tracker measures a detected star and takes it for no hot pixel.
+
+    plain   chart of the same stars, without `gain` and `extra`
+    images  as `chart` takes them
+    """
+    electrons = star_electrons(case, plain.magnitude, images)
+    frame, middle = _in_cells(case, electrons.reshape(-1, *electrons.shape[2:]), 0.0)
+    empty, _ = _in_cells(case, np.zeros((1, 2, 2)), 0.0)
+    level = float(empty.image[0, 0])
+    chance = chance_kept(frame, middle.astype(float), level, detection_plan(case))
+    return np.where(np.isfinite(plain.offset[..., 0]), chance.reshape(electrons.shape[:2]), 0.0)
 
 
 def detection_probability(case: Case, magnitude: Floats, point: Floats | None = None) -> Floats:
@@ -341,7 +304,9 @@ def detection_probability(case: Case, magnitude: Floats, point: Floats | None = 
     kernel = plan.kernel
     middle = point.shape[-1] // 2
     near = slice(middle - 1, middle + 2)
-    peak = np.array([filtered(one, kernel)[near, near].max() for one in point.astype(np.float32)])
+    peak = np.array(
+        [filtered(image, kernel)[near, near].max() for image in point.astype(np.float32)]
+    )
     snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / (size.pixel * kernel.noise)
     detector = case.instrument.detector
     threshold = plan.threshold(detector.columns * detector.rows)
@@ -363,6 +328,11 @@ def pattern(cause: str, shape: tuple[int, ...]) -> Floats:
     draw = Streams(0, 0)(cause).standard_normal(shape)
     draw.flags.writeable = False
     return draw
+
+
+def images_at_phases(case: Case) -> StarImages:
+    """The images of a star at `phases`."""
+    return StarImages(point_images(case), phases())
 
 
 def point_images(case: Case) -> Floats:

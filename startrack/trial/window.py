@@ -58,23 +58,17 @@ from startrack.detector import (
     tilted_law,
     write_numbers,
 )
-from startrack.scene import illuminate
+from startrack.trial.belief import as_believed, detection_plan
 from startrack.trial.effects import require_window
-from startrack.trial.view import (
-    as_believed,
+from startrack.trial.exposure import expected_electrons, exposure_of
+from startrack.trial.images import images_of, psf_of
+from startrack.trial.pointing import line_of_sight, motion_before, motion_function, random_attitude
+from startrack.trial.stars import (
     colours_of,
-    detection_plan,
     electrons_of,
-    expected_electrons,
-    exposure_of,
-    images_of,
     light_of,
-    line_of_sight,
-    motion_before,
-    motion_function,
     nearby,
-    psf_of,
-    random_attitude,
+    sky_electrons,
     stars_in_field,
     throughput,
 )
@@ -161,9 +155,7 @@ def frame_in_windows(
     near = nearby(sky, icrs_to_camera, instrument.camera)
     colour = colours_of(case)[near] if isinstance(psf, FieldPsf) else None
     places = path_points(instrument, sky.stars.direction[near], icrs_to_camera, streams)
-    light = illuminate(case.scene, sky.stars[:0])
-    _, level = arriving(light, instrument.camera, detector, throughput(instrument))
-    star = electrons_of(case)[near]
+    star, level = electrons_of(case)[near], sky_electrons(case)
     return expose_within(windows, places, star, psf, detector, level, streams, Workspace(), colour)
 
 
@@ -240,7 +232,7 @@ def path_points(
     ]
     if len(parts) == 1:
         return parts[0]
-    weight, x, y = (np.concatenate(each) for each in zip(*parts, strict=True))
+    weight, x, y = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return weight, x, y
 
 
@@ -301,8 +293,7 @@ def plan_of(case: Case) -> Plan:
     require_independent_pixels(detector)
     # Lights that vary over the field in some attitudes are refused in these.
     require_window(case, "instrument.ghosts", "tracker.detection.search")
-    light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
-    _, sky = arriving(light, instrument.camera, detector, throughput(instrument))
+    sky = sky_electrons(case)
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
     border, detection = peak_border(settings), detection_plan(case)
     kernel = detection.kernel
@@ -333,7 +324,7 @@ def noise_of(
     Returns  None where whole frames take less time, or where the noise spans so many digital
              numbers that there is no table of them
     """
-    level, mesh = float(np.median([one.lowest for one in grounds])), grounds[0].sky.mesh
+    level, mesh = float(np.median([ground.lowest for ground in grounds])), grounds[0].sky.mesh
     weight, border = plan.kernel.whole.astype(float), peak_border(plan.settings)
     hot, shift = None, {}
     if plan.correction is not None:
@@ -352,8 +343,8 @@ def noise_of(
         if numbers is None:
             continue
         tilt = tilted_law(numbers, weight, level, mesh, border, **shift)
-        rates = [proposal_rates(numbers, tilt, one.lowest) for one in grounds]
-        drawn = cost(0, float(np.mean([one.total for one in rates])))
+        rates = [proposal_rates(numbers, tilt, ground.lowest) for ground in grounds]
+        drawn = cost(0, float(np.mean([ground.total for ground in rates])))
         if apart + drawn < least:
             best, least = (
                 Noise(outliers, numbers, tilt, tuple(zip(grounds, rates, strict=True))),
@@ -379,10 +370,10 @@ def ground_of(case: Case, streams: Streams) -> Ground:
 @kernel
 def separate(some: Ints, others: Ints) -> bool:
     """Whether no region (m, 4) overlaps one of the others (n, 4)."""
-    for one in some:
+    for region in some:
         for other in others:
-            across = max(one[0], other[0]) < min(one[2], other[2])
-            if across and max(one[1], other[1]) < min(one[3], other[3]):
+            across = max(region[0], other[0]) < min(region[2], other[2])
+            if across and max(region[1], other[1]) < min(region[3], other[3]):
                 return False
     return True
 
@@ -391,8 +382,8 @@ def merged(spots: Spots, more: Spots, most: int) -> Spots:
     """Spots of both, brightest first, at most so many."""
     order = np.argsort(-np.concatenate([spots.flux, more.flux]), kind="stable")[:most]
     together = (
-        np.concatenate([getattr(spots, each.name), getattr(more, each.name)])[order]
-        for each in fields(Spots)
+        np.concatenate([getattr(spots, field.name), getattr(more, field.name)])[order]
+        for field in fields(Spots)
     )
     return Spots(*together)
 

@@ -13,26 +13,33 @@ from startrack.catalog import open_sky
 from startrack.core import FieldPsf, Floats, Ints, Psf, kept
 from startrack.design import Case, Instrument
 from startrack.optics import mirrored
-from startrack.trial.conditions import mean_colour
-from startrack.trial.star_errors import READ, SHOT, TYPICAL, Errors, errors, mean_of, moment_of
+from startrack.trial.images import field_psf_of, psf_of, sunlike_colour
+from startrack.trial.star_errors import (
+    READ,
+    SHOT,
+    TYPICAL,
+    Errors,
+    errors,
+    mean_of,
+    moment_of,
+    noisy_stars,
+)
 from startrack.trial.star_response import (
+    StarImages,
     cell_side,
     chart,
     detection_probability,
-    kept_fraction,
-    noise_covariance,
     point_images,
     scale,
     smear_extent,
     star_images,
-    without_saturation,
 )
-from startrack.trial.view import field_psf_of, psf_of, sunlike_colour
+from startrack.trial.stars import mean_colour
 
 PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them
 # Sub-pixel positions, each with its own x and its own y: a lattice that takes the means of waves of
-# one and of two a pixel along the axes and of their products but for one pair.
+# one and of two a pixel along the axes and of their products, except for one pair.
 POSITIONS, TURN = 5, 2
 EVERY = 3  # magnitudes of `errors` between two of a zone
 STILL = 1.0  # pixel of smear; chosen by hand
@@ -80,15 +87,15 @@ def zones_of(case: Case) -> Zones:
     """The zones of a case; kept for the 8 last cases."""
     camera = case.instrument.camera
     colour = np.sort(mean_colour(case, open_sky(case.catalog).stars.colour))
-    part = [one for one in np.array_split(colour, COLOURS) if len(one)]
-    if not part:
-        part = [np.array([sunlike_colour(case.instrument)])]
+    classes = [stars for stars in np.array_split(colour, COLOURS) if len(stars)]
+    if not classes:
+        classes = [np.array([sunlike_colour(case.instrument)])]
     middle = (np.arange(PLACES) + 0.5) / PLACES
     return Zones(
         middle * camera.columns - 0.5,
         middle * camera.rows - 0.5,
-        np.array([one.mean() for one in part]),
-        np.array([one[0] for one in part[1:]]),
+        np.array([stars.mean() for stars in classes]),
+        np.array([stars[0] for stars in classes[1:]]),
     )
 
 
@@ -109,8 +116,8 @@ def centroid_shift(case: Case) -> FieldPsf:
     ]
     unique, which, mirror = unique_places(case, nodes)
     point = np.concatenate([_mean_points(case), *(_points(case, *node) for node in unique)])
-    places = np.tile(place, (len(unique) + 1, 1))
-    offset = chart(case, _typical(case), point=point, place=places, once=True).offset[0]
+    images_of_all = StarImages(point, np.tile(place, (len(unique) + 1, 1)))
+    offset = chart(case, _typical(case), images_of_all, both_signs=False).offset[0]
     offset = np.nan_to_num(offset.reshape(len(unique) + 1, len(place), 2)).mean(axis=1)
     apart = (mirror @ (offset[1:] - offset[0])[which][..., None])[..., 0]
     value = images.value[..., :3].copy()
@@ -129,9 +136,9 @@ def focal_stretch(case: Case, colour: Floats) -> Floats:
     """
     if not case.tracker.focal_length_by_colour:
         return np.zeros(len(colour))
-    known = replace(case.as_designed, instrument=case.calibrated)
-    shift, place = centroid_shift(known), _from_centre(known)
-    sunlike = shift.of_one_colour(sunlike_colour(known.instrument))
+    calibrated = replace(case.as_designed, instrument=case.calibrated)
+    shift, place = centroid_shift(calibrated), _from_centre(calibrated)
+    sunlike = shift.of_one_colour(sunlike_colour(calibrated.instrument))
     apart = shift.value[..., :2] - sunlike.value[..., :2]
     return shift.over_colour((apart * place).sum(axis=(1, 2, 3)) / (place**2).sum(), colour)
 
@@ -149,12 +156,12 @@ def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
 
     The tracker's own correction of the star's colour is taken off. Kept for the 8 last cases.
     """
-    whole = centroid_shift(case)
-    sunlike = whole.of_one_colour(sunlike_colour(case.instrument))
-    rest = whole.value.copy()
+    shift = centroid_shift(case)
+    sunlike = shift.of_one_colour(sunlike_colour(case.instrument))
+    rest = shift.value.copy()
     rest[..., :2] -= sunlike.value[..., :2]
-    rest[..., :2] -= focal_stretch(case, whole.colour)[:, None, None, None] * _from_centre(case)
-    return sunlike, replace(whole, value=rest)
+    rest[..., :2] -= focal_stretch(case, shift.colour)[:, None, None, None] * _from_centre(case)
+    return sunlike, replace(shift, value=rest)
 
 
 def lens_variance(case: Case, colour: Floats) -> Floats:
@@ -164,8 +171,8 @@ def lens_variance(case: Case, colour: Floats) -> Floats:
     """
     sunlike, rest = residual_shift(case)
     nodes = np.linspace(rest.colour[0], rest.colour[-1], 4 * len(rest.colour))
-    x, y = (np.linspace(each[0], each[-1], 17) for each in (rest.x, rest.y))
-    light, down, across = (each.ravel() for each in np.meshgrid(nodes, y, x, indexing="ij"))
+    x, y = (np.linspace(axis[0], axis[-1], 17) for axis in (rest.x, rest.y))
+    light, down, across = (grid.ravel() for grid in np.meshgrid(nodes, y, x, indexing="ij"))
     shift = sunlike.at(across, down, light)[:, :2] + rest.at(across, down, light)[:, :2]
     variance = (shift**2).mean(axis=1).reshape(len(nodes), -1).mean(axis=1)
     return np.interp(colour, nodes, variance)
@@ -205,67 +212,54 @@ def zone_errors(case: Case) -> ZoneErrors:
     coarse = np.unique(np.append(np.arange(0, len(star.magnitude), EVERY), len(star.magnitude) - 1))
     magnitude = star.magnitude[coarse]
     unique, which, mirror = unique_places(case, zones_of(case).middles)
+    points = [_mean_points(case), *(_points(case, *place) for place in unique)]
+    # One sign, because only differences from the mean image count.
     mean, *parts = (
-        _charted(case, magnitude, point)
-        for point in (_mean_points(case), *(_points(case, *one) for one in unique))
+        noisy_stars(case, magnitude, StarImages(point, _positions()), both_signs=False)
+        for point in points
     )
     stated, shot, read, field, kept = [], [], [], [], []
-    for one in parts:
-        stated.append(_as(star, star.stated, magnitude, one.stated, mean.stated))
-        shot.append(_as(star, star.random[SHOT], magnitude, one.shot, mean.shot))
+    for zone in parts:
+        stated.append(scaled_to_zone(star, star.stated, magnitude, zone.stated, mean.stated))
+        shot.append(scaled_to_zone(star, star.random[SHOT], magnitude, zone.shot, mean.shot))
         # Read noise alone is nearly none, of either sign, where the brightest stars saturate.
-        whole = star.random[SHOT] + star.random[READ]
-        read.append(_as(star, whole, magnitude, one.noise, mean.noise) - shot[-1])
-        apart = one.offset - mean.offset
-        both = np.minimum(one.kept, mean.kept)
+        noise = star.random[SHOT] + star.random[READ]
+        read.append(scaled_to_zone(star, noise, magnitude, zone.noise, mean.noise) - shot[-1])
+        apart = zone.plain.offset - mean.plain.offset
+        both = np.minimum(zone.kept, mean.kept)
         moved = moment_of(apart - mean_of(apart, both)[:, None], both)
         field.append(_between(star.magnitude, magnitude, moved))
-        ratio = one.kept.mean(axis=1) / np.maximum(mean.kept.mean(axis=1), 1e-9)
+        ratio = zone.kept.mean(axis=1) / np.maximum(mean.kept.mean(axis=1), 1e-9)
         kept.append(np.minimum(star.kept * np.interp(star.magnitude, magnitude, ratio), 1.0))
     by_tracker, by_shot, by_read, by_field = (
-        mirror[:, None] @ np.stack(each)[which] @ mirror[:, None].transpose(0, 1, 3, 2)
-        for each in (stated, shot, read, field)
+        mirror[:, None] @ np.stack(covariances)[which] @ mirror[:, None].transpose(0, 1, 3, 2)
+        for covariances in (stated, shot, read, field)
     )
+    zones = len(which)
     random = {
-        name: np.broadcast_to(one, (len(which), *one.shape)) for name, one in star.random.items()
+        cause: np.broadcast_to(covariance, (zones, *covariance.shape))
+        for cause, covariance in star.random.items()
     } | {SHOT: by_shot, READ: by_read, LENS_FIELD: by_field}
-    point = np.stack([one.point for one in parts])
-    return ZoneErrors(star.magnitude, point, which, np.stack(kept)[which], by_tracker, random)
+    return ZoneErrors(
+        star.magnitude, np.stack(points[1:]), which, np.stack(kept)[which], by_tracker, random
+    )
 
 
-class _Charted(NamedTuple):
-    """A zone's images, and what the tracker makes of them; arrays as in Chart and Errors."""
+def scaled_to_zone(
+    star: Errors, covariance: Floats, magnitude: Floats, zone: Floats, mean: Floats
+) -> Floats:
+    """Covariances (m, 2, 2) of the mean image, scaled to those of a zone.
 
-    point: Floats
-    offset: Floats
-    kept: Floats
-    stated: Floats
-    shot: Floats
-    noise: Floats
-
-
-def _charted(case: Case, magnitude: Floats, point: Floats) -> _Charted:
-    place = _positions()
-    # Once, because only differences from the mean image count.
-    plain = chart(case, magnitude, point=point, place=place, once=True)
-    kept = kept_fraction(case, plain, point)
-    # The tracker overstates the covariance of a saturated star on purpose.
-    noise = mean_of(noise_covariance(case, plain, point, place, True), kept)
-    bold = without_saturation(case)
-    bare = chart(bold, magnitude, None, None, False, point, place, False, once=True)
-    shot = mean_of(bare.covariance, kept)
-    return _Charted(point, plain.offset, kept, mean_of(plain.covariance, kept), shot, noise)
-
-
-def _as(star: Errors, whole: Floats, magnitude: Floats, zone: Floats, mean: Floats) -> Floats:
-    """Covariances (m, 2, 2) of the mean image, changed as those of a zone are at few magnitudes."""
+    star        whose magnitudes the covariances are of
+    zone, mean  (k, 2, 2) those of the zone and of the mean image, at a few magnitudes (k,)
+    """
     size = []
     for a in (0, 1):
         ratio = np.maximum(zone[:, a, a], 1e-16) / np.maximum(mean[:, a, a], 1e-16)
         size.append(np.exp(np.interp(star.magnitude, magnitude, np.log(ratio)) / 2))
     apart = np.interp(star.magnitude, magnitude, _correlation(zone) - _correlation(mean))
-    x, y = (np.sqrt(np.maximum(whole[:, a, a], 0)) * size[a] for a in (0, 1))
-    cross = np.clip(_correlation(whole) + apart, -1, 1) * x * y
+    x, y = (np.sqrt(np.maximum(covariance[:, a, a], 0)) * size[a] for a in (0, 1))
+    cross = np.clip(_correlation(covariance) + apart, -1, 1) * x * y
     return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(-1, 2, 2)
 
 
@@ -276,15 +270,16 @@ def _correlation(covariance: Floats) -> Floats:
 
 def _between(at: Floats, magnitude: Floats, covariance: Floats) -> Floats:
     """Covariances (m, 2, 2) at other magnitudes."""
-    each = [np.interp(at, magnitude, one) for one in covariance.reshape(len(magnitude), 4).T]
-    return np.stack(each, axis=-1).reshape(-1, 2, 2)
+    elements = covariance.reshape(len(magnitude), 4).T
+    between = [np.interp(at, magnitude, element) for element in elements]
+    return np.stack(between, axis=-1).reshape(-1, 2, 2)
 
 
 def zone_detection(case: Case, magnitude: Floats) -> Floats:
     """Fraction (z, m) of the stars of a magnitude that pass the threshold in each zone."""
-    found = zone_errors(case)
-    each = [detection_probability(case, magnitude, point) for point in found.point]
-    return np.stack(each)[found.which]
+    zones = zone_errors(case)
+    fractions = [detection_probability(case, magnitude, point) for point in zones.point]
+    return np.stack(fractions)[zones.which]
 
 
 def unique_places(
@@ -292,8 +287,8 @@ def unique_places(
 ) -> tuple[list[tuple[float, float, float]], Ints, Floats]:
     """The places (x, y, colour) of which those of a frame are mirror images.
 
-    Where the lens is centred, stars are measured alike in eight places of a frame, but for a smear
-    below a pixel, whose direction is the same in all.
+    Where the lens is centred, stars are measured alike in eight places of a frame, except for a
+    smear below a pixel, whose direction is the same in all.
 
     Returns  them; which of them each place (n,) is; the mirror (n, 2, 2) of its displacements
     """
@@ -301,7 +296,7 @@ def unique_places(
     alike = mirrored(instrument.optics, instrument.camera) and not instrument.detector.settling
     alike = alike and smear_extent(instrument) < STILL
     centre_x, centre_y = instrument.camera.centre
-    known: dict[tuple[float, float, float], int] = {}
+    numbers: dict[tuple[float, float, float], int] = {}
     unique, which, mirror = list[tuple[float, float, float]](), [], []
     for x, y, colour in places:
         across, down = x - centre_x, y - centre_y
@@ -313,10 +308,10 @@ def unique_places(
                 across, down = down, across
                 matrix = matrix[:, ::-1]
         key = round(across, 6), round(down, 6), colour
-        if key not in known:
-            known[key] = len(unique)
+        if key not in numbers:
+            numbers[key] = len(unique)
             unique.append((centre_x + across, centre_y + down, colour))
-        which.append(known[key])
+        which.append(numbers[key])
         mirror.append(matrix)
     return unique, np.array(which), np.array(mirror)
 

@@ -14,8 +14,8 @@ from startrack.metrics import Interpretation, summarise
 from startrack.motion import Broadband, Motion, Tone, jitter_rms
 from startrack.trial import errors
 from startrack.trial.chain import run_random_trial, run_trials
+from startrack.trial.pointing import line_of_sight
 from startrack.trial.star_response import BRIGHTEST, chart, detection_probability, scale
-from startrack.trial.view import line_of_sight
 from startrack.verification.margins import limiting_magnitude
 
 

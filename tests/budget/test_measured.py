@@ -18,8 +18,8 @@ from startrack.io import shipped
 from startrack.metrics import Interpretation
 from startrack.montecarlo.workers import Serial
 from startrack.trial.chain import observe
+from startrack.trial.pointing import random_attitude
 from startrack.trial.star_response import noise_free_frame
-from startrack.trial.view import random_attitude
 
 
 def parts(case, number: int = 0) -> dict[str, np.ndarray]:

@@ -7,7 +7,8 @@ from astropy import units as u
 from astropy.coordinates import GCRS, SkyCoord, get_sun
 from astropy.time import Time
 
-from startrack.catalog import Observer, aberrate, apparent, earth_observer
+from startrack.catalog import Observer, apparent, earth_observer
+from startrack.catalog.apparent import aberrate
 from startrack.core.units import LIGHT_SPEED, arcsec
 
 from .test_catalog import MAS, STARS, catalog

@@ -6,7 +6,8 @@ from astropy import units as u
 from astropy.coordinates import SkyCoord
 from astropy.time import Time
 
-from startrack.catalog import Catalog, join
+from startrack.catalog import Catalog
+from startrack.catalog.catalog import join
 from startrack.core.units import arcsec, deg
 
 MAS = arcsec / 1000

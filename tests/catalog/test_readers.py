@@ -8,7 +8,8 @@ import pytest
 from astropy import units
 from astropy.table import Table
 
-from startrack.catalog import Catalog, Selection, open_sky, read, recognise_format
+from startrack.catalog import Catalog, Selection, open_sky, read
+from startrack.catalog.readers import recognise_format
 from startrack.core.units import arcsec
 from startrack.io import shipped
 

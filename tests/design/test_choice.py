@@ -1,8 +1,8 @@
 import pytest
 
-from startrack.design.choice import Choice, branches
 from startrack.design.files import load_design
 from startrack.design.parameter import replaced
+from startrack.design.variables import Choice, branches
 from startrack.detector import Age
 from startrack.io import shipped
 

@@ -11,7 +11,7 @@ from startrack.budget import causes
 from startrack.design import Design, load_design, save_design
 from startrack.io import from_table, shipped, to_table
 from startrack.optics import open_lens
-from startrack.trial import view
+from startrack.trial import images
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 
@@ -92,8 +92,8 @@ def test_a_family_makes_the_images_and_the_camera_of_its_table(monkeypatch):
     )
     assert family.camera == file.camera
     asked = []
-    monkeypatch.setattr(view, "field_psf", lambda lens, *rest: asked.append(lens.table))
-    view.images_of(family)
+    monkeypatch.setattr(images, "field_psf", lambda lens, *rest: asked.append(lens.table))
+    images.images_of(family)
     (used,), known = asked, open_lens("double_gauss")
     for each in dataclasses.fields(known):  # not the same object where it was loaded again
         np.testing.assert_array_equal(getattr(used, each.name), getattr(known, each.name))

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from startrack.design import Requirements, lens_cost, load_design
+from startrack.design import Requirements, load_design
+from startrack.design.requirements import lens_cost
 from startrack.io import shipped
-from startrack.optics import Optics, Surfaces, load_surfaces, save_lens, save_surfaces
+from startrack.optics import Optics, Surfaces, save_lens, save_surfaces
+from startrack.optics.surfaces import load_surfaces
 from tests.optics.lenses import ideal
 
 ROOT = Path(__file__).parents[2]

@@ -10,7 +10,8 @@ from startrack.design.files import load_design
 from startrack.design.requirements import Requirements
 from startrack.io import shipped
 from startrack.trial.chain import observe
-from startrack.trial.view import random_attitude, stars_in_field
+from startrack.trial.pointing import random_attitude
+from startrack.trial.stars import stars_in_field
 from startrack.verification.margins import limiting_magnitude, needed_magnitude
 from startrack.verification.margins import margins as margins_of
 

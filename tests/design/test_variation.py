@@ -8,16 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.design import (
-    YEAR,
-    Case,
-    Moment,
-    Scope,
-    Variation,
-    differences,
-    load_design,
-    unit_case,
-)
+from startrack.design import YEAR, Case, Moment, Scope, Variation, load_design, unit_case
+from startrack.design.variation import differences
 from startrack.io import shipped
 
 CASE = load_design(shipped("designs/noise_only.toml")).case

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from startrack.core import Frame, arcsec
-from startrack.detection import Box, Detection, box_reach, plan_detection, star_image, take
-from startrack.detection.psf_table import gaussian_psf
+from startrack.detection import Box, Detection, box_reach, plan_detection, take
+from startrack.detection.box import star_image
+from startrack.detection.star_model import gaussian_psf
 
 SIGMA = 1.2
 PLAN = plan_detection(Detection(), gaussian_psf(SIGMA), None)

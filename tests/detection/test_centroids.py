@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from startrack.core.streams import Streams
 from startrack.core.values import Frame
-from startrack.detection import Detection, detect, gaussian_psf, smeared
+from startrack.detection import Detection, detect, gaussian_psf
+from startrack.detection.star_model import smeared
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle" / "centroid_bounds.json").read_text())
 SIDE = 1024

@@ -7,9 +7,8 @@ from scipy.stats import norm, poisson
 from startrack.core.streams import Streams
 from startrack.core.values import Frame
 from startrack.detection import Detection, detect, false_alarms, threshold_of
-from startrack.detection.matched import Kernel
+from startrack.detection.matched import Kernel, equivalent_sigmas, noise_from_gain
 from startrack.detection.pixels import Gain
-from startrack.detection.threshold import equivalent_sigmas, noise_from_gain
 
 SIDE = 1024
 LINE = np.array([1, 2, 1])

@@ -9,17 +9,12 @@ import pytest
 
 from startrack.core.streams import Streams
 from startrack.core.values import Frame
-from startrack.detection import (
-    Detection,
-    detect,
-    detect_near,
-    divide_flat,
-    gaussian_psf,
-    smeared,
-    without_pixels,
-)
+from startrack.detection import Detection, detect, divide_flat, gaussian_psf
 from startrack.detection.connect import lit, peaks
+from startrack.detection.detect import detect_near
 from startrack.detection.matched import filtered, gaussian_kernel, psf_kernel
+from startrack.detection.pixels import without_pixels
+from startrack.detection.star_model import smeared
 
 SIDE = 1024
 LIMITS = json.loads((Path(__file__).parents[1] / "oracle" / "detection_limits.json").read_text())[

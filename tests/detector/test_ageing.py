@@ -16,11 +16,11 @@ from startrack.detector.ageing import (
     Flicker,
     Flickering,
     pixels_above,
+    proton_dose,
     trailed,
 )
-from startrack.detector.expose import frame_of
+from startrack.detector.exposure import frame_of
 from startrack.detector.maps import dark
-from startrack.detector.shielding import proton_dose
 
 DOUBLING = 4 * math.log(2) / -math.log(0.70)  # kelvin: 0.70 for 4 K less
 CELSIUS = 273.15

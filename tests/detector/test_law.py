@@ -11,9 +11,8 @@ from startrack.core.interpret import twin
 from startrack.core.streams import Streams
 from startrack.core.variates import inverse_normal, poisson_quantile
 from startrack.detector import Detector
-from startrack.detector.digitise import _digitise, digitise, keys, shot
-from startrack.detector.law import Law, blank, law_of
-from startrack.detector.tables import EMPTY, tables_for
+from startrack.detector.digitise import _digitise, digitise, draws_of, shot
+from startrack.detector.law import EMPTY, Law, blank, law_of, tables_for
 
 
 def summed(mean: float, law: Law) -> np.ndarray:
@@ -172,5 +171,5 @@ def test_arrays_in_python_make_the_same_numbers():
     assert tables.levels > 0
     python = twin(_digitise.py_func, lambda value: isinstance(value, KernelDispatcher))
     with np.errstate(all="ignore"):
-        python(image, electrons, *keys(law, Streams(3, 4)), law, tables)
+        python(image, electrons, draws_of(law, tables, Streams(3, 4)))
     np.testing.assert_array_equal(image, digitise(electrons, law, Streams(3, 4), tables))

@@ -13,7 +13,7 @@ from startrack.core.values import DiffuseLight, Light, LineOfSight, Psf
 from startrack.detection import Detection, detect
 from startrack.detector import Detector, Exposure, expected, scan, staggered, tdi
 from startrack.detector.lines import Line
-from startrack.detector.scan import scanned
+from startrack.detector.scan import LineExposure, scanned
 
 FOCAL = 4e5  # pixel, so long that a turn is a shift
 PERIOD = 1e-3
@@ -64,9 +64,14 @@ def lines_image(lines, pace=1.0, rate=1e6, x=20.3, y=None, **changes):
     y = camera.centre[1] if y is None else y
     one = Detector(40, rows, 5e-6, PERIOD, **changes)
     light = star_at(camera, x, y, rate)
-    return scanned(
-        light, gaussian(), Rotation.identity(), walking(pace), camera, lines, COUNT, one, THROUGHPUT
-    )
+    return scanned(exposure(light, pace, camera, lines, one))
+
+
+def exposure(light, pace, camera, lines, detector, count=COUNT, psf=None):
+    """Lines of a camera that walks by so many pixels per line."""
+    psf = psf or gaussian()
+    attitude, turn = Rotation.identity(), walking(pace)
+    return LineExposure(light, psf, attitude, turn, camera, lines, count, detector, THROUGHPUT)
 
 
 def test_walking_goes_to_larger_rows():
@@ -99,9 +104,7 @@ def test_a_star_that_passes_a_line_within_one_exposure_is_seen(pace):
     camera, one = Camera(40, 1, FOCAL), Detector(40, 1, 5e-6, PERIOD)
     # Six and a quarter pixels before the line where row 3 begins, which is at time zero.
     light = star_at(camera, 20.0, -pace / 2, 1e6)
-    image = scanned(
-        light, cut, Rotation.identity(), walking(pace), camera, (Line(0.0),), 6, one, THROUGHPUT
-    )
+    image = scanned(exposure(light, pace, camera, (Line(0.0),), one, 6, cut))
     assert image[3].sum() == pytest.approx(1e6 * PERIOD / 12.5 * 0.976**2, rel=0.03)
     assert (image[[0, 1, 2, 4, 5]] == 0).all()
 
@@ -178,9 +181,7 @@ def test_each_line_sees_its_own_part_of_the_sky():
     light = Light(
         np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([6e9]), diffuse=(diffuse,)
     )
-    image = scanned(
-        light, gaussian(), Rotation.identity(), walking(1.0), camera, lines, 4, one, THROUGHPUT
-    )
+    image = scanned(exposure(light, 1.0, camera, lines, one, 4))
     first, second, third = (6e9 + 4e9 * np.array([1, 2, 3])) / 2000**2 * 2e-3 + 30 * 2e-3
     np.testing.assert_allclose(image[:, ::2], 0.5 * first + 2 * second, rtol=1e-12)
     np.testing.assert_allclose(image[:, 1::2], third, rtol=1e-12)
@@ -192,10 +193,7 @@ def test_the_pixels_of_a_line_keep_their_response():
     spread = {}
     for stages in (1, 16):
         camera, one = Camera(400, stages, 1e4), Detector(400, stages, 5e-6, PERIOD, prnu=0.05)
-        image = scanned(
-            sky, gaussian(), Rotation.identity(), walking(1.0), camera, tdi(stages), 3, one,
-            THROUGHPUT,
-        )  # fmt: skip
+        image = scanned(exposure(sky, 1.0, camera, tdi(stages), one, 3))
         assert (image == image[0]).all()
         spread[stages] = image[0].std() / image[0].mean()
     # Of 400 pixels, the deviation is known to 3.5 %.
@@ -212,10 +210,7 @@ def test_a_tdi_star_is_detected_where_it_is():
     direction = camera.unproject(np.column_stack([columns, camera.centre[1] - rows]))
     light = Light(direction, WAVELENGTH, np.full((19, 1), 4e5), np.zeros(1))
     one = Detector(600, stages, 5e-6, PERIOD, read_noise=5.0, offset=50, full_well=20_000.0)
-    frame = scan(
-        light, gaussian(), Rotation.identity(), walking(1.0), camera, tdi(stages), COUNT, one,
-        THROUGHPUT, Streams(1, 0),
-    )  # fmt: skip
+    frame = scan(exposure(light, 1.0, camera, tdi(stages), one), Streams(1, 0))
     spots = detect(frame, Detection())
     assert len(spots) == 19
     order = np.argsort(spots.x)
@@ -226,11 +221,10 @@ def test_a_tdi_star_is_detected_where_it_is():
 
 def test_a_scan_of_the_wrong_size_is_refused():
     camera = Camera(40, 3, FOCAL)
+    light, detector = star_at(camera, 0, 0, 1.0), Detector(40, 2, 5e-6, PERIOD)
+    wrong = exposure(light, 1.0, camera, tdi(3), detector, 10)
     with pytest.raises(ValueError, match="a row for each line, got 40 x 2 for 40 and 3"):
-        scanned(
-            star_at(camera, 0, 0, 1.0), gaussian(), Rotation.identity(), walking(1.0), camera,
-            tdi(3), 10, Detector(40, 2, 5e-6, PERIOD), THROUGHPUT,
-        )  # fmt: skip
+        scanned(wrong)
 
 
 def test_a_rolling_shutter_shears_the_frame():

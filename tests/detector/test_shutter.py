@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.core.values import LineOfSight
-from startrack.detector import shutter
+from startrack.detector import exposure
 
 FOCAL = 4e5  # pixel, so long that a turn is a shift
 CAMERA = Camera(200, 100, FOCAL)
@@ -26,7 +26,7 @@ def walking(columns: float, rows: float):
 def places(pixel, course, path=PATH):
     direction = CAMERA.unproject(np.asarray(pixel, float))
     view = direction, path, Rotation.identity(), CAMERA
-    return list(shutter.row_by_row(*view, DELAY, course))
+    return list(exposure.row_by_row(*view, DELAY, course))
 
 
 @pytest.mark.parametrize("pace", [2000.0, -2000.0])
@@ -53,7 +53,7 @@ def test_stars_beyond_the_array_keep_the_time_of_its_border():
 
 def test_a_star_behind_the_camera_is_nowhere():
     view = np.array([[0.0, 0, -1]]), PATH, Rotation.identity(), CAMERA
-    ((_, x, y),) = shutter.row_by_row(*view, DELAY, walking(100.0, 100.0))
+    ((_, x, y),) = exposure.row_by_row(*view, DELAY, walking(100.0, 100.0))
     assert np.isnan([x, y]).all()
 
 
@@ -67,15 +67,16 @@ def test_a_long_path_comes_in_parts(monkeypatch, rolling):
     view = direction, path, Rotation.identity(), CAMERA
 
     def seen():
-        return list(shutter.row_by_row(*view, DELAY, course) if rolling else shutter.at_once(*view))
+        places = exposure.row_by_row if rolling else exposure.at_once
+        return list(places(*view, DELAY, course) if rolling else places(*view))
 
     (whole,) = seen()
-    monkeypatch.setattr(shutter, "BATCH", 7)
+    monkeypatch.setattr(exposure, "BATCH", 7)
     parts = seen()
     assert [len(part[0]) for part in parts] == [3, 3, 3, 1]
     for one, pieces in zip(whole, zip(*parts, strict=True), strict=True):
         np.testing.assert_allclose(np.concatenate(pieces), one, rtol=1e-12)
-    monkeypatch.setattr(shutter, "BATCH", 1)
+    monkeypatch.setattr(exposure, "BATCH", 1)
     assert [len(part[0]) for part in seen()] == [1] * 10
 
 
@@ -85,7 +86,7 @@ def test_at_once_turns_the_sky_before_the_attitude_is_left():
     path = LineOfSight(np.zeros(3), np.ones(3) / 3, rng.normal(0, 1e-4, (3, 3)))
     attitude = Rotation.from_rotvec([0.3, -1.0, 0.7])
     direction = attitude.inv().apply(CAMERA.unproject(rng.uniform(0, 100, (5, 2))))
-    ((weight, x, y),) = shutter.at_once(direction, path, attitude, CAMERA)
+    ((weight, x, y),) = exposure.at_once(direction, path, attitude, CAMERA)
     assert weight.tolist() == path.weight.tolist()
     for m, turn in enumerate(path.rotation):
         pixel = CAMERA.project(Rotation.from_rotvec(turn).apply(attitude.apply(direction)))

@@ -6,7 +6,7 @@ from scipy import special
 
 from startrack.core.values import Psf
 from startrack.detector import Detector
-from startrack.detector.star_grid import star_grid
+from startrack.detector.exposure import star_grid
 
 SIDE, ACROSS, SIGMA = 15, 3, 0.8
 STILL = np.array([[1.0, 0.0, 0.0]])

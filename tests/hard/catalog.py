@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from startrack.catalog import Selection, aberrate, earth_observer, open_sky
+from startrack.catalog import Selection, earth_observer, open_sky
+from startrack.catalog.apparent import aberrate
 from startrack.core.units import LIGHT_SPEED, arcsec
 from tests.hard.case import hard, refused
 

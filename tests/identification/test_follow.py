@@ -9,11 +9,12 @@ from scipy.stats import multivariate_normal
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.identification import Identification
+from startrack.identification.agree import Agreed
 from startrack.identification.fit import derivatives
+from startrack.identification.grids import VerificationStars, sky_grid
 from startrack.identification.seen import see
-from startrack.identification.sky import VerificationStars, sky_grid
 from startrack.identification.track import _away, _chain, _misfit, _update, follow
-from startrack.identification.verify import weigh_prior
+from startrack.identification.verify import log_evidence_with_prior
 
 IN_PYTHON = pytest.mark.usefixtures("in_python")
 
@@ -166,7 +167,8 @@ def evidence(seen, rotation, prior=NOTHING, log_prior=0.0):
     plane = (place - CAMERA.centre) / CAMERA.focal_length_px
     distance = np.linalg.norm(seen.plane[spot] - plane, axis=1)
     turn = rotation.as_matrix()
-    return weigh_prior(seen, sky, every, spot, every, distance, turn, 1.0, prior, log_prior)
+    match = Agreed(spot, every, distance, turn, 1.0)
+    return log_evidence_with_prior(seen, sky, every, match, prior, log_prior)
 
 
 @IN_PYTHON

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from startrack.core.camera import Camera
 from startrack.identification import Identification
 from startrack.identification.agree import _brightest, gather
+from startrack.identification.grids import sky_grid
 from startrack.identification.seen import see
-from startrack.identification.sky import sky_grid
 
 pytestmark = pytest.mark.usefixtures("in_python")
 

@@ -11,21 +11,20 @@ from startrack.identification import Identification, build_index
 from startrack.identification.agree import pair
 from startrack.identification.evidence import log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives, fit
+from startrack.identification.grids import cone, hits, sky_grid, spot_grid
 from startrack.identification.index import (
     CELLS_BASE,
     CELLS_Y,
     cell_base,
     cell_x,
     cell_y,
+    local_rank,
+    merged,
     separation,
     triangle_code,
 )
-from startrack.identification.index_stars import local_rank, merged
-from startrack.identification.predict import predict
 from startrack.identification.search import breadth_first
-from startrack.identification.seen import see, usable
-from startrack.identification.sky import cone, sky_grid
-from startrack.identification.spot_grid import hits, spot_grid
+from startrack.identification.seen import predict, see, usable
 
 IN_PYTHON = pytest.mark.usefixtures("in_python")
 

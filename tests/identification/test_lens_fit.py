@@ -10,9 +10,8 @@ from startrack.catalog import Selection, open_sky
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.identification import Identification, build_index, fit_lens, identify_blind
-from startrack.identification.blind import FISHEYE, cameras, fields, fisheye, tolerance
+from startrack.identification.blind import AXIS, FISHEYE, cameras, fields, fisheye, tolerance
 from startrack.identification.index import indexed_field
-from startrack.identification.lens_fit import AXIS
 from tests.identification.conftest import make_spots
 
 SIZE = 1024

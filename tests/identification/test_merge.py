@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from startrack.core.values import Stars
-from startrack.identification.index_stars import local_rank, merged
+from startrack.identification.index import local_rank, merged
 
 ARC = 1e-4  # radian
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from startrack.identification.spot_grid import hits, spot_grid
+from startrack.identification.grids import hits, spot_grid
 
 pytestmark = pytest.mark.usefixtures("in_python")
 

@@ -13,8 +13,6 @@ from startrack.identification import (
     build_index,
     cache,
     cached_index,
-    identify,
-    identify_all,
     track,
 )
 
@@ -170,16 +168,6 @@ def test_a_covariance_that_is_none_is_refused(design, covariance):
             covariance,
             SETTINGS,
         )
-
-
-def test_many_frames_are_as_many_single_ones(design):
-    camera = design(12, 6.0)
-    rng = np.random.default_rng(6)
-    frames = [camera.look(rng, noise=0.2, false=4).spots for _ in range(5)]
-    many = identify_all(frames, camera.camera, camera.stars, camera.index, SETTINGS)
-    for spots, matches in zip(frames, many, strict=True):
-        one = identify(spots, camera.camera, camera.stars, camera.index, SETTINGS)
-        np.testing.assert_array_equal(matches.star, one.star)
 
 
 def parts(index):

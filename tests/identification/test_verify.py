@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
 from startrack.identification import Identification
+from startrack.identification.agree import Agreed
+from startrack.identification.grids import VerificationStars, sky_grid
 from startrack.identification.seen import see
-from startrack.identification.sky import VerificationStars, sky_grid
-from startrack.identification.verify import attempt_attitude, verify, weigh
+from startrack.identification.verify import attempt_attitude, log_evidence_of_match, verify
 
 pytestmark = pytest.mark.usefixtures("in_python")
 
@@ -46,7 +47,8 @@ def evidence(spots_at, focal, scale=1.0):
     every = np.arange(12)
     seen = seen_at(spots_at, STAR[sky.sky.member], focal)
     zero = np.zeros(12)
-    return weigh(seen, sky, every, every, every, zero, TURN.as_matrix(), scale)
+    match = Agreed(every, every, zero, TURN.as_matrix(), scale)
+    return log_evidence_of_match(seen, sky, every, match)
 
 
 def test_a_focal_length_known_well_enough_is_no_unknown(spots_at):

@@ -8,12 +8,10 @@ from scipy import special
 
 from startrack.optics import Aberration, Optics, Pupil, Segment
 from startrack.optics.closed_forms import airy, airy_encircled, fresnel_peak, gaussian, jinc
-from startrack.optics.fraunhofer import intensity, pupil_samples
-from startrack.optics.fresnel import fresnel
+from startrack.optics.diffraction import fresnel, intensity, pupil_samples
 from startrack.optics.kirchhoff import ThinLens, profile
 from startrack.optics.pixel_psf import gauss_band, irradiance
-from startrack.optics.pupil import area_weights, pupil_grid
-from startrack.optics.zernike import zernike
+from startrack.optics.pupil import area_weights, pupil_grid, zernike
 
 GREEN = 550e-9
 FIELD = (np.arange(155) - 77) / 5  # wavelength * f-number

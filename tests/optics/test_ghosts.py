@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Camera, Light, StrayLightSource
 from startrack.design import load_design
 from startrack.io import open_checked, shipped
-from startrack.optics import Ghosts, Optics, add_ghosts, lens_surfaces, load_surfaces
+from startrack.optics import Ghosts, Optics, add_ghosts, lens_surfaces
 from startrack.optics.ghosts import pairs, reflectances
-from startrack.optics.surfaces import Surfaces
-from startrack.trial.require import require_fidelity
+from startrack.optics.surfaces import Surfaces, load_surfaces
+from startrack.trial.spot_plan import require_fidelity
 
 OPTICS = Optics(0.035, 2.8, lens_family="double-gauss")
 PITCH = 11e-6

@@ -121,7 +121,8 @@ def test_what_makes_no_sense_is_named(build, words):
 
 
 def test_growing_aberrations_vanish_on_the_axis_and_turn_with_the_field():
-    from startrack.optics import at_field, over_field
+    from startrack.optics import over_field
+    from startrack.optics.pixel_psf import at_field
 
     coma = Aberration(8, 60e-9, growth=1)  # tail along x for a star along x
     optics = Optics(0.05, 4.0, aberrations=(coma,), field_edge=0.1)

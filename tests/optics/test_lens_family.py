@@ -9,18 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from startrack.optics import (
-    FAMILIES,
-    Optics,
-    element_count,
-    family_surfaces,
-    family_table,
-    open_lens,
-    open_optics,
-    scaled_table,
-)
+from startrack.optics import Optics, element_count, family_surfaces, open_lens, open_optics
+from startrack.optics.lens_family import FAMILIES, family_table, scaled_table
 from startrack.optics.lens_psf import Lens
-from startrack.optics.zernike import zernike
+from startrack.optics.pupil import zernike
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle/lens_family.json").read_text())
 WAVELENGTH = np.array([ORACLE["wavelength_um"] * 1e-6])

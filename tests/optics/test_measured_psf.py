@@ -8,7 +8,8 @@ from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
 from startrack.detector import stamp
-from startrack.optics import Aberration, Optics, Stars, pixel_psf, reconstruct
+from startrack.optics import Aberration, Optics, pixel_psf, reconstruct
+from startrack.optics.measured_psf import Stars
 
 PITCH, SIDE, ELECTRONS = 5e-6, 15, 20000.0
 WAVES = np.array([600e-9]), np.ones(1)

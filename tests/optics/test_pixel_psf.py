@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from startrack.optics import Optics, pixel_psf, pixel_response, pupil_transfer
+from startrack.optics import Optics, pixel_psf, pupil_transfer
+from startrack.optics.pixel_psf import pixel_response
 
 GREEN = np.array([550e-9])
 ONE = np.ones(1)

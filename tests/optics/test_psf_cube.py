@@ -22,7 +22,7 @@ from startrack.optics import (
 )
 from startrack.optics.field_images import Band
 from startrack.optics.lens_psf import _Plan, _stars
-from startrack.trial.view import field_psf_of
+from startrack.trial.images import field_psf_of
 
 FOCAL, F_NUMBER = 0.0350, 2.8
 # As many wavelengths as the chromatic focus of this lens needs: nine err by a tenth of the peak.

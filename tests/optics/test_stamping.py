@@ -5,17 +5,9 @@ import pytest
 from scipy import special
 
 from startrack.detector.stamp import stamp
-from startrack.optics import (
-    POINT,
-    Aberration,
-    Optics,
-    Pupil,
-    encircled,
-    modulation,
-    pixel_psf,
-    quality,
-)
+from startrack.optics import POINT, Aberration, Optics, Pupil, modulation, pixel_psf, quality
 from startrack.optics.closed_forms import airy, airy_encircled, blur_transfer, pupil_transfer
+from startrack.optics.quality import encircled
 
 GREEN = np.array([550e-9])
 ONE = np.ones(1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from startrack.optics import Aberration, Optics, Pupil, choose, pixel_psf
-from startrack.optics.fresnel import fresnel_error, fresnel_radius, paper_radius
+from startrack.optics.diffraction import fresnel_error, fresnel_radius, paper_radius
 from startrack.optics.kirchhoff import ThinLens, on_axis
 from startrack.optics.parameters import MODELS
 

@@ -2,9 +2,8 @@
 
 import pytest
 
-from startrack.design.choice import branches
 from startrack.design.files import load_design
-from startrack.design.variables import DesignSpace
+from startrack.design.variables import DesignSpace, branches
 from startrack.io import shipped
 from startrack.optimise.evaluate import missed
 from startrack.optimise.steps import feasible_start

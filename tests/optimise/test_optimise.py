@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from startrack import Refused
-from startrack.design.choice import Choice
 from startrack.design.files import Design, save_design
-from startrack.design.variables import DesignSpace, Variable
+from startrack.design.variables import Choice, DesignSpace, Variable
 from startrack.optimise.evaluate import evaluate
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import optimize

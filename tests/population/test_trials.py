@@ -13,7 +13,8 @@ from startrack.detector import Age, dark
 from startrack.io import shipped
 from startrack.optics import Residual
 from startrack.population import Units, explain, nodes, unit_of, unit_trials
-from startrack.trial import detection_plan, run_trials, shared_errors
+from startrack.trial import detection_plan, run_trials
+from startrack.trial.systematic import shared_errors
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 VARIED = replace(

@@ -17,15 +17,10 @@ from startrack.optics import Baffle
 from startrack.scene import Orbit, Scene
 from startrack.scene.ephemeris import observer_of
 from startrack.trial.chain import observe
-from startrack.trial.view import (
-    light_of,
-    line_of_sight,
-    psf_of,
-    random_attitude,
-    residual_charge,
-    stars_in_field,
-    throughput,
-)
+from startrack.trial.exposure import exposure_of
+from startrack.trial.images import psf_of
+from startrack.trial.pointing import line_of_sight, random_attitude
+from startrack.trial.stars import light_of, stars_in_field, throughput
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 DATE = "2026-03-25T12:00:00"
@@ -119,7 +114,7 @@ def lagging(fraction: float, rate: float):
     stars = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
     light = light_of(case, stars, attitude, streams)
     path = line_of_sight(instrument, streams)
-    before = residual_charge(instrument, light, path, attitude, streams)
+    before = exposure_of(instrument, light, path, attitude, streams).residual_charge
 
     def seen(attitude: Rotation, before=None):
         exposure = Exposure(

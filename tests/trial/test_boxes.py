@@ -11,7 +11,7 @@ from startrack.metrics import Outcome
 from startrack.sequence import Leg, Sequence
 from startrack.sequence.run import Mode, run
 from startrack.trial.chain import run_random_trial, run_trials
-from startrack.trial.require import require_fidelity
+from startrack.trial.spot_plan import require_fidelity
 
 
 @pytest.fixture(scope="module")

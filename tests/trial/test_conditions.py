@@ -9,11 +9,11 @@ from startrack.core.streams import Streams
 from startrack.design.files import load_design
 from startrack.detection import DarkMap
 from startrack.detector import Age, Defects
+from startrack.detector.imperfections import dark_response
 from startrack.detector.maps import dark
-from startrack.detector.nonuniformity import dark_response
 from startrack.io import shipped
-from startrack.trial.conditions import dark_currents, dark_electrons, dark_residual
-from startrack.trial.view import detection_plan
+from startrack.trial.belief import detection_plan
+from startrack.trial.dark_pattern import dark_currents, dark_electrons, dark_residual
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 SENSOR = CASE.instrument.detector

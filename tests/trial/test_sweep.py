@@ -13,8 +13,8 @@ from startrack.detector import Detector, Line, Scan
 from startrack.io import shipped
 from startrack.motion import Motion
 from startrack.trial.chain import observe, run_random_trial
-from startrack.trial.sweep import straighten
-from startrack.trial.view import random_attitude
+from startrack.trial.exposure import straighten
+from startrack.trial.pointing import random_attitude
 from startrack.verification.margins import limiting_magnitude
 
 CASE = load_design(shipped("designs/scanner.toml")).case

@@ -16,7 +16,7 @@ from startrack.io import shipped
 from startrack.motion import Motion
 from startrack.trial import window
 from startrack.trial.chain import observe, run_random_trial, run_trials
-from startrack.trial.view import random_attitude
+from startrack.trial.pointing import random_attitude
 from startrack.trial.window import plan_of, spots_in_windows
 
 MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies

@@ -16,8 +16,8 @@ from startrack.io import shipped
 from startrack.metrics import summarise
 from startrack.optics import save_lens
 from startrack.trial import mean_colour, residual_shift, run_trials, zones_of
+from startrack.trial.images import field_psf_of
 from startrack.trial.spot_response import Grid, _mirrored, response_of
-from startrack.trial.view import field_psf_of
 from startrack.trial.zones import focal_stretch, unique_places
 from tests.optics.lenses import ideal
 
@@ -69,9 +69,11 @@ def test_stars_in_mirrored_places_are_measured_alike(fast):
     apart, size = (np.sqrt(np.mean(one**2)) for one in (derived.bias - direct.bias, direct.bias))
     assert apart < 0.5 * size
     assert apart < 0.4 * np.sqrt(np.mean((first.bias - direct.bias) ** 2))
-    largest = direct.root.max()
-    np.testing.assert_allclose(derived.root, direct.root, rtol=0, atol=0.02 * largest)
-    np.testing.assert_allclose(derived.above, direct.above, rtol=0.03)
+    largest = direct.covariance_root.max()
+    np.testing.assert_allclose(
+        derived.covariance_root, direct.covariance_root, rtol=0, atol=0.02 * largest
+    )
+    np.testing.assert_allclose(derived.threshold_margin, direct.threshold_margin, rtol=0.03)
 
 
 def test_a_focal_length_by_colour_takes_off_a_lateral_colour_that_grows_with_the_field(fast):

@@ -1,22 +1,124 @@
-"""Fresnel diffraction of any pupil near the image plane by a fast chirp transform; its limits.
-
-    U(x) = Int P(xi) exp(i pi/lambda (1/z - 1/b) |xi|^2) exp(-2 pi i xi x / (lambda z)) d^2xi
-
-Source: Krutz et al. (2011), eqs. (8) and (10): the lens cancels the quadratic phase of the image
-plane z = b, and a clear circle gives 2 J1(v) / v. The transform onto a small field at any spacing
-is a chirp convolution, Rabiner, Schafer and Rader (1969), Bell Syst. Tech. J. 48, 1249.
-"""
+"""Fraunhofer and Fresnel diffraction of any pupil, by fast transforms."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused, positive, whole
+from startrack.core import Floats, Refused, kernel, positive, whole
+
+
+def pupil_samples(half_width: float, slope: float = 0.0) -> int:
+    """Number of samples across a pupil that its transform needs.
+
+    half_width  1, half the width of the field over wavelength * f-number: cycles across the pupil
+    slope       wave per radius, steepest slope of the wavefront
+    Returns     1, even
+    Accuracy    numerical: 3e-6 of the peak without aberrations, 1e-4 with a wavefront of this
+                slope; it falls with the fifth power of the number of samples. The three constants
+                were chosen by hand for these errors; tests/optics checks them.
+    """
+    return 2 * math.ceil(max(2.4 * half_width, 6 * slope) + 14)
+
+
+def intensity(pupil: Floats, phase: Floats, coordinate: Floats, field: Floats) -> Floats:
+    """The irradiance of a pupil, in its natural unit.
+
+        |sum_ij pupil_ij exp(i phase_ij) exp(-i pi (x_i u + y_j v))|^2
+
+    pupil       (n, n) 1, weights of the open area times amplitude, n even, rows along y
+    phase       (n, n) radian
+    coordinate  (n,) 1, of the samples in radii of the aperture; symmetric about zero
+    field       (m,) 1, of the points over wavelength * f-number; symmetric about zero, m odd
+    Returns     (m, m), rows along y
+    Accuracy    numerical: 1e-13 of the peak, besides the sampling; see `pupil_samples`.
+    """
+    cosine, sine = _waves(coordinate.tobytes(), field.tobytes())
+    parts = _fold(pupil, phase)
+    half, width = len(coordinate) // 2, len(field) // 2 + 1
+    # After the rows: [x even or odd][re, im] over (v, x). Then the columns.
+    shape = (2, 2, width, width)
+    even = (cosine @ parts[0]).reshape(width, 2, 2, half).transpose(1, 2, 0, 3)
+    odd = (sine @ parts[1]).reshape(width, 2, 2, half).transpose(1, 2, 0, 3)
+    by_cosine = np.stack([even[0], odd[0]]).reshape(-1, half) @ cosine.T
+    by_sine = np.stack([even[1], odd[1]]).reshape(-1, half) @ sine.T
+    return _unfold(by_cosine.reshape(shape), by_sine.reshape(shape))
+
+
+@lru_cache(maxsize=32)
+def _waves(coordinate: bytes, field: bytes) -> tuple[Floats, Floats]:
+    """Cosines and sines between the positive halves of both grids: (m // 2 + 1, n // 2)."""
+    x, u = np.frombuffer(coordinate), np.frombuffer(field)
+    angle = np.pi * np.outer(u[len(u) // 2 :], x[len(x) // 2 :])
+    return np.cos(angle), np.sin(angle)
+
+
+@kernel(fastmath=True)
+def _fold(pupil: Floats, phase: Floats) -> Floats:
+    """Even and odd parts of the complex pupil, on the quarter x > 0, y > 0.
+
+    parts[y odd] holds, side by side, [x even: re, im | x odd: re, im].
+    """
+    n = pupil.shape[0]
+    half = n // 2
+    parts = np.zeros((2, half, 4 * half))
+    for j in range(half):
+        for i in range(half):
+            for above in range(2):
+                row = half + j if above == 0 else half - 1 - j
+                for side in range(2):
+                    column = half + i if side == 0 else half - 1 - i
+                    size = pupil[row, column]
+                    if size == 0.0:
+                        continue
+                    re = size * np.cos(phase[row, column])
+                    im = size * np.sin(phase[row, column])
+                    across = 1.0 if side == 0 else -1.0
+                    down = 1.0 if above == 0 else -1.0
+                    parts[0, j, i] += re
+                    parts[0, j, half + i] += im
+                    parts[0, j, 2 * half + i] += across * re
+                    parts[0, j, 3 * half + i] += across * im
+                    parts[1, j, i] += down * re
+                    parts[1, j, half + i] += down * im
+                    parts[1, j, 2 * half + i] += down * across * re
+                    parts[1, j, 3 * half + i] += down * across * im
+    return parts
+
+
+@kernel(fastmath=True)
+def _unfold(by_cosine: Floats, by_sine: Floats) -> Floats:
+    """|U|^2 on the whole field from its four parts on a quarter.
+
+    by_cosine[0], by_sine[0]  even rows: cos cos and (odd columns) cos sin
+    by_cosine[1], by_sine[1]  odd rows: sin cos and sin sin; first axis after that re, im
+    """
+    width = by_cosine.shape[2]
+    m = 2 * width - 1
+    result = np.empty((m, m))
+    for j in range(width):
+        for i in range(width):
+            # exp(-i(a + b)) = cos cos - sin sin - i (sin cos + cos sin)
+            cc_re, cc_im = by_cosine[0, 0, j, i], by_cosine[0, 1, j, i]
+            ss_re, ss_im = by_sine[1, 0, j, i], by_sine[1, 1, j, i]
+            sc_re, sc_im = by_cosine[1, 0, j, i], by_cosine[1, 1, j, i]
+            cs_re, cs_im = by_sine[0, 0, j, i], by_sine[0, 1, j, i]
+            for above in range(2):
+                down = 1.0 if above == 0 else -1.0
+                row = width - 1 + j if above == 0 else width - 1 - j
+                for side in range(2):
+                    across = 1.0 if side == 0 else -1.0
+                    column = width - 1 + i if side == 0 else width - 1 - i
+                    re = cc_re - down * across * ss_re + down * sc_im + across * cs_im
+                    im = cc_im - down * across * ss_im - down * sc_re - across * cs_re
+                    result[row, column] = re * re + im * im
+    return result
+
 
 Complex = NDArray[np.complex128]
 

@@ -1,9 +1,11 @@
-"""Exposure: what a frame depends on; Exposure -> expected electrons, and a Frame."""
+"""Exposure: what a frame depends on -> expected electrons, and a Frame."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from startrack.core import (
     Psf,
     Refused,
     Streams,
+    kept,
     require_memory,
 )
 from startrack.detector.ageing import Flickering, trailed
@@ -30,13 +33,82 @@ from startrack.detector.collect import (
     electron_rate,
     mean_wavelength,
 )
-from startrack.detector.effects import carry, diffuse
-from startrack.detector.maps import flickering, response
+from startrack.detector.law import Tables, law_of, mean_numbers
+from startrack.detector.maps import device_streams, flickering, response
 from startrack.detector.parameters import Detector
+from startrack.detector.pixel_effects import carry, diffuse
 from startrack.detector.readout import read_out
-from startrack.detector.shutter import MotionFunction, Places, at_once, row_by_row
-from startrack.detector.stamp import stamp_paths
-from startrack.detector.tables import Tables
+from startrack.detector.stamp import stamp, stamp_paths
+
+Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
+MotionFunction = Callable[
+    [Floats, Floats], Floats
+]  # starts (p,), steps (j,) -> those of all sums (p, j, 3)
+Places = tuple[Floats, Floats, Floats]
+
+BATCH = 2**18  # positions that are projected at a time; chosen by hand: memory against calls
+MIDDLE = np.zeros(1)
+ITERATIONS = (
+    4  # to find the time of a star's row; each leaves row_delay * rows per second of the error
+)
+
+
+def at_once(
+    direction: Floats, path: LineOfSight, icrs_to_camera: Rotation, camera: Camera
+) -> Iterator[Places]:
+    """Points of the path, some at a time: their weights (m,) and the stars' pixels x, y (m, n)."""
+    attitude = _turns(path) @ icrs_to_camera.as_matrix()
+    together = max(BATCH // max(len(direction), 1), 1)
+    for start in range(0, len(attitude), together):
+        some = slice(start, start + together)
+        towards = direction @ attitude[some].transpose(0, 2, 1)
+        pixel = np.ascontiguousarray(camera.project(towards.reshape(-1, 3)).T)
+        x, y = pixel.reshape(2, *towards.shape[:2])
+        yield path.weight[some], x, y
+
+
+@lru_cache(maxsize=4)
+def _turns(path: LineOfSight) -> Floats:
+    """(m, 3, 3) how the sky turns before the camera."""
+    return Rotation.from_rotvec(path.rotation).as_matrix()
+
+
+def row_by_row(
+    direction: Floats,
+    path: LineOfSight,
+    icrs_to_camera: Rotation,
+    camera: Camera,
+    row_delay: float,
+    motion_function: MotionFunction,
+) -> Iterator[Places]:
+    """The same where each row is exposed `row_delay` second after the one above it.
+
+    A star takes part when its own row does. The attitude is that at the middle of the exposure of
+    the middle row.
+
+    motion_function  motion of the camera, beyond the exposure too
+    Accuracy  model: all rows of one star's image share the time of its middle, so that a star of a
+              few pixels is not sheared.
+    """
+    here = icrs_to_camera.apply(direction)
+
+    def position(start: Floats, step: Floats) -> Floats:
+        turned = Rotation.from_rotvec(motion_function(start, step).reshape(-1, 3))
+        towards = turned.apply(np.repeat(here, len(step), axis=0))
+        return camera.project(towards).reshape(len(start), len(step), 2)
+
+    def delay(row: Floats) -> Floats:
+        inside = np.clip(np.nan_to_num(row), 0, camera.rows - 1)
+        return row_delay * (inside - (camera.rows - 1) / 2)
+
+    delays = np.zeros(len(direction))
+    for _ in range(ITERATIONS):
+        delays = delay(position(delays, MIDDLE)[:, 0, 1])
+    together = max(BATCH // max(len(direction), 1), 1)
+    for start in range(0, len(path.time), together):
+        some = slice(start, start + together)
+        yield path.weight[some], *np.ascontiguousarray(position(delays, path.time[some]).T)
+
 
 FRAME_BYTES = 56  # of a pixel while a frame is made and searched; measured: 42 to 52
 
@@ -100,11 +172,7 @@ def frame_of(
 def to_frame(image: NDArray[np.number], detector: Detector) -> Frame:
     """An image with what its detector knows of its numbers."""
     return Frame(
-        image,
-        detector.exposure,
-        detector.electrons_per_dn,
-        float(detector.offset),
-        detector.noise,
+        image, detector.exposure, detector.electrons_per_dn, float(detector.offset), detector.noise
     )
 
 
@@ -202,3 +270,74 @@ def colours(colour: Floats | None) -> Floats:
     if colour is None:
         raise TypeError("colour must be given where the image changes with it, got None")
     return colour
+
+
+@kept(2)
+def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
+    """Mean of dark frames of a device, and the noise of a pixel in one of them.
+
+    The noise of the mean belongs to the device: it is the same in all trials.
+
+    detector  as it is when the frames are taken
+    Returns   (rows, columns) digital number, read-only; digital number rms, of a median pixel
+    Raises    ValueError for a detector of lines.
+    """
+    if detector.scan:
+        raise Refused("dark_map must be left out where lines scan")
+    # On the ground no particle hits, and no star leaves a charge.
+    detector = replace(detector, hits=None, lag=0.0)
+    electrons, tables = background(detector, 0.0), background_tables(detector, 0.0)
+    seed = int(device_streams(detector)("dark frames").integers(2**62))
+    total = np.zeros((detector.rows, detector.columns))
+    for number in range(frames):
+        total += read_out(electrons, detector, Streams(seed, number), tables)
+    total /= frames
+    total.flags.writeable = False
+    step = detector.electrons_per_dn
+    noise = math.hypot(math.sqrt(float(np.median(electrons))), detector.noise) / step
+    return total, math.hypot(noise, 1 / math.sqrt(12))
+
+
+def star_grid(
+    stars: Floats,
+    companions: Floats,
+    across: int,
+    side: int,
+    smear: Floats,
+    psf: Psf,
+    detector: Detector,
+    sky: float,
+    dark: Floats | None = None,
+) -> tuple[Frame, Floats]:
+    """Expected digital numbers of stars, each in the middle of its cell.
+
+    Cells in the same column have pixels of the same random response and dark signal.
+
+    stars       (n, 3) x and y (pixel) from the middle of the cell, electron
+    companions  (n, 3) x and y (pixel) from the star, electron, of another star in the cell
+    across      cells in a row; n is a multiple of it
+    side        pixel, odd, of a cell
+    smear       (m, 3) weight, x and y (pixel) of the points of a star's path
+    sky         electron of the uniform background in a pixel of mean response
+    dark        (across, side, side) electron above the dark signal of all pixels; None: zero
+    Returns     Frame of numbers that are not rounded, and (n, 2) pixel, positions of the stars
+    """
+    gain = np.ones((side, across * side))
+    if detector.prnu:
+        draw = device_streams(detector)("response of a grid").standard_normal(gain.shape)
+        gain = np.maximum(1 + detector.prnu * draw, 0.0)
+    gain = np.tile(gain, (len(stars) // across, 1))
+    electrons = sky * gain
+    row, column = np.divmod(np.arange(len(stars)), across)
+    position = np.column_stack([column, row]) * side + side // 2 + stars[:, :2]
+    for weight, dx, dy in smear:
+        for points in (stars, companions):
+            at = position if points is stars else position + companions[:, :2]
+            stamp(electrons, psf, at[:, 0] + dx, at[:, 1] + dy, weight * points[:, 2], gain)
+    if detector.crosstalk:
+        electrons = diffuse(electrons, detector.crosstalk)
+    electrons += detector.dark_rate * detector.exposure
+    if dark is not None:
+        row_of_cells = dark.transpose(1, 0, 2).reshape(side, across * side)
+        electrons += np.tile(row_of_cells, (len(stars) // across, 1))
+    return to_frame(mean_numbers(electrons, law_of(detector)), detector), position

@@ -1,17 +1,20 @@
-"""Case and attitude -> the image of a line detector, and its spots as those of a matrix."""
+"""Case and attitude -> what its detector is exposed to, a matrix or lines that sweep."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Frame, Light, Spots, Streams
-from startrack.design import Case
-from startrack.detector import Detector, Line, Scan, scan
+from startrack.core import Camera, Frame, Light, LineOfSight, Spots, Stars, Streams
+from startrack.design import Case, Instrument
+from startrack.detector import Detector, Exposure, Line, LineExposure, Scan, expected, scan
 from startrack.motion import Motion, realise_motion
-from startrack.trial.view import psf_of, throughput
+from startrack.trial.images import images_of, psf_of
+from startrack.trial.pointing import motion_before, motion_function
+from startrack.trial.stars import light_of, throughput
 
 
 def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) -> Frame:
@@ -23,7 +26,7 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
     instrument = case.instrument
     detector, lines = _lines(instrument.detector)
     motion = realise_motion(instrument.motion, duration(instrument.detector), streams)
-    return scan(
+    exposure = LineExposure(
         light,
         psf_of(instrument),
         icrs_to_camera,
@@ -33,8 +36,8 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
         instrument.detector.rows,
         detector,
         throughput(instrument),
-        streams,
     )
+    return scan(exposure, streams)
 
 
 def straighten(
@@ -82,3 +85,51 @@ def _lines(detector: Detector) -> tuple[Detector, tuple[Line, ...]]:
         replace(detector, rows=len(lines), scan=None),
         tuple(replace(line, row=line.row + middle) for line in lines),
     )
+
+
+def expected_electrons(
+    case: Case, stars: Stars, path: LineOfSight, icrs_to_camera: Rotation, streams: Streams
+) -> NDArray[np.float64]:
+    """The expected electrons (rows, columns) of a trial's frame.
+
+    path  as `line_of_sight` gives it
+    """
+    light = light_of(case, stars, icrs_to_camera, streams)
+    return expected(exposure_of(case.instrument, light, path, icrs_to_camera, streams))
+
+
+def exposure_of(
+    instrument: Instrument,
+    light: Light,
+    path: LineOfSight,
+    icrs_to_camera: Rotation,
+    streams: Streams,
+) -> Exposure:
+    """What the frame of a trial depends on, except its noise.
+
+    With a lag, the camera turned in the frame before as it turns now, and the frames before that
+    one are taken to be like it.
+
+    light  as `light_of` gives it
+    path   as `line_of_sight` gives it
+    """
+    exposure = Exposure(
+        light,
+        images_of(instrument),
+        path,
+        icrs_to_camera,
+        instrument.camera,
+        instrument.detector,
+        throughput(instrument),
+        motion_function(instrument, streams),
+    )
+    if not instrument.detector.lag:
+        return exposure
+    earlier, moved = motion_before(instrument, path, streams)
+    before = replace(
+        exposure,
+        line_of_sight=earlier,
+        detector=replace(instrument.detector, lag=0.0),
+        motion_function=moved,
+    )
+    return replace(exposure, residual_charge=expected(before))

@@ -1,7 +1,8 @@
-"""A grid of directions that finds those within an angle of any direction."""
+"""Grids that find directions within an angle, and spots near a position."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -96,7 +97,7 @@ def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no c
     radius  radian
     """
     low, high = cubes_around(grid, axis, radius)
-    found = np.empty(most_within(grid, low, high), np.int32)
+    inside = np.empty(most_within(grid, low, high), np.int32)
     count = 0
     limit = np.cos(min(radius, np.pi))
     for i in range(low[0], high[0] + 1):
@@ -105,6 +106,71 @@ def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no c
             for s in range(grid.start[row + low[2]], grid.start[row + high[2] + 1]):
                 d = grid.direction[s]
                 if d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2] >= limit:
-                    found[count] = s
+                    inside[count] = s
                     count += 1
-    return found[:count]
+    return inside[:count]
+
+
+MOST_CELLS = 160  # along an axis: 50 kB, so that the grid stays in the processor's cache
+
+
+class SpotGrid(NamedTuple):
+    """A grid over the image; each cell has the index of a spot at most one cell away, or -1.
+
+    cell    (columns, rows)
+    low     (2,) corner of the grid in the image plane
+    width   1, of a cell in the image plane
+    radius  1, largest distance between a position and its spot
+    """
+
+    cell: NDArray[np.int16]
+    low: Floats
+    width: float
+    radius: float
+
+
+@kernel
+def spot_grid(
+    plane: Floats, low: Floats, high: Floats, radius: float
+) -> SpotGrid:  # pragma: no cover
+    """Make the grid; each cell gets the spot nearest to its centre.
+
+    plane      (n, 2) spots in the image plane, fewer than 32768
+    low, high  (2,) corners of the image
+    radius     1, as in `SpotGrid`
+    """
+    width = max(radius, max(high[0] - low[0], high[1] - low[1]) / MOST_CELLS)
+    columns = math.ceil((high[0] - low[0]) / width) + 1
+    rows = math.ceil((high[1] - low[1]) / width) + 1
+    cell = np.full((columns, rows), -1, np.int16)
+    for n in range(len(plane)):
+        x, y = (plane[n, 0] - low[0]) / width, (plane[n, 1] - low[1]) / width
+        i, j = math.floor(x), math.floor(y)
+        for k in range(max(i - 1, 0), min(i + 2, columns)):
+            for m in range(max(j - 1, 0), min(j + 2, rows)):
+                other = cell[k, m]
+                if other >= 0:
+                    ox = (plane[other, 0] - low[0]) / width - k - 0.5
+                    oy = (plane[other, 1] - low[1]) / width - m - 0.5
+                    if ox * ox + oy * oy <= (x - k - 0.5) ** 2 + (y - m - 0.5) ** 2:
+                        continue
+                cell[k, m] = n
+    return SpotGrid(cell, low, width, radius)
+
+
+@kernel
+def hits(screen: SpotGrid, plane: Floats, place: Floats) -> int:  # pragma: no cover
+    """Number of positions within the radius of a spot; rarely too small, where spots are close.
+
+    plane  (n, 2) the spots of the grid
+    place  (m, 2) positions in the image plane, all inside the image
+    """
+    met = 0
+    for j in range(len(place)):
+        x, y = place[j]
+        i = int((x - screen.low[0]) / screen.width)
+        k = int((y - screen.low[1]) / screen.width)
+        n = screen.cell[i, k]
+        if n >= 0 and (plane[n, 0] - x) ** 2 + (plane[n, 1] - y) ** 2 <= screen.radius**2:
+            met += 1
+    return met

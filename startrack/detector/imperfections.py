@@ -1,0 +1,204 @@
+"""Thermal, Hits, Defects, Pattern: what a real detector adds to an ideal one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import (
+    BOLTZMANN,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Streams,
+    Unit,
+)
+
+ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
+
+
+@dataclass(frozen=True)
+class Thermal(Parameters):
+    """Temperature of the detector, growth of its dark current, reset noise.
+
+    Where `activation` is zero, the dark current doubles in steps of temperature:
+
+        I(T) = I(reference) 2^((T - reference) / doubling)
+
+    Otherwise it has an activation energy (diffusion: the band gap, 1.12 eV; generation: half):
+
+        I(T) = I(reference) (T / reference)^(3/2) exp(-E / k (1 / T - 1 / reference))
+
+    The reset noise is sqrt(k T C) / q, unless correlated double sampling removes it.
+
+    Source: EMVA 1288 release 4.0, on the dark current, for the doubling; Widenhorn et al. (2002),
+    Proc. SPIE 4669, 193, for the activation energy.
+    """
+
+    temperature: Annotated[float, Unit("K", absolute=True), Range(0, 500), "of the pixels"]
+    reference: Annotated[float, Unit("K", absolute=True), POSITIVE,
+        "of the dark_current of the detector"] = 293.15  # fmt: skip
+    doubling: Annotated[float, Unit("K"), POSITIVE, "in which the dark current doubles"] = 8.0
+    activation: Annotated[float, Unit("J", "eV"), NON_NEGATIVE,
+        "joule, activation energy of the dark current; 0: it doubles in steps"] = 0.0  # fmt: skip
+    capacitance: Annotated[float, Unit("F", "fF"), NON_NEGATIVE,
+        "farad, of the sense node; 0 with correlated double sampling"] = 0.0  # fmt: skip
+
+    @property
+    def growth(self) -> float:
+        """Dark current over that at the reference; zero at 0 K."""
+        if self.temperature == 0:
+            return 0.0
+        if self.activation:
+            cold = 1 / self.temperature - 1 / self.reference
+            power = (self.temperature / self.reference) ** 1.5
+            return power * math.exp(-self.activation / BOLTZMANN * cold)
+        return float(2 ** ((self.temperature - self.reference) / self.doubling))
+
+    @property
+    def reset_noise(self) -> float:
+        """Electron rms."""
+        return math.sqrt(BOLTZMANN * self.temperature * self.capacitance) / ELEMENTARY_CHARGE
+
+
+SAMPLES = 16  # points per pixel along a track; chosen by hand: lengths in 1/16 pixel
+LEAST_COSINE = 0.01  # to the normal; only one track in 10 000 has a smaller one
+
+
+@dataclass(frozen=True)
+class Hits(Parameters):
+    """Particles through the sensitive layer.
+
+    Their number is a Poisson number. Their flux is isotropic, so that the cosine of the angle to
+    the normal of those that cross the layer is the square root of a uniform number.
+
+    Source: the most probable charge of a minimum-ionising particle in silicon is 80 electrons per
+    micrometre (Particle Data Group, Passage of particles through matter).
+    """
+
+    rate: Annotated[float, Unit("m-2 s-1", "cm-2 s-1"), NON_NEGATIVE,
+        "particle / m^2 / s through the surface, from both sides"]  # fmt: skip
+    charge: Annotated[float, Unit("electron / m", "electron / um"), POSITIVE,
+        "electron / m along the track"] = 80e6  # fmt: skip
+    depth: Annotated[float, Unit("m", "um"), POSITIVE, "of the sensitive layer"] = 10e-6
+
+
+def tracks(
+    hits: Hits, shape: tuple[int, int], pitch: float, exposure: float, streams: Streams
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The pixels that particles hit in one exposure, and their charge.
+
+        electrons = charge * length of the track in the pixel
+
+    pitch     metre
+    Returns   (k,) row * columns + column, increasing, and (k,) electron
+    Accuracy  model: no straggling, no delta rays, no diffusion. numerical: lengths in units of 1/16
+              pixel; their sum along a track is exact.
+    """
+    random = streams("hits")
+    rows, columns = shape
+    count = random.poisson(hits.rate * exposure * rows * columns * pitch**2)
+    pixels, charges = [np.zeros(0, np.int64)], [np.zeros(0)]
+    for x, y, square, turn in random.random((count, 4)):
+        cosine = max(math.sqrt(square), LEAST_COSINE)
+        length = hits.depth / cosine
+        across = length * math.sqrt(1 - cosine**2) / pitch
+        points = math.ceil(SAMPLES * across) + 1
+        along = (np.arange(points) + 0.5) / points * across
+        column = np.floor(x * columns + along * math.cos(2 * math.pi * turn)).astype(np.int64)
+        row = np.floor(y * rows + along * math.sin(2 * math.pi * turn)).astype(np.int64)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        pixels.append((row * columns + column)[inside])
+        charges.append(np.full(inside.sum(), hits.charge * length / points))
+    pixel, index = np.unique(np.concatenate(pixels), return_inverse=True)
+    electrons = np.bincount(index, np.concatenate(charges), len(pixel))
+    return pixel, electrons.astype(float)
+
+
+@dataclass(frozen=True)
+class Defects(Parameters):
+    """Pixels with deviating dark current or response, fixed for each device.
+
+        dark current = max(mean + dsnu N(0, 1), 0) + (hot: exponential of mean hot_current)
+        response     = 0 where dead
+
+    Source: EMVA 1288 release 4.0, section 2.3, for the DSNU. The exponential tail of hot pixels is
+    an assumption; proton damage has such tails (Hopkinson, Dale and Marshall 1996, IEEE
+    Transactions on Nuclear Science 43, 614).
+    """
+
+    dsnu: Annotated[float, Unit("electron / s"), NON_NEGATIVE,
+        "electron / second rms over the pixels, at the reference temperature"] = 0.0  # fmt: skip
+    hot: Annotated[float, Range(0, 1), "fraction of the pixels"] = 0.0
+    hot_current: Annotated[float, Unit("electron / s"), NON_NEGATIVE,
+        "electron / second, mean over the hot pixels, at the reference temperature"
+    ] = 0.0  # fmt: skip
+    dead: Annotated[float, Range(0, 1), "fraction of the pixels"] = 0.0
+    dead_columns: Annotated[int, Range(0, 2**16), "number of columns without response"] = 0
+
+
+def photo_response(
+    shape: tuple[int, int], prnu: float, defects: Defects | None, device: Streams
+) -> Floats:
+    """Response of each pixel over the mean: normal of rms `prnu`, at least 0; 0 for dead pixels."""
+    response = np.ones(shape)
+    if prnu:
+        response += prnu * device("photo response").standard_normal(shape)
+        np.maximum(response, 0.0, out=response)
+    if defects and defects.dead:
+        response[device("dead pixels").random(shape) < defects.dead] = 0.0
+    if defects and defects.dead_columns:
+        order = device("dead columns").permutation(shape[1])
+        response[:, order[: defects.dead_columns]] = 0.0
+    return response
+
+
+def dark_response(
+    shape: tuple[int, int], current: float, defects: Defects, device: Streams
+) -> Floats:
+    """Dark current of each pixel, electron / second at the reference temperature."""
+    dark = np.full(shape, current)
+    if defects.dsnu:
+        dark += defects.dsnu * device("dark current").standard_normal(shape)
+        np.maximum(dark, 0.0, out=dark)
+    if defects.hot:
+        choice, size = device("hot pixels").random((2, *shape))
+        dark -= np.where(choice < defects.hot, defects.hot_current * np.log1p(-size), 0.0)
+    return dark
+
+
+LINE_NOISE = "electron rms, random in each frame"
+
+
+@dataclass(frozen=True)
+class Pattern(Parameters):
+    """Normal offsets of the signal that the pixels of a row or column share.
+
+    Source: EMVA 1288 release 4.0, section 2.3 (row and column variances).
+    """
+
+    row: Annotated[float, Unit("electron"), NON_NEGATIVE, LINE_NOISE] = 0.0
+    column: Annotated[float, Unit("electron"), NON_NEGATIVE, LINE_NOISE] = 0.0
+    column_offset: Annotated[float, Unit("electron"), NON_NEGATIVE,
+        "electron rms over the columns, fixed for each device"] = 0.0  # fmt: skip
+
+
+def offsets(
+    pattern: Pattern, shape: tuple[int, int], device: Streams, streams: Streams
+) -> tuple[Floats, Floats]:
+    """Offsets of rows (rows, 1) and of columns (columns,), electron."""
+    rows, columns = shape
+    down, across = np.zeros((rows, 1)), np.zeros(columns)
+    if pattern.row:
+        down += pattern.row * streams("row noise").standard_normal((rows, 1))
+    if pattern.column:
+        across += pattern.column * streams("column noise").standard_normal(columns)
+    if pattern.column_offset:
+        across += pattern.column_offset * device("column offset").standard_normal(columns)
+    return down, across

@@ -1,0 +1,98 @@
+"""Case -> what its tracker believes: plan of the detection, meaning of the numbers, smear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+from startrack.core import Camera, Frame, kept
+from startrack.design import Case, Instrument
+from startrack.detection import (
+    LONGEST_STREAK,
+    STREAK,
+    DarkFrames,
+    Detection,
+    DetectionPlan,
+    plan_detection,
+)
+from startrack.detector import YEAR, dark_frames, to_frame
+from startrack.trial.images import psf_of
+
+
+def detection_plan(
+    case: Case, detection: Detection | None = None, smear: tuple[float, float] | None = None
+) -> DetectionPlan:
+    """The plan of a tracker that knows the PSF of its design, made once per design.
+
+    detection  None for that of the tracker
+    smear      pixel, where the settings leave it out; None for `known_smear`
+    """
+    return _planned(*_settings(case, detection, smear))
+
+
+@lru_cache(maxsize=64)
+def _settings(
+    case: Case, detection: Detection | None, smear: tuple[float, float] | None
+) -> tuple[Instrument, Detection]:
+    """The instrument of the design, and the settings with their smear; of the 64 last cases."""
+    detection = detection or case.tracker.detection
+    designed = case.as_designed
+    return designed.instrument, with_smear(detection, *(smear or known_smear(designed)))
+
+
+@kept(16)
+def _planned(instrument: Instrument, detection: Detection) -> DetectionPlan:
+    """The plan, whose dark map comes from dark frames of the detector."""
+
+    def dark() -> DarkFrames:
+        assert detection.dark_map
+        detector, then = instrument.detector, detection.dark_map_age
+        if then is not None and detector.age:
+            detector = replace(detector, age=detector.age.of_map(then / YEAR))
+        return DarkFrames(*dark_frames(detector, detection.dark_map.frames))
+
+    return plan_detection(detection, psf_of(instrument), dark)
+
+
+def as_believed(case: Case, frame: Frame) -> Frame:
+    """A frame with the meaning that the tracker believes its numbers to have."""
+    if case.design is None:
+        return frame
+    return to_frame(frame.image, case.as_designed.instrument.detector)
+
+
+def known_smear(case: Case) -> tuple[float, float]:
+    """Smear on the boresight (pixel, x and y) by the rates that the tracker knows.
+
+    Zero where lines scan: each of their spots has its own time.
+    """
+    detector, motion = case.as_designed.instrument.detector, case.believed_motion
+    if detector.scan:
+        return 0.0, 0.0
+    return smear_of(case, motion.rate_x, motion.rate_y)
+
+
+def smear_of(case: Case, rate_x: float, rate_y: float) -> tuple[float, float]:
+    """`smear` that the tracker of a case computes from rates (rad / s)."""
+    exposure = case.as_designed.instrument.detector.exposure
+    return smear(case.believed_camera, exposure, rate_x, rate_y)
+
+
+def smear(camera: Camera, exposure: float, rate_x: float, rate_y: float) -> tuple[float, float]:
+    """Smear on the boresight (pixel, x and y) in an exposure (s) at rates (rad / s).
+
+    The sky turns by r: a star on the boresight moves by (r_y, -r_x).
+    """
+    scale = camera.focal_length_px * exposure
+    return rate_y * scale, -rate_x * scale
+
+
+def with_smear(detection: Detection, x: float, y: float) -> Detection:
+    """The settings with a smear where they leave it out, unless it is too short to matter."""
+    if detection.smear_x is not None or detection.smear_y is not None:
+        return detection
+    if not math.hypot(x, y) > STREAK:
+        return detection
+    scale = min(1.0, LONGEST_STREAK / max(abs(x), abs(y)))
+    return replace(detection, smear_x=scale * x, smear_y=scale * y)

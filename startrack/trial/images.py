@@ -1,0 +1,111 @@
+"""Instrument -> the images of stars: their PSF, over the frame and over their colour."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Camera, FieldPsf, Psf, kept
+from startrack.design import Instrument
+from startrack.optics import Optics, cube_psf, field_psf, open_optics, pixel_psf
+from startrack.scene import SUN, WAVELENGTH
+
+# Kelvin, of blackbodies whose images those of all stars are interpolated between.
+TEMPERATURES = np.array([50000.0, 8000.0, 4500.0, 2500.0])
+
+
+@kept(8)
+def psf_of(instrument: Instrument) -> Psf:
+    """The PSF for sunlike stars, with a lens table its mean over the frame.
+
+    Kept for the 8 last instruments.
+    """
+    if instrument.optics.tabulated:
+        return _whole_images(instrument).mean(sunlike_colour(instrument))
+    detector, spectrum = instrument.detector, detected_spectrum(instrument)
+    return _one_psf(
+        instrument.optics,
+        detector.pitch,
+        spectrum.tobytes(),
+        detector.fill_factor,
+        detector.diffusion,
+    )
+
+
+@kept(8)
+def _one_psf(
+    optics: Optics, pitch: float, photons: bytes, fill_factor: float, diffusion: float
+) -> Psf:
+    """`pixel_psf`; kept for the 8 last, which instruments of other exposures or noise share."""
+    spectrum = np.frombuffer(photons)
+    return pixel_psf(optics, pitch, WAVELENGTH, spectrum, fill_factor, diffusion)
+
+
+def images_of(instrument: Instrument) -> Psf | FieldPsf:
+    """What stars are rendered with; a lens table makes it depend on place and colour."""
+    return field_psf_of(instrument) if instrument.optics.tabulated else psf_of(instrument)
+
+
+@kept(8)
+def field_psf_of(instrument: Instrument) -> FieldPsf:
+    """The images of stars over the frame and their colour; kept for the 8 last instruments."""
+    images, optics = _whole_images(instrument), instrument.optics
+    if not optics.lens_colour:
+        images = images.of_one_colour(sunlike_colour(instrument))
+    if not optics.lens_field:
+        images = images.of_one_place(sunlike_colour(instrument))
+    return images
+
+
+def _whole_images(instrument: Instrument) -> FieldPsf:
+    """The images with all effects of the lens; instruments of one lens and detector share them."""
+    instrument = instrument.imaged or instrument
+    detector = instrument.detector
+    spectra = instrument.detected_spectra(TEMPERATURES)
+    return _computed(
+        replace(instrument.optics, lens_field=True, lens_colour=True),
+        instrument.lens_temperature,
+        instrument.camera.ideal,
+        detector.pitch,
+        (spectra / spectra.max()).tobytes(),
+        detector.fill_factor,
+        detector.diffusion,
+    )
+
+
+@kept(4)
+def _computed(
+    optics: Optics, kelvin: float, camera: Camera, pitch: float, photons: bytes,
+    fill_factor: float, diffusion: float,
+) -> FieldPsf:  # fmt: skip
+    """`field_psf` for blackbodies of all TEMPERATURES; kept for the 4 last lenses.
+
+    photons  of `Instrument.detected_spectra`
+    """
+    spectra = np.frombuffer(photons).reshape(len(TEMPERATURES), -1)
+    colour = spectra @ WAVELENGTH / spectra.sum(axis=1)
+    order = np.argsort(colour)
+    light = WAVELENGTH, spectra[order], colour[order], fill_factor, diffusion
+    if optics.psf_file:
+        return cube_psf(optics, camera, pitch, *light)
+    return field_psf(open_optics(optics, kelvin), camera, pitch, *light)
+
+
+def colour_range(instrument: Instrument) -> tuple[float, float]:
+    """Mean detected wavelengths of the hottest and the coolest of TEMPERATURES, metre."""
+    spectra = instrument.detected_spectra(TEMPERATURES[[0, -1]])
+    blue, red = spectra @ WAVELENGTH / spectra.sum(axis=1)
+    return float(blue), float(red)
+
+
+def sunlike_colour(instrument: Instrument) -> float:
+    """Mean detected wavelength of a sunlike star, metre."""
+    spectrum = detected_spectrum(instrument)
+    return float(spectrum @ WAVELENGTH / spectrum.sum())
+
+
+def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:
+    """Electrons per second of a sunlike star in each spectral bin, on an arbitrary scale."""
+    return instrument.detected_spectra(np.array([SUN]))[0]

@@ -1,0 +1,91 @@
+"""Attitude of a trial, the motion of the camera about it, and what a tracker must report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import LineOfSight, Streams
+from startrack.design import Case, Instrument
+from startrack.detector import MotionFunction
+from startrack.motion import realise_motion, sample_jitter
+
+
+def random_attitude(streams: Streams) -> Rotation:
+    """An attitude icrs_to_camera, uniform over all rotations."""
+    return Rotation.from_quat(_quaternion(streams))
+
+
+def random_attitudes(seed: int, numbers: Sequence[int]) -> Rotation:
+    """`random_attitude` of some trials of a seed."""
+    return Rotation.from_quat([_quaternion(Streams(seed, number)) for number in numbers])
+
+
+def rotations_from_cube(cube: NDArray[np.float64]) -> Rotation:
+    """Rotations of points (n, 3) in the unit cube, which are distributed as evenly as the points.
+
+    Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
+    """
+    radius, p, q = np.sqrt(cube[:, 0]), 2 * np.pi * cube[:, 1], 2 * np.pi * cube[:, 2]
+    rest = np.sqrt(1 - cube[:, 0])
+    x, y, z, w = rest * np.sin(p), rest * np.cos(p), radius * np.sin(q), radius * np.cos(q)
+    return Rotation.from_quat(np.column_stack([x, y, z, w]))
+
+
+def _quaternion(streams: Streams) -> NDArray[np.float64]:
+    return streams("attitude").standard_normal(4)
+
+
+def line_of_sight(instrument: Instrument, streams: Streams) -> LineOfSight:
+    """The path of the line of sight in the exposure of one trial."""
+    camera = instrument.camera
+    return sample_jitter(
+        instrument.motion,
+        instrument.detector.exposure,
+        1 / camera.focal_length_px,
+        streams,
+        camera.half_diagonal,
+    )
+
+
+def motion_function(instrument: Instrument, streams: Streams) -> MotionFunction | None:
+    """The motion of `line_of_sight` at any time; None except for a rolling shutter."""
+    detector = instrument.detector
+    if not detector.row_delay:
+        return None
+    return realise_motion(instrument.motion, detector.exposure, streams).over
+
+
+def motion_before(
+    instrument: Instrument, path: LineOfSight, streams: Streams
+) -> tuple[LineOfSight, MotionFunction]:
+    """The line of sight in the exposure of the frame before, and its motion at any time."""
+    detector = instrument.detector
+    motion, late = (
+        realise_motion(instrument.motion, detector.exposure, streams),
+        1 / detector.update_rate,
+    )
+    earlier = replace(path, rotation=motion.at(path.time - late))
+    return earlier, lambda start, step: motion.over(start - late, step)
+
+
+def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
+    """The attitude icrs_to_camera that a tracker must report, so that the spacecraft's is correct.
+
+    Its time tag may be late, and the mounting may differ from the believed one: the reference is
+    the spacecraft's attitude at the time tag, in the axes of the believed camera.
+    """
+    truth = icrs_to_camera
+    if case.time_tag_error:
+        path = realise_motion(case.instrument.motion, case.instrument.detector.exposure, streams)
+        truth = Rotation.from_rotvec(path.at(np.array([case.time_tag_error]))[0]) * truth
+    mounting, believed = case.instrument.mounting, case.believed_mounting
+    if mounting == believed:
+        return truth
+    phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
+    return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * truth

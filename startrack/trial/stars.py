@@ -1,0 +1,142 @@
+"""Case -> the stars of its sky: which a frame may hold, how bright, and of what colour."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.catalog import Selection, Sky, open_sky
+from startrack.core import Camera, Floats, Ints, Light, Stars, Streams, kept
+from startrack.design import Case, Instrument
+from startrack.detector import arriving, electron_rate, mean_wavelength
+from startrack.identification import POINTS, indexed_field, merged
+from startrack.optics import add_ghosts, stray_light
+from startrack.scene import WAVELENGTH, Sight, illuminate
+
+PART = 2**14  # stars whose spectra, hundreds of bytes each, are held at a time
+EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
+COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP, from the hottest stars to the reddest
+
+
+def stars_in_field(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Stars:
+    """The stars that can reach the frame, brightest first."""
+    return sky.stars[nearby(sky, icrs_to_camera, camera)]
+
+
+def nearby(sky: Sky, icrs_to_camera: Rotation, camera: Camera) -> Ints:
+    """Indices in the sky of the stars that can reach the frame, brightest first."""
+    boresight = icrs_to_camera.as_matrix()[2]
+    return sky.cone(boresight, camera.half_diagonal + math.radians(EDGE))
+
+
+@kept(4)
+def electrons_of(case: Case) -> Floats:
+    """Electrons (n,) of each star of the sky in an exposure; kept for the 4 last cases."""
+    camera, detector = case.instrument.camera, case.instrument.detector
+    through = throughput(case.instrument)
+    return _of_all_stars(case, lambda light: arriving(light, camera, detector, through)[0])
+
+
+@kept(4)
+def colours_of(case: Case) -> Floats:
+    """Mean detected wavelength (n,) of each star of the sky, metre; kept for the 4 last cases."""
+    detector, through = case.instrument.detector, throughput(case.instrument)
+    return _of_all_stars(case, lambda light: mean_wavelength(light, detector, through))
+
+
+def _of_all_stars(case: Case, figure: Callable[[Light], Floats]) -> Floats:
+    """A figure (n,) of the light of each star of the sky, some of them at a time."""
+    stars = open_sky(case.catalog).stars
+    starts = range(0, max(len(stars), 1), PART)
+    parts = (illuminate(case.scene, stars[start : start + PART]) for start in starts)
+    return np.concatenate([figure(light) for light in parts])
+
+
+def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Streams) -> Light:
+    """Light at the entrance pupil, with the stray light that passes the baffle."""
+    instrument = case.instrument
+    optics, camera = instrument.optics, instrument.camera
+    sight = Sight(icrs_to_camera, camera, case.catalog.faintest_g, streams)
+    light = illuminate(case.scene, stars, sight)
+    if instrument.ghosts is not None:
+        pitch = instrument.detector.pitch
+        light = add_ghosts(light, instrument.ghosts, optics, icrs_to_camera, camera, pitch)
+    if instrument.baffle is None:
+        return light
+    return stray_light(light, instrument.baffle, optics, icrs_to_camera, camera)
+
+
+def throughput(instrument: Instrument) -> NDArray[np.float64]:
+    """Area of the aperture times transmission, square metre in each spectral bin."""
+    return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)
+
+
+def sky_electrons(case: Case) -> float:
+    """Electron in a pixel of mean response, of the sky's uniform light in an exposure."""
+    instrument = case.instrument
+    light = illuminate(case.scene, open_sky(case.catalog).stars[:0])
+    return arriving(light, instrument.camera, instrument.detector, throughput(instrument))[1]
+
+
+def light_by_colour(case: Case, colour: Floats) -> Light:
+    """The light of stars of G = 0 and BP - RP (n,), NaN for a sunlike one."""
+    count = len(colour)
+    stars = Stars(np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count), colour)
+    return illuminate(case.scene, stars)
+
+
+def colour_correction(case: Case, bp_rp: Floats) -> Floats:
+    """Magnitude (n,) by which stars are fainter for this camera than sunlike stars of the same G.
+
+    bp_rp  NaN where it is not known
+    """
+    light, instrument = light_by_colour(case, np.append(COLOURS, np.nan)), case.instrument
+    rate, _ = electron_rate(light, instrument.detector, throughput(instrument))
+    fainter = -2.5 * np.log10(rate[:-1] / rate[-1])
+    return np.where(np.isnan(bp_rp), 0.0, np.interp(bp_rp, COLOURS, fainter))
+
+
+def mean_colour(case: Case, bp_rp: Floats) -> Floats:
+    """Mean detected wavelength (n,) of stars, metre.
+
+    bp_rp  where it is not known (NaN), that of a sunlike star
+    """
+    light, instrument = light_by_colour(case, np.append(COLOURS, np.nan)), case.instrument
+    mean = mean_wavelength(light, instrument.detector, throughput(instrument))
+    return np.where(np.isnan(bp_rp), mean[-1], np.interp(bp_rp, COLOURS, mean[:-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class SeparableStars:
+    """Stars of a catalogue; those too close for the tracker's index count as one.
+
+    sky   brightest first
+    name  (n,) index of each in the catalogue; of several, that of the brightest
+    """
+
+    sky: Sky
+    name: Ints
+
+
+def separable_stars(selection: Selection, camera: Camera) -> SeparableStars:
+    """The stars of a catalogue as the tracker's index merges them."""
+    return separated(selection, index_resolution(camera))
+
+
+def index_resolution(camera: Camera) -> float:
+    """Radian, within which the index merges stars; the same for cameras of similar field."""
+    return indexed_field(camera) / POINTS
+
+
+@lru_cache(maxsize=8)
+def separated(selection: Selection, resolution: float) -> SeparableStars:
+    """`separable_stars` by resolution; kept for the 8 last pairs."""
+    stars, name = merged(open_sky(selection).stars, resolution)
+    order = np.argsort(stars.magnitude_g, kind="stable")
+    return SeparableStars(Sky(stars[order]), name[order])
