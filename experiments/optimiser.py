@@ -27,9 +27,9 @@ from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star, centre_of_gravity_error
 from startrack.optimise import Evaluation, Ledger, Search, TrialRunner, evaluate, least
 from startrack.optimise.evaluate import LOST, PENALTY, measured, missed
+from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import expected_objective
 from startrack.optimise.runner import FRESH
-from startrack.optimise.explore import Explorer
 from startrack.optimise.steps import confirm_requirements, correct, explore, refine
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.verification.margins import margins as margins_of

@@ -25,7 +25,7 @@ from startrack.verification import cost_margins
 FIRST, FIRST_MORE = 3, 5  # forecasts per variable, and besides, before the first emulator
 BATCH = 4  # forecasts between two emulators: the same for any number of workers
 ENOUGH = 0.2  # of the precision, below which an expected gain does not justify a forecast
-SIGMAS = 1.645  # by which a design may be better than expected: 95 % of a normal law
+SIGMAS = 2.0  # by which a design may be better than expected: 98 % of a normal law
 CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
@@ -230,6 +230,7 @@ class Explorer:
     values: list[Foresight] = field(default_factory=list)
     ending: str = ""
     _emulators: tuple[int, Emulators] | None = None
+    _spanned: float = np.inf  # a score below it has spans whose ends have no forecast
 
     @cached_property
     def scales(self) -> dict[str, Scale]:
@@ -272,8 +273,18 @@ class Explorer:
         self.forecast([start, *islice(_affordable(self.space, self.campaign), count - 1)])
 
     def step(self, most: int) -> None:
-        """Forecast the next designs, as many as are allowed, or say in `ending` why none."""
+        """Forecast the next designs, as many as are allowed, or say in `ending` why none.
+
+        Where none is proposed, the ends of the spans are forecast, which the emulators expect to be
+        as good: they show whether the emulators are right, and how far a variable may go.
+        """
         points = self._proposals()
+        if not points and self.score < self._spanned and np.isfinite(self.score):
+            self._spanned = self.score - ENOUGH * self.campaign.precision
+            ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
+            for end in ends:
+                if self._is_new(end, points):
+                    points.append(end)
         if points:
             self.forecast(points[:most])
         else:
@@ -314,7 +325,7 @@ class Explorer:
         return np.vstack([leaders[:2], pool[good]])
 
     def lowest(self) -> float:
-        """The score below which no design is with 95 % confidence, as the emulators see it."""
+        """The score below which no design is with 98 % confidence, as the emulators see it."""
         return min(self.score, self.emulators.least(self.starts(), SIGMAS)[1])
 
     def spans(self, best: Floats) -> list[Span]:
@@ -381,7 +392,7 @@ class Landscape(NamedTuple):
     forecasts  number of designs
     expected   of these ln(arcsec) of the objective, NaN where no attitude is expected
     met        of these whether all requirements are met, as expected
-    left       by how much ln(error) may yet fall, with 95 % confidence
+    left       by how much ln(error) may yet fall, with 98 % confidence
     spans      of each variable, by its name
     prices     by how much ln(error) falls if a limit is relaxed by 1 %, by the margin's name
     ending     why there are no more

@@ -71,7 +71,7 @@ def landscape_lines(optimum: Optimum, campaign: Campaign) -> list[str]:
         "",
         f"{len(found.forecasts)} designs were forecast by the analytic budget; {found.ending}. By "
         f"these forecasts no design is better by more than {100 * math.expm1(found.left):.1f} % "
-        "(95 %). The last column says between which values a variable may lie while the others "
+        "(98 %). The last column says between which values a variable may lie while the others "
         "follow.",
     ]
     if found.prices:
