@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from startrack.core.refused import Refused
+from startrack.core.checks import Refused
 
 
 @contextmanager

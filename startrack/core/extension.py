@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core.checks import refusal, shown
-from startrack.core.refused import Refused
+from startrack.core.checks import Refused, refusal, shown
 
 ENVIRONMENT = "STARTRACK_ALLOW_CODE"
 FORM = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from startrack.core.arrays import Floats
+from startrack.core.interpolation import lagrange_weights, local_weights
 from startrack.core.interpret import instead_of
 from startrack.core.kernel import kernel
-from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.values import Psf
 
 # Electron in a pixel, below which a term of a star is left out, and the curve between the samples

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.random.bit_generator import ISpawnableSeedSequence
 from numpy.typing import NDArray
 
-from startrack.core.checks import whole
+from startrack.core.checks import Refused, whole
 from startrack.core.kernel import kernel
-from startrack.core.refused import Refused
 
 POOL = 4  # words of 32 bits
 STATE = 3  # numbers of 64 bits, that SFC64 asks for

@@ -8,7 +8,7 @@ from decimal import Decimal, DecimalException
 from functools import lru_cache
 from typing import NamedTuple
 
-from startrack.core.refused import Refused
+from startrack.core.checks import Refused
 
 PLANCK = 6.62607015e-34  # J s, exact in the SI of 2019
 LIGHT_SPEED = 299792458.0  # m / s, exact in the SI of 2019

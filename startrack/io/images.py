@@ -13,9 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Frame, Stars, require_memory
-from startrack.io.checked_fits import require_fits
-from startrack.io.picture_size import picture_size
-from startrack.io.reading import read_bytes, regular_file, unpacked
+from startrack.io.reading import picture_size, read_bytes, regular_file, require_fits, unpacked
 from startrack.io.recordings import VIDEOS, Layout, read_raw, read_ser, read_video
 from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header

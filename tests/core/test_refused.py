@@ -7,7 +7,7 @@ import pytest
 
 from startrack import Refused
 from startrack.core import require_memory, within
-from startrack.core.refused import WrongType
+from startrack.core.checks import WrongType
 
 
 def test_it_has_the_parameter_the_rule_and_the_value():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from startrack.io.layers import DEEPEST, read_layers
+from startrack.io.tables import DEEPEST, read_layers
 
 
 @pytest.fixture
