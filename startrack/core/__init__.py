@@ -1,7 +1,6 @@
 """What all rooms share: units, values, camera, rotations, random streams, checks.
 
-units      Units as SI floats, constants with their source, and `"50 mm"` read and written at the
-           border.
+units      Units as SI floats, constants with their source; `"50 mm"` and dates at the border.
 arrays     Types of arrays, and within kernels order, median and place of values.
 kernel     A function enters; compiled code leaves, kept in a folder named by a hash of all sources.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value;
@@ -22,7 +21,6 @@ camera     Direction to pixel and pixel to direction, both ways together: OpenCV
            polynomial over the field.
 values     The nouns that flow from room to room; every array has its shape and unit here.
 field_psf  FieldPsf: the images of points over a frame and over colour, as sums of a few tables.
-dates      Date as text -> astropy Time, converted with the installed tables.
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
 
@@ -41,7 +39,6 @@ from startrack.core.checks import (
     whole,
     within,
 )
-from startrack.core.dates import installed_tables, utc
 from startrack.core.declared import (
     FINITE,
     NON_NEGATIVE,
@@ -89,13 +86,7 @@ from startrack.core.kernel import (
     private_folder,
     trusted,
 )
-from startrack.core.memory import (
-    begin_limited,
-    gib,
-    limited_memory,
-    memory_limit,
-    require_memory,
-)
+from startrack.core.memory import begin_limited, gib, limited_memory, memory_limit, require_memory
 from startrack.core.rotations import quaternion, rotation_of
 from startrack.core.streams import Streams
 from startrack.core.units import (
@@ -109,10 +100,12 @@ from startrack.core.units import (
     arcsec,
     deg,
     fraction,
+    installed_tables,
     mm,
     nm,
     parse,
     um,
+    utc,
     write,
 )
 from startrack.core.values import (
@@ -136,9 +129,5 @@ from startrack.core.variates import (
     inverse_normal,
     mixed,
     poisson_of_uniform,
-    poisson_quantile,
     uniform,
 )
-
-# Public; the other imports serve other rooms.
-__all__ = ["poisson_quantile"]

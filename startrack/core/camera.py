@@ -211,8 +211,8 @@ class Camera(Parameters):
         away = (pixel - self.centre) / self.focal_length_px - plane
         # In units of the corner, so that all powers are of one size.
         size = float(np.abs(plane).max())
-        found = np.linalg.lstsq(monomials(plane / size), away, rcond=None)[0]
-        x, y = (found / monomials(np.full((1, 2), size)).T).T
+        solution = np.linalg.lstsq(monomials(plane / size), away, rcond=None)[0]
+        x, y = (solution / monomials(np.full((1, 2), size)).T).T
         polynomial = FieldPolynomial(tuple(x.tolist()), tuple(y.tolist()))
         return Camera(
             self.columns, self.rows, self.focal_length_px, self.principal_x, self.principal_y,
@@ -309,7 +309,9 @@ def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
 
 
 @kernel(inline="always")
-def distort(x, y, k1, k2, p1, p2, k3):  # type: ignore[no-untyped-def]
+def distort(
+    x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float
+) -> tuple[float, float]:
     """OpenCV's distortion of a point x / z, y / z, for compiled code; `distort.py_func` for arrays.
 
         r^2 = x^2 + y^2,   x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)

@@ -49,10 +49,10 @@ class Curve:
                 "wavelength and value must have the same length (or one value and no wavelength), "
                 f"got {len(self.wavelength)} and {len(self.value)}"
             )
-        for each in self.wavelength:
-            positive(wavelength=each)
-        for each in self.value:
-            within(0, 1, value=each)
+        for wavelength in self.wavelength:
+            positive(wavelength=wavelength)
+        for value in self.value:
+            within(0, 1, value=value)
         if any(b <= a for a, b in zip(self.wavelength, self.wavelength[1:], strict=False)):
             raise Refused(f"wavelength must rise, got {self.wavelength}")
 
@@ -64,7 +64,9 @@ class Curve:
 
     def scaled(self, factor: float) -> Curve:
         """The curve times a factor, within [0, 1]."""
-        return Curve(self.wavelength, tuple(min(max(one * factor, 0.0), 1.0) for one in self.value))
+        return Curve(
+            self.wavelength, tuple(min(max(value * factor, 0.0), 1.0) for value in self.value)
+        )
 
 
 ALL = Curve()  # nothing is lost at any wavelength

@@ -166,10 +166,10 @@ def trusted(path: str | os.PathLike[str]) -> bool:
     if not hasattr(os, "geteuid"):  # Windows: the user's folders are closed to others
         return True
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except OSError:
         return False
-    return found.st_uid in (os.geteuid(), 0) and not found.st_mode & stat.S_IWOTH
+    return status.st_uid in (os.geteuid(), 0) and not status.st_mode & stat.S_IWOTH
 
 
 def private_folder(path: Path) -> bool:

@@ -185,13 +185,15 @@ class Frame:
         rows += [("type", str(self.image.dtype))]
         if self.image.size:
             rows += [("values", f"{self.image.min():g} to {self.image.max():g} DN")]
-        known = (
+        properties = (
             ("exposure", 1e3 * self.exposure, "ms"),
             ("gain", self.electrons_per_dn, "e-/DN"),
             ("offset", self.offset, "DN"),
             ("read noise", self.read_noise, "e- rms"),
         )
-        return rows + [(name, f"{one:.4g} {unit}") for name, one, unit in known if one == one]
+        return rows + [
+            (name, f"{value:.4g} {unit}") for name, value, unit in properties if value == value
+        ]
 
     def __repr__(self) -> str:
         return short_text("Frame", self._rows)

@@ -9,13 +9,11 @@ sqlite        SQLite file of one kind -> its tables, open for one process at a t
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its
               place; a file, the files below it, and single values -> one table.
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
-              reader.
+              reader; a solved image as FITS files of astrometry.net, and by the names of tetra3.
 recordings    SER, raw and video files -> images; Bayer mosaics -> images of one colour or of all.
 images        Image files to frames, and frames to FITS with their WCS and their truth.
 interchange   Tables of results -> pandas, xarray and astropy, with the units of their columns;
               rows of texts in columns.
-solution      A solved image -> FITS files as astrometry.net writes them, and values by the names
-              of tetra3.
 frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video files, and a table.
 """
 
@@ -40,7 +38,6 @@ from startrack.io.saving import (
     save_text,
     whole,
 )
-from startrack.io.solution import tetra3_values, write_solution
 from startrack.io.sqlite import Database, Execute, FileKind
 from startrack.io.tables import (
     LARGEST_INTEGER,
@@ -52,7 +49,15 @@ from startrack.io.tables import (
     to_table,
     written,
 )
-from startrack.io.wcs import camera_to_wcs, celestial, celestials, pointing, wcs_header
+from startrack.io.wcs import (
+    camera_to_wcs,
+    celestial,
+    celestials,
+    pointing,
+    tetra3_values,
+    wcs_header,
+    write_solution,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = ["shipped"]

@@ -70,8 +70,7 @@ def require_image_memory(path: Path, columns: int, rows: int, pixel: int) -> Non
     Raises  ValueError with the size and the limit.
     """
     require_memory(
-        columns * rows * (2 * pixel + SEARCHED),
-        f"{path}, an image of {columns} x {rows} pixels,",
+        columns * rows * (2 * pixel + SEARCHED), f"{path}, an image of {columns} x {rows} pixels,"
     )
 
 
@@ -163,7 +162,7 @@ def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
                 )
                 _require_fits_memory(path, unit.header)
                 image, header = np.asarray(unit.data), unit.header
-                known = [_number(header, key) for key in ("EXPTIME", "GAIN", "RDNOISE")]
+                numbers = [_number(header, key) for key in ("EXPTIME", "GAIN", "RDNOISE")]
                 offset = _number(header, "PEDESTAL", 0.0)
                 said = _pattern(header)
     except StopIteration:
@@ -190,7 +189,7 @@ def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
     if image.ndim != 2:
         raise ValueError(f"{path} must hold an image of two axes, got shape {image.shape}")
     image = layout.one_image(path, image.astype(image.dtype.newbyteorder("=")), said)
-    return Frame(image, known[0], known[1], offset, known[2])
+    return Frame(image, numbers[0], numbers[1], offset, numbers[2])
 
 
 def _pattern(header) -> str | None:  # type: ignore[no-untyped-def]

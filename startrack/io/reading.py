@@ -204,11 +204,11 @@ def require_fits(path: Path, data: bytes) -> None:
     if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
         raise ValueError(f"{path} must be a whole FITS file, which begins with SIMPLE")
     for start in _counts(data):
-        found = COUNT.match(data, start)
-        if found and start % CARD == 0 and int(found[2][:9]) > MOST:
+        count = COUNT.match(data, start)
+        if count and start % CARD == 0 and int(count[2][:9]) > MOST:
             raise ValueError(
-                f"{path} must be a whole FITS file, with {found[1].decode()} at most {MOST}, got "
-                f"{found[2][:9].decode()}"
+                f"{path} must be a whole FITS file, with {count[1].decode()} at most {MOST}, got "
+                f"{count[2][:9].decode()}"
             )
 
 
@@ -239,9 +239,9 @@ def open_checked(path: Path, keyword: str, form: int, what: str) -> Iterator[Any
         with warnings.catch_warnings():
             warnings.simplefilter("error", AstropyUserWarning)
             with fits.open(io.BytesIO(data), checksum=True, memmap=False) as parts:
-                found = parts[0].header.get(keyword, "none")
-                if found != form:
-                    raise ValueError(f"{path} must be {what} of format {form}, got {found}")
+                version = parts[0].header.get(keyword, "none")
+                if version != form:
+                    raise ValueError(f"{path} must be {what} of format {form}, got {version}")
                 yield parts
     except FileNotFoundError:
         raise

@@ -155,8 +155,8 @@ def _words() -> str:
 def _read(path: Path) -> str:
     try:
         with open(path, "rb") as file:
-            held = json.loads(file.read(LONGEST))
-        return f", {int(held['process'])} on {held['host']!s:.60} since {held['since']!s:.40}"
+            note = json.loads(file.read(LONGEST))
+        return f", {int(note['process'])} on {note['host']!s:.60} since {note['since']!s:.40}"
     except (OSError, ValueError, KeyError, TypeError):
         return ""
 

@@ -69,7 +69,7 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
                 + f"known here are {', '.join(fields) or 'no keys'}"
             )
     values = {key: _read(fields[key], value, _join(place, key)) for key, value in table.items()}
-    missing = [name for name, each in fields.items() if name not in values and each.required]
+    missing = [name for name, field in fields.items() if name not in values and field.required]
     if missing:
         raise Refused(f"{_join(place, missing[0])} is missing")
     try:
@@ -144,10 +144,10 @@ def _long_key(text: str) -> str:
 def to_table(value: Any) -> dict[str, Any]:
     """Turn a parameter object into a table that `from_table` reads back to an equal object."""
     table = {}
-    for name, each in fields_of(type(value)).items():  # type: ignore[arg-type]
+    for name, declared in fields_of(type(value)).items():  # type: ignore[arg-type]
         item = getattr(value, name)
         if item is not None:
-            table[name] = written(each, item)
+            table[name] = written(declared, item)
     return table
 
 
@@ -176,10 +176,10 @@ def _read(field: Field, value: object, place: str) -> Any:
             raise Refused(text if text.startswith(place) else f"{place} {text}") from None
     if kind is float and isinstance(value, str) and (share := fraction(value)) is not None:
         return _moderate(share, place)
-    whole = isinstance(value, int) and not isinstance(value, bool)
-    if whole and abs(typing.cast(int, value)) > LARGEST_INTEGER:
+    integer = isinstance(value, int) and not isinstance(value, bool)
+    if integer and abs(typing.cast(int, value)) > LARGEST_INTEGER:
         raise Refused(f"{place} must be a number below 2^63, got {shown(value)}")
-    if kind in (float, NUMBER_OR_TEXT) and whole:
+    if kind in (float, NUMBER_OR_TEXT) and integer:
         return float(typing.cast(int, value))
     if kind == NUMBER_OR_TEXT:
         if not isinstance(value, float | str):
@@ -249,19 +249,19 @@ class Layers:
 
         joined  as `read_layers` has it
         """
-        held = self.table
+        below = self.table
         for name in filter(None, place.split(".")):
-            held = held[name]
+            below = below[name]
         for key, value in above.items():
             inner = f"{place}.{key}" if place else key
-            if isinstance(value, dict) and isinstance(held.get(key), dict):
+            if isinstance(value, dict) and isinstance(below.get(key), dict):
                 self.lay(value, origin, inner)
                 continue
-            if key in joined and isinstance(value, list) and isinstance(held.get(key), list):
-                value = _joined(held[key], value, joined[key])
-            for known in [one for one in self.origin if _within(one, inner)]:
-                del self.origin[known]
-            held[key] = {} if isinstance(value, dict) else value
+            if key in joined and isinstance(value, list) and isinstance(below.get(key), list):
+                value = _joined(below[key], value, joined[key])
+            for place_below in [place for place in self.origin if _within(place, inner)]:
+                del self.origin[place_below]
+            below[key] = {} if isinstance(value, dict) else value
             if isinstance(value, dict):
                 self.lay(value, origin, inner)
             else:
@@ -269,9 +269,9 @@ class Layers:
 
     def blamed(self, message: str, path: Path) -> str:
         """A message on a place in the table, with the file that the value there is from."""
-        found = PLACE.match(message)
-        place = found[0] if found else ""
-        origins = {one for name, one in self.origin.items() if _within(name, place)}
+        match = PLACE.match(message)
+        place = match[0] if match else ""
+        origins = {origin for name, origin in self.origin.items() if _within(name, place)}
         return f"{origins.pop() if len(origins) == 1 else path}: {message}"
 
 
@@ -324,10 +324,10 @@ def _read_layers(path: Path, what: str, joined: Joined, above: tuple[Path, ...])
     below, more = own.pop("base", None), own.pop("include", [])
     if below is not None and not isinstance(below, str):
         raise Refused(f"{path}: base must be the name of a file, got {shown(below)}")
-    if not (isinstance(more, list) and all(isinstance(one, str) for one in more)):
+    if not (isinstance(more, list) and all(isinstance(name, str) for name in more)):
         raise Refused(f"{path}: include must be a list of names of files, got {shown(more)}")
     layers = Layers()
-    for key, name in [("base", below)] * (below is not None) + [("include", one) for one in more]:
+    for key, name in [("base", below)] * (below is not None) + [("include", name) for name in more]:
         read = _read_layers(_found(path, key, str(name)), what, joined, (*above, path.resolve()))
         layers.lay(read.table, read.origin, joined=joined)
     layers.lay(own, str(path), joined=joined)
