@@ -8,7 +8,7 @@ from startrack.design.variables import DesignSpace
 from startrack.io import shipped
 from startrack.optimise.evaluate import missed
 from startrack.optimise.steps import reach
-from startrack.verification.margins import margins
+from startrack.verification.accuracy import margins
 
 
 @pytest.mark.slow
