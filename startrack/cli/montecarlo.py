@@ -29,6 +29,7 @@ from startrack.cli.options import (
 if wanted(__name__):
     import numpy as np
     from numpy.typing import NDArray
+    from scipy.spatial.transform import Rotation
 
     from startrack import metrics, montecarlo
     from startrack.budget import noise_only
@@ -145,15 +146,10 @@ def command(options: argparse.Namespace) -> int:
     result |= metrics.to_json(rows) | {"trials_per_s": trials.rate}
     text = [*([summary.doubt] if summary.doubt else []), *metrics.to_lines(rows)]
     if needs and needs.accuracy:
-        result["required"], lines = _required(needs, judged, sampling, options.seed)
         others = [*(condition.name for condition in conditions[1:]), *refused]
-        result["conditions_not_run"] = others
+        more, lines = _required(needs, judged, sampling, options.seed, others)
+        result |= more
         text += lines
-        if others:
-            text.append(
-                "this is the design's own condition alone; `startrack verify` also judges: "
-                + "; ".join(others)
-            )
     if sampling.units:
         required = needs.accuracy if needs else ()
         result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)
@@ -171,12 +167,7 @@ def command(options: argparse.Namespace) -> int:
         terminal.print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
-    tables: list[Path | None] = [options.table, options.out / "trials.csv" if options.out else None]
-    if any(tables):
-        table = montecarlo.with_causes(case, outcomes, attitudes, ends)
-        with as_wrong_use(ValueError, ImportError):
-            for wanted in filter(None, tables):
-                montecarlo.export(wanted, table)
+    _save_table(options, case, outcomes, attitudes, ends)
     if options.out:
         draw_errors(options.out / "errors.png", outcomes, path.stem)
         save_json(options.out / "summary.json", terminal.finite(result))
@@ -184,6 +175,22 @@ def command(options: argparse.Namespace) -> int:
     terminal.print_result(options, result, *text)
     solved = summary.availability.value == 1 and not trials.failures
     return Exit.DONE if solved else Exit.UNSOLVED
+
+
+def _save_table(
+    options: argparse.Namespace,
+    case: Case,
+    outcomes: NDArray[np.void],
+    attitudes: Rotation,
+    ends: montecarlo.Endings,
+) -> None:
+    """Write the table of the trials to --table and to the folder of --out."""
+    paths: list[Path | None] = [options.table, options.out and options.out / "trials.csv"]
+    if any(paths):
+        table = montecarlo.with_causes(case, outcomes, attitudes, ends)
+        with as_wrong_use(ValueError, ImportError):
+            for path in filter(None, paths):
+                montecarlo.export(path, table)
 
 
 def _run(
@@ -297,10 +304,17 @@ def _precision(
 
 
 def _required(
-    needs: Requirements, outcomes: NDArray[np.void], sampling: montecarlo.Sampling, seed: int
+    needs: Requirements,
+    outcomes: NDArray[np.void],
+    sampling: montecarlo.Sampling,
+    seed: int,
+    others: list[str],
 ) -> tuple[dict[str, Any], list[str]]:
-    """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`."""
-    result, lines, tail = {}, [], 1 - needs.confidence
+    """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`.
+
+    others  conditions that were not run
+    """
+    required, lines, tail = {}, [], 1 - needs.confidence
     attitudes = sampling.attitudes_of(seed, outcomes["trial"].tolist())
     boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
     for claim in claims_of(needs):
@@ -308,17 +322,22 @@ def _required(
             continue
         bounds = claim.bounds(outcomes, boresight, tail, tail)
         in_arcsec = metrics.bounds_json(bounds, ARCSEC)
-        result[claim.name] = {
+        required[claim.name] = {
             "statistic": str(claim.accuracy.objective),
             "limit_arcsec": claim.limit / arcsec,
             **{f"{name}_arcsec": value for name, value in in_arcsec.items()},
         }
         lines.append(
             f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
-            "{value:.3f} [{low:.3f}, {high:.3f}]".format(**in_arcsec)
-            + f": {claim.answer(bounds).value} with {100 * needs.confidence:g} %"
+            f"{metrics.bracketed(bounds, '.3f', arcsec)}: {claim.answer(bounds).value} with "
+            f"{100 * needs.confidence:g} %"
         )
-    return result, lines
+    if others:
+        lines.append(
+            "this is the design's own condition alone; `startrack verify` also judges: "
+            + "; ".join(others)
+        )
+    return {"required": required, "conditions_not_run": others}, lines
 
 
 def _sampling(options: argparse.Namespace, case: Case) -> montecarlo.Sampling:
