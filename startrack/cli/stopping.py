@@ -36,7 +36,8 @@ def stopped_by_signals() -> Iterator[None]:
     The signal is sent again each second until something handles it: Python discards what is raised
     while it deletes an object, and so do libraries that call Python code.
     """
-    asked, over, again = list[int](), threading.Event(), threading.Event()
+    asked, again = list[int](), list[int]()  # without locks, which handlers must not wait for
+    over, sending = threading.Event(), threading.Lock()
     main = threading.current_thread()
     if main is not threading.main_thread():
         yield
@@ -44,13 +45,15 @@ def stopped_by_signals() -> Iterator[None]:
 
     def remind() -> None:
         while not over.wait(AGAIN):
-            again.set()
-            signal.pthread_kill(main.ident or 0, asked[0])
+            with sending:
+                if not over.is_set():
+                    again.append(asked[0])
+                    signal.pthread_kill(main.ident or 0, asked[0])
 
     def stop(number: int, _: Any) -> None:
-        if again.is_set():
+        if again:
             again.clear()
-            if _is_handled(sys.exc_info()[1]):
+            if over.is_set() or _is_handled(sys.exc_info()[1]):
                 return
         elif not asked and hasattr(signal, "pthread_kill"):  # not on Windows
             threading.Thread(target=remind, daemon=True).start()
@@ -71,7 +74,8 @@ def stopped_by_signals() -> Iterator[None]:
         yield
     finally:
         over.set()
-        sys.unraisablehook = hook
+        with sending:  # none is sent to the handlers of before
+            sys.unraisablehook = hook
         for kind, handler in before.items():
             signal.signal(kind, handler or signal.SIG_DFL)
 
