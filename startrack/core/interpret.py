@@ -38,7 +38,7 @@ def interpreted(compiling: Callable[[], bool]) -> Iterator[None]:
 
     compiling  whether another process is compiling them now; without one, a kernel is compiled here
                after PATIENCE seconds in Python
-    Accuracy   the same operations in the same precision, but for sums that `fastmath` lets the
+    Accuracy   the same operations in the same precision, except sums that `fastmath` lets the
                compiler order anew and for literals of whole numbers beside float32: relative
                differences of 1e-7 in single precision, of 1e-16 elsewhere.
     """

@@ -3,7 +3,7 @@
 reading       Path of a file from anybody -> its bytes, where it is regular, not too large, and what
               it claims to be; name of shipped data -> its path.
 saving        Files that are written whole or not at all, and folders that one process at a time
-              writes to; others are told by which.
+              writes to; the message to others names it.
 sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
               sentences.
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its

@@ -72,7 +72,7 @@ def save_figure(path: Path, figure: Figure) -> None:
 
 
 def _titles(artist: Artist) -> Iterator[Text]:
-    """The texts of a figure, but for those of its axes."""
+    """The texts of a figure, except those of its axes."""
     from matplotlib.axis import Axis
     from matplotlib.text import Text
 

@@ -65,7 +65,7 @@ def merge_stores(
 
 
 def _part(path: Path) -> _Part:
-    """What a store holds, but for its outcomes."""
+    """What a store holds, except its outcomes."""
     with Store(path) as store:  # which checks the file
         done = store.done()
     base = Database(path, STORE, create=False)

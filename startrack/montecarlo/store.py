@@ -138,7 +138,7 @@ class Store:
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
-        """Raise what contents cannot be used as damage; which trials can be saved is told."""
+        """Raise what contents cannot be used as damage; it says which trials can be saved."""
         try:
             yield
         except OSError:
