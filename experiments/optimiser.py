@@ -32,7 +32,7 @@ from startrack.optimise.forecast import expected_objective
 from startrack.optimise.runner import FRESH
 from startrack.optimise.steps import confirm_requirements, correct, explore, refine
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
-from startrack.verification.margins import margins as margins_of
+from startrack.verification.accuracy import margins as margins_of
 
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
 REACH = 0.25  # of each range, around the best, within which the budget is set right

@@ -57,7 +57,7 @@ def test_a_profile_of_a_real_trial_adds_up_and_sees_the_kernels():
 
     from startrack.design.case import Fidelity
     from startrack.design.files import load_design
-    from startrack.io.shipped import shipped
+    from startrack.io import shipped
 
     case = load_design(shipped("designs/noise_only.toml")).case
     run(case, Fidelity.FRAME, 3)

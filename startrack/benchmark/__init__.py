@@ -41,14 +41,6 @@ STAGES: dict[str, Callable[[], Stage]] = {
 }
 
 __all__ = [
-    "STAGES",
-    "Clocked",
-    "Row",
-    "Stage",
-    "Way",
-    "draw_benchmark",
-    "markdown",
-    "measure",
-    "values",
+    "STAGES", "Clocked", "Row", "Stage", "Way", "draw_benchmark", "markdown", "measure", "values",
     "versions",
-]
+]  # fmt: skip

@@ -36,8 +36,8 @@ def expose(light: Floats, streams: Streams, read_noise: float = READ_NOISE) -> F
     """Photons, read noise and whole numbers."""
     image = streams("shot noise").poisson(light) + OFFSET
     image = image + read_noise * streams("read noise").standard_normal(light.shape)
-    whole = np.clip(np.round(image), 0, 65535).astype(np.uint16)
-    return Frame(whole, np.nan, 1.0, OFFSET, read_noise)
+    numbers = np.clip(np.round(image), 0, 65535).astype(np.uint16)
+    return Frame(numbers, np.nan, 1.0, OFFSET, read_noise)
 
 
 def field(streams: Streams, spacing: int) -> tuple[Floats, Floats]:
@@ -77,8 +77,8 @@ def paired(spots: Floats, x: Floats, y: Floats) -> tuple[NDArray[np.bool_], Floa
         return np.zeros(len(x), bool), np.empty((0, 2))
     star = np.column_stack([x, y])
     distance, index = cKDTree(spots).query(star)
-    found = distance < NEAR
-    return found, (spots[index] - star)[found]
+    near = distance < NEAR
+    return near, (spots[index] - star)[near]
 
 
 def spot_positions(spots: Spots) -> Floats:
@@ -98,15 +98,15 @@ def limit(flux: float, sigma: float, false: float = FALSE) -> float:
     A test in every pixel may be wrong in `false` of a frame.
     """
     extra = READ_NOISE**2 + 1 / 12
-    found = []
+    fractions = []
     for p in stars_at(sigma, 4):
         weight = np.log1p(flux * p / (BACKGROUND + extra))
         weight /= np.sqrt((BACKGROUND + extra) * (weight @ weight))
         empty = partial(_exceeds, weight, np.full(p.size, BACKGROUND), extra)
         level = brentq(lambda t: np.log(empty(t) * SIDE**2 / false), 3.0, 9.0)  # noqa: B023
         light = BACKGROUND + flux * p
-        found.append(_exceeds(weight, light, extra, level - flux * (weight @ p)))
-    return float(np.mean(found))
+        fractions.append(_exceeds(weight, light, extra, level - flux * (weight @ p)))
+    return float(np.mean(fractions))
 
 
 def _exceeds(weight: Floats, light: Floats, extra: float, level: float) -> float:

@@ -11,16 +11,7 @@ from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
 from startrack.core import Floats, Streams, deg, nm
-from startrack.earth.atmosphere import (
-    AirTable,
-    FineTable,
-    Reach,
-    Sight,
-    in_bands,
-    load_table,
-    look_up,
-    refine,
-)
+from startrack.earth import atmosphere
 from startrack.earth.terrain import (
     ConstantHeight,
     Grid,
@@ -128,10 +119,10 @@ WAVELENGTHS: Floats = np.array([450, 550, 800]) * nm
 ALBEDO = 0.2
 PIXELS = 180  # pixels of the image
 PLACES = 24  # pixels that the solver computes
-REACH = Reach((0.0, 2e3), (0.0, 5 * deg), (40 * deg, 45 * deg), (0.0, math.pi))
+REACH = atmosphere.Reach((0.0, 2e3), (0.0, 5 * deg), (40 * deg, 45 * deg), (0.0, math.pi))
 
 
-def image(size: int) -> Sight:
+def image(size: int) -> atmosphere.Sight:
     """A nadir image over hills, as smooth as images are."""
     y, x = np.mgrid[:size, :size] / size
     height = 1000 + 900 * np.sin(7 * x) * np.cos(5 * y)
@@ -140,15 +131,15 @@ def image(size: int) -> Sight:
     azimuth = np.abs(np.arctan2(y - 0.5, x - 0.5))
     flat = np.ones(size * size)
     places = [part.ravel() for part in (height, sensor, sun, azimuth)]
-    return Sight._make([*places, np.cos(places[2]), flat, flat])
+    return atmosphere.Sight._make([*places, np.cos(places[2]), flat, flat])
 
 
-def lines(table: AirTable) -> tuple[AirTable, Floats, NDArray[np.intp]]:
+def lines(table: atmosphere.AirTable) -> tuple[atmosphere.AirTable, Floats, NDArray[np.intp]]:
     """The table without gas lines, which the solver has not; single wavelengths; their nodes."""
     node = np.argmin(np.abs(table.spectrum - WAVELENGTHS[:, None]), 1)
     response = np.zeros((len(node), len(table.spectrum)))
     response[range(len(node)), node] = 1
-    return AirTable(**{**vars(table), "gas": np.ones_like(table.gas)}), response, node
+    return atmosphere.AirTable(**{**vars(table), "gas": np.ones_like(table.gas)}), response, node
 
 
 class Scenery(NamedTuple):
@@ -160,9 +151,9 @@ class Scenery(NamedTuple):
     pick  pixels that are judged
     """
 
-    table: AirTable
-    fine: FineTable
-    sight: Sight
+    table: atmosphere.AirTable
+    fine: atmosphere.FineTable
+    sight: atmosphere.Sight
     unit: Floats
     node: NDArray[np.intp]
     pick: NDArray[np.intp]
@@ -170,10 +161,10 @@ class Scenery(NamedTuple):
 
 def scenery() -> Scenery:
     """What all ways get."""
-    table = load_table(shipped("atmosphere/rural-23km.fits"))
+    table = atmosphere.load_table(shipped("atmosphere/rural-23km.fits"))
     bare, response, node = lines(table)
     unit = response @ (np.gradient(table.spectrum) * table.irradiance)
-    fine = refine(in_bands(bare, response, 600e3), REACH)
+    fine = atmosphere.refine(atmosphere.in_bands(bare, response, 600e3), REACH)
     pick = np.linspace(0, PIXELS**2 - 1, PLACES).astype(np.intp)
     return Scenery(table, fine, image(PIXELS), unit, node, pick)
 
@@ -188,11 +179,11 @@ def radiance() -> Stage:
         wanted, missing = direct(scene), ""
 
     def ours() -> Floats:
-        parts = look_up(scene.fine, scene.sight, ground, around)
+        parts = atmosphere.look_up(scene.fine, scene.sight, ground, around)
         return (parts[0] + parts[1] + parts[2])[scene.pick] / scene.unit
 
-    def judge(found: Floats) -> float:
-        return math.nan if wanted is None else float(np.median(np.abs(found / wanted - 1)))
+    def judge(values: Floats) -> float:
+        return math.nan if wanted is None else float(np.median(np.abs(values / wanted - 1)))
 
     return Stage(
         "radiance",
@@ -214,6 +205,8 @@ def direct(scene: Scenery) -> Floats:
     for i in scene.pick:
         height, sensor, sun, azimuth = (part[i] for part in scene.sight[:4])
         rays = [(math.cos(sensor), math.pi - azimuth, TOP)]
-        found = solve(scene.table.air, wavelength, height, math.cos(sun), rays, (ALBEDO,), 8, True)
-        rows.append(found[0][0, :, 0])
+        radiance = solve(
+            scene.table.air, wavelength, height, math.cos(sun), rays, (ALBEDO,), 8, True
+        )
+        rows.append(radiance[0][0, :, 0])
     return np.array(rows)

@@ -90,7 +90,7 @@ def noise() -> Stage:
         count = sum(np.bincount(f.ravel().astype(np.int64), minlength=4096) for f in frames)
         fraction = np.cumsum(count) / np.sum(count)
         # A converter may round or truncate; it is judged by the distribution that fits it better.
-        return min(float(np.abs(fraction - one).max()) for one in distributions)
+        return min(float(np.abs(fraction - distribution).max()) for distribution in distributions)
 
     return Stage(
         "noise",

@@ -7,20 +7,10 @@ import math
 import numpy as np
 from scipy import special
 
+from startrack import optics
 from startrack.benchmark.stage import Stage
 from startrack.core import Floats
 from startrack.detector import stamp
-from startrack.optics import (
-    Optics,
-    Pupil,
-    airy,
-    area_weights,
-    intensity,
-    pixel_psf,
-    pupil_grid,
-    pupil_samples,
-    zernike,
-)
 
 WAVELENGTH, F_NUMBER = 550e-9, 1.4
 FIELD: Floats = (np.arange(155) - 77) / 5  # wavelength * f-number
@@ -54,26 +44,26 @@ class Pattern:
 
     def __init__(self) -> None:
         slope = 2.0  # wave per radius, of these wavefronts: measured, with room
-        self.place, cell = pupil_grid(pupil_samples(FIELD.max(), slope))
-        self.weight = area_weights(Pupil(), self.place, cell) * cell**2 / np.pi
+        self.place, cell = optics.pupil_grid(optics.pupil_samples(FIELD.max(), slope))
+        self.weight = optics.area_weights(optics.Pupil(), self.place, cell) * cell**2 / np.pi
         self.flat = np.zeros_like(self.weight)
-        modes = [zernike(noll, self.place, self.place[:, None]) for noll in NOLL]
+        modes = [optics.zernike(noll, self.place, self.place[:, None]) for noll in NOLL]
         self.modes = np.array(modes).reshape(len(NOLL), -1).T.copy()
 
     def clear(self) -> Floats:
         """Without aberrations."""
-        return intensity(self.weight, self.flat, self.place, FIELD)
+        return optics.intensity(self.weight, self.flat, self.place, FIELD)
 
     def aberrated(self, coefficients: Floats) -> Floats:
         """With one radian times each coefficient of each mode."""
         phase = (self.modes @ coefficients).reshape(self.weight.shape)
-        return intensity(self.weight, phase, self.place, FIELD)
+        return optics.intensity(self.weight, phase, self.place, FIELD)
 
     def band(self, ratios: Floats) -> Floats:
         """The sum over wavelengths, each a ratio of the nominal one, with some aberration."""
         phase = self.modes[:, 3].reshape(self.weight.shape) * 0.3
         parts = [
-            intensity(self.weight, phase / ratio, self.place, FIELD / ratio) / ratio**2
+            optics.intensity(self.weight, phase / ratio, self.place, FIELD / ratio) / ratio**2
             for ratio in ratios
         ]
         return np.sum(parts, axis=0)
@@ -85,7 +75,7 @@ def by_rings(coefficients: Floats, points: Floats, rings: int = 60, spokes: int 
     r = np.sqrt((node + 1) / 2)[:, None]
     angle = np.arange(spokes) * 2 * np.pi / spokes
     x, y = (r * np.cos(angle)).ravel(), (r * np.sin(angle)).ravel()
-    phase = sum(c * zernike(noll, x, y) for c, noll in zip(coefficients, NOLL, strict=True))
+    phase = sum(c * optics.zernike(noll, x, y) for c, noll in zip(coefficients, NOLL, strict=True))
     wave = np.repeat(weight / 2 / spokes, spokes) * np.exp(1j * phase)
     field = [np.sum(wave * np.exp(-1j * np.pi * (u * x + v * y))) for u, v in points]
     return np.abs(field) ** 2
@@ -98,7 +88,7 @@ STARS = 400
 
 def stamping() -> Stage:
     """Gaussian stars, each in a box of its own."""
-    psf = pixel_psf(*lens("gauss", SIGMA))
+    psf = optics.pixel_psf(*lens("gauss", SIGMA))
     places = star_positions()
     wanted = np.array([centroid(exact("gauss", x, y, SIGMA, BOX)) for x, y in places])
     corner = np.arange(STARS) * BOX + BOX // 2
@@ -109,8 +99,8 @@ def stamping() -> Stage:
         return image.reshape(BOX, STARS, BOX).swapaxes(0, 1)
 
     def judge(images: Floats) -> float:
-        found = np.array([centroid(image) for image in images])
-        return float(np.sqrt(np.mean((found - wanted) ** 2)))
+        centres = np.array([centroid(image) for image in images])
+        return float(np.sqrt(np.mean((centres - wanted) ** 2)))
 
     return Stage(
         "stamping",
@@ -129,13 +119,13 @@ def star_positions() -> Floats:
     return np.random.default_rng(9).uniform(-0.5, 0.5, (STARS, 2))
 
 
-def lens(kind: str, size: float) -> tuple[Optics, float, Floats, Floats]:
+def lens(kind: str, size: float) -> tuple[optics.Optics, float, Floats, Floats]:
     """Optics, pixel and band whose disk or sigma is `size` pixels."""
     band = np.array([WAVELENGTH]), np.ones(1)
     if kind == "airy":
-        return Optics(0.05, F_NUMBER, psf="airy"), WAVELENGTH * F_NUMBER / size, *band
+        return optics.Optics(0.05, F_NUMBER, psf="airy"), WAVELENGTH * F_NUMBER / size, *band
     # A negligible wavelength: only the blur.
-    return Optics(0.05, F_NUMBER, 5e-6 * size, "gaussian"), 5e-6, band[0] * 1e-6, band[1]
+    return optics.Optics(0.05, F_NUMBER, 5e-6 * size, "gaussian"), 5e-6, band[0] * 1e-6, band[1]
 
 
 def exact(kind: str, x: float, y: float, size: float, box: int) -> Floats:
@@ -150,7 +140,7 @@ def exact(kind: str, x: float, y: float, size: float, box: int) -> Floats:
     node, weight = np.polynomial.legendre.leggauss(48)
     fine = at[:, None] + node / 2
     fx, fy = (fine - x).ravel(), (fine - y).ravel()
-    values = math.pi / 4 / size**2 * airy(np.hypot(fx, fy[:, None]), size, 1.0)
+    values = math.pi / 4 / size**2 * optics.airy(np.hypot(fx, fy[:, None]), size, 1.0)
     return np.einsum("ajbi,j,i->ab", values.reshape(box, 48, box, 48), weight / 2, weight / 2)
 
 

@@ -93,14 +93,14 @@ def blended(
     return star[order[alone]], magnitude[order[alone]]
 
 
-def away(found: Rotation, seen: Seen) -> Floats:
+def away(estimate: Rotation, seen: Seen) -> Floats:
     """Small rotation (3,) from truth, radian."""
-    return (found * seen.icrs_to_camera.inv()).as_rotvec()
+    return (estimate * seen.icrs_to_camera.inv()).as_rotvec()
 
 
-def wrong(found: Rotation, seen: Seen, regime: Regime) -> bool:
+def wrong(estimate: Rotation, seen: Seen, regime: Regime) -> bool:
     """Whether an attitude is off by more than noise explains."""
-    across = math.hypot(*away(found, seen)[:2]) * seen.believed.focal_length_px
+    across = math.hypot(*away(estimate, seen)[:2]) * seen.believed.focal_length_px
     return across > max(3, 6 * regime.noise)
 
 
@@ -128,10 +128,10 @@ def identification() -> Stage:
     """The fraction of skies that are not solved, or wrongly."""
     every, run = skies(), solver(REGIME)
 
-    def judge(found: Sequence[Rotation | None]) -> float:
+    def judge(attitudes: Sequence[Rotation | None]) -> float:
         right = (
-            one is not None and not wrong(one, seen, REGIME)
-            for one, seen in zip(found, every, strict=True)
+            attitude is not None and not wrong(attitude, seen, REGIME)
+            for attitude, seen in zip(attitudes, every, strict=True)
         )
         return 1 - sum(right) / SKIES
 
@@ -193,7 +193,7 @@ def attitude() -> Stage:
         f"an attitude from {STARS} exact directions in 20 deg",
         "rms angle, radian",
         {name: partial(solve, b, r, w) for name, solve in SOLVERS.items()},
-        lambda found: float(np.sqrt(np.mean((found * truth.inv()).magnitude() ** 2))),
+        lambda attitudes: float(np.sqrt(np.mean((attitudes * truth.inv()).magnitude() ** 2))),
         np.finfo(float).eps,
         "rounding",
         MANY,

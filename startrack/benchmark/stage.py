@@ -14,18 +14,7 @@ from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
 
-from startrack import metrics
-from startrack.plots import (
-    BLACK,
-    GREEN,
-    PURPLE,
-    SMALL,
-    outline,
-    panel_title,
-    picture,
-    save_picture,
-    styled,
-)
+from startrack import metrics, plots
 
 Way = Callable[[], Any]
 
@@ -153,13 +142,13 @@ def values(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Any]:
 
 def versions(packages: Sequence[str] = ()) -> str:
     """Python, processor and packages of this run; those that are not installed are left out."""
-    found = [f"Python {platform.python_version()}", platform.machine()]
+    names = [f"Python {platform.python_version()}", platform.machine()]
     for package in (*PACKAGES, *packages):
         try:
-            found.append(f"{package} {version(package)}")
+            names.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             continue
-    return ", ".join(found)
+    return ", ".join(names)
 
 
 def figure(value: float) -> str:
@@ -177,12 +166,12 @@ LINE, HEAD = 0.24, 1.0  # inch, of a way and of the rest of a stage
 ROOM = 0.8  # decades, and a third of the range, to the right of the points, for their numbers
 
 
-@styled
+@plots.styled
 def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> None:
     """A row for each way of each stage: its CPU time and its error, with their numbers."""
     counts = [max(1, sum(row.stage == stage.name for row in rows)) for stage in stages]
     heights = [HEAD + LINE * count for count in counts]
-    drawn = picture(
+    drawn = plots.picture(
         0.5 + sum(heights),
         "CPU time of one thread, and error; circles: startrack, squares: other programs; dashed: "
         "lower bound of the error",
@@ -193,7 +182,7 @@ def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> 
         _points(times, mine, [1e3 * row.seconds for row in mine], [spent(r.seconds) for r in mine])
         times.set_yticks(range(len(mine)), [row.way for row in mine])
         times.set_xlabel("CPU time of a piece (ms)")
-        panel_title(times, stage.name)
+        plots.panel_title(times, stage.name)
         _points(
             errors,
             mine,
@@ -204,9 +193,9 @@ def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> 
         errors.set_yticks(range(len(mine)), [""] * len(mine))
         errors.set_xlabel(fill(stage.error, 38))
         if math.isfinite(stage.limit) and stage.limit > 0:
-            errors.axvline(stage.limit, color=BLACK, lw=1, ls="--")
-            panel_title(errors, f"bound: {stage.limit_of}", 40)
-    save_picture(path, drawn)
+            errors.axvline(stage.limit, color=plots.BLACK, lw=1, ls="--")
+            plots.panel_title(errors, f"bound: {stage.limit_of}", 40)
+    plots.save_picture(path, drawn)
 
 
 def _points(
@@ -217,20 +206,15 @@ def _points(
     limit: float = math.nan,
 ) -> None:
     """Points from top to bottom, with their numbers; a value of zero stands at the left edge."""
-    known = [value for value in values if math.isfinite(value) and value > 0]
-    known += [limit] if math.isfinite(limit) and limit > 0 else []
-    low, high = min(known, default=1.0), max(known, default=1.0)
+    positive = [value for value in values if math.isfinite(value) and value > 0]
+    positive += [limit] if math.isfinite(limit) and limit > 0 else []
+    low, high = min(positive, default=1.0), max(positive, default=1.0)
     for k, (row, value, text) in enumerate(zip(rows, values, texts, strict=True)):
         at = value if math.isfinite(value) and value > 0 else low / 3
         if math.isfinite(value):
-            axes.plot(
-                at, k, "s" if row.peer else "o", ms=5.5, color=PURPLE if row.peer else GREEN,
-            )  # fmt: skip
-        axes.annotate(
-            text if math.isfinite(value) else "not known", (at, k), (6, 0),
-            textcoords="offset points", va="center", fontsize=SMALL,
-            path_effects=[outline("white")],
-        )  # fmt: skip
+            look = ("s", plots.PURPLE) if row.peer else ("o", plots.GREEN)
+            axes.plot(at, k, look[0], ms=5.5, color=look[1])
+        plots.note(axes, text if math.isfinite(value) else "not known", (at, k), (6, 0))
     room = 10**ROOM * (high / low) ** 0.35
     axes.set(xscale="log", xlim=(low / 5, high * room))
     axes.set_ylim(len(rows) - 0.4, -0.6)

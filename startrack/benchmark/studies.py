@@ -41,8 +41,10 @@ def montecarlo() -> Stage:
     case = example()
 
     def angles(fidelity: Fidelity) -> NDArray[np.float64]:
-        found = run_trials(case, SEED, range(TRIALS), fidelity)
-        return np.where(found["solved"], np.hypot(found["error_x"], found["error_y"]), np.nan)
+        outcomes = run_trials(case, SEED, range(TRIALS), fidelity)
+        return np.where(
+            outcomes["solved"], np.hypot(outcomes["error_x"], outcomes["error_y"]), np.nan
+        )
 
     def judge(angle: NDArray[np.float64]) -> float:
         correct = angle[np.isfinite(angle) & (angle < FALSE)]
@@ -95,16 +97,18 @@ def finite(score: float) -> float:
 
 def optimiser() -> Stage:
     """Answers are unit-cube coordinates."""
-    one = hill()
-    best = least(one.score, one.prospect(), Search(evaluations=LONG, last_step=1e-5)).score
+    search = hill()
+    best = least(search.score, search.prospect(), Search(evaluations=LONG, last_step=1e-5)).score
     return Stage(
         "optimiser",
         f"a search of the example's box on the analytic budget with {TRIES} tries",
         "error of the design that it finds, over that of a search three times as long, less one",
         {
-            "prospect": one.prospect,
-            "sbplx": lambda: least(one.score, one.start, Search(evaluations=TRIES)).coordinates,
+            "prospect": search.prospect,
+            "sbplx": lambda: (
+                least(search.score, search.start, Search(evaluations=TRIES)).coordinates
+            ),
         },
-        lambda coordinates: math.expm1(finite(one.score(coordinates)) - best),
+        lambda coordinates: math.expm1(finite(search.score(coordinates)) - best),
         pieces=TRIES,
     )

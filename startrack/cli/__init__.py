@@ -2,12 +2,10 @@
 
 main                The list of commands, and the exit status of their errors.
 options             What commands share: exit status, wrong use, readers of numbers, tables of
-                    options.
+                    options, and imports that wait until a command runs.
 stopping            A signal or an error -> what ends a command, and the words that tell it.
 terminal            Inputs by name, and outputs: results on standard output, messages on standard
                     error.
-imports             Imports of a command's file -> done when the command runs, so that its help
-                    needs none of them.
 campaign            What the commands on campaigns share: the design, the workers, the runner of
                     trials, and the folder.
 beside              At the first run, another process compiles while this one works.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Option, Options, as_wrong_use, out
+from startrack.cli.options import Exit, Option, Options, as_wrong_use, out, wanted
 
 if wanted(__name__):
     import cv2

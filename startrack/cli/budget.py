@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     DESIGN,
     SEED,
@@ -17,6 +16,7 @@ from startrack.cli.options import (
     Options,
     WrongUse,
     positive,
+    wanted,
     whole,
 )
 
@@ -39,14 +39,7 @@ if wanted(__name__):
         rates_computed,
         survey,
     )
-    from startrack.cli.terminal import (
-        example,
-        finite,
-        print_result,
-        progress,
-        read_design,
-        read_sequence,
-    )
+    from startrack.cli import terminal
     from startrack.cli.units import budgets_of, tolerances_of
     from startrack.core import arcsec
     from startrack.design import Case
@@ -92,15 +85,15 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print the budget; with --out, write budget.json and pictures."""
-    path = options.design or example()
-    design = read_design(path, options.set)
+    path = options.design or terminal.example()
+    design = terminal.read_design(path, options.set)
     case, campaign = design.case, design.campaign
     if options.tolerances and not (options.units and case.variation):
         raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
-    sequence = read_sequence(options.profile) if options.profile else None
+    sequence = terminal.read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
     options.units = options.units or (UNITS if case.variation else None)
-    found = _measured(case, options) if options.montecarlo else None
+    by_trials = _measured(case, options) if options.montecarlo else None
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
     floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
     result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
@@ -112,13 +105,13 @@ def command(options: argparse.Namespace) -> int:
     result["check"] |= to_json(summary_rows(checked.summary))
     alone = "the unit as designed, noise only; units follow\n" if options.units else ""
     text = [
-        f"{alone}{_table(expected, found)}\n"
+        f"{alone}{_table(expected, by_trials)}\n"
         f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
         f"assumes {assumed}",
         "\n".join([*caveats(case, expected.left_out, expected.refused), *_checked(checked)]),
     ]
-    if found:
-        result |= {"seed": options.seed, "measured": _values(found)}
+    if by_trials:
+        result |= {"seed": options.seed, "measured": _values(by_trials)}
         result |= {"members": options.montecarlo, "times": options.times}
     if options.units:
         required = campaign.requirements.accuracy if campaign else ()
@@ -133,31 +126,31 @@ def command(options: argparse.Namespace) -> int:
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         required = campaign.requirements.accuracy if campaign else ()
-        draw_budget(options.out / "budget.png", expected, found, Path(path).stem, required)
+        draw_budget(options.out / "budget.png", expected, by_trials, Path(path).stem, required)
         draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
-        with progress("slew rates", rates_computed(case)) as advance:
+        with terminal.progress("slew rates", rates_computed(case)) as advance:
             curves = error_curves(case, options.seed, advance=advance)
         draw_curves(options.out / "curves.png", curves, case, Path(path).stem)
-        save_json(options.out / "budget.json", finite(result))
+        save_json(options.out / "budget.json", terminal.finite(result))
         result["out"] = str(options.out)
-    print_result(options, result, "\n\n".join(text))
-    whole = (found or expected).availability
-    return Exit.DONE if whole > 0.9999 else Exit.UNSOLVED
+    terminal.print_result(options, result, "\n\n".join(text))
+    availability = (by_trials or expected).availability
+    return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
 
 
-def _checked(found: Check) -> list[str]:
+def _checked(checked: Check) -> list[str]:
     """What the check by trials says, a line each."""
-    doubt = [found.summary.doubt] if found.summary.doubt else []
-    trials = f"{found.summary.trials} trials ({found.fidelity})"
-    if not found.differs:
+    doubt = [checked.summary.doubt] if checked.summary.doubt else []
+    trials = f"{checked.summary.trials} trials ({checked.fidelity})"
+    if not checked.differs:
         return [*doubt, f"{trials} agree with the formula"]
-    return [*doubt, *(f"FORMULA AND TRIALS DIFFER: {one}" for one in found.differs)]
+    return [*doubt, *(f"FORMULA AND TRIALS DIFFER: {difference}" for difference in checked.differs)]
 
 
 def _measured(case: Case, options: argparse.Namespace) -> Budget[Any]:
     with (
         pool(options.workers) as executor,
-        progress("members", options.montecarlo) as advance,
+        terminal.progress("members", options.montecarlo) as advance,
     ):
         return measured(
             case, options.montecarlo, options.seed, executor, options.times, options.workers,
@@ -167,9 +160,12 @@ def _measured(case: Case, options: argparse.Namespace) -> Budget[Any]:
 
 def _indices(case: Case, sequence: Sequence, options: argparse.Namespace) -> dict[str, Any]:
     count, window = options.sequences, options.window
-    with pool(min(options.workers, count)) as executor, progress("sequences", count) as advance:
-        found = indices_of(case, sequence, count, options.seed, window, executor, advance)
-    return {name: _line(line, tuple(Interpretation)) for name, line in found.items()}
+    with (
+        pool(min(options.workers, count)) as executor,
+        terminal.progress("sequences", count) as advance,
+    ):
+        lines = indices_of(case, sequence, count, options.seed, window, executor, advance)
+    return {name: _line(line, tuple(Interpretation)) for name, line in lines.items()}
 
 
 def _values(budget: Budget[Any]) -> dict[str, Any]:
@@ -209,29 +205,29 @@ def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
     return values
 
 
-def _table(expected: Budget[Any], found: Budget[Any] | None) -> str:
+def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
     """A row for each cause, analytic beside measured."""
-    both = [budget for budget in (expected, found) if budget]
-    measured_head = ["measured", "", ""] if found else []
+    both = [budget for budget in (expected, by_trials) if budget]
+    measured_head = ["measured", "", ""] if by_trials else []
     rows = [["arcsec rms per axis", "term", "across", "about", *measured_head]]
 
     def add(name: str, term: str, pairs: Iterable[Pair | None], note: str = "") -> None:
         cells = [cell for pair in pairs for cell in _cells(pair)]
-        rows.append([name, term, *cells, *([note] if found else [])])
+        rows.append([name, term, *cells, *([note] if by_trials else [])])
 
     named = {line.name: line for line in expected.lines}
-    beside = {line.name: line for line in found.lines} if found else {}
+    beside = {line.name: line for line in by_trials.lines} if by_trials else {}
     for name in dict.fromkeys([*named, *beside]):
         line, other = named.get(name), beside.get(name)
-        term = next(one.term.value if one.term else "" for one in (line, other) if one)
-        pairs = [(one.across, one.about) if one else None for one in (line, other)]
-        add(name, term, pairs[: len(both)], _difference(line, other, found))
+        term = next(cause.term.value if cause.term else "" for cause in (line, other) if cause)
+        pairs = [(cause.across, cause.about) if cause else None for cause in (line, other)]
+        add(name, term, pairs[: len(both)], _difference(line, other, by_trials))
     add("root sum square", "", [budget.sum for budget in both])
     add("end to end", "", [(budget.whole.across, budget.whole.about) for budget in both],
-        _difference(expected.whole, found.whole if found else None, found))  # fmt: skip
+        _difference(expected.whole, by_trials.whole if by_trials else None, by_trials))  # fmt: skip
     for fraction in LEVELS:
         add(f"  {100 * fraction:g} % below", "", [_levels(budget, fraction) for budget in both])
-    available = [f"{100 * one.availability:.2f} %, {one.stars:.1f} stars" for one in both]
+    available = [f"{100 * budget.availability:.2f} %, {budget.stars:.1f} stars" for budget in both]
     return "\n".join([*aligned(rows, (0, 1)), "", f"available  {' | measured '.join(available)}"])
 
 
@@ -245,14 +241,17 @@ def _levels(budget: Budget[Any], fraction: float) -> Pair:
     return across, about
 
 
-def _difference(line: Line[Any] | None, other: Line[Any] | None, found: Budget[Any] | None) -> str:
+def _difference(
+    line: Line[Any] | None, other: Line[Any] | None, by_trials: Budget[Any] | None
+) -> str:
     """By how much the two differ, where that is much; a cause that is a small part may differ."""
-    if not (line and other and found):
+    if not (line and other and by_trials):
         return ""
     off = [
         abs(a - b) / b
         for a, b, end_to_end in (
-            (line.across, other.across, found.across), (line.about, other.about, found.about)
+            (line.across, other.across, by_trials.across),
+            (line.about, other.about, by_trials.about),
         )
         if max(a, b) > FAR * end_to_end
     ]  # fmt: skip

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     FIELD_AND_SKY,
     KNOWN,
@@ -19,48 +18,20 @@ from startrack.cli.options import (
     WrongUse,
     as_wrong_use,
     images,
+    wanted,
     whole,
 )
 
 if wanted(__name__):
     import numpy as np
 
-    from startrack.calibration import (
-        OUTLIER,
-        UNKNOWNS,
-        Calibrated,
-        Calibration,
-        FieldFit,
-        Names,
-        Order,
-        Prior,
-        StarTable,
-        Unseen,
-        assumed_array,
-        borne,
-        calibrate,
-        cross_validate_all,
-        fit_field,
-        is_star_table,
-        orders_of,
-        read_star_table,
-        residuals,
-        sample_camera,
-    )
-    from startrack.cli.terminal import (
-        finite,
-        layout_of,
-        print_message,
-        print_result,
-        progress,
-        read_stars,
-        save_camera,
-    )
-    from startrack.core import Camera, Frame, Matches, Spots, arcsec, within
+    from startrack import calibration
+    from startrack.cli import terminal
+    from startrack.core import Camera, FieldPolynomial, Frame, Matches, Spots, arcsec, within
     from startrack.design import Tracker
-    from startrack.detection import Detection, subtract_dark
+    from startrack.detection import Detection
     from startrack.identification import Identification, PatternIndexes
-    from startrack.io import read_image, save_json
+    from startrack.io import save_json
     from startrack.optimise import Ledger, chain_text, chain_values, thinned
     from startrack.plots import draw_corner
     from startrack.trial import lost_in_space
@@ -124,7 +95,7 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Solve the images, fit one camera model to all, and repeat with that model."""
     with as_wrong_use(ValueError, OSError):
-        tables = any(is_star_table(path) for path in options.images)
+        tables = any(calibration.is_star_table(path) for path in options.images)
     if tables:
         return _calibrate_table(options)
     if options.fov is None:
@@ -136,50 +107,48 @@ def command(options: argparse.Namespace) -> int:
     with as_wrong_use(ValueError, OSError):
         within(0.01, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
-        settings = Calibration(
+        settings = calibration.Calibration(
             focal_length=options.fov_tolerance,
             principal=options.principal,
             k2=1.0 if options.distortion == "full" else 0.0,
             k1=0.0 if options.distortion == "none" else 1.0,
             tangential=0.01 if options.distortion == "full" else 0.0,
         )
-        layout = layout_of(options)
-        dark = read_image(options.dark, layout) if options.dark else None
-        frames = [read_image(path, layout) for path in options.images]
-        if dark is not None:
-            frames = [subtract_dark(frame, dark) for frame in frames]
-    indexes = PatternIndexes(read_stars(options.catalog, options.epoch))
+        frames = [*map(terminal.image_reader(options), options.images)]
+    indexes = PatternIndexes(terminal.read_stars(options.catalog, options.epoch))
     shapes = {frame.image.shape for frame in frames}
     if len(shapes) > 1:
         raise WrongUse(f"images must be of one camera, got sizes {sorted(shapes)}")
     rows, columns = shapes.pop()
     camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
-    found, answers = None, list[tuple[Spots, Matches]]()
+    fit, answers = None, list[tuple[Spots, Matches]]()
     for _ in range(ROUNDS):
         answers = _solved(frames, camera, indexes, identification)
         if any(len(matches) for _, matches in answers):
-            spots, matches = [one for one, _ in answers], [one for _, one in answers]
-            found = calibrate(spots, matches, camera, settings)
-        if found is None:
-            print_message("startrack calibrate: none of the images could be solved")
-            print_result(options, {"status": "unsolved", "images": len(frames)}, "unsolved")
+            spots, matches = [answer for answer, _ in answers], [answer for _, answer in answers]
+            fit = calibration.calibrate(spots, matches, camera, settings)
+        if fit is None:
+            terminal.print_message("startrack calibrate: none of the images could be solved")
+            terminal.print_result(
+                options, {"status": "unsolved", "images": len(frames)}, "unsolved"
+            )
             return Exit.UNSOLVED
-        camera = found.camera
+        camera = fit.camera
         identification = replace(identification, focal_tolerance=KNOWN)
-    assert found is not None
-    result = _values(found, len(frames))
-    text = _text(found, len(frames))
+    assert fit is not None
+    result = _values(fit, len(frames))
+    text = _text(fit, len(frames))
     if options.posterior:
-        result["posterior"], more = _posterior(options, answers, frames, found.camera)
+        result["posterior"], more = _posterior(options, answers, frames, fit.camera)
         text += f"\n{more}"
     if options.out:
-        save_json(options.out, finite(result))
+        save_json(options.out, terminal.finite(result))
     if options.camera:
-        save_camera(options.camera, found.camera)
-    print_result(options, result, text)
+        terminal.save_camera(options.camera, fit.camera)
+    terminal.print_result(options, result, text)
     if options.posterior and not result["posterior"]["converged"]:
         return Exit.UNSOLVED
-    return Exit.DONE if found.frames == len(frames) else Exit.UNSOLVED
+    return Exit.DONE if fit.frames == len(frames) else Exit.UNSOLVED
 
 
 def _solved(
@@ -196,62 +165,66 @@ def _posterior(
     camera: Camera,
 ) -> tuple[dict[str, Any], str]:
     """Sample the camera; write posterior.json and corner.png unless chains did not converge."""
-    prior = Prior(options.fov_tolerance, options.principal, 1.0, 1e-3, 3.0)
-    print_message("startrack calibrate: sampling, some tens of seconds per image")
+    prior = calibration.Prior(options.fov_tolerance, options.principal, 1.0, 1e-3, 3.0)
+    terminal.print_message("startrack calibrate: sampling, some tens of seconds per image")
     with Ledger(options.posterior / "ledger.sqlite") as ledger:
-        spots, matches = [one for one, _ in answers], [one for _, one in answers]
-        found = sample_camera(spots, matches, camera, prior, 0, ledger=ledger, images=frames)
-    values = chain_values(found.chains)
-    if not found.chains.converged:
-        return values, f"posterior: {chain_text(found.chains)}"
+        spots, matches = [answer for answer, _ in answers], [answer for _, answer in answers]
+        posterior = calibration.sample_camera(
+            spots, matches, camera, prior, 0, ledger=ledger, images=frames
+        )
+    values = chain_values(posterior.chains)
+    if not posterior.chains.converged:
+        return values, f"posterior: {chain_text(posterior.chains)}"
     values |= {
-        "median_and_95": {name: found.interval(name) for name in found.names},
-        "open": list(found.unconstrained),
-        "correlation": found.correlation.tolist(),
+        "median_and_95": {name: posterior.interval(name) for name in posterior.names},
+        "open": list(posterior.unconstrained),
+        "correlation": posterior.correlation.tolist(),
     }
-    save_json(options.posterior / "posterior.json", finite(values))
-    labels = [name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in found.names]
+    save_json(options.posterior / "posterior.json", terminal.finite(values))
+    labels = [
+        name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in posterior.names
+    ]
     draw_corner(
         options.posterior / "corner.png",
-        thinned(found.samples, 2000),
+        thinned(posterior.samples, 2000),
         labels,
-        f"camera of {len(frames)} images: {chain_text(found.chains)}",
+        f"camera of {len(frames)} images: {chain_text(posterior.chains)}",
     )
     lines = ["", "posterior: median and 95 % interval"]
-    for name in found.names:
-        middle, low, high = found.interval(name)
-        note = ", hardly constrained by these images" if name in found.unconstrained else ""
+    for name in posterior.names:
+        middle, low, high = posterior.interval(name)
+        note = ", hardly constrained by these images" if name in posterior.unconstrained else ""
         lines.append(f"{name:16} {middle:12.6g} [{low:.6g}, {high:.6g}]{note}")
-    return values, "\n".join([*lines, chain_text(found.chains)])
+    return values, "\n".join([*lines, chain_text(posterior.chains)])
 
 
-def _values(found: Calibrated, images: int) -> dict[str, Any]:
-    sigma = np.sqrt(found.covariance.diagonal())
+def _values(fit: calibration.Calibrated, images: int) -> dict[str, Any]:
+    sigma = np.sqrt(fit.covariance.diagonal())
     return {
         "status": "calibrated",
         "images": images,
-        "solved": found.frames,
-        "stars": found.stars,
-        "residual_rms_px": found.residual_rms,
-        "fov_x_deg": math.degrees(found.camera.fov_x),
+        "solved": fit.frames,
+        "stars": fit.stars,
+        "residual_rms_px": fit.residual_rms,
+        "fov_x_deg": math.degrees(fit.camera.fov_x),
         "camera": {
-            "columns": found.camera.columns,
-            "rows": found.camera.rows,
-            **{name: getattr(found.camera, name) for name in UNKNOWNS},
+            "columns": fit.camera.columns,
+            "rows": fit.camera.rows,
+            **{name: getattr(fit.camera, name) for name in calibration.UNKNOWNS},
         },
-        "sigma": dict(zip(UNKNOWNS, sigma.tolist(), strict=True)),
-        "covariance": found.covariance.tolist(),
+        "sigma": dict(zip(calibration.UNKNOWNS, sigma.tolist(), strict=True)),
+        "covariance": fit.covariance.tolist(),
     }
 
 
-def _text(found: Calibrated, images: int) -> str:
-    sigma = np.sqrt(found.covariance.diagonal())
+def _text(fit: calibration.Calibrated, images: int) -> str:
+    sigma = np.sqrt(fit.covariance.diagonal())
     lines = [
-        f"{found.frames} of {images} images, {found.stars} stars, residual "
-        f"{found.residual_rms:.3f} px; field {math.degrees(found.camera.fov_x):.4f} deg"
+        f"{fit.frames} of {images} images, {fit.stars} stars, residual "
+        f"{fit.residual_rms:.3f} px; field {math.degrees(fit.camera.fov_x):.4f} deg"
     ]
-    for name, error in zip(UNKNOWNS, sigma, strict=True):
-        value = getattr(found.camera, name)
+    for name, error in zip(calibration.UNKNOWNS, sigma, strict=True):
+        value = getattr(fit.camera, name)
         lines.append(f"{name:16} {value:12.5g} " + (f"+- {error:.2g}" if error else "not fitted"))
     return "\n".join(lines)
 
@@ -262,44 +235,50 @@ def _calibrate_table(options: argparse.Namespace) -> int:
         raise WrongUse("a table of stars must be given alone, and without --posterior")
     path: Path = options.images[0]
     with as_wrong_use(ValueError, OSError):
-        table = read_star_table(path, _names(options))
+        table = calibration.read_star_table(path, _names(options))
         columns, rows, first = _array(options, table)
-        orders = orders_of(table, options.distortion or "auto", WARM[options.temperature_terms])
-        with progress("cross-validation", len(orders)) as advance:
-            found = cross_validate_all(table, orders, columns, rows, first, options.folds, advance)
-        chosen = borne(found)
-        fit = fit_field(table, chosen.order, columns, rows, first)
-    result = _table_values(path, table, found, chosen, fit, first)
+        orders = calibration.orders_of(
+            table, options.distortion or "auto", WARM[options.temperature_terms]
+        )
+        with terminal.progress("cross-validation", len(orders)) as advance:
+            tried = calibration.cross_validate_all(
+                table, orders, columns, rows, first, options.folds, advance
+            )
+        chosen = calibration.borne(tried)
+        fit = calibration.fit_field(table, chosen.order, columns, rows, first)
+    result = _table_values(path, table, tried, chosen, fit, first)
     if options.out:
-        save_json(options.out, finite(result))
+        save_json(options.out, terminal.finite(result))
     if options.camera:
-        save_camera(options.camera, fit.camera)
+        terminal.save_camera(options.camera, fit.camera)
     if options.size is None:
-        print_message(
+        terminal.print_message(
             f"startrack calibrate: no --size, so that an array of {columns} x {rows} pixels is "
             f"assumed, whose first pixel's centre is ({first[0]:g}, {first[1]:g}) in the table"
         )
-    print_result(options, result, _table_text(result, found, chosen))
+    terminal.print_result(options, result, _table_text(result, tried, chosen))
     return Exit.DONE
 
 
-def _names(options: argparse.Namespace) -> Names:
+def _names(options: argparse.Namespace) -> calibration.Names:
     def listed(text: str | None) -> tuple[str, ...]:
-        return tuple(one.strip() for one in text.split(",")) if text else ()
+        return tuple(name.strip() for name in text.split(",")) if text else ()
 
-    return Names(
+    return calibration.Names(
         listed(options.directions), options.directions_are, listed(options.pixels),
         options.temperature, options.weight,
     )  # fmt: skip
 
 
-def _array(options: argparse.Namespace, table: StarTable) -> tuple[int, int, tuple[float, float]]:
+def _array(
+    options: argparse.Namespace, table: calibration.StarTable
+) -> tuple[int, int, tuple[float, float]]:
     """Columns, rows and the place of the first pixel's centre in the table."""
     if options.size is None:
         if options.first_pixel is not None:
             raise ValueError("--first-pixel must come with --size")
-        return assumed_array(table)
-    columns, rows = (_whole(one) for one in _pair(options.size, "--size"))
+        return calibration.assumed_array(table)
+    columns, rows = (_whole(number) for number in _pair(options.size, "--size"))
     first = (
         (0.0, 0.0) if options.first_pixel is None else _pair(options.first_pixel, "--first-pixel")
     )
@@ -308,7 +287,7 @@ def _array(options: argparse.Namespace, table: StarTable) -> tuple[int, int, tup
 
 def _pair(text: str, name: str) -> tuple[float, float]:
     try:
-        first, second = (float(one) for one in text.replace("x", ",").split(","))
+        first, second = (float(part) for part in text.replace("x", ",").split(","))
         if math.isfinite(first + second):
             return first, second
     except ValueError:
@@ -322,18 +301,18 @@ def _whole(number: float) -> int:
     return int(number)
 
 
-def _axes(table: StarTable) -> tuple[str, str]:
-    return ANGLES.get(table.kind, ("ra_cos_dec", "dec"))
-
-
 def _table_values(
-    path: Path, table: StarTable, found: tuple[Unseen, ...], chosen: Unseen, fit: FieldFit,
+    path: Path,
+    table: calibration.StarTable,
+    tried: tuple[calibration.Unseen, ...],
+    chosen: calibration.Unseen,
+    fit: calibration.FieldFit,
     first: tuple[float, float],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     camera = fit.camera
-    angle, _ = residuals(fit, table, first)
+    angle, _ = calibration.residuals(fit, table, first)
     used = fit.used
-    result: dict[str, Any] = {
+    return {
         "status": "calibrated",
         "table": str(path),
         "stars": len(table),
@@ -347,75 +326,70 @@ def _table_values(
             "rows": camera.rows,
             "focal_length_px": camera.focal_length_px,
             **{name: getattr(camera, name) for name in ("k1", "k2", "p1", "p2")},
-            "polynomial": None,
+            "polynomial": camera.polynomial and _coefficients(camera.polynomial),
         },
         "table_to_camera_xyzw": [float(x) for x in fit.attitude.as_quat(canonical=True)],
         "fov_x_deg": math.degrees(camera.fov_x),
         "names": list(fit.names),
         "sigma": dict(zip(fit.names, np.sqrt(fit.covariance.diagonal()).tolist(), strict=True)),
         "covariance": fit.covariance.tolist(),
-        "residual_rms_px": _rms(fit.residual[used].ravel()),
-        "residual_rms_arcsec": _by_axis(table, _columns_rms(angle[used])),
+        "residual_rms_px": float(_rms(fit.residual[used].ravel())),
+        "residual_rms_arcsec": _by_axis(table, _rms(angle[used])),
         "unseen_rms_px": math.sqrt(chosen.mean_square),
         "unseen_rms_arcsec": _by_axis(table, chosen.rms),
-        "orders": [_unseen(table, one) for one in found],
+        "orders": [_unseen(table, unseen) for unseen in tried],
     }
-    if camera.polynomial is not None:
-        shown = camera.polynomial
-        result["camera"]["polynomial"] = {
-            "x": list(shown.x),
-            "y": list(shown.y),
-            "x_per_kelvin": list(shown.x_per_kelvin),
-            "y_per_kelvin": list(shown.y_per_kelvin),
-            "temperature_k": shown.temperature,
-            "reference_k": shown.reference,
-        }
-    return result
 
 
-def _order(order: Order) -> dict[str, Any]:
+def _coefficients(shown: FieldPolynomial) -> dict[str, Any]:
+    names = ("x", "y", "x_per_kelvin", "y_per_kelvin")
+    values = {name: list(getattr(shown, name)) for name in names}
+    return values | {"temperature_k": shown.temperature, "reference_k": shown.reference}
+
+
+def _order(order: calibration.Order) -> dict[str, Any]:
     return {
         "name": str(order), "distortion": order.model,
         "temperature_terms": "linear" if order.warm else "none", "unknowns": order.unknowns,
     }  # fmt: skip
 
 
-def _unseen(table: StarTable, one: Unseen) -> dict[str, Any]:
+def _unseen(table: calibration.StarTable, unseen: calibration.Unseen) -> dict[str, Any]:
     return {
-        **_order(one.order),
-        "unseen_rms_arcsec": _by_axis(table, one.rms),
-        "unseen_rms_px": math.sqrt(one.mean_square),
-        "unseen_rms_px_sigma": one.standard_error / (2 * math.sqrt(one.mean_square)),
-        "outliers": int((~one.inlier).sum()),
-        "unseen_rms_arcsec_with_outliers": _by_axis(table, _columns_rms(one.angle)),
+        **_order(unseen.order),
+        "unseen_rms_arcsec": _by_axis(table, unseen.rms),
+        "unseen_rms_px": math.sqrt(unseen.mean_square),
+        "unseen_rms_px_sigma": unseen.standard_error / (2 * math.sqrt(unseen.mean_square)),
+        "outliers": int((~unseen.inlier).sum()),
+        "unseen_rms_arcsec_with_outliers": _by_axis(table, _rms(unseen.angle)),
     }
 
 
-def _by_axis(table: StarTable, values: np.ndarray) -> dict[str, float]:
-    return dict(zip(_axes(table), (values / arcsec).tolist(), strict=True))
+def _by_axis(table: calibration.StarTable, values: np.ndarray) -> dict[str, float]:
+    axes = ANGLES.get(table.kind, ("ra_cos_dec", "dec"))
+    return dict(zip(axes, (values / arcsec).tolist(), strict=True))
 
 
-def _columns_rms(values: np.ndarray) -> np.ndarray:
+def _rms(values: np.ndarray) -> np.ndarray:
+    """Of each column."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def _rms(values: np.ndarray) -> float:
-    return math.sqrt(float(np.mean(values**2)))
-
-
-def _table_text(result: dict[str, Any], found: tuple[Unseen, ...], chosen: Unseen) -> str:
+def _table_text(
+    result: dict[str, Any], tried: tuple[calibration.Unseen, ...], chosen: calibration.Unseen
+) -> str:
     camera = result["camera"]
     first, second = result["unseen_rms_arcsec"]
     lines = [
-        f"{result['stars']} stars, {result['outliers']} beyond {OUTLIER:g} sigma left out; "
-        f"{result['chosen']['name']}: residual {result['residual_rms_px']:.4f} px",
+        f"{result['stars']} stars, {result['outliers']} beyond {calibration.OUTLIER:g} sigma left "
+        f"out; {result['chosen']['name']}: residual {result['residual_rms_px']:.4f} px",
         f"focal length {camera['focal_length_px']:.3f} px, field {result['fov_x_deg']:.4f} deg",
         "",
         f"on stars that the fit has not seen   {first:>9} arcsec {second:>11} arcsec   px",
     ]
-    for one, values in zip(found, result["orders"], strict=True):
+    for unseen, values in zip(tried, result["orders"], strict=True):
         across, down = values["unseen_rms_arcsec"].values()
-        mark = "  <- borne by the stars" if one is chosen else ""
+        mark = "  <- borne by the stars" if unseen is chosen else ""
         lines.append(
             f"{values['name']:44} {across:9.3f} {down:18.3f} {values['unseen_rms_px']:8.4f}{mark}"
         )

@@ -47,11 +47,11 @@ def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
 
     Raises  ValueError that names the key.
     """
-    for one in campaign.judged(case):
+    for condition in campaign.judged(case):
         try:
-            require_fidelity(one.case, campaign.fidelity)
+            require_fidelity(condition.case, campaign.fidelity)
         except Refused as error:
-            where = "" if one.name == NOMINAL else f" in the condition {one.name}"
+            where = "" if condition.name == NOMINAL else f" in the condition {condition.name}"
             raise ValueError(f"campaign.fidelity{where}: {error}") from None
 
 
@@ -77,10 +77,7 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
         for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
             with suppress(Refused):  # a start that cannot be rendered is judged by the search
                 warm(design.case, Sampling(fidelity))
-    with (
-        Ledger(options.out / LEDGER) as ledger,
-        workers as executor,
-    ):
+    with Ledger(options.out / LEDGER) as ledger, workers as executor:
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
         yield OpenCampaign(design.case, campaign, runner, options.out)
 

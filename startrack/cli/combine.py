@@ -7,8 +7,7 @@ import math
 from contextlib import ExitStack
 from pathlib import Path
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use, wanted
 
 if wanted(__name__):
     from startrack.cli.terminal import print_rows
@@ -71,9 +70,9 @@ def _must_be_several(paths: list[Path]) -> None:
         raise WrongUse(
             f"campaigns must be two or more, each of a different fidelity, got {paths[0]}"
         )
-    found = [path.resolve() for path in paths]
-    for path, resolved in zip(paths, found, strict=True):
-        if found.count(resolved) > 1:
+    files = [path.resolve() for path in paths]
+    for path, resolved in zip(paths, files, strict=True):
+        if files.count(resolved) > 1:
             raise WrongUse(f"campaigns must be different files, got {path} more than once")
 
 

@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     SEED,
     SET,
@@ -17,6 +16,7 @@ from startrack.cli.options import (
     WrongUse,
     as_wrong_use,
     fidelity,
+    wanted,
     whole,
 )
 
@@ -68,24 +68,24 @@ def command(options: argparse.Namespace) -> int:
     if (first.outcomes is None) != (second.outcomes is None):
         raise WrongUse("FIRST and SECOND must both be design files, or both campaigns")
     paired = first.drawn == second.drawn
-    one, two = _trials(first, second, options) if first.outcomes is None else _common(
-        first, second, paired
-    )  # fmt: skip
+    of_designs = first.outcomes is None
+    tables = _trials(first, second, options) if of_designs else _common(first, second, paired)
     limits = tuple(
         side.campaign.requirements.limits if side.campaign else STATED_ALONE
         for side in (first, second)
     )
-    found = differences(one, two, options.seed, (limits[0], limits[1]), paired)
+    statistics = differences(*tables, options.seed, (limits[0], limits[1]), paired)
     changed = _changed(to_table(first.case), to_table(second.case))
     result = {
         "first": str(options.first),
         "second": str(options.second),
         "paired": paired,
-        "trials": [len(one), len(two)],
+        "trials": [*map(len, tables)],
         "parameters": {name: list(pair) for name, pair in changed.items()},
-        "statistics": {each.name: _row(each).json()[0] for each in found},
+        "statistics": {difference.name: _row(difference).json()[0] for difference in statistics},
     }
-    print_result(options, result, _text(options, changed, found, paired, (len(one), len(two))))
+    trials = len(tables[0]), len(tables[1])
+    print_result(options, result, *_text(options, changed, statistics, paired, trials))
     return Exit.DONE
 
 
@@ -132,15 +132,15 @@ def _common(first: Side, second: Side, paired: bool) -> tuple[NDArray[np.void], 
     return first.outcomes[a], second.outcomes[b]
 
 
-def _changed(one: Any, other: Any, place: str = "") -> dict[str, tuple[str, str]]:
+def _changed(first: Any, other: Any, place: str = "") -> dict[str, tuple[str, str]]:
     """The parameters in which two tables differ, and their values."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        found = dict[str, tuple[str, str]]()
-        for key in dict.fromkeys([*one, *other]):
+    if isinstance(first, dict) and isinstance(other, dict):
+        changed = dict[str, tuple[str, str]]()
+        for key in dict.fromkeys([*first, *other]):
             inner = f"{place}.{key}" if place else key
-            found |= _changed(one.get(key), other.get(key), inner)
-        return found
-    return {} if one == other else {place: (_short(one), _short(other))}
+            changed |= _changed(first.get(key), other.get(key), inner)
+        return changed
+    return {} if first == other else {place: (_short(first), _short(other))}
 
 
 def _short(value: Any) -> str:
@@ -148,33 +148,33 @@ def _short(value: Any) -> str:
     return text if len(text) <= WIDEST else f"{text[: WIDEST - 3]}..."
 
 
-def _row(found: Found) -> Table:
+def _row(difference: Found) -> Table:
     """A statistic of both, and its difference."""
-    unit = PERCENT if found.name == "availability" else ARCSEC
+    unit = PERCENT if difference.name == "availability" else ARCSEC
     return Table(
         [
-            Column("", "statistic", lambda _: f"{found.name} ({unit.name})"),
+            Column("", "statistic", lambda _: f"{difference.name} ({unit.name})"),
             Column("first", "first", lambda row: row.first, unit, ".4g"),
             Column("second", "second", lambda row: row.second, unit, ".4g"),
             Column("difference", "difference", lambda row: row.change, unit, "+.3g"),
         ],
-        [found],
+        [difference],
     )
 
 
 def _text(
     options: argparse.Namespace,
     changed: dict[str, tuple[str, str]],
-    found: list[Found],
+    statistics: list[Found],
     paired: bool,
     trials: tuple[int, int],
-) -> str:
+) -> list[str]:
     rows = [["", str(options.first), str(options.second), "difference"]]
     rows += [[name, *pair, ""] for name, pair in changed.items()]
-    rows += [_row(one).cells[0] for one in found]
+    rows += [_row(difference).cells[0] for difference in statistics]
     how = (
         f"on the same skies and noise in {trials[0]} trials; errors of those that both solved"
         if paired
         else f"on different skies: {trials[0]} and {trials[1]} trials"
     )
-    return "\n".join([*aligned(rows), "", f"second minus first, {how}; brackets: 95 % confidence"])
+    return [*aligned(rows), "", f"second minus first, {how}; brackets: 95 % confidence"]

@@ -7,21 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong_use, images
+from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong_use, images, wanted
 
 if wanted(__name__):
-    from startrack.cli.terminal import layout_of, print_failed_image, print_result, read_design
+    from startrack import detection
+    from startrack.cli.terminal import image_reader, print_failed_image, print_result, read_design
     from startrack.core import Frame, Psf, Spots
-    from startrack.detection import (
-        Detection,
-        detect,
-        divide_flat,
-        false_alarms,
-        plan_detection,
-        subtract_dark,
-    )
-    from startrack.io import read_image
     from startrack.metrics import Column, Table
     from startrack.plots import draw_spots
     from startrack.trial import psf_of
@@ -50,36 +41,30 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Search each image; one that cannot be read does not stop the others."""
     with as_wrong_use(ValueError, TypeError, OSError):
-        plan = plan_detection(*_settings(options))
-        layout = layout_of(options)
-        dark = read_image(options.dark, layout) if options.dark else None
-        flat = read_image(options.flat, layout) if options.flat else None
+        plan = detection.plan_detection(*_settings(options))
+    read = image_reader(options)
     status = Exit.DONE
     for path in options.images:
         try:
-            frame = read_image(path, layout)
-            if dark is not None:
-                frame = subtract_dark(frame, dark)
-            if flat is not None:
-                frame = divide_flat(frame, flat)
-            spots = detect(frame, plan)
+            frame = read(path)
+            spots = detection.detect(frame, plan)
         except Exception as error:  # whatever is wrong with it, the others are searched
             print_failed_image(options, path, error)
             status = Exit.FAILED
             continue
         rows, columns = frame.image.shape
-        chance = false_alarms(plan, columns, rows)
+        chance = detection.false_alarms(plan, columns, rows)
         result: dict[str, Any] = {"image": str(path), "status": "done", "expected_false": chance}
         result["spots"] = (table := _table(spots)).json()
         text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
         if options.overlay:
             result["overlay"] = str(_overlay(options.overlay, path, frame, spots))
-        print_result(options, result, "\n".join([text, *(table.text(()) if len(spots) else [])]))
+        print_result(options, result, text, *(table.text(()) if len(spots) else []))
     return status
 
 
-def _settings(options: argparse.Namespace) -> tuple[Detection, Psf | None]:
-    settings, psf = Detection(), None
+def _settings(options: argparse.Namespace) -> tuple[detection.Detection, Psf | None]:
+    settings, psf = detection.Detection(), None
     if options.set and not options.design:
         raise WrongUse("--set must be given with --design")
     if options.design:

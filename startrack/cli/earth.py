@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     SEED,
     Exit,
@@ -18,6 +17,7 @@ from startrack.cli.options import (
     WrongUse,
     as_wrong_use,
     out,
+    wanted,
 )
 
 if wanted(__name__):
@@ -25,34 +25,8 @@ if wanted(__name__):
 
     from startrack.cli.terminal import print_result, progress
     from startrack.core import Camera, FieldPsf, Floats, Streams, require_memory, um
+    from startrack.earth import imager, product
     from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
-    from startrack.earth.imager import (
-        Channel,
-        Picture,
-        Setting,
-        cameras,
-        lens_registration,
-        load_survey,
-        misregistration,
-        open_fits,
-        render,
-        thinned,
-        write_geotiff,
-    )
-    from startrack.earth.product import (
-        QUALITY,
-        Product,
-        Settings,
-        against_truth,
-        calibrate,
-        camera_id,
-        make_product,
-        read_calibration,
-        read_raw,
-        save_calibration,
-        write_product,
-        write_quality,
-    )
     from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.terrain import EQUATORIAL, Raster
     from startrack.io import from_table, read_table, save_netcdf, save_text, shipped, whole
@@ -151,15 +125,14 @@ def geometry(options: argparse.Namespace) -> int:
     turn = jitter(scene, motion, options.seed)
     lines, columns = scene.sensor.lines, scene.sensor.columns
     require_memory(
-        8 * (10 + len(scene.terrain.maps)) * lines * columns,
-        f"maps of {columns} x {lines} pixels",
+        8 * (10 + len(scene.terrain.maps)) * lines * columns, f"maps of {columns} x {lines} pixels"
     )
     maps: dict[str, Floats] = {}
     with progress("lines", lines) as advance:
         for strip in observe_earth(scene, path.parent, turn):
             for name, values in _values(strip).items():
-                whole = maps.setdefault(name, np.full((lines, columns), math.nan))
-                whole[strip.first : strip.first + strip.shape[0]] = values
+                full = maps.setdefault(name, np.full((lines, columns), math.nan))
+                full[strip.first : strip.first + strip.shape[0]] = values
             advance(strip.shape[0])
     height = maps["height"]
     result: dict[str, Any] = {
@@ -175,7 +148,7 @@ def geometry(options: argparse.Namespace) -> int:
     }
     save_netcdf(options.out / "geometry.nc", maps, MAPS, ("line", "column"))
     draw_geometry(options.out / "geometry.png", maps, path.stem)
-    print_result(options, result, _text(result))
+    print_result(options, result, *_text(result))
     return Exit.DONE
 
 
@@ -183,7 +156,7 @@ def rendered(options: argparse.Namespace) -> int:
     """Write a FITS and a PNG file of each channel; print a summary."""
     path = _scene_path(options.scene or "hsrs")
     with as_wrong_use():
-        survey = load_survey(path)
+        survey = imager.load_survey(path)
     first = None
     for channel in survey.channels:
         lines, columns = channel.detector.rows, channel.columns
@@ -191,45 +164,53 @@ def rendered(options: argparse.Namespace) -> int:
         fits, png = start.with_suffix(".fits"), start.with_suffix(".png")
         cards = {
             "SCENE": path.name, "CHANNEL": channel.name, "SEED": options.seed,
-            "CAMERA": (camera_id(channel), "parameters of the channel"),
+            "CAMERA": (product.camera_id(channel), "parameters of the channel"),
         }  # fmt: skip
         with whole(fits) as draft, progress(channel.name, lines) as advance:
-            picture = open_fits(draft, lines, columns, cards)
-            setting = render(survey, channel, path.parent, options.seed, picture, advance)
+            picture = imager.open_fits(draft, lines, columns, cards)
+            setting = imager.render(survey, channel, path.parent, options.seed, picture, advance)
             if options.geotiff:
-                write_geotiff(start.with_suffix(".tif"), picture)
+                imager.write_geotiff(start.with_suffix(".tif"), picture)
         frames = {}
         if options.calibration is not None:
             saved = start.with_name(f"{channel.name}-calibration.fits")
             with progress(f"{channel.name}: calibration", LEVELS) as advance, as_wrong_use():
                 exposures = options.calibration or None
-                found = calibrate(survey, channel, setting, options.seed, exposures, advance)
-            save_calibration(saved, found, channel)
-            frames = {"calibration": str(saved), "electrons_per_number": found.electrons}
-        small = {name: thinned(each, PANEL) for name, each in picture.terms._asdict().items()}
-        draw_picture(png, thinned(picture.numbers, PANEL), small, f"{path.stem}: {channel.name}")
+                calibration = product.calibrate(
+                    survey, channel, setting, options.seed, exposures, advance
+                )
+            product.save_calibration(saved, calibration, channel)
+            frames = {"calibration": str(saved), "electrons_per_number": calibration.electrons}
+        small = {
+            name: imager.thinned(term, PANEL) for name, term in picture.terms._asdict().items()
+        }
+        draw_picture(
+            png, imager.thinned(picture.numbers, PANEL), small, f"{path.stem}: {channel.name}"
+        )
         result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
         if survey.motion != Motion():
-            result["misregistration_px"] = misregistration(survey, channel, options.seed)
+            result["misregistration_px"] = imager.misregistration(survey, channel, options.seed)
         first = first or (channel, setting.camera)
         if channel.optics.tabulated or survey.camera.spectrometer:
             result |= _lens_values(channel, setting, *first)
         result |= frames
-        print_result(options, result, _picture_text(result))
+        print_result(options, result, *_picture_text(result))
     return Exit.DONE
 
 
 def _scene_path(scene: str) -> Path:
     """Path of a scene file, or of the scene of a camera of the catalogue."""
-    if scene in cameras():
+    if scene in imager.cameras():
         return shipped(f"scenes/{scene}.toml")
     if not Path(scene).exists():
-        known = ", ".join(cameras())
-        raise WrongUse(f"{scene} must be a scene file, or one of {known}, but there is none")
+        names = ", ".join(imager.cameras())
+        raise WrongUse(f"{scene} must be a scene file, or one of {names}, but there is none")
     return Path(scene)
 
 
-def _picture_values(channel: Channel, picture: Picture, setting: Setting) -> dict[str, Any]:
+def _picture_values(
+    channel: imager.Channel, picture: imager.Picture, setting: imager.Setting
+) -> dict[str, Any]:
     largest = 2**channel.detector.bits - 1
     lines, columns = picture.numbers.shape
     return {
@@ -244,26 +225,26 @@ def _picture_values(channel: Channel, picture: Picture, setting: Setting) -> dic
         "seen": float(np.isfinite(picture.latitude).mean()),
         "number_mean": float(picture.numbers.mean()),
         "saturated": float((picture.numbers >= largest).mean()),
-        "radiance": {name: float(each.mean()) for name, each in picture.terms._asdict().items()},
+        "radiance": {name: float(term.mean()) for name, term in picture.terms._asdict().items()},
     }
 
 
 def _lens_values(
-    channel: Channel, setting: Setting, first: Channel, other: Camera
+    channel: imager.Channel, setting: imager.Setting, first: imager.Channel, other: Camera
 ) -> dict[str, Any]:
     """What the lens does over the field of an image."""
-    across, along = lens_registration(channel, setting.camera, first, other)
+    across, along = imager.lens_registration(channel, setting.camera, first, other)
     light = np.ones(1) if setting.light is None else setting.light
-    found = {
+    values = {
         "lens_misregistration_px": [across, along],
         "illumination": float(light.min() / light.max()),
     }
     if isinstance(setting.psf, FieldPsf) and math.isfinite(setting.psf.error):
-        found["lens_error_of_peak"] = setting.psf.error
-    return found
+        values["lens_error_of_peak"] = setting.psf.error
+    return values
 
 
-def _picture_text(result: dict[str, Any]) -> str:
+def _picture_text(result: dict[str, Any]) -> list[str]:
     terms = ", ".join(f"{name} {value:.4g}" for name, value in result["radiance"].items())
     lines = [
         f"{result['channel']}: {result['columns']} x {result['lines']} pixel, "
@@ -286,69 +267,73 @@ def _picture_text(result: dict[str, Any]) -> str:
     lines.append(f"wrote {result['fits']} and {result['png']}")
     if "calibration" in result:
         lines.append(f"wrote {result['calibration']}")
-    return "\n".join(lines)
+    return lines
 
 
 def processed(options: argparse.Namespace) -> int:
     """Write a map, its quality and a picture of each channel; print a summary."""
     path = _scene_path(options.scene or "hsrs")
     with as_wrong_use():
-        survey = load_survey(path)
-        settings = Settings(options.projection, options.cell, options.resampling)
-    told = []
+        survey = imager.load_survey(path)
+        settings = product.Settings(options.projection, options.cell, options.resampling)
+    products = []
     for channel in survey.channels:
         with as_wrong_use(ValueError, FileNotFoundError):
-            raw = read_raw(options.raw / f"{channel.name}.fits", channel)
-            frames = read_calibration(options.raw / f"{channel.name}-calibration.fits", channel)
+            raw = product.read_raw(options.raw / f"{channel.name}.fits", channel)
+            frames = product.read_calibration(
+                options.raw / f"{channel.name}-calibration.fits", channel
+            )
         with progress(channel.name, 1) as advance:
-            product = make_product(
+            mapped = product.make_product(
                 survey, channel, path.parent, raw.numbers, frames, settings, advance
             )
         start = options.out / f"{channel.name}-map"
         quality = options.out / f"{channel.name}-quality.tif"
         tags = {
             "CHANNEL": channel.name, "SCENE": path.name, "RESAMPLING": settings.resampling,
-            "CAMERA": camera_id(channel),
+            "CAMERA": product.camera_id(channel),
         }  # fmt: skip
-        write_product(start.with_suffix(".tif"), product.layers, PRODUCT_UNITS, product.grid, tags)
-        write_quality(quality, product.quality, product.grid)
-        shown = {name: thinned(each, PANEL) for name, each in product.layers.items()}
+        product.write_product(
+            start.with_suffix(".tif"), mapped.layers, PRODUCT_UNITS, mapped.grid, tags
+        )
+        product.write_quality(quality, mapped.quality, mapped.grid)
+        shown = {name: imager.thinned(layer, PANEL) for name, layer in mapped.layers.items()}
         draw_product(
-            start.with_suffix(".png"), shown, PRODUCT_UNITS, thinned(product.quality, PANEL),
-            QUALITY, f"{path.stem}: {channel.name}, {_grid_text(product)}",
+            start.with_suffix(".png"), shown, PRODUCT_UNITS, imager.thinned(mapped.quality, PANEL),
+            product.QUALITY, f"{path.stem}: {channel.name}, {_grid_text(mapped)}",
         )  # fmt: skip
-        result = _product_values(channel.name, product, settings, raw.truth) | {
+        result = _product_values(channel.name, mapped, settings, raw.truth) | {
             "map": str(start.with_suffix(".tif")), "quality": str(quality),
             "png": str(start.with_suffix(".png")),
         }  # fmt: skip
-        print_result(options, result, _product_text(result, product))
+        print_result(options, result, *_product_text(result, mapped))
         picture = options.raw / f"{channel.name}.png"
-        told.append(result | ({"image": picture} if picture.is_file() else {}))
+        products.append(result | ({"image": picture} if picture.is_file() else {}))
     scene = path.read_text(encoding="utf-8")
     page = options.out / "earth.html"
-    save_text(page, write_earth_report(survey, told, scene, f"Earth camera: {path.stem}"))
+    save_text(page, write_earth_report(survey, products, scene, f"Earth camera: {path.stem}"))
     print_result(options, {"report": str(page)}, f"wrote {page}")
     return Exit.DONE
 
 
 def _product_values(
-    name: str, product: Product, settings: Settings, truth: Floats | None
+    name: str, mapped: product.Product, settings: product.Settings, truth: Floats | None
 ) -> dict[str, Any]:
-    error, rms = (math.nan, math.nan) if truth is None else against_truth(product, truth)
-    grid = product.grid
+    error, rms = (math.nan, math.nan) if truth is None else product.against_truth(mapped, truth)
+    grid = mapped.grid
     return {
         "channel": name, "projection": grid.system, "columns": grid.columns, "rows": grid.rows,
         "cell": [grid.step_x, grid.step_y], "resampling": settings.resampling,
-        "mean": {layer: _known(np.nanmean, values) for layer, values in product.layers.items()},
+        "mean": {layer: _known(np.nanmean, values) for layer, values in mapped.layers.items()},
         "flagged": {
-            word: float((product.quality & bit > 0).mean()) for word, bit in QUALITY.items()
+            word: float((mapped.quality & bit > 0).mean()) for word, bit in product.QUALITY.items()
         },
-        "surroundings": product.surroundings, "radiance_error": error, "radiance_rms": rms,
+        "surroundings": mapped.surroundings, "radiance_error": error, "radiance_rms": rms,
     }  # fmt: skip
 
 
-def _grid_text(product: Product) -> str:
-    grid = product.grid
+def _grid_text(mapped: product.Product) -> str:
+    grid = mapped.grid
     unit = "m" if not grid.system.endswith(":4326") else "deg"
     return (
         f"{grid.columns} x {grid.rows} cells of {grid.step_x:.4g} x {grid.step_y:.4g} {unit}, "
@@ -356,7 +341,7 @@ def _grid_text(product: Product) -> str:
     )
 
 
-def _product_text(result: dict[str, Any], product: Product) -> str:
+def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
     layers = ", ".join(
         f"{name} {value:.4g}{'' if PRODUCT_UNITS[name] == '1' else f' {PRODUCT_UNITS[name]}'}"
         for name, value in result["mean"].items()
@@ -368,15 +353,13 @@ def _product_text(result: dict[str, Any], product: Product) -> str:
             f"truth     mean radiance {100 * result['radiance_error']:+.2f} %, pixels "
             f"{100 * result['radiance_rms']:.1f} % rms (noise, and edges that the lens blurs)"
         ]
-    return "\n".join(
-        [
-            f"{result['channel']}: {_grid_text(product)}, {result['resampling']}",
-            f"mean      {layers}",
-            f"quality   {flags}",
-            *truth,
-            f"wrote {result['map']}, {result['quality']} and {result['png']}",
-        ]
-    )
+    return [
+        f"{result['channel']}: {_grid_text(mapped)}, {result['resampling']}",
+        f"mean      {layers}",
+        f"quality   {flags}",
+        *truth,
+        f"wrote {result['map']}, {result['quality']} and {result['png']}",
+    ]
 
 
 def terrain(options: argparse.Namespace) -> int:
@@ -434,13 +417,13 @@ def _values(strip: Strip) -> dict[str, Floats]:
         "hit": strip.mean(ground.hit.astype(float)),
     }
     # A mean of longitudes has no sense across the date line, nor one of levels.
-    for name, one in (
+    for name, angle in (
         ("longitude", np.degrees(ground.longitude)),
         ("latitude", np.degrees(ground.latitude)),
         ("level", ground.level),
     ):
-        values[name] = np.asarray(one, float).reshape(strip.shape)[..., middle]
-    return values | {name: strip.mean(each) for name, each in ground.maps.items()}
+        values[name] = np.asarray(angle, float).reshape(strip.shape)[..., middle]
+    return values | {name: strip.mean(rays) for name, rays in ground.maps.items()}
 
 
 def _known(statistic: Callable[[Floats], Any], values: Floats) -> float:
@@ -448,15 +431,13 @@ def _known(statistic: Callable[[Floats], Any], values: Floats) -> float:
     return float(statistic(values)) if np.isfinite(values).any() else math.nan
 
 
-def _text(result: dict[str, Any]) -> str:
+def _text(result: dict[str, Any]) -> list[str]:
     low, high = result["height_m"]
-    return "\n".join(
-        [
-            f"image     {result['columns']} x {result['lines']} pixel, "
-            f"{100 * result['seen']:.1f} % see the Earth",
-            f"height    {low:.1f} to {high:.1f} m above the ellipsoid",
-            f"shadow    {100 * result['shadow']:.1f} % of what is seen",
-            f"levels    {', '.join(map(str, result['levels'])) or 'none'}",
-            f"wrote {result['png']} and {result['netcdf']}",
-        ]
-    )
+    return [
+        f"image     {result['columns']} x {result['lines']} pixel, "
+        f"{100 * result['seen']:.1f} % see the Earth",
+        f"height    {low:.1f} to {high:.1f} m above the ellipsoid",
+        f"shadow    {100 * result['shadow']:.1f} % of what is seen",
+        f"levels    {', '.join(map(str, result['levels'])) or 'none'}",
+        f"wrote {result['png']} and {result['netcdf']}",
+    ]

@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     DESIGN,
     Exit,
@@ -19,27 +18,14 @@ from startrack.cli.options import (
     decimal,
     out,
     positive,
+    wanted,
     whole,
 )
 
 if wanted(__name__):
+    from startrack import mission, onboard
     from startrack.cli.terminal import example, finite, print_result, read_design
     from startrack.core import arcsec, deg
-    from startrack.mission import (
-        head_model,
-        write_42,
-        write_basilisk,
-        write_fmu,
-        write_model,
-    )
-    from startrack.onboard import (
-        DOUBLE,
-        VARIABLE,
-        GuideSettings,
-        guide_stars,
-        read_variables,
-        write_guide,
-    )
 
 if TYPE_CHECKING:
     from startrack.design import Case
@@ -107,20 +93,20 @@ def command(options: argparse.Namespace) -> int:
 
 def _aocs(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:
     with as_wrong_use():
-        model = head_model(case, name)
-    files = write_model(options.out, model)
+        model = mission.head_model(case, name)
+    files = mission.write_model(options.out, model)
     also, notes = _also(options, case, model)
     files += also
     text = [_wrote(options, files), *notes]
     for name in ("noise", "pixel", "field"):
-        across, about = (one[0] / arcsec for one in getattr(model, name))
+        across, about = (item[0] / arcsec for item in getattr(model, name))
         text.append(f"{name:8s}{across:10.3f} across, {about:.3f} about (arcsec rms, at rest)")
     text.append(
         f"period {model.period:.4g} s, latency {model.latency:.4g} s, rates up to "
         f"{model.rate[-1] / deg:.3g} deg/s; Sun {model.sun / deg:.1f}, "
         f"Moon {model.moon / deg:.1f}, lit limb {model.limb / deg:.1f} deg"
     )
-    return {**finite(model.table), "files": [str(one) for one in files]}, "\n".join(text)
+    return {**finite(model.table), "files": [str(file) for file in files]}, "\n".join(text)
 
 
 def _also(
@@ -137,11 +123,11 @@ def _also(
     if "fmu" in options.also:
         files.append(options.out / "startrack_head.fmu")
         with as_wrong_use(ValueError):
-            if not write_fmu(files[-1], model):
+            if not mission.write_fmu(files[-1], model):
                 notes.append("no C compiler was found: the FMU has sources alone")
     if "basilisk" in options.also:
         files.append(options.out / "startrack_basilisk.py")
-        write_basilisk(files[-1], model, rate)
+        mission.write_basilisk(files[-1], model, rate)
     if "42" in options.also:
         files.append(options.out / "startrack_42.txt")
         camera = case.instrument.camera
@@ -149,13 +135,13 @@ def _also(
             2 * math.atan(size / 2 / camera.focal_length_px)
             for size in (camera.columns, camera.rows)
         ]
-        write_42(files[-1], model, (field[0], field[1]), rate)
+        mission.write_42(files[-1], model, (field[0], field[1]), rate)
     return files, notes
 
 
 def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:
     with as_wrong_use(ValueError, FileNotFoundError):
-        settings = GuideSettings(
+        settings = onboard.GuideSettings(
             options.limit,
             options.epoch,
             options.resolution and options.resolution * arcsec,
@@ -164,8 +150,8 @@ def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict
             options.per_field,
             options.pattern_stars,
         )
-        guide = guide_stars(case, settings, read_variables(options.variable_list))
-    files = write_guide(options.out, guide)
+        guide = onboard.guide_stars(case, settings, onboard.read_variables(options.variable_list))
+    files = onboard.write_guide(options.out, guide)
     size = files[0].stat().st_size
     values = {
         "stars": len(guide),
@@ -175,9 +161,9 @@ def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict
         "epoch": guide.epoch,
         "field_deg": guide.field_of_view / deg,
         "resolution_arcsec": guide.resolution / arcsec,
-        "doubles": int((guide.flags & DOUBLE > 0).sum()),
-        "variables": int((guide.flags & VARIABLE > 0).sum()),
-        "files": [str(one) for one in files],
+        "doubles": int((guide.flags & onboard.DOUBLE > 0).sum()),
+        "variables": int((guide.flags & onboard.VARIABLE > 0).sum()),
+        "files": [str(file) for file in files],
     }
     text = (
         f"{_wrote(options, files)}\n{values['stars']} guide stars to {guide.limit:g} mag in the "
@@ -190,4 +176,4 @@ def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict
 
 
 def _wrote(options: argparse.Namespace, files: list[Path]) -> str:
-    return f"wrote {', '.join(one.name for one in files)} to {options.out}"
+    return f"wrote {', '.join(file.name for file in files)} to {options.out}"

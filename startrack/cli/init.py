@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use, wanted
 
 if wanted(__name__):
     from startrack.cli.terminal import print_result

@@ -6,8 +6,7 @@ import argparse
 import shutil
 from textwrap import fill
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Option, Options, WrongUse
+from startrack.cli.options import Exit, Option, Options, WrongUse, wanted
 
 if wanted(__name__):
     import difflib
@@ -40,16 +39,16 @@ def command(options: argparse.Namespace) -> int:
         return Exit.DONE
     table = options.table
     keys = design_keys()
-    found = [one for one in keys if f"{one.name}.".startswith(f"{table}." if table else "")]
-    if not found:
-        near = difflib.get_close_matches(table, [one.name for one in keys], 3)
+    chosen = [key for key in keys if f"{key.name}.".startswith(f"{table}." if table else "")]
+    if not chosen:
+        near = difflib.get_close_matches(table, [key.name for key in keys], 3)
         raise WrongUse(
             f"TABLE must be a table or a key of a design file, got {table!r}"
             + (f"; similar are {', '.join(near)}" if near else "")
         )
     width = min(shutil.get_terminal_size().columns, WIDEST)
-    for one in found:
-        print_result(options, one._asdict(), _text(one, width))
+    for key in chosen:
+        print_result(options, key._asdict(), _text(key, width))
     return Exit.DONE
 
 

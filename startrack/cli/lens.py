@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     Exit,
     Option,
@@ -19,40 +18,18 @@ from startrack.cli.options import (
     WrongUse,
     as_wrong_use,
     images,
+    wanted,
     whole,
 )
 
 if wanted(__name__):
     import numpy as np
 
-    from startrack.cli.terminal import layout_of, print_result, progress
+    from startrack import optics
+    from startrack.cli.terminal import image_reader, print_result, progress
     from startrack.core import ZERO_CELSIUS, deg, nm, um
     from startrack.detection import Detection, detect, plan_detection
-    from startrack.io import aligned, read_image
-    from startrack.optics import (
-        LensTable,
-        PsfFile,
-        Tracing,
-        brightest,
-        file_of,
-        holds_wavefronts,
-        lens_path,
-        load_lens,
-        load_psf_file,
-        lone_stars,
-        open_psf_file,
-        psfs_of_pages,
-        read_prescription,
-        reconstruct,
-        save_ghosts,
-        save_lens,
-        save_psf_file,
-        save_surfaces,
-        surfaces_of,
-        table_of_pages,
-        trace_lens,
-        zernike,
-    )
+    from startrack.io import aligned
 
 LENS = """\
 A lens table holds the wavefront, the place of the chief ray, the pupil and the vignetting of a lens
@@ -124,41 +101,43 @@ def command(options: argparse.Namespace) -> int:
     """Trace a prescription, or print a table."""
     if options.part == "show":
         with as_wrong_use(ValueError, OSError):
-            found = _opened(options.table)
-        if isinstance(found, PsfFile):
-            result = images_summary(found)
+            opened = _opened(options.table)
+        if isinstance(opened, optics.PsfFile):
+            result = images_summary(opened)
             print_result(options, result, _images_text(result))
         else:
-            result = summary(found)
+            result = summary(opened)
             print_result(options, result, _text(result))
         return Exit.DONE
     return _measure(options) if options.part == "measure" else _import(options)
 
 
-def _opened(name: str) -> LensTable | PsfFile:
+def _opened(name: str) -> optics.LensTable | optics.PsfFile:
     """The lens table or the file of PSFs of a path or of a shipped name."""
     if Path(name).suffix:
         with suppress(ValueError):
-            return load_psf_file(Path(name))
+            return optics.load_psf_file(Path(name))
     else:
         with suppress(ValueError):
-            return open_psf_file(name)
-    return load_lens(lens_path(name))
+            return optics.open_psf_file(name)
+    return optics.load_lens(optics.lens_path(name))
 
 
 def _measure(options: argparse.Namespace) -> int:
     if not 0 < options.saturation <= 1:
         raise WrongUse(f"--saturation must lie in (0, 1], got {options.saturation:g}")
-    found, layout = [], layout_of(options)
+    stars, read = [], image_reader(options)
     with progress("reading", len(options.images)) as advance, as_wrong_use(ValueError, OSError):
         for path in options.images:
-            frame = read_image(path, layout)
+            frame = read(path)
             spots = detect(frame, plan_detection(Detection()))
-            found.append(lone_stars(frame.image, spots, options.half, options.saturation))
+            stars.append(optics.lone_stars(frame.image, spots, options.half, options.saturation))
             advance(1)
     with as_wrong_use(ValueError):
-        measured = reconstruct(brightest(found, options.stars), options.oversampling)
-    save_psf_file(options.out, file_of(measured, ", ".join(path.name for path in options.images)))
+        measured = optics.reconstruct(optics.brightest(stars, options.stars), options.oversampling)
+    optics.save_psf_file(
+        options.out, optics.file_of(measured, ", ".join(path.name for path in options.images))
+    )
     table, step = measured.psf.table, measured.psf.oversampling
     result = {
         "stars": len(measured.x),
@@ -193,15 +172,15 @@ def _import_pages(options: argparse.Namespace) -> int:
     out = Path(options.out or paths[0].with_suffix(".fits").name)
     source = options.source or f"Zemax, {', '.join(path.name for path in paths)}"
     with as_wrong_use(ValueError, OSError):
-        if not holds_wavefronts(paths):
-            return _save_images(options, psfs_of_pages(paths, source), out)
+        if not optics.holds_wavefronts(paths):
+            return _save_images(options, optics.psfs_of_pages(paths, source), out)
         if options.focal_length is None or options.f_number is None:
             raise WrongUse("--focal-length and --f-number must be given with wavefront maps")
-        fitted = table_of_pages(
+        fitted = optics.table_of_pages(
             paths, options.focal_length * 1e-3, options.f_number, options.title or out.stem,
             source, options.flip,
         )  # fmt: skip
-    save_lens(out, fitted.table)
+    optics.save_lens(out, fitted.table)
     left = {"terms_leave_waves": float(fitted.left.max())}
     result = summary(fitted.table) | {"table": str(out)} | left
     print_result(options, result, _text(result))
@@ -212,15 +191,15 @@ def _import_images(options: argparse.Namespace) -> int:
     """Check a FITS file of PSFs, and write it with checksums."""
     path = options.files[0]
     with as_wrong_use(ValueError, OSError):
-        found = load_psf_file(path)
+        psfs = optics.load_psf_file(path)
     if options.source:
-        found = replace(found, source=options.source)
-    return _save_images(options, found, Path(options.out or f"{path.stem}-psf.fits"))
+        psfs = replace(psfs, source=options.source)
+    return _save_images(options, psfs, Path(options.out or f"{path.stem}-psf.fits"))
 
 
-def _save_images(options: argparse.Namespace, found: PsfFile, out: Path) -> int:
-    save_psf_file(out, found)
-    result = images_summary(found) | {"psf": str(out)}
+def _save_images(options: argparse.Namespace, psfs: optics.PsfFile, out: Path) -> int:
+    optics.save_psf_file(out, psfs)
+    result = images_summary(psfs) | {"psf": str(out)}
     text = f'{_images_text(result)}\nwrote {out}, which a design takes as psf_file = "{out}"'
     print_result(options, result, text)
     return Exit.DONE
@@ -234,31 +213,31 @@ def _trace(options: argparse.Namespace) -> int:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the tracer and of what it compiles
         with as_wrong_use(ValueError):
-            lens = read_prescription(path)
+            lens = optics.read_prescription(path)
         nodes = len(tracing.temperature) * len(tracing.wavelength) * len(tracing.field)
         with progress("tracing", nodes) as advance, as_wrong_use(ValueError, path=path):
-            traced = trace_lens(
+            traced = optics.trace_lens(
                 lens, options.title or path.stem, options.source or path.name, tracing, advance
             )
-        save_lens(Path(out), traced.table)
+        optics.save_lens(Path(out), traced.table)
         with suppress(ValueError):  # of surfaces that are no spheres
-            surfaces = surfaces_of(lens)
-            save_surfaces(Path(out), surfaces)
+            surfaces = optics.surfaces_of(lens)
+            optics.save_surfaces(Path(out), surfaces)
             if not surfaces.mirror.any():
-                save_ghosts(Path(out), surfaces)
+                optics.save_ghosts(Path(out), surfaces)
         left = float((traced.left / traced.table.wavelength[:, None]).max())
         result = summary(traced.table) | {"table": str(out), "terms_leave_waves": left}
         if options.check:
             between = _between(tracing)
             nodes = len(between.temperature) * len(between.wavelength) * len(between.field)
             with progress("checking", nodes) as advance:
-                dense = trace_lens(lens, "between", "", between, advance).table
+                dense = optics.trace_lens(lens, "between", "", between, advance).table
             result |= interpolation_error(traced.table, dense)
     print_result(options, result, _text(result))
     return Exit.DONE
 
 
-def _tracing(options: argparse.Namespace) -> Tracing:
+def _tracing(options: argparse.Namespace) -> optics.Tracing:
     first, last = sorted(options.band)
     if not (first >= 100 and last <= 20_000):
         raise WrongUse(f"--band must lie in [100, 20000] nm, got {first:g} to {last:g}")
@@ -271,7 +250,7 @@ def _tracing(options: argparse.Namespace) -> Tracing:
     wavelength = 1 / np.linspace(1 / last, 1 / first, options.wavelengths)[::-1] * nm
     if options.wavelengths == 1:
         wavelength = np.array([(first + last) / 2 * nm])
-    return Tracing(
+    return optics.Tracing(
         tuple(sorted({celsius + ZERO_CELSIUS for celsius in options.temperatures})),
         tuple(wavelength.tolist()),
         tuple((np.linspace(0, options.field, options.fields) * deg).tolist()),
@@ -280,7 +259,7 @@ def _tracing(options: argparse.Namespace) -> Tracing:
     )
 
 
-def _between(tracing: Tracing) -> Tracing:
+def _between(tracing: optics.Tracing) -> optics.Tracing:
     """The middles between the nodes; all temperatures."""
     fields = np.array(tracing.field)
     waves = np.array(tracing.wavelength)
@@ -292,7 +271,7 @@ def _between(tracing: Tracing) -> Tracing:
     )
 
 
-def interpolation_error(table: LensTable, dense: LensTable) -> dict[str, float]:
+def interpolation_error(table: optics.LensTable, dense: optics.LensTable) -> dict[str, float]:
     """Largest error of a table at the nodes of another one.
 
     Of the wavefront the rms over the open pupil, in waves, without its mean and tilt; of the chief
@@ -303,18 +282,18 @@ def interpolation_error(table: LensTable, dense: LensTable) -> dict[str, float]:
     plane = np.stack([np.ones_like(disc_x), disc_x, disc_y], axis=-1)
     waves, place, area = [0.0], [0.0], [0.0]
     for t, temperature in enumerate(dense.temperature):
-        found = table.at(float(temperature), dense.wavelength, dense.field)
-        place.append(float(np.abs(found.place - dense.place[t]).max()))
-        area.append(float(np.abs(found.area / dense.area[t] - 1).max()))
-        for at in np.ndindex(found.place.shape):
+        between = table.at(float(temperature), dense.wavelength, dense.field)
+        place.append(float(np.abs(between.place - dense.place[t]).max()))
+        area.append(float(np.abs(between.area / dense.area[t] - 1).max()))
+        for at in np.ndindex(between.place.shape):
             stop, half_p, half_q, *rest = dense.pupil[t][at]
             p, q = rest[0] + rest[1] * disc_x, rest[2] * disc_y
-            other = found.pupil[at]
+            other = between.pupil[at]
             off = sum(
-                size * zernike(j, (stop - p) / half_p, -q / half_q)
-                - near * zernike(j, (other[0] - p) / other[1], -q / other[2])
+                size * optics.zernike(j, (stop - p) / half_p, -q / half_q)
+                - near * optics.zernike(j, (other[0] - p) / other[1], -q / other[2])
                 for j, size, near in zip(
-                    table.noll.tolist(), dense.wavefront[t][at], found.wavefront[at], strict=True
+                    table.noll.tolist(), dense.wavefront[t][at], between.wavefront[at], strict=True
                 )
             )
             # The chief ray's place belongs to the tilt, which is left out.
@@ -327,7 +306,7 @@ def interpolation_error(table: LensTable, dense: LensTable) -> dict[str, float]:
     }
 
 
-def summary(table: LensTable) -> dict[str, Any]:
+def summary(table: optics.LensTable) -> dict[str, Any]:
     """What a table holds, over the field at the middle wavelength and temperature."""
     t, w = len(table.temperature) // 2, len(table.wavelength) // 2
     shape = ~np.isin(table.noll, (1, 2, 3))
@@ -352,21 +331,21 @@ def summary(table: LensTable) -> dict[str, Any]:
     }
 
 
-def images_summary(found: PsfFile) -> dict[str, Any]:
+def images_summary(psfs: optics.PsfFile) -> dict[str, Any]:
     """What a file of PSFs holds; widths in metre, or in pixel where their size is unknown."""
-    unit = 1.0 if found.pixel and found.pitch is None else um
-    size = found.spacing / unit
-    half = found.image / found.image.max(axis=(2, 3), keepdims=True) > 0.5
+    unit = 1.0 if psfs.pixel and psfs.pitch is None else um
+    size = psfs.spacing / unit
+    half = psfs.image / psfs.image.max(axis=(2, 3), keepdims=True) > 0.5
     width = np.sqrt(half.sum(axis=(2, 3)) * 4 / math.pi) * size
     return {
-        "source": found.source,
+        "source": psfs.source,
         "unit": "pixel" if unit == 1.0 else "um",
         "spacing": size,
-        "samples": found.image.shape[-1],
-        "pixel_included": found.pixel,
-        "energy": found.energy,
-        "wavelength_nm": (found.wavelength / nm).tolist() if found.varies else [],
-        "field_deg": (found.angle / deg).tolist(),
+        "samples": psfs.image.shape[-1],
+        "pixel_included": psfs.pixel,
+        "energy": psfs.energy,
+        "wavelength_nm": (psfs.wavelength / nm).tolist() if psfs.varies else [],
+        "field_deg": (psfs.angle / deg).tolist(),
         "width": width.tolist(),
     }
 

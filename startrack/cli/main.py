@@ -18,9 +18,8 @@ from importlib import import_module
 from typing import TextIO, cast
 
 from startrack import __version__
-from startrack.cli.imports import load, postpone
-from startrack.cli.options import memory_of
-from startrack.cli.stopping import ignore_signals, one_line, stopped_by_signals, told
+from startrack.cli.options import load, memory_of, postpone
+from startrack.cli.stopping import ignore_signals, one_line, status_and_sentence, stopped_by_signals
 
 # Each command is a file of this name with `declare`, its table of options, and `command(options)`.
 # Only that of the called command is imported, and what it computes with when it runs.
@@ -94,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # Imports what the command needs, which takes seconds that a signal may fall into.
             status, message = _run(_parser(arguments).parse_args(arguments)), ""
         except (Exception, KeyboardInterrupt) as error:
-            status, message = told(error)
+            status, message = status_and_sentence(error)
             if "--debug" in arguments and not isinstance(error, KeyboardInterrupt):
                 traceback.print_exception(error)
     if message:
@@ -107,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _called(arguments: Sequence[str]) -> str:
     """The name of the command, empty where none is given."""
-    return next((one for one in arguments if not one.startswith("-")), "")
+    return next((word for word in arguments if not word.startswith("-")), "")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -166,10 +165,10 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     alone = called in COMMANDS and arguments[0] == called
     for name in [called] if alone else COMMANDS:
         text = COMMANDS[name]
-        one = commands.add_parser(
+        command = commands.add_parser(
             name, help=text, description=text,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )  # fmt: skip
         if name == called:
-            import_module(f"startrack.cli.{name}").declare(one)
+            import_module(f"startrack.cli.{name}").declare(command)
     return parser

@@ -6,20 +6,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use, wanted
 
 if wanted(__name__):
+    from startrack import montecarlo
     from startrack.cli.terminal import print_message, print_result, print_rows, progress
     from startrack.core import arcsec
     from startrack.io import regular_file
     from startrack.metrics import ARCSEC, PERCENT, PURE, Row, bounds_json
-    from startrack.montecarlo import (
-        Sketch,
-        merge_sketches,
-        merge_stores,
-        save_sketch,
-    )
 
 FRACTIONS = (0.5, 0.6827, 0.9545, 0.9973, 0.9999, 0.999999)
 SQLITE = b"SQLite format 3\0"
@@ -49,8 +43,8 @@ def command(options: argparse.Namespace) -> int:
         if kinds.pop():
             return _stores(options, parts, advance)
         with as_wrong_use():
-            sketch = merge_sketches(parts, advance)
-    save_sketch(options.out, sketch)
+            sketch = montecarlo.merge_sketches(parts, advance)
+    montecarlo.save_sketch(options.out, sketch)
     rows = [Row("merged", str(options.out)), Row("parts", len(parts)), *sketch_rows(sketch)]
     print_rows(options, rows)
     return Exit.DONE
@@ -63,20 +57,20 @@ def _is_store(path: Path) -> bool:
 
 def _stores(options: argparse.Namespace, parts: list[Path], advance: Any) -> int:
     with as_wrong_use():
-        merged = merge_stores(parts, options.out, advance)
+        merged = montecarlo.merge_stores(parts, options.out, advance)
     for first, end in merged.repeated:
         print_message(f"trials {first} to {end - 1} are in several parts, with equal outcomes")
     result = {
         "merged": str(options.out),
         "parts": len(parts),
         "trials": merged.trials,
-        "repeated": [list(one) for one in merged.repeated],
+        "repeated": [list(numbers) for numbers in merged.repeated],
     }
     print_result(options, result, f"{options.out}: {merged.trials} trials of {len(parts)} parts")
     return Exit.DONE
 
 
-def sketch_rows(sketch: Sketch) -> list[Row]:
+def sketch_rows(sketch: montecarlo.Sketch) -> list[Row]:
     """What a sketch holds, with 95 % confidence intervals."""
     there, false = sketch.availability, sketch.counts["false"]
     rows = [
@@ -95,13 +89,13 @@ def sketch_rows(sketch: Sketch) -> list[Row]:
     ]  # fmt: skip
     levels = {(part, of): sketch.quantile(of, part) for part in FRACTIONS for of in ("across", "z")}
     of_json = [
-        {"of": of, "fraction": part} | bounds_json(found, ARCSEC)
-        for (part, of), found in levels.items()
+        {"of": of, "fraction": part} | bounds_json(level, ARCSEC)
+        for (part, of), level in levels.items()
     ]
     rows.append(Row("quantiles", of_json))
-    for (part, of), found in levels.items():
+    for (part, of), level in levels.items():
         label = f"{'about' if of == 'z' else of}, {100 * part:.6g} % below"
-        rows.append(Row("", found, label, ARCSEC, ".4g"))
+        rows.append(Row("", level, label, ARCSEC, ".4g"))
     if sketch.counts["judged"]:
         error, trial = sketch.worst[0], -sketch.worst[1]
         rows.append(Row("worst", {"trial": trial, "across_arcsec": error / arcsec}))

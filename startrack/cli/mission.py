@@ -9,7 +9,6 @@ from datetime import UTC, timedelta
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     ALLOW_CODE,
     SEED,
@@ -22,55 +21,20 @@ from startrack.cli.options import (
     as_wrong_use,
     decimal,
     out,
+    wanted,
     whole,
 )
 
 if wanted(__name__):
     import numpy as np
 
+    from startrack import mission, report
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
     from startrack.core import Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, save_text, shipped, write_fits
     from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
-    from startrack.mission import (
-        EDGES,
-        PLANETS,
-        Availability,
-        Blind,
-        Checked,
-        Flown,
-        Loaded,
-        Plan,
-        Verdict,
-        angles_of,
-        availability_of,
-        flown_from,
-        fly,
-        load_mission,
-        map_of,
-        moved_plan,
-        place,
-        plan_of,
-        reacquisition_of,
-        save_mission,
-        save_timeline,
-        scenes_at,
-        timeline,
-        trades,
-        verdicts,
-        write_kernels,
-    )
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_frame, draw_mission, draw_placement
-    from startrack.report import (
-        CHECKED,
-        beta_table,
-        checks_table,
-        heads_table,
-        spells_table,
-        verdict_table,
-        write_mission_report,
-    )
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
@@ -119,9 +83,9 @@ def command(options: argparse.Namespace) -> int:
         return _several(options, paths)
     path = paths[0]
     with as_wrong_use(ValueError, ImportError):
-        loaded = load_mission(path, options.set)
+        loaded = mission.load_mission(path, options.set)
         with progress("heads", len(loaded.designs)) as advance:
-            plan = plan_of(loaded, advance=advance)
+            plan = mission.plan_of(loaded, advance=advance)
         time = loaded.mission.time
         if options.frame is not None:
             if options.frame > time.duration:
@@ -132,7 +96,7 @@ def command(options: argparse.Namespace) -> int:
         if options.heads or options.baffle:
             return _trade(options, path, plan)
         with progress("trials and steps", loaded.mission.check.trials + time.steps) as advance:
-            plan, checks, flown = flown_from(plan, options.out / STORE, advance)
+            plan, checks, flown = mission.flown_from(plan, options.out / STORE, advance)
     if options.place:
         return _place(options, path, plan, flown, checks)
     with as_wrong_use(ValueError, ImportError):
@@ -169,7 +133,7 @@ def _several(options: argparse.Namespace, paths: list[Path]) -> int:
     with as_wrong_use(ValueError, ImportError, OSError):
         jobs = [
             (
-                load_mission(path, options.set),
+                mission.load_mission(path, options.set),
                 _job(options, path, (options.out / path.stem).resolve()),
             )
             for path in paths
@@ -178,50 +142,50 @@ def _several(options: argparse.Namespace, paths: list[Path]) -> int:
         made = cluster(options.scheduler) if options.scheduler else pool(workers)
         with made as executor, progress("missions", len(jobs)) as advance:
             running = [executor.submit(fly_whole, *job) for job in jobs]
-            for one in running:
-                result, text, good = one.result()
+            for job in running:
+                result, text, good = job.result()
                 print_result(options, result, f"{result['mission']}\n{text}\n")
                 met &= good
                 advance(1)
     return Exit.DONE if met else Exit.UNSOLVED
 
 
-def fly_whole(loaded: Loaded, job: Job) -> tuple[dict[str, Any], str, bool]:
+def fly_whole(loaded: mission.Loaded, job: Job) -> tuple[dict[str, Any], str, bool]:
     """Plan, check and fly a mission, write its files; values, text, and whether all is met."""
-    plan, checks, flown = flown_from(plan_of(loaded), job.out / STORE)
+    plan, checks, flown = mission.flown_from(mission.plan_of(loaded), job.out / STORE)
     return _written(job, plan, checks, flown)
 
 
 def _written(
-    job: Job, plan: Plan, checks: tuple[Checked, ...], flown: Flown
+    job: Job, plan: mission.Plan, checks: tuple[mission.Checked, ...], flown: mission.Flown
 ) -> tuple[dict[str, Any], str, bool]:
     """Write the files of a mission that was flown; values, text, and whether all is met."""
-    found = availability_of(flown)
+    available = mission.availability_of(flown)
     steps = plan.loaded.mission.time.steps
     every = job.every or -(-steps // ROWS)
     with progress("rows", -(-steps // every)) as advance:
-        table = timeline(plan, every, advance)
+        table = mission.timeline(plan, every, advance)
     if job.table == "netcdf":
-        save_timeline(job.out / "timeline.nc", table)
+        mission.save_timeline(job.out / "timeline.nc", table)
     else:
         export(job.out / f"timeline.{job.table}", table)
     if job.spice:
-        write_kernels(plan, every, job.out / "orbit.bsp", job.out / "attitude.bc")
+        mission.write_kernels(plan, every, job.out / "orbit.bsp", job.out / "attitude.bc")
     result = {
-        "mission": str(job.path), **_values(plan, flown, found),
-        "check": checks_table(plan, checks).json(), "out": str(job.out),
+        "mission": str(job.path), **_values(plan, flown, available),
+        "check": report.checks_table(plan, checks).json(), "out": str(job.out),
     }  # fmt: skip
     save_json(job.out / "summary.json", finite(result))
-    _draw(job.out, plan, flown, found, checks, job.path.stem)
-    text = "\n".join([_text(plan, flown, found), *_check_lines(plan, checks)])
-    return result, text, all(one.met for one in _verdicts(plan, flown, found))
+    _draw(job.out, plan, flown, available, checks, job.path.stem)
+    text = "\n".join([_text(plan, flown, available), *_check_lines(plan, checks)])
+    return result, text, all(verdict.met for verdict in _verdicts(plan, flown, available))
 
 
-def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
+def _render(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     """Write and print what each head sees at one time, beside the error that is expected."""
     solved = True
     for number, (head, scene) in enumerate(
-        zip(plan.heads, scenes_at(plan, options.frame), strict=True)
+        zip(plan.heads, mission.scenes_at(plan, options.frame), strict=True)
     ):
         streams = Streams(options.seed, number)
         record = observe(scene.case, scene.icrs_to_camera, streams)
@@ -233,7 +197,7 @@ def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
         begun = middle + timedelta(seconds=options.frame - record.frame.exposure / 2)
         history = f"startrack mission {path.name}, {options.frame:g} s, head {head.name}"
         write_fits(fits, record.frame, camera, attitude, record.stars, history, begun)
-        causes = [str(one.name).lower() for one in Blind if scene.blind & one]
+        causes = [str(cause.name).lower() for cause in mission.Blind if scene.blind & cause]
         state = f"blind by {', '.join(causes)}" if causes else "valid"
         title = f"{head.name} at {options.frame:g} s, {state}; {pointing_text(attitude, 3, 1)}"
         saturation = scene.case.tracker.detection.saturation
@@ -252,7 +216,7 @@ def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
             "expected_across_rms_arcsec": scene.across / arcsec,
             "expected_about_rms_arcsec": scene.about / arcsec,
         }  # fmt: skip
-        found = (
+        seen = (
             f"{outcome.stars} stars matched; error across {error / arcsec:.2f}, about "
             f"{outcome.error_z / arcsec:.2f} arcsec"
             if good
@@ -261,18 +225,18 @@ def _render(options: argparse.Namespace, path: Path, plan: Plan) -> int:
         print_result(
             options,
             result,
-            f"{title}\n  {found} (expected rms per axis {scene.across / arcsec:.2f}, "
+            f"{title}\n  {seen} (expected rms per axis {scene.across / arcsec:.2f}, "
             f"{scene.about / arcsec:.2f}); wrote {fits} and {png}",
         )
     return Exit.DONE if solved else Exit.UNSOLVED
 
 
-def _trade(options: argparse.Namespace, path: Path, plan: Plan) -> int:
+def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     """Print numbers of heads and angles of baffles, with what they are worth and weigh."""
     counts = options.heads or [len(plan.heads)]
-    angles = [one * deg for one in options.baffle or [plan.heads[0].limits.sun / deg]]
+    angles = [angle * deg for angle in options.baffle or [plan.heads[0].limits.sun / deg]]
     with progress("searches", len(counts) * len(angles)) as advance:
-        found = trades(plan, counts, angles, advance)
+        traded = mission.trades(plan, counts, angles, advance)
     table = Table(
         [
             Column("heads", "heads", lambda row: row.heads, form="d"),
@@ -286,31 +250,35 @@ def _trade(options: argparse.Namespace, path: Path, plan: Plan) -> int:
             Column("met", "", lambda row: row.met),
             Column("", "requirements", lambda row: "met" if row.met else "NOT MET"),
         ],
-        found,
+        traded,
     )
     result = {"mission": str(path), "trades": table.json(), "out": str(options.out)}
     save_json(options.out / "trades.json", finite(result))
-    lines = table.text(())
-    lines.append("at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws")
-    print_result(options, result, "\n".join(lines))
-    return Exit.DONE if any(one.met for one in found) else Exit.UNSOLVED
+    how = "at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws"
+    print_result(options, result, *table.text(()), how)
+    return Exit.DONE if any(trade.met for trade in traded) else Exit.UNSOLVED
 
 
 def _place(
-    options: argparse.Namespace, path: Path, plan: Plan, before: Flown, checks: tuple[Checked, ...]
+    options: argparse.Namespace,
+    path: Path,
+    plan: mission.Plan,
+    before: mission.Flown,
+    checks: tuple[mission.Checked, ...],
 ) -> int:
     """Search for mountings, and print the whole mission with the file's and with the best."""
     with progress("mountings", 5000) as advance:
-        placement = place(plan, advance)
-        better = moved_plan(plan, placement.mission)
-        mapped = map_of(better, 0)
+        placement = mission.place(plan, advance)
+        better = mission.moved_plan(plan, placement.mission)
+        mapped = mission.map_of(better, 0)
     with progress("steps", plan.loaded.mission.time.steps) as advance:
-        after = fly(better, advance)
+        after = mission.fly(better, advance)
     pairs = {"before": (plan, before), "after": (better, after)}
-    found = {name: availability_of(flown) for name, (_, flown) in pairs.items()}
-    heads = [one.name for one in plan.heads]
+    available = {name: mission.availability_of(flown) for name, (_, flown) in pairs.items()}
+    heads = [head.name for head in plan.heads]
     angles = {
-        name: [angles_of(head.boresight) for head in one.heads] for name, (one, _) in pairs.items()
+        name: [mission.angles_of(head.boresight) for head in flown_plan.heads]
+        for name, (flown_plan, _) in pairs.items()
     }
     result: dict[str, Any] = {
         "mission": str(path),
@@ -320,64 +288,76 @@ def _place(
             {"name": name, "azimuth_deg": azimuth / deg, "elevation_deg": elevation / deg}
             for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True)
         ],
-        **{name: _values(one, flown, found[name]) for name, (one, flown) in pairs.items()},
-        "check": checks_table(plan, checks).json(),
+        **{
+            name: _values(flown_plan, flown, available[name])
+            for name, (flown_plan, flown) in pairs.items()
+        },
+        "check": report.checks_table(plan, checks).json(),
         "out": str(options.out),
     }
-    save_mission(options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew")
+    mission.save_mission(
+        options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew"
+    )
     placed = options.out / "placement.png"
     draw_placement(
         placed, mapped, angles["before"], angles["after"],
         plan.loaded.mission.keep_out, f"{path.stem}: directions of {heads[0]}",
     )  # fmt: skip
     save_json(options.out / "summary.json", finite(result))
-    _draw(options.out, better, after, found["after"], checks, f"{path.stem}, placed", placed)
+    _draw(options.out, better, after, available["after"], checks, f"{path.stem}, placed", placed)
     lines = [f"{placement.evaluations} mountings, {placement.ending}"]
     for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True):
         lines.append(f"{name}: azimuth {azimuth / deg:.1f}, elevation {elevation / deg:.1f} deg")
     text = "\n".join(
-        ["before", _text(plan, before, found["before"]), "", *lines, "", "after",
-         _text(better, after, found["after"]), *_check_lines(better, checks)]
+        ["before", _text(plan, before, available["before"]), "", *lines, "", "after",
+         _text(better, after, available["after"]), *_check_lines(better, checks)]
     )  # fmt: skip
     print_result(options, result, text)
-    met = all(one.met for one in _verdicts(better, after, found["after"]))
+    met = all(verdict.met for verdict in _verdicts(better, after, available["after"]))
     return Exit.DONE if met else Exit.UNSOLVED
 
 
 def _draw(
     out: Path,
-    plan: Plan,
-    flown: Flown,
-    found: Availability,
-    checks: tuple[Checked, ...],
+    plan: mission.Plan,
+    flown: mission.Flown,
+    available: mission.Availability,
+    checks: tuple[mission.Checked, ...],
     title: str,
     *more: Path,
 ) -> None:
     """Write mission.png, beta.png, and report.html with them and more pictures."""
-    mission, beta = out / "mission.png", out / "beta.png"
-    draw_mission(mission, plan, flown, found, title)
+    overview, beta = out / "mission.png", out / "beta.png"
+    draw_mission(overview, plan, flown, available, title)
     draw_beta(beta, plan, flown, title)
     pictures = [
-        ("Blind time, valid heads and error over the mission", mission),
+        ("Blind time, valid heads and error over the mission", overview),
         ("Availability and error over the beta angle and the orbit", beta),
-        *(("Blind time over the directions of a head, and its mountings", one) for one in more),
+        *(
+            ("Blind time over the directions of a head, and its mountings", picture)
+            for picture in more
+        ),
     ]
-    met = _verdicts(plan, flown, found)
-    text = write_mission_report(plan, flown, found, met, checks, pictures, title)
+    met = _verdicts(plan, flown, available)
+    text = report.write_mission_report(plan, flown, available, met, checks, pictures, title)
     save_text(out / "report.html", text)
 
 
-def _check_lines(plan: Plan, checks: tuple[Checked, ...]) -> list[str]:
+def _check_lines(plan: mission.Plan, checks: tuple[mission.Checked, ...]) -> list[str]:
     if not checks:
         return ["errors are not checked by trials (--set check.trials=200)"]
-    return [f"{CHECKED}:", *checks_table(plan, checks).text()]
+    return [f"{report.CHECKED}:", *report.checks_table(plan, checks).text()]
 
 
-def _verdicts(plan: Plan, flown: Flown, found: Availability) -> list[Verdict]:
-    return verdicts(plan.loaded.mission.requirements, found, float(flown.rms.max()))
+def _verdicts(
+    plan: mission.Plan, flown: mission.Flown, available: mission.Availability
+) -> list[mission.Verdict]:
+    return mission.verdicts(plan.loaded.mission.requirements, available, float(flown.rms.max()))
 
 
-def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
+def _values(
+    plan: mission.Plan, flown: mission.Flown, available: mission.Availability
+) -> dict[str, Any]:
     time = plan.loaded.mission.time
     return {
         "begin_utc": time.begin,
@@ -386,92 +366,97 @@ def _values(plan: Plan, flown: Flown, found: Availability) -> dict[str, Any]:
         "steps": time.steps,
         "eclipse": float(flown.eclipse.mean()),
         "availability": {
-            "exactly": [float(one) for one in found.known],
-            "valid": [float(one) for one in found.heads],
-            "at_least": [found.at_least(k) for k in range(len(found.heads))],
+            "exactly": [float(fraction) for fraction in available.known],
+            "valid": [float(fraction) for fraction in available.heads],
+            "at_least": [available.at_least(k) for k in range(len(available.heads))],
         },
         "no_valid_head": {
-            "longest_s": found.none.longest,
-            "times": len(found.none.length),
-            "histogram_edges_s": list(EDGES[:-1]),
-            "histogram": [int(one) for one in found.none.histogram()],
-            "worst": spells_table(found.none).json(),
+            "longest_s": available.none.longest,
+            "times": len(available.none.length),
+            "histogram_edges_s": list(mission.EDGES[:-1]),
+            "histogram": [int(count) for count in available.none.histogram()],
+            "worst": report.spells_table(available.none).json(),
         },
-        "heads": [_head_values(plan, flown, found, h) for h in range(len(plan.heads))],
-        "requirements": verdict_table(_verdicts(plan, flown, found)).json(),
-        "by_beta": beta_table(flown).json(),
-        "fused_rms_arcsec": [float(one / arcsec) for one in flown.rms],
+        "heads": [_head_values(plan, flown, available, h) for h in range(len(plan.heads))],
+        "requirements": report.verdict_table(_verdicts(plan, flown, available)).json(),
+        "by_beta": report.beta_table(flown).json(),
+        "fused_rms_arcsec": [float(rms / arcsec) for rms in flown.rms],
         "worst_moments": [
             {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
         ],
     }
 
 
-def _head_values(plan: Plan, flown: Flown, found: Availability, h: int) -> dict[str, Any]:
+def _head_values(
+    plan: mission.Plan, flown: mission.Flown, available: mission.Availability, h: int
+) -> dict[str, Any]:
     head, total = plan.heads[h], flown.head_sum[h]
     across, about = np.sqrt(total[1:3] / max(total[0], 1))
-    again = reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
+    again = mission.reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
     return {
         "name": head.name,
-        "boresight_in_body": [float(one) for one in head.boresight],
+        "boresight_in_body": [float(component) for component in head.boresight],
         "exclusion_deg": {
             name: getattr(head.limits, name) / deg for name in ("sun", "moon", "earth", "ground")
         },
-        "valid": float(found.alone[h]),
-        "blind_by": {str(cause.name).lower(): float(found.causes[cause][h]) for cause in Blind},
+        "valid": float(available.alone[h]),
+        "blind_by": {
+            str(cause.name).lower(): float(available.causes[cause][h]) for cause in mission.Blind
+        },
         "across_rms_arcsec": float(across / arcsec),
         "about_rms_arcsec": float(about / arcsec),
         "solved": float(total[3] / max(total[0], 1)),
-        "longest_blind_s": found.each[h].longest,
-        "times_blind": len(found.each[h].length),
-        "blind_histogram": [int(one) for one in found.each[h].histogram()],
+        "longest_blind_s": available.each[h].longest,
+        "times_blind": len(available.each[h].length),
+        "blind_histogram": [int(count) for count in available.each[h].histogram()],
         "reacquisition_s": {"times": again.times, "mean": again.mean, "p99": again.level},
         "closest_deg": {
             name: float(flown.closest[h, k] / deg) for k, name in enumerate(("sun", "moon", "limb"))
         },
-        "planets_in_field_s": dict(zip(PLANETS, map(float, flown.planets[h]), strict=True)),
+        "planets_in_field_s": dict(zip(mission.PLANETS, map(float, flown.planets[h]), strict=True)),
         "largest_rate_deg_s": {
             "across": float(flown.rate[h, 0] / deg), "about": float(flown.rate[h, 1] / deg)
         },
     }  # fmt: skip
 
 
-def _which(plan: Plan) -> str:
+def _which(plan: mission.Plan) -> str:
     """What the errors of the heads are those of."""
     heads, time = plan.loaded.mission.heads, plan.loaded.mission.time
-    drawn = sum(one.unit is not None for one in heads)
+    drawn = sum(head.unit is not None for head in heads)
     units = "perfect units" if not drawn else f"{drawn} drawn units" * (drawn == len(heads))
     years = sorted(
-        {(one.age, one.age + time.duration) for one in plan.heads if one.age is not None}
+        {(head.age, head.age + time.duration) for head in plan.heads if head.age is not None}
     )
     ages = ", ".join(f"{a / YEAR:.2g} to {b / YEAR:.2g} years old" for a, b in years)
     return f"{units or 'perfect and drawn units'}{', ' if ages else ''}{ages}"
 
 
-def _text(plan: Plan, flown: Flown, found: Availability) -> str:
+def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availability) -> str:
     time = plan.loaded.mission.time
     lines = [
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",
         "blind, % of the time; rms error while valid:",
-        *heads_table(plan, flown, found).text(),
+        *report.heads_table(plan, flown, available).text(),
     ]
     for count in range(len(plan.heads), 0, -1):
         words = f"at least {count} head{'s' if count > 1 else ''}"
-        lines.append(f"{words:24s}{100 * found.at_least(count):10.4f} % of the time")
-    none = found.none
+        lines.append(f"{words:24s}{100 * available.at_least(count):10.4f} % of the time")
+    none = available.none
     lines.append(
         f"without a valid head: {len(none.length)} times, the longest {none.longest:g} s"
         + (f", {none.worst(1)[0][0] / 86400:.2f} d after the begin" if len(none.length) else "")
     )
     again = [
-        reacquisition_of(design.case, chances)
+        mission.reacquisition_of(design.case, chances)
         for design, chances in zip(plan.loaded.designs, flown.chances, strict=True)
     ]
-    if any(one.times for one in again):
-        level = max(one.level for one in again if one.times)
+    if any(spell.times for spell in again):
+        level = max(spell.level for spell in again if spell.times)
+        times = sum(spell.times for spell in again)
         lines.append(
-            f"reacquired after a blinding: {sum(one.times for one in again)} times, 99 % within "
+            f"reacquired after a blinding: {times} times, 99 % within "
             f"{level:.3g} s (frames and read-out, without computing time)"
         )
     x, y, z = flown.rms / arcsec
@@ -485,6 +470,6 @@ def _text(plan: Plan, flown: Flown, found: Availability) -> str:
             f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / 86400:.2f} d "
             "after the begin"
         )
-    if met := _verdicts(plan, flown, found):
-        lines += verdict_table(met).text((0, 3))
+    if met := _verdicts(plan, flown, available):
+        lines += report.verdict_table(met).text((0, 3))
     return "\n".join(lines)

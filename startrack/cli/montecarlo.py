@@ -9,7 +9,6 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     DESIGN,
     SCHEDULER,
@@ -23,57 +22,25 @@ from startrack.cli.options import (
     decimal,
     fidelity,
     positive,
+    wanted,
     whole,
 )
 
 if wanted(__name__):
     import numpy as np
     from numpy.typing import NDArray
+    from scipy.spatial.transform import Rotation
 
+    from startrack import metrics, montecarlo
     from startrack.budget import noise_only
+    from startrack.cli import terminal
     from startrack.cli.campaign import open_workers
     from startrack.cli.merge import sketch_rows
-    from startrack.cli.terminal import (
-        example,
-        finite,
-        print_message,
-        print_result,
-        print_rows,
-        progress,
-        read_design,
-    )
     from startrack.cli.units import require_units, trials_of
     from startrack.core import arcsec, parse
     from startrack.design import Case, Design, Fidelity, Requirements
     from startrack.io import save_json
-    from startrack.metrics import (
-        ARCSEC,
-        STATED_ALONE,
-        Limits,
-        Row,
-        bounds_json,
-        summarise,
-        summary_rows,
-        to_json,
-        to_lines,
-    )
-    from startrack.montecarlo import (
-        Ending,
-        Endings,
-        Precision,
-        Sampling,
-        Store,
-        Watch,
-        endings,
-        export,
-        half_width,
-        last_words,
-        mean_square,
-        resume,
-        resume_sketch,
-        warm,
-        with_causes,
-    )
+    from startrack.metrics import ARCSEC, Row
     from startrack.plots import draw_errors
     from startrack.population import Units
     from startrack.trial import OUTCOMES, require_fidelity
@@ -145,11 +112,11 @@ def command(options: argparse.Namespace) -> int:
     With --out or --store each block of trials is on disk before the next, so that the same
     command continues an interrupted run.
     """
-    path = options.design or example()
-    design = read_design(path, options.set)
+    path = options.design or terminal.example()
+    design = terminal.read_design(path, options.set)
     case, campaign = design.case, design.campaign
     needs = campaign.requirements if campaign else None
-    limits = needs.limits if needs else STATED_ALONE
+    limits = needs.limits if needs else metrics.STATED_ALONE
     precision = (
         None if options.precision is None else _precision(options, options.precision, limits)
     )
@@ -161,33 +128,28 @@ def command(options: argparse.Namespace) -> int:
         require_fidelity(case, sampling.fidelity)
         conditions, refused = cases(case, campaign) if campaign else ((), ())
     workers = open_workers(options)
-    warm(case, sampling)  # what no trial can do is refused before the first
+    montecarlo.warm(case, sampling)  # what no trial can do is refused before the first
     if options.sketch:
         return _sketch(options, case, sampling, limits, workers)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
     trials = _run(options, design, sampling, where, limits, precision, workers)
     outcomes = judged = trials.outcomes
     attitudes = sampling.attitudes_of(options.seed, outcomes["trial"].tolist())
-    ends = endings(
+    ends = montecarlo.endings(
         case, options.seed, outcomes, attitudes, limits, needs.min_keep_out if needs else None
     )
     if needs and sampling.attitudes == "random":
         judged = counted(needs, case, options.seed, outcomes)
-    summary = summarise(judged, limits)
-    rows = summary_rows(summary, limits)
+    summary = metrics.summarise(judged, limits)
+    rows = metrics.summary_rows(summary, limits)
     result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
-    result |= to_json(rows) | {"trials_per_s": trials.rate}
-    text = [*([summary.doubt] if summary.doubt else []), *to_lines(rows)]
+    result |= metrics.to_json(rows) | {"trials_per_s": trials.rate}
+    text = [*([summary.doubt] if summary.doubt else []), *metrics.to_lines(rows)]
     if needs and needs.accuracy:
-        result["required"], lines = _required(needs, judged, sampling, options.seed)
         others = [*(condition.name for condition in conditions[1:]), *refused]
-        result["conditions_not_run"] = others
+        more, lines = _required(needs, judged, sampling, options.seed, others)
+        result |= more
         text += lines
-        if others:
-            text.append(
-                "this is the design's own condition alone; `startrack verify` also judges: "
-                + "; ".join(others)
-            )
     if sampling.units:
         required = needs.accuracy if needs else ()
         result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)
@@ -201,53 +163,64 @@ def command(options: argparse.Namespace) -> int:
     text += lines
     if trials.failures:
         result["failed_trials"] = sum(len(numbers) for numbers, _ in trials.failures)
-        last = last_words(trials.failures[-1][1])
-        print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
+        last = montecarlo.last_words(trials.failures[-1][1])
+        terminal.print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
-    tables: list[Path | None] = [options.table, options.out / "trials.csv" if options.out else None]
-    if any(tables):
-        table = with_causes(case, outcomes, attitudes, ends)
-        with as_wrong_use(ValueError, ImportError):
-            for wanted in filter(None, tables):
-                export(wanted, table)
+    _save_table(options, case, outcomes, attitudes, ends)
     if options.out:
         draw_errors(options.out / "errors.png", outcomes, path.stem)
-        save_json(options.out / "summary.json", finite(result))
+        save_json(options.out / "summary.json", terminal.finite(result))
         result["out"] = str(options.out)
-    print_result(options, result, "\n".join(text))
+    terminal.print_result(options, result, *text)
     solved = summary.availability.value == 1 and not trials.failures
     return Exit.DONE if solved else Exit.UNSOLVED
+
+
+def _save_table(
+    options: argparse.Namespace,
+    case: Case,
+    outcomes: NDArray[np.void],
+    attitudes: Rotation,
+    ends: montecarlo.Endings,
+) -> None:
+    """Write the table of the trials to --table and to the folder of --out."""
+    paths: list[Path | None] = [options.table, options.out and options.out / "trials.csv"]
+    if any(paths):
+        table = montecarlo.with_causes(case, outcomes, attitudes, ends)
+        with as_wrong_use(ValueError, ImportError):
+            for path in filter(None, paths):
+                montecarlo.export(path, table)
 
 
 def _run(
     options: argparse.Namespace,
     design: Design,
-    sampling: Sampling,
+    sampling: montecarlo.Sampling,
     where: Path | None,
-    limits: Limits,
-    precision: Precision | None,
+    limits: metrics.Limits,
+    precision: montecarlo.Precision | None,
     workers: AbstractContextManager[Executor],
 ) -> Trials:
     """Run the trials that the store does not hold yet."""
     began = time.perf_counter()
     numbers = range(options.first, options.first + options.trials)
     with as_wrong_use():
-        opened = Store(where, design.case, options.seed, sampling)
+        opened = montecarlo.Store(where, design.case, options.seed, sampling)
     with opened as store, workers as executor:
         before = sum(
             max(0, min(block.stop, numbers.stop) - max(block.start, numbers.start))
             for block in store.done()
         )
         if before:
-            print_message(f"{where} holds {before} trials; continuing")
+            terminal.print_message(f"{where} holds {before} trials; continuing")
         watched = precision or _precision(options, UNREACHED, limits)
         with (
-            progress("trials", options.trials) as advance,
-            Watch(store, watched, options.trials, advance, options.log) as watch,
+            terminal.progress("trials", options.trials) as advance,
+            montecarlo.Watch(store, watched, options.trials, advance, options.log) as watch,
         ):
             advance(min(before, options.trials))
-            outcomes = resume(
+            outcomes = montecarlo.resume(
                 store, executor, options.workers, options.trials, precision, options.seconds,
                 watch, first=options.first,
             )  # fmt: skip
@@ -260,24 +233,24 @@ def _run(
 
 def _details(
     options: argparse.Namespace,
-    sampling: Sampling,
+    sampling: montecarlo.Sampling,
     outcomes: NDArray[np.void],
-    ends: Endings,
-    precision: Precision | None,
+    ends: montecarlo.Endings,
+    precision: montecarlo.Precision | None,
 ) -> tuple[dict[str, Any], list[str]]:
     """What variance reduction saved, how trials ended, and how well the statistic is known."""
     result: dict[str, Any] = {}
     text = []
     if sampling.control or options.sobol:
         rows = _reduced_variance(outcomes, options.sobol)
-        result["helped"] = to_json(rows)
-        text += to_lines(rows)
+        result["helped"] = metrics.to_json(rows)
+        text += metrics.to_lines(rows)
     lost = {end.value: count for end, count in ends.count().items() if count}
     result["endings"] = lost
-    if set(lost) != {Ending.CORRECT.value}:
+    if set(lost) != {montecarlo.Ending.CORRECT.value}:
         text.append("trials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items()))
     if precision:
-        width = half_width(precision.interval(outcomes))
+        width = montecarlo.half_width(precision.interval(outcomes))
         result |= {"statistic": precision.statistic, "relative_half_width": width}
         result |= {"confidence": precision.confidence, "precise": width <= precision.relative}
         text.append(
@@ -300,8 +273,8 @@ def _refuse_parts(options: argparse.Namespace) -> None:
 def _sketch(
     options: argparse.Namespace,
     case: Case,
-    sampling: Sampling,
-    limits: Limits,
+    sampling: montecarlo.Sampling,
+    limits: metrics.Limits,
     workers: AbstractContextManager[Executor],
 ) -> int:
     """Fill the file of --sketch, and print what it holds."""
@@ -309,47 +282,65 @@ def _sketch(
     with (
         as_wrong_use(),
         workers as executor,
-        progress("trials", options.trials) as advance,
+        terminal.progress("trials", options.trials) as advance,
     ):
-        sketch = resume_sketch(
+        sketch = montecarlo.resume_sketch(
             options.sketch, case, options.seed, sampling, numbers, executor, options.workers,
             limits, advance,
         )  # fmt: skip
     head = {"sketch": str(options.sketch), "seed": options.seed, "fidelity": options.fidelity}
-    print_rows(options, [*(Row(key, value) for key, value in head.items()), *sketch_rows(sketch)])
+    terminal.print_rows(
+        options, [*(Row(key, value) for key, value in head.items()), *sketch_rows(sketch)]
+    )
     return Exit.DONE if sketch.counts["correct"] == sketch.trials else Exit.UNSOLVED
 
 
-def _precision(options: argparse.Namespace, relative: float, limits: Limits) -> Precision:
-    return Precision(relative, options.statistic, options.confidence, options.sobol, limits)
+def _precision(
+    options: argparse.Namespace, relative: float, limits: metrics.Limits
+) -> montecarlo.Precision:
+    return montecarlo.Precision(
+        relative, options.statistic, options.confidence, options.sobol, limits
+    )
 
 
 def _required(
-    needs: Requirements, outcomes: NDArray[np.void], sampling: Sampling, seed: int
+    needs: Requirements,
+    outcomes: NDArray[np.void],
+    sampling: montecarlo.Sampling,
+    seed: int,
+    others: list[str],
 ) -> tuple[dict[str, Any], list[str]]:
-    """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`."""
-    result, lines, tail = {}, [], 1 - needs.confidence
+    """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`.
+
+    others  conditions that were not run
+    """
+    required, lines, tail = {}, [], 1 - needs.confidence
     attitudes = sampling.attitudes_of(seed, outcomes["trial"].tolist())
     boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
     for claim in claims_of(needs):
         if claim.accuracy is None:
             continue
         bounds = claim.bounds(outcomes, boresight, tail, tail)
-        in_arcsec = bounds_json(bounds, ARCSEC)
-        result[claim.name] = {
+        in_arcsec = metrics.bounds_json(bounds, ARCSEC)
+        required[claim.name] = {
             "statistic": str(claim.accuracy.objective),
             "limit_arcsec": claim.limit / arcsec,
             **{f"{name}_arcsec": value for name, value in in_arcsec.items()},
         }
         lines.append(
             f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
-            "{value:.3f} [{low:.3f}, {high:.3f}]".format(**in_arcsec)
-            + f": {claim.answer(bounds).value} with {100 * needs.confidence:g} %"
+            f"{metrics.bracketed(bounds, '.3f', arcsec)}: {claim.answer(bounds).value} with "
+            f"{100 * needs.confidence:g} %"
         )
-    return result, lines
+    if others:
+        lines.append(
+            "this is the design's own condition alone; `startrack verify` also judges: "
+            + "; ".join(others)
+        )
+    return {"required": required, "conditions_not_run": others}, lines
 
 
-def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
+def _sampling(options: argparse.Namespace, case: Case) -> montecarlo.Sampling:
     attitudes = "sobol" if options.sobol else "random"
     with as_wrong_use():
         units = None
@@ -359,20 +350,21 @@ def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
             units = Units(options.trials, min(options.environments, options.trials), age)
         elif options.age is not None:
             raise ValueError("--age needs --units")
-        return Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
+        return montecarlo.Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
 
 
 def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> list[Row]:
     """The errors with Sobol points and controls, and the factor of trials that these save."""
     rows = []
     for name, about in (("across", False), ("about", True)):
-        plain = mean_square(outcomes[list(OUTCOMES.names or ())], about)
-        reduced = mean_square(outcomes, about, sobol)
+        plain = montecarlo.mean_square(outcomes[list(OUTCOMES.names or ())], about)
+        reduced = montecarlo.mean_square(outcomes, about, sobol)
         fewer = (plain.error / reduced.error) ** 2
         note = f"rms, as with {fewer:.1f} times as many trials"
         rows += [
-            Row(f"{name}_rms_arcsec", reduced.root(), f"variance reduced, {name}", ARCSEC,
-                note=note),
+            Row(
+                f"{name}_rms_arcsec", reduced.root(), f"variance reduced, {name}", ARCSEC, note=note
+            ),
             Row(f"{name}_times_fewer", fewer),
-        ]  # fmt: skip
+        ]
     return rows

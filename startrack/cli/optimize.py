@@ -5,22 +5,14 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Options, study
+from startrack.cli.options import Exit, Options, study, wanted
 
 if wanted(__name__):
+    from startrack import optimise
     from startrack.cli.campaign import open_campaign, write_study
     from startrack.cli.terminal import progress
     from startrack.design import Campaign, Design, Objective, save_design
     from startrack.metrics import summary_rows, to_json
-    from startrack.optimise import (
-        Optimum,
-        comparison,
-        optimize,
-        optimum_caveats,
-        units_values,
-        write_evaluations,
-    )
     from startrack.plots import draw_convergence
 
 
@@ -39,18 +31,18 @@ def command(options: argparse.Namespace) -> int:
         open_campaign(options, "optimising") as (case, campaign, runner, out),
         progress("designs", campaign.evaluations) as advance,
     ):
-        optimum = optimize(case, campaign, runner, lambda _: advance(1))
-    table = comparison(optimum, campaign)
+        optimum = optimise.optimize(case, campaign, runner, lambda _: advance(1))
+    table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
     save_design(out / "best.toml", Design(optimum.best, campaign), note)
-    write_evaluations(out / "evaluations.csv", optimum.evaluations)
+    optimise.write_evaluations(out / "evaluations.csv", optimum.evaluations)
     draw_convergence(out / "convergence.png", optimum, campaign.objective)
     result = {"out": str(out), "seed": options.seed, **optimum_values(optimum, campaign)}
     write_study(options, "comparison", table, result, f"the search ended: {optimum.ending}; ")
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 
 
-def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
+def optimum_values(optimum: optimise.Optimum, campaign: Campaign) -> dict[str, Any]:
     """An optimum for JSON."""
     space, factor, optimism = optimum.space, optimum.factor, optimum.optimism
     return {
@@ -69,17 +61,17 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
         "on_bounds": space.on_bounds(optimum.best),
         "margins": optimum.margins,
         "lacking": optimum.lacking,
-        "caveats": optimum_caveats(optimum, campaign),
+        "caveats": optimise.optimum_caveats(optimum, campaign),
         "evaluations": len(optimum.evaluations),
         "trials": optimum.trials,
         "feasible": optimum.feasible,
         "ending": optimum.ending,
-        **({"units": units_values(optimum.units)} if optimum.units else {}),
+        **({"units": optimise.units_values(optimum.units)} if optimum.units else {}),
         **landscape_values(optimum),
     }
 
 
-def landscape_values(optimum: Optimum) -> dict[str, Any]:
+def landscape_values(optimum: optimise.Optimum) -> dict[str, Any]:
     """What the forecasts say of the space, for JSON."""
     found, space = optimum.landscape, optimum.space
     if found is None:

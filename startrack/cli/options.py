@@ -1,16 +1,55 @@
-"""What commands share: exit status, wrong use, readers of numbers, and tables of options."""
+"""What commands share: exit status, wrong use, readers of numbers, tables of options, late imports.
+
+A file of a command names what it computes with under `if wanted(__name__):`, which is true in any
+process but one that still reads its own command line. Such a process runs the file once more before
+it calls the command, as `lazy from module import name` of Python 3.15 (PEP 810) will do: the help
+of a command needs none of it.
+"""
 
 from __future__ import annotations
 
 import argparse
+import gc
 import math
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
+from importlib import reload
 from pathlib import Path
 from textwrap import fill
 from typing import Any
+
+_POSTPONING = False  # only while a process reads its own command line
+_WAITING = list[str]()  # modules that have not imported all
+
+
+def wanted(module: str) -> bool:
+    """Whether a module is to import all now; else `load` runs it once more."""
+    if _POSTPONING:
+        _WAITING.append(module)
+    return not _POSTPONING
+
+
+def postpone() -> None:
+    """Let imports wait from now on."""
+    global _POSTPONING
+    _POSTPONING = True
+
+
+def load() -> None:
+    """Import all that waits."""
+    global _POSTPONING
+    _POSTPONING = False
+    if not _WAITING:
+        return
+    gc.disable()  # nothing that is imported is garbage
+    while _WAITING:
+        reload(sys.modules[_WAITING.pop(0)])
+    gc.freeze()
+    gc.enable()
+
 
 LARGEST_SEED = 2**63 - 1
 GIB = 2**30  # byte
@@ -230,11 +269,6 @@ class Parts:
                     formatter_class=argparse.RawDescriptionHelpFormatter,
                 )
             )  # fmt: skip
-
-
-def describe(parser: argparse.ArgumentParser, about: str) -> None:
-    """Add paragraphs to the help of a command, and the options of all commands."""
-    Options(about)(parser)
 
 
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

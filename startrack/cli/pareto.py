@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, whole
+from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -63,12 +62,12 @@ def command(options: argparse.Namespace) -> int:
         "goals": [goals.first, goals.second],
         "points": [
             {
-                "values_si": one.values,
-                "expected": one.expected,
-                "tried": one.measured,
-                "tried_95": [[each.low, each.high] for each in one.intervals],
+                "values_si": point.values,
+                "expected": point.expected,
+                "tried": point.measured,
+                "tried_95": [[interval.low, interval.high] for interval in point.intervals],
             }
-            for one in points
+            for point in points
         ],
     }
     write_study(options, "front", table, result)

@@ -7,30 +7,17 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import DESIGN, Exit, Options, WrongUse, out
+from startrack.cli.options import DESIGN, Exit, Options, WrongUse, out, wanted
 
 if wanted(__name__):
     import numpy as np
 
+    from startrack import optics
     from startrack.cli.terminal import example, finite, print_result, read_design
     from startrack.core import Floats, Psf, Streams
     from startrack.design import Instrument
     from startrack.io import save_json
     from startrack.motion import image_path, transfer
-    from startrack.optics import (
-        BLOCKS,
-        POINT,
-        RADII,
-        Choice,
-        Quality,
-        blur_transfer,
-        choose,
-        modulation,
-        pixel_psf,
-        pixel_transfer,
-        quality,
-    )
     from startrack.plots import Curves, draw_psf
     from startrack.scene import WAVELENGTH
     from startrack.trial import detected_spectrum, line_of_sight, psf_of
@@ -64,11 +51,11 @@ def command(options: argparse.Namespace) -> int:
         point = replace(instrument.detector, fill_factor=SMALL, diffusion=0.0)
         image = psf_of(replace(instrument, detector=point))
         reason = "the lens has a table; the image is its mean over the frame"
-        choice = Choice("lens table", instrument.optics.psf_tolerance, reason, {})
+        choice = optics.Choice("lens table", instrument.optics.psf_tolerance, reason, {})
     else:
-        image = pixel_psf(instrument.optics, pitch, WAVELENGTH, weight, POINT)
-        choice = choose(instrument.optics, pitch, mean)
-    judged = quality(response, image)
+        image = optics.pixel_psf(instrument.optics, pitch, WAVELENGTH, weight, optics.POINT)
+        choice = optics.choose(instrument.optics, pitch, mean)
+    judged = optics.quality(response, image)
     frequency = np.linspace(0.0, NYQUIST, 51)
     curves = [
         _curves(instrument, response, image, angle, frequency) for angle in (0.0, math.pi / 2)
@@ -87,27 +74,29 @@ def _curves(
     instrument: Instrument, response: Psf, image: Psf, angle: float, frequency: Floats
 ) -> Curves:
     """Each factor of the modulation along one direction of the detector, up to Nyquist."""
-    optics, detector, camera = instrument.optics, instrument.detector, instrument.camera
+    lens, detector, camera = instrument.optics, instrument.detector, instrument.camera
     pitch = detector.pitch
     factors = {
-        "optics": modulation(image, frequency, angle),
-        "pixel": np.abs(pixel_transfer(frequency, math.sqrt(detector.fill_factor))),
+        "optics": optics.modulation(image, frequency, angle),
+        "pixel": np.abs(optics.pixel_transfer(frequency, math.sqrt(detector.fill_factor))),
     }
-    if optics.total_blur and not optics.traced:  # whose images have it
-        factors["blur in optics"] = blur_transfer(frequency, optics.total_blur / pitch)
+    if lens.total_blur and not lens.traced:  # whose images have it
+        factors["blur in optics"] = optics.blur_transfer(frequency, lens.total_blur / pitch)
     if detector.diffusion:
-        factors["diffusion"] = blur_transfer(frequency, detector.diffusion / pitch)
+        factors["diffusion"] = optics.blur_transfer(frequency, detector.diffusion / pitch)
     # The motion of one exposure, for a star in the middle of the field; trial 0 of seed 0.
     path = line_of_sight(instrument, Streams(0, 0))
     if len(path.time) > 1:
         axis = np.array([math.cos(angle), math.sin(angle)])
         offset = image_path(path, camera, camera.unproject(np.array(camera.centre))[0])
         factors["motion"] = np.abs(transfer(offset, path.weight, np.outer(frequency, axis)))
-    total = modulation(response, frequency, angle) * factors.get("motion", 1.0)
+    total = optics.modulation(response, frequency, angle) * factors.get("motion", 1.0)
     return {**factors, "total": total}
 
 
-def _values(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) -> dict[str, Any]:
+def _values(
+    judged: optics.Quality, choice: optics.Choice, mean: float, curves: list[Curves]
+) -> dict[str, Any]:
     return {
         "model": choice.model,
         "model_error": choice.error,
@@ -116,15 +105,15 @@ def _values(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) 
         "mean_wavelength_nm": mean * 1e9,
         "fwhm_x_px": judged.fwhm_x,
         "fwhm_y_px": judged.fwhm_y,
-        "encircled_energy": dict(zip(map(str, RADII), judged.encircled, strict=True)),
-        "ensquared_energy": dict(zip(map(str, BLOCKS), judged.ensquared, strict=True)),
+        "encircled_energy": dict(zip(map(str, optics.RADII), judged.encircled, strict=True)),
+        "ensquared_energy": dict(zip(map(str, optics.BLOCKS), judged.ensquared, strict=True)),
         "energy_in_table": judged.energy,
         "mtf_nyquist_x": {name: float(curve[-1]) for name, curve in curves[0].items()},
         "mtf_nyquist_y": {name: float(curve[-1]) for name, curve in curves[1].items()},
     }
 
 
-def _text(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) -> str:
+def _text(judged: optics.Quality, choice: optics.Choice, mean: float, curves: list[Curves]) -> str:
     lines = [
         f"model               {choice.model}, because {choice.reason}; error at most "
         f"{choice.error:.2g} of the peak",
@@ -132,12 +121,12 @@ def _text(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) ->
         f"FWHM                {judged.fwhm_x:.3f} x {judged.fwhm_y:.3f} pixel before the pixels",
         "energy within       " + ", ".join(
             f"{radius:g} px {100 * fraction:.1f} %"
-            for radius, fraction in zip(RADII, judged.encircled, strict=True)
+            for radius, fraction in zip(optics.RADII, judged.encircled, strict=True)
             if math.isfinite(fraction)
         ),
         "energy in pixels    " + ", ".join(
             f"{block} x {block} {100 * fraction:.1f} %"
-            for block, fraction in zip(BLOCKS, judged.ensquared, strict=True)
+            for block, fraction in zip(optics.BLOCKS, judged.ensquared, strict=True)
             if math.isfinite(fraction)
         ),
         f"outside the table   {100 * (1 - judged.energy):.2g} %",
@@ -148,7 +137,7 @@ def _text(judged: Quality, choice: Choice, mean: float, curves: list[Curves]) ->
     return "\n".join(lines)
 
 
-def _title(name: str, choice: Choice, mean: float) -> str:
+def _title(name: str, choice: optics.Choice, mean: float) -> str:
     return (
         f"{name}: {choice.model}, within {choice.error:.1g} of the peak, {mean * 1e9:.0f} nm mean"
     )

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import ALLOW_CODE, Exit, Option, Options, as_wrong_use, whole
+from startrack.cli.options import ALLOW_CODE, Exit, Option, Options, as_wrong_use, wanted, whole
 
 if wanted(__name__):
     from startrack.cli.terminal import print_result, progress

@@ -8,27 +8,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign
+from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign, wanted
 
 if wanted(__name__):
     from startrack.budget import caveats
     from startrack.cli.terminal import example, print_result, read_design
     from startrack.core import arcsec, um
     from startrack.design import Objective
-    from startrack.earth.imager import (
-        Channel,
-        Figures,
-        First,
-        Goals,
-        Survey,
-        cameras,
-        figures_of,
-        first_parameters,
-        known,
-        load_survey,
-        margins_of,
-    )
+    from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective, units_text
 
@@ -75,8 +62,11 @@ def command(options: argparse.Namespace) -> int:
     result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
     result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
     limits = {
-        one.name: {"limit_arcsec": one.most / arcsec, "statistic": str(one.objective)}
-        for one in needs.accuracy
+        accuracy.name: {
+            "limit_arcsec": accuracy.most / arcsec,
+            "statistic": str(accuracy.objective),
+        }
+        for accuracy in needs.accuracy
     }
     result |= {"accuracy": limits} if limits else {}
     rows = [
@@ -89,15 +79,15 @@ def command(options: argparse.Namespace) -> int:
         *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
         "",
         *(
-            f"{name} is limited to {one['limit_arcsec']:g} arcsec, {one['statistic']}"
-            for name, one in limits.items()
+            f"{name} is limited to {limit['limit_arcsec']:g} arcsec, {limit['statistic']}"
+            for name, limit in limits.items()
         ),
         f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; errors and "
         "availability by the analytic budget. Margins are fractions of the limits; "
         "that of stars is in mag.",
         *caveats(design.case, budget.left_out, budget.refused),
     ]
-    print_result(options, result, "\n".join(lines))
+    print_result(options, result, *lines)
     return Exit.DONE if met else Exit.UNSOLVED
 
 
@@ -106,98 +96,98 @@ def _earth_requirements(options: argparse.Namespace) -> int | None:
     path = options.campaign
     if path is None:
         return None
-    if str(path) in cameras():
+    if str(path) in imager.cameras():
         path = shipped(f"scenes/{path}.toml")
     with as_wrong_use():
-        table = read_table(path, f"a design file, or one of {', '.join(cameras())}")
+        table = read_table(path, f"a design file, or one of {', '.join(imager.cameras())}")
         if options.set and ("camera" in table or "goals" in table):
             raise ValueError(f"--set must be given with design files alone, got {path}")
         if "goals" in table and len(table) == 1:
-            return _print_parameters(options, path, from_table(Goals, table["goals"], "goals"))
+            return _print_parameters(
+                options, path, from_table(imager.Goals, table["goals"], "goals")
+            )
         if "camera" in table:
-            return _print_figures(options, load_survey(path))
+            return _print_figures(options, imager.load_survey(path))
     return None
 
 
-def _print_figures(options: argparse.Namespace, survey: Survey) -> int:
+def _print_figures(options: argparse.Namespace, survey: imager.Survey) -> int:
     """Print the figures of each channel; the status is 3 if a requirement of one is not met."""
     met = True
-    for channel, height, found in figures_of(survey):
-        margins = margins_of(channel, found)
+    for channel, height, figures in imager.figures_of(survey):
+        margins = imager.margins_of(channel, figures)
         met = met and all(margin >= 0 for margin in margins.values())
-        result: dict[str, Any] = {"channel": channel.name, "height_m": height, **asdict(found)}
-        result |= {"required": known(channel.required), "measured": known(channel.measured)}
+        result: dict[str, Any] = {"channel": channel.name, "height_m": height, **asdict(figures)}
+        result |= {
+            "required": imager.known(channel.required),
+            "measured": imager.known(channel.measured),
+        }
         result |= {"margins": margins}
-        print_result(options, result, _figures_text(channel, found, height))
+        print_result(options, result, *_figures_text(channel, figures, height))
     return Exit.DONE if met else Exit.UNSOLVED
 
 
-def _print_parameters(options: argparse.Namespace, path: Path, goals: Goals) -> int:
+def _print_parameters(options: argparse.Namespace, path: Path, goals: imager.Goals) -> int:
     """Print the parameters of the smallest camera that meets the goals."""
-    first = first_parameters(goals)
-    print_result(options, {"goals": str(path), **asdict(first)}, _first_text(first))
+    first = imager.first_parameters(goals)
+    print_result(options, {"goals": str(path), **asdict(first)}, *_first_text(first))
     return Exit.DONE
 
 
-def _figures_text(channel: Channel, found: Figures, height: float) -> str:
+def _figures_text(channel: imager.Channel, figures: imager.Figures, height: float) -> list[str]:
     """The result as text."""
-    bits = math.log2(found.dynamics)
+    bits = math.log2(figures.dynamics)
     beside = {name: _beside(channel, name) for name in vars(channel.required)}
-    missed = [name for name, margin in margins_of(channel, found).items() if margin < 0]
+    missed = [name for name, margin in imager.margins_of(channel, figures).items() if margin < 0]
     edge = (
         ""
-        if found.illumination is None
-        else (f", lowest over the field; light {100 * found.illumination:.1f} % of the middle's")
+        if figures.illumination is None
+        else (f", lowest over the field; light {100 * figures.illumination:.1f} % of the middle's")
     )
-    step = "" if found.nedt is None else f", NEdT {1e3 * found.nedt:.4g} mK{beside['nedt']}"
-    return "\n".join(
-        [
-            f"{channel.name} from {height / 1e3:.4g} km",
-            f"  pixel on the ground  {found.gsd:.4g} m, every {found.sampling_across:.4g} m "
-            f"across and {found.sampling_along:.4g} m along{beside['gsd']}",
-            f"  swath                {found.swath / 1e3:.4g} km, "
-            f"{math.degrees(found.field):.2f} deg",
-            f"  Rayleigh             {found.rayleigh:.4g} m on the ground",
-            f"  MTF at Nyquist       {found.mtf_across:.3f} across, {found.mtf_along:.3f} along"
-            f"{beside['mtf']}{edge}",
-            f"  SNR                  {found.snr:.4g} at {found.radiance * um:.4g} "
-            f"W / m^2 / sr / um{beside['snr']}: {found.electrons:.4g} electrons, "
-            f"noise {found.noise:.4g}{step}",
-            f"  dynamic range        {found.dynamics:.4g}, {bits:.1f} bit; saturates at "
-            f"{found.saturation * um:.4g} W / m^2 / sr / um{beside['saturation']}",
-            f"  pixel rate           {found.clock / 1e6:.4g} Mpixel / s, a line in "
-            f"{1e3 * found.period:.4g} ms; {found.data_rate / 1e6:.4g} Mbit / s",
-            *([f"  NOT MET              {', '.join(missed)}"] if missed else []),
-        ]
-    )
+    step = "" if figures.nedt is None else f", NEdT {1e3 * figures.nedt:.4g} mK{beside['nedt']}"
+    return [
+        f"{channel.name} from {height / 1e3:.4g} km",
+        f"  pixel on the ground  {figures.gsd:.4g} m, every {figures.sampling_across:.4g} m "
+        f"across and {figures.sampling_along:.4g} m along{beside['gsd']}",
+        f"  swath                {figures.swath / 1e3:.4g} km, "
+        f"{math.degrees(figures.field):.2f} deg",
+        f"  Rayleigh             {figures.rayleigh:.4g} m on the ground",
+        f"  MTF at Nyquist       {figures.mtf_across:.3f} across, {figures.mtf_along:.3f} along"
+        f"{beside['mtf']}{edge}",
+        f"  SNR                  {figures.snr:.4g} at {figures.radiance * um:.4g} "
+        f"W / m^2 / sr / um{beside['snr']}: {figures.electrons:.4g} electrons, "
+        f"noise {figures.noise:.4g}{step}",
+        f"  dynamic range        {figures.dynamics:.4g}, {bits:.1f} bit; saturates at "
+        f"{figures.saturation * um:.4g} W / m^2 / sr / um{beside['saturation']}",
+        f"  pixel rate           {figures.clock / 1e6:.4g} Mpixel / s, a line in "
+        f"{1e3 * figures.period:.4g} ms; {figures.data_rate / 1e6:.4g} Mbit / s",
+        *([f"  NOT MET              {', '.join(missed)}"] if missed else []),
+    ]
 
 
-def _beside(channel: Channel, name: str) -> str:
+def _beside(channel: imager.Channel, name: str) -> str:
     """What is required and was measured, as text behind the predicted value."""
     unit, scale = {"saturation": ("", um), "nedt": (" mK", 1e3), "gsd": (" m", 1.0)}.get(
         name, ("", 1.0)
     )
     values = {
-        kind: getattr(one, name)
-        for kind, one in (("required", channel.required), ("measured", channel.measured))
+        kind: getattr(values, name)
+        for kind, values in (("required", channel.required), ("measured", channel.measured))
     }
-    told = [
+    shown = [
         f"{kind} {value * scale:.4g}{unit}" for kind, value in values.items() if value is not None
     ]
-    return f" ({', '.join(told)})" if told else ""
+    return f" ({', '.join(shown)})" if shown else ""
 
 
-def _first_text(first: First) -> str:
+def _first_text(first: imager.First) -> list[str]:
     """The result as text."""
-    return "\n".join(
-        [
-            f"focal length  {1e3 * first.focal_length:.4g} mm",
-            f"aperture      {1e3 * first.aperture:.4g} mm, f/{first.f_number:.3g}: for Rayleigh "
-            f"{1e3 * first.for_rayleigh:.4g} mm, MTF {1e3 * first.for_mtf:.4g} mm, "
-            f"SNR {1e3 * first.for_snr:.4g} mm",
-            f"line          {first.columns} pixel every {1e3 * first.period:.4g} ms, exposed "
-            f"{1e3 * first.exposure:.4g} ms: {first.electrons:.4g} electrons",
-            f"pixel rate    {first.clock / 1e6:.4g} Mpixel / s, "
-            f"{first.data_rate / 1e6:.4g} Mbit / s",
-        ]
-    )
+    return [
+        f"focal length  {1e3 * first.focal_length:.4g} mm",
+        f"aperture      {1e3 * first.aperture:.4g} mm, f/{first.f_number:.3g}: for Rayleigh "
+        f"{1e3 * first.for_rayleigh:.4g} mm, MTF {1e3 * first.for_mtf:.4g} mm, "
+        f"SNR {1e3 * first.for_snr:.4g} mm",
+        f"line          {first.columns} pixel every {1e3 * first.period:.4g} ms, exposed "
+        f"{1e3 * first.exposure:.4g} ms: {first.electrons:.4g} electrons",
+        f"pixel rate    {first.clock / 1e6:.4g} Mpixel / s, {first.data_rate / 1e6:.4g} Mbit / s",
+    ]

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Options, study
+from startrack.cli.options import Exit, Options, study, wanted
 
 if wanted(__name__):
+    from startrack import optimise
     from startrack.cli.campaign import open_campaign, write_study
     from startrack.cli.terminal import print_result, progress
-    from startrack.optimise import (
-        designs_needed,
-        sample,
-        tolerance_table,
-        tolerance_values,
-        write_samples,
-    )
     from startrack.plots import draw_tolerance
 
 
@@ -35,16 +28,16 @@ def command(options: argparse.Namespace) -> int:
     """
     with (
         open_campaign(options, "sampling around") as (case, campaign, runner, out),
-        progress("designs", designs_needed(len(campaign.variables))) as advance,
+        progress("designs", optimise.designs_needed(len(campaign.variables))) as advance,
     ):
-        tolerance = sample(case, campaign, runner, lambda _: advance(1))
-    values = tolerance_values(tolerance)
+        tolerance = optimise.sample(case, campaign, runner, lambda _: advance(1))
+    values = optimise.tolerance_values(tolerance)
     if not tolerance.chains.converged:
         reason = tolerance.chains.reason_unconverged
         print_result(options, {"converged": False, "doubt": reason}, f"not converged: {reason}")
         return Exit.UNSOLVED
-    table = tolerance_table(tolerance)
-    write_samples(out / "samples.csv", tolerance)
+    table = optimise.tolerance_table(tolerance)
+    optimise.write_samples(out / "samples.csv", tolerance)
     draw_tolerance(out / "corner.png", tolerance)
     result = {"out": str(out), "seed": options.seed, **values}
     write_study(options, "tolerance", table, result)

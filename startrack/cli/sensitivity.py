@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, Option, Options, power_of_two, study
+from startrack.cli.options import Exit, Option, Options, power_of_two, study, wanted
 
 if wanted(__name__):
     from startrack.cli.campaign import open_campaign, write_study
@@ -35,19 +34,19 @@ def command(options: argparse.Namespace) -> int:
     """Write sensitivity.md, tornado.png and result.json, all by the analytic budget."""
     with open_campaign(options, "computing the sensitivities of") as (case, campaign, _, out):
         space = DesignSpace(case, campaign.variables, campaign.links)
-        found = sensitivities(space, campaign, options.seed, options.designs)
+        studied = sensitivities(space, campaign, options.seed, options.designs)
     over = campaign.over_units(case)
     objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
-    shown = _table(found, objective, space.labels())
+    shown = _table(studied, objective, space.labels())
     table = "\n".join([*shown.markdown(), "", MEANING])
-    draw_tornado(out / "tornado.png", found, objective)
-    variables = dict(zip((one.name for one in found), shown.json(), strict=True))
+    draw_tornado(out / "tornado.png", studied, objective)
+    variables = dict(zip((variable.name for variable in studied), shown.json(), strict=True))
     result = {"out": str(out), "objective": objective, "variables": variables}
     write_study(options, "sensitivity", table, result)
     return Exit.DONE
 
 
-def _table(found: list[Sensitivity], objective: str, labels: dict[str, str]) -> Table:
+def _table(variables: list[Sensitivity], objective: str, labels: dict[str, str]) -> Table:
     return Table(
         [
             Column("", "variable", lambda row: labels[row.name]),
@@ -59,7 +58,7 @@ def _table(found: list[Sensitivity], objective: str, labels: dict[str, str]) -> 
             Column("first", "first-order index", lambda row: row.first, form=".2f"),
             Column("total", "total index", lambda row: row.total, form=".2f"),
         ],
-        found,
+        variables,
     )  # fmt: skip
 
 

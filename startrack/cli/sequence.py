@@ -5,18 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import DESIGN, SEED, WORKERS, Exit, Option, Options, out, whole
+from startrack.cli.options import DESIGN, SEED, WORKERS, Exit, Option, Options, out, wanted, whole
 
 if wanted(__name__):
-    from startrack.cli.terminal import (
-        example,
-        finite,
-        print_result,
-        progress,
-        read_design,
-        read_sequence,
-    )
+    from startrack.cli import terminal
     from startrack.io import save_json, shipped
     from startrack.metrics import ARCSEC, PERCENT, SECOND, Row, to_json, to_lines
     from startrack.montecarlo import export, pool
@@ -44,13 +36,13 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print accuracy, losses and reacquisitions; write frames.csv, sequence.png, summary.json."""
-    design = options.design or example()
+    design = options.design or terminal.example()
     profile = options.profile or shipped("sequences/slew.toml")
-    case, sequence = read_design(design, options.set).case, read_sequence(profile)
+    case, sequence = terminal.read_design(design, options.set).case, terminal.read_sequence(profile)
     recording = Recording(options.out / "frames", options.frames) if options.frames else None
     with (
         pool(min(options.workers, options.sequences)) as executor,
-        progress("sequences", options.sequences) as advance,
+        terminal.progress("sequences", options.sequences) as advance,
     ):
         table = fly_sequences(
             case, sequence, options.sequences, options.seed, executor, advance, recording
@@ -63,13 +55,12 @@ def command(options: argparse.Namespace) -> int:
     first = table[table["sequence"] == 0]
     title = f"{Path(design).stem}, {Path(profile).stem}: sequence 1 of {options.sequences}"
     draw_sequence(options.out / "sequence.png", first, title)
-    save_json(options.out / "summary.json", finite(result))
-    text = [
-        *to_lines(rows),
+    save_json(options.out / "summary.json", terminal.finite(result))
+    counted = (
         f"{len(table)} frames in {tracking.sequences} sequences; intervals: 95 % confidence, open "
-        "if there is one sequence only",
-    ]
-    print_result(options, result, "\n".join(text))
+        "if there is one sequence only"
+    )
+    terminal.print_result(options, result, *to_lines(rows), counted)
     return Exit.DONE if tracking.known.value == 1 else Exit.UNSOLVED
 
 

@@ -7,7 +7,6 @@ import math
 from datetime import timedelta
 from pathlib import Path
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     DESIGN,
     LARGEST_SEED,
@@ -18,6 +17,7 @@ from startrack.cli.options import (
     as_wrong_use,
     decimal,
     out,
+    wanted,
     whole,
 )
 
@@ -79,7 +79,7 @@ def command(options: argparse.Namespace) -> int:
     result = {
         "fits": str(fits),
         "png": str(png),
-        "pixels": [str(one) for one in pixels],
+        "pixels": [str(file) for file in pixels],
         "icrs_to_camera_xyzw": quaternion(attitude),
         "ra_deg": ra,
         "dec_deg": dec,

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     FIELD_AND_SKY,
     KNOWN,
@@ -17,29 +16,16 @@ from startrack.cli.options import (
     Options,
     as_wrong_use,
     images,
+    wanted,
 )
 
 if wanted(__name__):
-    from startrack.cli.terminal import (
-        layout_of,
-        pointing_text,
-        print_failed_image,
-        print_message,
-        print_result,
-        quaternion,
-        read_camera,
-        read_stars,
-    )
+    from startrack.cli import terminal
     from startrack.core import Camera, Estimate, Frame, Matches, Spots, Stars, positive, within
     from startrack.design import Tracker
-    from startrack.detection import Detection, detect, subtract_dark
-    from startrack.identification import (
-        Identification,
-        PatternIndexes,
-        fit_lens,
-        identify_blind,
-    )
-    from startrack.io import celestial, read_image, tetra3_values, to_table, write_solution
+    from startrack.detection import Detection, detect
+    from startrack.identification import Identification, PatternIndexes, fit_lens, identify_blind
+    from startrack.io import celestial, tetra3_values, to_table, write_solution
     from startrack.plots import draw_solution
     from startrack.trial import lost_in_space, solve_matches
 
@@ -76,28 +62,27 @@ def command(options: argparse.Namespace) -> int:
         if options.fov is not None:
             positive(fov=options.fov)
             within(0, 179, fov=options.fov)
-        known = read_camera(options.camera) if options.camera else None
-        if known and options.fov is not None:
+        calibrated = terminal.read_camera(options.camera) if options.camera else None
+        if calibrated and options.fov is not None:
             raise ValueError("--fov and --camera must not both be given: the camera has its field")
         tolerance = options.fov_tolerance
         identification = Identification(
-            focal_tolerance=min(tolerance, KNOWN) if known else tolerance
+            focal_tolerance=min(tolerance, KNOWN) if calibrated else tolerance
         )
-        layout = layout_of(options)
-        dark = read_image(options.dark, layout) if options.dark else None
-    stars = read_stars(options.catalog, options.epoch)
+    read = terminal.image_reader(options)
+    stars = terminal.read_stars(options.catalog, options.epoch)
     indexes = PatternIndexes(stars)
-    if options.fov is None and known is None:
-        print_message("startrack solve: no --fov, searching from 2 to 90 deg; slow the first time")
+    if options.fov is None and calibrated is None:
+        terminal.print_message(
+            "startrack solve: no --fov, searching from 2 to 90 deg; slow the first time"
+        )
     statuses = set()
     for path in options.images:
         try:
-            frame = read_image(path, layout)
-            if dark is not None:
-                frame = subtract_dark(frame, dark)
-            solved = _solve(frame, known, options.fov, indexes, identification)
+            frame = read(path)
+            solved = _solve(frame, calibrated, options.fov, indexes, identification)
         except Exception as error:  # whatever is wrong with it, the others are solved
-            print_failed_image(options, path, error)
+            terminal.print_failed_image(options, path, error)
             statuses.add(Exit.FAILED)
             continue
         tetra3 = options.keys == "tetra3"
@@ -109,8 +94,8 @@ def command(options: argparse.Namespace) -> int:
         if options.tables:
             name = options.tables / path.stem
             files = write_solution(name, solved.spots, frame.image.shape, solved.matches, stars)
-            result["tables"] = [str(one) for one in files]
-        print_result(options, result, text)
+            result["tables"] = [str(file) for file in files]
+        terminal.print_result(options, result, text)
         statuses.add(Exit.DONE if solved.axis is not None else Exit.UNSOLVED)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
 
@@ -130,39 +115,46 @@ class Solved(NamedTuple):
 
 def _solve(
     frame: Frame,
-    known: Camera | None,
+    calibrated: Camera | None,
     fov_deg: float | None,
     indexes: PatternIndexes,
     identification: Identification,
 ) -> Solved:
-    """The first search that finds an attitude, or the last; known and fov_deg None: unknown."""
+    """The first search that finds an attitude, or the last.
+
+    calibrated, fov_deg  camera, or its field; None: unknown
+    """
     rows, columns = frame.image.shape
-    if known and (known.rows, known.columns) != (rows, columns):
+    if calibrated and (calibrated.rows, calibrated.columns) != (rows, columns):
         raise ValueError(
-            f"image must have the {known.columns} x {known.rows} pixels of the camera, got "
-            f"{columns} x {rows}"
+            f"image must have the {calibrated.columns} x {calibrated.rows} pixels of the camera, "
+            f"got {columns} x {rows}"
         )
     for threshold in THRESHOLDS:
         tracker = Tracker(Detection(threshold=threshold), identification)
-        if known is None and fov_deg is None:
+        if calibrated is None and fov_deg is None:
             spots = detect(frame, tracker.detection)
             matches = identify_blind(spots, columns, rows, indexes.stars, indexes, identification)
             estimate = solve_matches(spots, matches, tracker)
         else:
-            camera = known or Camera.from_field_of_view(columns, rows, math.radians(fov_deg or 0.0))
+            camera = calibrated or Camera.from_field_of_view(
+                columns, rows, math.radians(fov_deg or 0.0)
+            )
             spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
         if estimate.icrs_to_camera is not None:
             break
-    found = Solved(spots, matches, estimate, estimate.icrs_to_camera)
-    return found if known or found.axis is None else _with_lens(found, indexes, identification)
+    solved = Solved(spots, matches, estimate, estimate.icrs_to_camera)
+    return (
+        solved if calibrated or solved.axis is None else _with_lens(solved, indexes, identification)
+    )
 
 
-def _with_lens(found: Solved, indexes: PatternIndexes, settings: Identification) -> Solved:
+def _with_lens(solved: Solved, indexes: PatternIndexes, settings: Identification) -> Solved:
     """The same with the distortion of the lens, where the stars show one."""
-    spots, matches, estimate, _ = found
+    spots, matches, estimate, _ = solved
     lens = fit_lens(spots, matches, indexes.stars, indexes(matches.camera), settings)
     if not lens.matches.camera.distorted:
-        return found
+        return solved
     better = replace(
         estimate,
         icrs_to_camera=lens.matches.icrs_to_camera,
@@ -193,13 +185,13 @@ def _values(solved: Solved) -> dict[str, Any]:
     if estimate.icrs_to_camera is not None and axis is not None:
         ra, dec, roll = celestial(axis)
         result |= {
-            "icrs_to_camera_xyzw": quaternion(axis),
+            "icrs_to_camera_xyzw": terminal.quaternion(axis),
             "ra_deg": ra,
             "dec_deg": dec,
             "roll_deg": roll,
             "fov_x_deg": math.degrees(matches.camera.fov_x),
             "lens": {
-                "icrs_to_lens_xyzw": quaternion(estimate.icrs_to_camera),
+                "icrs_to_lens_xyzw": terminal.quaternion(estimate.icrs_to_camera),
                 "camera": to_table(matches.camera),
             },
             "residual_rms_px": estimate.residual_rms,
@@ -215,20 +207,14 @@ def _text(solved: Solved) -> str:
     camera = matches.camera
     lens = f", k1 {camera.k1:+.3f}, k2 {camera.k2:+.3f}" if camera.distorted else ""
     return (
-        f"{pointing_text(axis, 4, 3)}; "
+        f"{terminal.pointing_text(axis, 4, 3)}; "
         f"field {math.degrees(camera.fov_x):.3f} deg{lens}; {estimate.stars} of {len(spots)} "
         f"spots matched, residual {estimate.residual_rms:.2f} px; "
         f"probability of a false match {estimate.false_probability:.0e}"
     )
 
 
-def _overlay(
-    folder: Path,
-    image: Path,
-    frame: Frame,
-    solved: Solved,
-    stars: Stars,
-) -> Path:
+def _overlay(folder: Path, image: Path, frame: Frame, solved: Solved, stars: Stars) -> Path:
     path = folder / f"{image.stem}.solved.png"
     spots, matches, estimate, _ = solved
     title = f"{image.name}\n{_text(solved)}"

@@ -17,7 +17,8 @@ from startrack.cli.options import Exit, WrongUse
 
 PACKAGE = Path(__file__).parents[1]
 LONGEST = 600  # characters of a message
-AGAIN = 1.0  # second, after which a signal that nothing has handled is raised again
+AGAIN = 1.0  # second, after which a signal that nothing has handled is sent again
+ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Stopped(KeyboardInterrupt):
@@ -32,48 +33,51 @@ class Stopped(KeyboardInterrupt):
 def stopped_by_signals() -> Iterator[None]:
     """Let Ctrl-C, SIGTERM and SIGHUP end a command: files are closed, workers ended.
 
-    The signal is raised again each second until something handles it: Python discards what is
-    raised while it deletes an object, and so do libraries that call Python code.
+    The signal is sent again each second until something handles it: Python discards what is raised
+    while it deletes an object, and so do libraries that call Python code.
     """
-    asked = list[int]()
+    asked, again = list[int](), list[int]()  # without locks, which handlers must not wait for
+    over, sending = threading.Event(), threading.Lock()
+    main = threading.current_thread()
+    if main is not threading.main_thread():
+        yield
+        return
+
+    def remind() -> None:
+        while not over.wait(AGAIN):
+            with sending:
+                if not over.is_set():
+                    again.append(asked[0])
+                    signal.pthread_kill(main.ident or 0, asked[0])
 
     def stop(number: int, _: Any) -> None:
+        if again:
+            again.clear()
+            if over.is_set() or _is_handled(sys.exc_info()[1]):
+                return
+        elif not asked and hasattr(signal, "pthread_kill"):  # not on Windows
+            threading.Thread(target=remind, daemon=True).start()
         asked.append(number)
-        _remind(AGAIN)
         raise Stopped(number)
 
     def discarded(thing: Any) -> None:
         if not isinstance(thing.exc_value, Stopped):
             sys.__unraisablehook__(thing)
 
-    def stop_again(*_: Any) -> None:
-        if not _is_handled(sys.exc_info()[1]):
-            raise Stopped(asked[0])
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handlers: dict[str, Any] = dict.fromkeys(("SIGINT", "SIGTERM", "SIGHUP"), stop)
-    handlers["SIGALRM"] = stop_again
-    kinds = {getattr(signal, name): one for name, one in handlers.items() if hasattr(signal, name)}
+    kinds = [getattr(signal, name) for name in ENDING if hasattr(signal, name)]
     before = {kind: signal.getsignal(kind) for kind in kinds}
-    for kind, held in before.items():
-        if held != signal.SIG_IGN:  # as nohup asks
-            signal.signal(kind, kinds[kind])
+    for kind, handler in before.items():
+        if handler != signal.SIG_IGN:  # as nohup asks
+            signal.signal(kind, stop)
     hook, sys.unraisablehook = sys.unraisablehook, discarded
     try:
         yield
     finally:
-        _remind(0.0)
-        sys.unraisablehook = hook
-        for kind, held in before.items():
-            signal.signal(kind, held or signal.SIG_DFL)
-
-
-def _remind(seconds: float) -> None:
-    """Ask the system for SIGALRM each so many seconds; 0: no more. Nothing on Windows."""
-    if hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+        over.set()
+        with sending:  # none is sent to the handlers of before
+            sys.unraisablehook = hook
+        for kind, handler in before.items():
+            signal.signal(kind, handler or signal.SIG_DFL)
 
 
 def _is_handled(error: BaseException | None) -> bool:
@@ -85,19 +89,17 @@ def _is_handled(error: BaseException | None) -> bool:
 
 def ignore_signals() -> None:
     """Let no signal end the process from here on: its command is done, and Python tidies up."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+    for name in ENDING:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
 
 
-def told(error: BaseException) -> tuple[int, str]:
+def status_and_sentence(error: BaseException) -> tuple[int, str]:
     """The exit status and the sentence of what a command raised."""
     match error:
         case Stopped() if error.signal != signal.SIGINT:
-            _remind(0.0)
             return 128 + error.signal, f"stopped by {error}; the files on disk are complete"
         case KeyboardInterrupt():
-            _remind(0.0)
             return Exit.INTERRUPTED, "stopped; the files on disk are complete"
         case WrongUse():
             return Exit.WRONG_USE, one_line(error)
@@ -129,7 +131,7 @@ def one_line(error: object) -> str:
     # A KeyError shows its key alone.
     text = f"no {error}" if isinstance(error, KeyError) else str(error)
     words = " ".join(text.split())
-    clean = "".join(each if each.isprintable() else "?" for each in words)
+    clean = "".join(letter if letter.isprintable() else "?" for letter in words)
     return clean if len(clean) <= LONGEST else f"{clean[: LONGEST - 3]}..."
 
 

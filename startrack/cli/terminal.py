@@ -17,14 +17,16 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, open_sky
 from startrack.cli.options import WrongUse, as_wrong_use
-from startrack.cli.stopping import one_line, told
-from startrack.core import Camera, Stars, compiling_reports, kernel_folder, used_code
+from startrack.cli.stopping import one_line, status_and_sentence
+from startrack.core import Camera, Frame, Stars, compiling_reports, kernel_folder, used_code
 from startrack.design import Campaign, Design, load_design
+from startrack.detection import divide_flat, subtract_dark
 from startrack.io import (
     Layout,
     celestial,
     claimed_folder,
     from_table,
+    read_image,
     read_table,
     save_text,
     shipped,
@@ -88,10 +90,24 @@ def save_camera(path: Path, camera: Camera) -> None:
     save_text(path, tomli_w.dumps({"tracker": {"camera": to_table(camera)}}))
 
 
-def layout_of(options: argparse.Namespace) -> Layout:
-    """What the options say of the image files; raises WrongUse where it is none."""
-    with as_wrong_use():
-        return Layout(options.plane, options.bayer, options.colour, options.raw)
+def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:
+    """Reads an image file as the options say, less --dark, over --flat.
+
+    Raises  WrongUse where what they say is no layout, or where one of these two cannot be read
+    """
+    with as_wrong_use(ValueError, TypeError, OSError):
+        layout = Layout(options.plane, options.bayer, options.colour, options.raw)
+        dark, flat = (
+            read_image(path, layout) if (path := getattr(options, name, None)) else None
+            for name in ("dark", "flat")
+        )
+
+    def read(path: Path) -> Frame:
+        frame = read_image(path, layout)
+        frame = frame if dark is None else subtract_dark(frame, dark)
+        return frame if flat is None else divide_flat(frame, flat)
+
+    return read
 
 
 def read_stars(catalog: str, epoch: float) -> Stars:
@@ -107,29 +123,30 @@ def print_message(message: str) -> None:
     print(message, file=sys.stderr)
 
 
-def print_result(options: argparse.Namespace, result: dict[str, Any], text: str) -> None:
-    """Print a result: one JSON object on a line with --json, the text without."""
+def print_result(options: argparse.Namespace, result: dict[str, Any], *lines: str) -> None:
+    """Print a result: one JSON object on a line with --json, the lines of text without."""
     if options.json:
         if changes := getattr(options, "set", []):
             result = {**result, "set": changes}
         if code := used_code():
-            result = {**result, "code": [str(one) for one in code]}
+            result = {**result, "code": [str(origin) for origin in code]}
         print(json.dumps(finite(result), allow_nan=False), flush=True)
     else:
         # The name of a file may hold what its encoding cannot.
         encoding = sys.stdout.encoding or "utf-8"
+        text = "\n".join(lines)
         print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
 
 
 def print_rows(options: argparse.Namespace, rows: Iterable[Row], *more: str) -> None:
     """Print the rows of a result, and in text more lines below them."""
     shown = list(rows)
-    print_result(options, to_json(shown), "\n".join([*to_lines(shown), *more]))
+    print_result(options, to_json(shown), *to_lines(shown), *more)
 
 
 def print_failed_image(options: argparse.Namespace, path: Path, error: Exception) -> None:
     """Print why an image was skipped, as a result, too, where results are JSON."""
-    _, reason = told(error)
+    _, reason = status_and_sentence(error)
     if str(path) not in reason:
         reason = f"{path}: {reason}"
     print_message(f"startrack {options.name}: {one_line(reason)}")

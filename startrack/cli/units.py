@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from startrack.cli.imports import wanted
+from startrack.cli.options import wanted
 
 if wanted(__name__):
     import numpy as np
@@ -18,7 +18,7 @@ if wanted(__name__):
     from startrack.core import arcsec
     from startrack.design import YEAR, Accuracy, Campaign, Case, Fidelity, Objective
     from startrack.io import aligned
-    from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json
+    from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
     from startrack.optimise import allocation, halved
     from startrack.population import explain, per_unit
@@ -49,11 +49,11 @@ def budgets_of(
     with as_wrong_use():
         require_units(case)
     ages = list(dict.fromkeys((0.0, case.end_of_life)))
-    found = []
     with progress("units", options.units * len(ages)) as advance:
-        for age in ages:
-            found.append(unit_budgets(case, options.seed, options.units, age, progress=advance))
-    values = [_values(one, required) for one in found]
+        budgets = [
+            unit_budgets(case, options.seed, options.units, age, progress=advance) for age in ages
+        ]
+    values = [_values(at_age, required) for at_age in budgets]
     return values, _text(values)
 
 
@@ -65,45 +65,42 @@ def tolerances_of(
     objective, required = Objective.read(campaign.objective), campaign.requirements.accuracy
     fraction = campaign.units or USUAL
     with progress("units", options.units * (1 + len(list(halved(case))))) as advance:
-        found = allocation(
+        gains = allocation(
             case, objective, required, fraction, options.seed, options.units, advance
         )
     values = {
         "objective": str(objective),
         "fraction": fraction,
-        "age_years": found.age / YEAR,
-        "level_arcsec": found.level / arcsec,
+        "age_years": gains.age / YEAR,
+        "level_arcsec": gains.level / arcsec,
         "halved": [
             {
-                "tolerance": one.name,
-                "gain_arcsec": bounds_json(one.level, ARCSEC),
+                "tolerance": tolerance.name,
+                "gain_arcsec": bounds_json(tolerance.level, ARCSEC),
                 "yields": [
                     {"requirement": str(limit.objective), "most_arcsec": limit.most / arcsec}
                     | asdict(more)
-                    for limit, more in zip(required, one.yields, strict=True)
+                    for limit, more in zip(required, tolerance.yields, strict=True)
                 ],
-                "price": one.price,
+                "price": tolerance.price,
             }
-            for one in found.each
+            for tolerance in gains.each
         ],
     }
-    rows = [["halved", "gain (arcsec)", *(f"yield, {one.name} (%)" for one in required), "price"]]
-    for one in found.each:
-        yields = [_bracket(each, 0.01, 1) for each in one.yields]
-        rows.append([one.name, _bracket(one.level, arcsec, 3), *yields, f"{one.price:.4g}"])
+    yields = [f"yield, {limit.name} (%)" for limit in required]
+    rows = [["halved", "gain (arcsec)", *yields, "price"]]
+    for tolerance in gains.each:
+        gain = bracketed(tolerance.level, "+.3f", arcsec)
+        yields = [bracketed(share, "+.1f", 0.01) for share in tolerance.yields]
+        rows.append([tolerance.name, gain, *yields, f"{tolerance.price:.4g}"])
     text = [
         f"{objective} that {100 * fraction:g} % of {options.units} units at "
-        f"{found.age / YEAR:g} yr do not exceed: {found.level / arcsec:.3f} arcsec",
+        f"{gains.age / YEAR:g} yr do not exceed: {gains.level / arcsec:.3f} arcsec",
         *aligned(rows, (0,)),
         "by the formula, on the same draws of the same units, with their biases; brackets hold "
         "with 95 % for other units",
     ]
     return values, "\n".join(text)
-
-
-def _bracket(one: Interval, unit: float, digits: int) -> str:
-    value, low, high = (f"{each / unit:+.{digits}f}" for each in (one.value, one.low, one.high))
-    return f"{value} [{low}, {high}]"
 
 
 def trials_of(
@@ -116,22 +113,23 @@ def trials_of(
     """What trials of units say: their errors, the yield of each accuracy, and the worst unit."""
     units, fidelity = sampling.units, sampling.fidelity
     assert units
-    found = per_unit(outcomes)
+    by_unit = per_unit(outcomes)
     years = units.age / YEAR
-    values: dict[str, Any] = {"count": len(found.unit), "age_years": years}
+    values: dict[str, Any] = {"count": len(by_unit.unit), "age_years": years}
     lines = []
-    for name, each in (("across", found.across), ("about", found.about)):
-        middle, high = (float(np.nanquantile(each, part)) / arcsec for part in (0.5, 0.95))
+    for name, rms in (("across", by_unit.across), ("about", by_unit.about)):
+        middle, high = (float(np.nanquantile(rms, part)) / arcsec for part in (0.5, 0.95))
         values |= {f"{name}_median_arcsec": middle, f"{name}_95_arcsec": high}
         lines.append(
-            f"of {len(found.unit)} units at {years:g} yr, rms {name}: {middle:.3f} arcsec in the "
+            f"of {len(by_unit.unit)} units at {years:g} yr, rms {name}: {middle:.3f} arcsec in the "
             f"median, {high:.3f} in 95 %"
         )
     values["yields"] = [
-        yield_values(one, found.meets(outcomes, one.objective, one.most)) for one in required
+        _yield_values(limit, by_unit.meets(outcomes, limit.objective, limit.most))
+        for limit in required
     ]
-    lines += [f"{yield_name(one)}: {yield_share(one)}" for one in values["yields"]]
-    worst = found.worst
+    lines += [f"{_yield_name(share)}: {_yield_share(share)}" for share in values["yields"]]
+    worst = by_unit.worst
     if worst is not None and fidelity is Fidelity.COVARIANCE:
         parts = explain(case, seed, units, worst)
         values["worst"] = {"unit": worst, "removes": dict(parts)}
@@ -140,50 +138,46 @@ def trials_of(
     return values, lines
 
 
-def yield_values(one: Accuracy, share: Interval) -> dict[str, Any]:
+def _yield_values(limit: Accuracy, share: Interval) -> dict[str, Any]:
     """A yield for JSON: requirement and limit, share of the units with its 95 % interval."""
-    return {"requirement": str(one.objective), "most_arcsec": one.most / arcsec} | asdict(share)
+    return {"requirement": str(limit.objective), "most_arcsec": limit.most / arcsec} | asdict(share)
 
 
-def yield_name(one: dict[str, Any]) -> str:
-    """Of what a yield is."""
-    return f"yield, {one['requirement']} at most {one['most_arcsec']:g} arcsec"
+def _yield_name(values: dict[str, Any]) -> str:
+    return f"yield, {values['requirement']} at most {values['most_arcsec']:g} arcsec"
 
 
-def yield_share(one: dict[str, Any]) -> str:
-    """A yield in percent, with its interval."""
-    return f"{100 * one['value']:.0f} % [{100 * one['low']:.0f}, {100 * one['high']:.0f}]"
+def _yield_share(values: dict[str, Any]) -> str:
+    value, low, high = (100 * values[end] for end in ("value", "low", "high"))
+    return f"{value:.0f} % [{low:.0f}, {high:.0f}]"
 
 
-def _values(found: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any]:
+def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any]:
     return {
-        "age_years": found.age / YEAR,
-        "units": len(found),
-        "classes_rms_arcsec": {name: _pair(values) for name, values in _classes(found).items()},
+        "age_years": budgets.age / YEAR,
+        "units": len(budgets),
+        "classes_rms_arcsec": {
+            term.value: _pair(errors)
+            for term, errors in ({Term.BIAS: budgets.bias} | budgets.terms).items()
+        },
         "rms_arcsec": {
-            name: {"median": float(np.median(each)) / arcsec, "worst": float(each.max()) / arcsec}
-            for name, each in (("across", found.across()), ("about", found.about()))
+            name: {"median": float(np.median(rms)) / arcsec, "worst": float(rms.max()) / arcsec}
+            for name, rms in (("across", budgets.across()), ("about", budgets.about()))
         },
         "levels_arcsec": {
             kind.value: {
                 f"{100 * fraction:g}": {
-                    name: found.level(axes, fraction, kind) / arcsec for name, axes in AXES.items()
+                    name: budgets.level(axes, fraction, kind) / arcsec
+                    for name, axes in AXES.items()
                 }
                 for fraction in LEVELS
             }
             for kind in Interpretation
         },
         "yields": [
-            yield_values(one, yield_of(one, units_expected(one.objective, found)))
-            for one in required
+            _yield_values(limit, yield_of(limit, units_expected(limit.objective, budgets)))
+            for limit in required
         ],
-    }
-
-
-def _classes(found: UnitBudgets) -> dict[str, Floats]:
-    """(n, 3) radian of each class of error."""
-    return {Term.BIAS.value: found.bias} | {
-        term.value: values for term, values in found.terms.items()
     }
 
 
@@ -196,34 +190,36 @@ def _pair(values: Floats) -> dict[str, float]:
     }
 
 
-def _text(found: list[dict[str, Any]]) -> str:
+def _text(ages: list[dict[str, Any]]) -> str:
     """The values of `_values` as a table, a pair of columns for each age."""
-    ages = [f"{one['age_years']:g} yr" for one in found]
-    lines = [_row(f"{found[0]['units']} units, arcsec",
-                  [f"{name}, {age}" for age in ages for name in AXES])]  # fmt: skip
-    for name in found[0]["classes_rms_arcsec"]:
-        pairs = [one["classes_rms_arcsec"][name] for one in found]
-        lines.append(_row(f"{name}, rms per axis", [pair[axis] for pair in pairs for axis in AXES]))
+    years = [f"{values['age_years']:g} yr" for values in ages]
+
+    def row(label: str, pairs: list[dict[str, float]]) -> str:
+        return _row(label, [f"{pair[axis]:.3f}" for pair in pairs for axis in AXES])
+
+    head = [f"{axis}, {age}" for age in years for axis in AXES]
+    lines = [_row(f"{ages[0]['units']} units, arcsec", head)]
+    for name in ages[0]["classes_rms_arcsec"]:
+        lines.append(row(f"{name}, rms per axis", [at["classes_rms_arcsec"][name] for at in ages]))
     lines.append("-" * len(lines[0]))
-    for label in ("median", "worst"):
-        cells = [one["rms_arcsec"][axis][label] for one in found for axis in AXES]
-        lines.append(_row(f"all but bias, rms, {label} unit", cells))
-    for kind, levels in found[0]["levels_arcsec"].items():
+    for which in ("median", "worst"):
+        pairs = [{axis: at["rms_arcsec"][axis][which] for axis in AXES} for at in ages]
+        lines.append(row(f"all but bias, rms, {which} unit", pairs))
+    for kind, levels in ages[0]["levels_arcsec"].items():
         for level in levels:
-            pairs = [one["levels_arcsec"][kind][level] for one in found]
-            row = [pair[axis] for pair in pairs for axis in AXES]
-            lines.append(_row(f"{level} % below, {kind}", row))
-    for each in zip(*(one["yields"] for one in found), strict=True):
-        shares = ", ".join(
-            f"{yield_share(one)} at {age}" for age, one in zip(ages, each, strict=True)
-        )
-        lines.append(f"{yield_name(each[0])}: {shares}")
-    return "\n".join(
-        [*lines, "by the formula, per axis; a bias is constant for a unit, counts in yields and is "
-         "left out below it else"]
-    )  # fmt: skip
+            pairs = [at["levels_arcsec"][kind][level] for at in ages]
+            lines.append(row(f"{level} % below, {kind}", pairs))
+    for yields in zip(*(at["yields"] for at in ages), strict=True):
+        shares = [
+            f"{_yield_share(share)} at {age}" for age, share in zip(years, yields, strict=True)
+        ]
+        lines.append(f"{_yield_name(yields[0])}: {', '.join(shares)}")
+    lines.append(
+        "by the formula, per axis; a bias is constant for a unit, counts in yields and is left out "
+        "below it else"
+    )
+    return "\n".join(lines)
 
 
-def _row(label: str, cells: list[Any]) -> str:
-    texts = [cell if isinstance(cell, str) else f"{cell:.3f}" for cell in cells]
-    return f"{label:36s}" + "".join(f"{text:>16s}" for text in texts)
+def _row(label: str, cells: list[str]) -> str:
+    return f"{label:36s}" + "".join(f"{cell:>16s}" for cell in cells)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.imports import wanted
 from startrack.cli.options import (
     SEED,
     WORKERS,
@@ -16,6 +15,7 @@ from startrack.cli.options import (
     as_wrong_use,
     campaign,
     fidelity,
+    wanted,
     whole,
 )
 
@@ -23,16 +23,10 @@ if wanted(__name__):
     import numpy as np
     from numpy.typing import NDArray
 
+    from startrack import verification
     from startrack.budget import noise_only
+    from startrack.cli import terminal
     from startrack.cli.campaign import LEDGER
-    from startrack.cli.terminal import (
-        example,
-        finite,
-        print_message,
-        print_result,
-        progress,
-        read_design,
-    )
     from startrack.cli.units import require_units
     from startrack.design import Case, Fidelity
     from startrack.io import save_json, save_text
@@ -40,17 +34,6 @@ if wanted(__name__):
     from startrack.optimise import VERIFYING, VERIFYING_UNIT, Ledger, TrialRunner
     from startrack.population import Units
     from startrack.trial import require_fidelity
-    from startrack.verification import (
-        Answer,
-        Looks,
-        cases,
-        unit_text,
-        unit_values,
-        verdict_text,
-        verdict_values,
-        verify,
-        verify_units,
-    )
 
 
 declare = Options(
@@ -78,22 +61,20 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print the table of verdicts; with --out, write it."""
-    path = options.campaign or example()
-    design = read_design(path, options.set)
+    path = options.campaign or terminal.example()
+    design = terminal.read_design(path, options.set)
     if design.campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
     campaign = design.campaign
     fidelity = Fidelity(options.fidelity or ("window" if options.units else "frame"))
     with as_wrong_use():
-        looks = Looks(
-            min(options.first, options.trials),
-            options.trials,
-            1 - campaign.requirements.confidence,
+        looks = verification.Looks(
+            min(options.first, options.trials), options.trials, 1 - campaign.requirements.confidence
         )
     with as_wrong_use(path=path):
-        judged, _ = cases(design.case, campaign)
-        for one in judged:
-            require_fidelity(one.case, fidelity)
+        judged, _ = verification.cases(design.case, campaign)
+        for condition in judged:
+            require_fidelity(condition.case, fidelity)
         if options.units:
             require_units(design.case)
     if options.units:
@@ -105,7 +86,7 @@ def command(options: argparse.Namespace) -> int:
     with (
         Ledger(options.out / LEDGER if options.out else None) as ledger,
         pool(options.workers) as executor,
-        progress("trials", total) as advance,
+        terminal.progress("trials", total) as advance,
     ):
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
 
@@ -117,23 +98,29 @@ def command(options: argparse.Namespace) -> int:
             return runner.run(case, number, fidelity, first, advance, how)
 
         if options.units:
-            by_units = verify_units(design.case, campaign, of_units, options.units, options.seed)
-            answer, table, values = by_units.answer, unit_text(by_units), unit_values(by_units)
+            by_units = verification.verify_units(
+                design.case, campaign, of_units, options.units, options.seed
+            )
+            answer, table, values = (
+                by_units.answer,
+                verification.unit_text(by_units),
+                verification.unit_values(by_units),
+            )
         else:
-            found = verify(
+            verified = verification.verify(
                 design.case, campaign, trials, options.seed, looks,
                 lambda name, number: advance(0, f"{name}: {number} trials"),
             )  # fmt: skip
-            answer, values = found.answer, verdict_values(found)
-            table = f"{verdict_text(found)}\n{noise_only(design.case)}"
+            answer, values = verified.answer, verification.verdict_values(verified)
+            table = f"{verification.verdict_text(verified)}\n{noise_only(design.case)}"
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
     result |= values | {"noise_only": not options.units}
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
-        save_json(options.out / "verdict.json", finite(result))
+        save_json(options.out / "verdict.json", terminal.finite(result))
         result["out"] = str(options.out)
     if not options.units:
         for reason in values["not_judged"]:
-            print_message(f"not judged: {reason}")
-    print_result(options, result, table)
-    return Exit.DONE if answer is Answer.PASS else Exit.UNSOLVED
+            terminal.print_message(f"not judged: {reason}")
+    terminal.print_result(options, result, table)
+    return Exit.DONE if answer is verification.Answer.PASS else Exit.UNSOLVED

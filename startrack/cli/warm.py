@@ -7,21 +7,14 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from startrack.cli.imports import wanted
-from startrack.cli.options import Exit, describe
+from startrack.cli.options import Exit, Option, Options, wanted
 
 if wanted(__name__):
     import numpy as np
 
     from startrack.budget import analytic
+    from startrack.cli import terminal
     from startrack.cli.beside import IDENTIFICATION, LOCK, TRIAL, start
-    from startrack.cli.terminal import (
-        example,
-        print_message,
-        print_result,
-        read_design,
-        read_sequence,
-    )
     from startrack.core import READY, Spots, is_ready, kernel_folder, one_of
     from startrack.design import Case, Fidelity
     from startrack.io import shipped
@@ -34,30 +27,22 @@ SECOND_HALF = ("identification", "sequence", "fidelity covariance", "analytic bu
 SPOTS, SIGMA = 20, 0.1  # of the field that is identified: their number, and noise in pixel
 
 
-def declare(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `startrack warm`."""
-    describe(
-        parser,
-        "For containers, clusters and installations that are read-only later. Runs the example "
-        "design and one with a single PSF in the fidelities, in a sequence and through the "
-        "analytic budget, so that numba compiles what they need, on two cores. Compiled code is "
-        "kept beside the package, or in the folder that NUMBA_CACHE_DIR names, and serves this "
-        "kind of processor and these versions of Python, numba and NumPy; another machine compiles "
-        "again. Kernels of other designs, such as line scanners, are compiled when they are first "
-        "used.",
-    )
-    parser.add_argument(
-        "--part", metavar="NAME", action="append",
-        help="one part alone, such as `identification`; more than once for more (default: all)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--earth", action="store_true", help="also the kernels of Earth cameras (extra `earth`)"
-    )
+declare = Options(
+    "For containers, clusters and installations that are read-only later. Runs the example design "
+    "and one with a single PSF in the fidelities, in a sequence and through the analytic budget, "
+    "so that numba compiles what they need, on two cores. Compiled code is kept beside the "
+    "package, or in the folder that NUMBA_CACHE_DIR names, and serves this kind of processor and "
+    "these versions of Python, numba and NumPy; another machine compiles again. Kernels of other "
+    "designs, such as line scanners, are compiled when they are first used.",
+    Option("--part NAME", "one part alone, such as `identification`; more than once for more "
+           "(default: all)", append=True),
+    Option("--earth", "also the kernels of Earth cameras (extra `earth`)"),
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
     """Run each part once; the second run of the same command takes seconds."""
-    began, jobs = time.perf_counter(), parts(read_design(example()).case)
+    began, jobs = time.perf_counter(), parts(terminal.read_design(terminal.example()).case)
     if options.earth:
         jobs["Earth geometry"] = earth_geometry
     for part in options.part or ():
@@ -70,7 +55,7 @@ def command(options: argparse.Namespace) -> int:
     for name, job in jobs.items():
         if other and name == SECOND_HALF[0]:
             other.wait()  # what it has compiled is loaded now
-        print_message(f"{name} ...")
+        terminal.print_message(f"{name} ...")
         job()
     if folder and {IDENTIFICATION, TRIAL} <= set(jobs):
         (folder / READY).touch()
@@ -82,7 +67,7 @@ def command(options: argparse.Namespace) -> int:
         "folders": int(folder is not None),
         "not_kept": int(folder is None),
     }
-    print_result(
+    terminal.print_result(
         options,
         result,
         f"compiled in {result['seconds']:.0f} s; {len(files)} files of compiled code, "
@@ -93,11 +78,11 @@ def command(options: argparse.Namespace) -> int:
 
 def parts(case: Case) -> dict[str, Callable[[], object]]:
     """What is run, by name."""
-    sequence = read_sequence(shipped("sequences/slew.toml"))
-    plain = read_design(shipped("designs/noise_only.toml")).case
+    sequence = terminal.read_sequence(shipped("sequences/slew.toml"))
+    plain = terminal.read_design(shipped("designs/noise_only.toml")).case
 
-    def trial(one: Case, fidelity: Fidelity) -> Callable[[], object]:
-        return partial(run_random_trial, one, 1, 0, fidelity)
+    def trial(design: Case, fidelity: Fidelity) -> Callable[[], object]:
+        return partial(run_random_trial, design, 1, 0, fidelity)
 
     return {
         "fidelity frame": trial(case, Fidelity.FRAME),

@@ -1,9 +1,16 @@
-"""Types of arrays, for annotations and for kernels."""
+"""Types of arrays, and within kernels order, median and place of values.
+
+NumPy's own of these are compiled anew for each kind of array, which takes seconds.
+"""
+
+from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from startrack.core.kernel import kernel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -18,3 +25,56 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+@kernel
+def order(values: Floats) -> Ints:
+    """Indices (n,) of values (n,) in rising order; of equal ones, the first comes first.
+
+    Accuracy  exact, for values without NaN
+    """
+    n = len(values)
+    now, then = np.empty(n, np.int64), np.empty(n, np.int64)
+    for i in range(n):
+        now[i] = i
+    width = 1
+    while width < n:
+        for start in range(0, n, 2 * width):
+            left, middle = start, min(start + width, n)
+            right, end = middle, min(start + 2 * width, n)
+            for k in range(start, end):
+                if left < middle and (right == end or values[now[left]] <= values[now[right]]):
+                    then[k] = now[left]
+                    left += 1
+                else:
+                    then[k] = now[right]
+                    right += 1
+        now, then = then, now
+        width *= 2
+    return now
+
+
+@kernel
+def first_not_below(values: Floats, limit: float) -> int:
+    """The place of the first of rising values (n,) that is at least the limit; n where none is."""
+    low, high = 0, len(values)
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] < limit:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def median(values: Floats) -> float:
+    """The median of values (n,), NaN where there are none.
+
+    Accuracy  exact, for values without NaN
+    """
+    n = len(values)
+    if n == 0:
+        return np.nan
+    rising = order(values)
+    return (values[rising[(n - 1) // 2]] + values[rising[n // 2]]) / 2

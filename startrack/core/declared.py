@@ -187,9 +187,9 @@ def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
     """Key, group and name of all code that a parameter object names."""
     kind: Any = type(value)
     for name, field in fields_of(kind).items():
-        held = getattr(value, name)
+        inner = getattr(value, name)
         where = f"{place}.{name}" if place else name
-        for item in held if isinstance(held, tuple) else (held,):
+        for item in inner if isinstance(inner, tuple) else (inner,):
             if field.range and field.range.code:
                 if is_code(item):
                     yield where, field.range.code, item

@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core.checks import refusal, shown
-from startrack.core.refused import Refused
+from startrack.core.checks import Refused, refusal, shown
 
 ENVIRONMENT = "STARTRACK_ALLOW_CODE"
 FORM = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
@@ -96,8 +95,8 @@ def one_of_or_code(choices: Collection[str], /, **values: str) -> None:
     """Refuse what is neither one of the choices nor the name of a function."""
     for name, value in values.items():
         if value not in choices and not (isinstance(value, str) and FORM.fullmatch(value)):
-            known = f"one of {', '.join(choices)}, or " if choices else ""
-            rule = f"{known}code as module:function or by the entry point of an installed package"
+            named = f"one of {', '.join(choices)}, or " if choices else ""
+            rule = f"{named}code as module:function or by the entry point of an installed package"
             raise refusal(name, f"must be {rule}", value)
 
 
@@ -131,11 +130,11 @@ def used_code() -> list[Code]:
 
 def is_allowed(module: str) -> bool:
     """Whether the code of a module may run in this process."""
-    named = [one.strip() for one in os.environ.get(ENVIRONMENT, "").split(",")]
+    named = [module_named.strip() for module_named in os.environ.get(ENVIRONMENT, "").split(",")]
     return any(
-        one == "*" or one == module or module.startswith(f"{one}.")
-        for one in (*_allowed, *named)
-        if one
+        allowed == "*" or allowed == module or module.startswith(f"{allowed}.")
+        for allowed in (*_allowed, *named)
+        if allowed
     )
 
 
@@ -152,18 +151,18 @@ def require_code(named: Iterable[tuple[str, str, str]]) -> None:
 
 def function_of(group: str, name: str) -> Callable[..., Any]:
     """The function that a design names. Raises as `require_code`."""
-    known = _known.get(name)
+    code = _known.get(name)
     module, _, attribute = name.partition(":")
     # A module that was loaded again has another function of that name.
-    if known is None or getattr(sys.modules.get(module), attribute, None) is not known.function:
-        known = _import(POINTS[group], name)
-    return known.function
+    if code is None or getattr(sys.modules.get(module), attribute, None) is not code.function:
+        code = _import(POINTS[group], name)
+    return code.function
 
 
 def origin_of(key: str, name: str) -> Code:
     """Where code is from, after its import. Raises as `require_code`."""
-    known = _import(key, name)
-    return Code(key, name, known.package, known.digest)
+    code = _import(key, name)
+    return Code(key, name, code.package, code.digest)
 
 
 def _import(key: str, name: str) -> _Known:
@@ -175,25 +174,25 @@ def _import(key: str, name: str) -> _Known:
             f"{ENVIRONMENT}={module}"
         )
     try:
-        found = import_module(module)
-        function = getattr(found, attribute)
+        loaded = import_module(module)
+        function = getattr(loaded, attribute)
     except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {error}"
         raise ValueError(f"{key} names {name}, which cannot be imported: {reason}") from error
     if not callable(function):
         raise ValueError(f"{key} must name a function, got {name}, {shown(function)}")
     _used.setdefault(f"{key} {name}")
-    known = _known.get(name)
-    if known is None or known.function is not function:
-        known = _known[name] = _Known(function, _package(module), _digest(sys.modules[_top(found)]))
-    expected = _expected.get(module, known.digest)
-    if known.digest != expected:
+    code = _known.get(name)
+    if code is None or code.function is not function:
+        code = _known[name] = _Known(function, _package(module), _digest(sys.modules[_top(loaded)]))
+    expected = _expected.get(module, code.digest)
+    if code.digest != expected:
         raise ValueError(
             f"{key} names {name}, whose files differ from those where the trials were started "
-            f"(digest {known.digest[:8]} here, {expected[:8]} there): install the same on all "
+            f"(digest {code.digest[:8]} here, {expected[:8]} there): install the same on all "
             "machines"
         )
-    return known
+    return code
 
 
 def _top(module: ModuleType) -> str:
@@ -203,8 +202,8 @@ def _top(module: ModuleType) -> str:
 def _package(module: str) -> str:
     """The distribution of a module and its version; else the version that its package states."""
     top = module.partition(".")[0]
-    for one in _distributions(tuple(sys.path)).get(top, ()):
-        return f"{one} {metadata.version(one)}"
+    for distribution in _distributions(tuple(sys.path)).get(top, ()):
+        return f"{distribution} {metadata.version(distribution)}"
     version = getattr(sys.modules[top], "__version__", "")
     return f"{top} {version}" if version else ""
 
@@ -220,7 +219,7 @@ def _digest(package: ModuleType) -> str:
 
     Raises  ValueError where it has no file.
     """
-    folders = [Path(one) for one in getattr(package, "__path__", ())]
+    folders = [Path(folder) for folder in getattr(package, "__path__", ())]
     files = [
         (str(path.relative_to(folder)), path)
         for folder in folders
@@ -241,7 +240,7 @@ def _digest(package: ModuleType) -> str:
 def sent_with(named: Iterable[tuple[str, str, str]]) -> dict[str, str]:
     """Digests of the modules that a design names and that may run here, for other processes."""
     modules = {name.partition(":")[0]: (key, name) for key, _, name in named}
-    return {module: _import(*one).digest for module, one in modules.items() if is_allowed(module)}
+    return {module: _import(*use).digest for module, use in modules.items() if is_allowed(module)}
 
 
 def received(modules: Mapping[str, str]) -> None:
@@ -276,14 +275,14 @@ def returned(
             that shape, or not finite.
     """
     asked = f"{POINTS[group]} {name} must return"
-    lengths = [each if isinstance(each, tuple) else (each,) for each in shape]
-    text = ", ".join(" or ".join("n" if k == -1 else str(k) for k in each) for each in lengths)
+    lengths = [length if isinstance(length, tuple) else (length,) for length in shape]
+    text = ", ".join(" or ".join("n" if k == -1 else str(k) for k in length) for length in lengths)
     try:
         array = np.asarray(value, float)
     except (TypeError, ValueError):
         raise ValueError(f"{asked} an array ({text}) of numbers, got {shown(value)}") from None
     right = array.ndim == len(lengths) and all(
-        -1 in each or length in each for each, length in zip(lengths, array.shape, strict=True)
+        -1 in asked or length in asked for asked, length in zip(lengths, array.shape, strict=True)
     )
     if not right:
         raise ValueError(f"{asked} an array of shape ({text}), got {array.shape}")

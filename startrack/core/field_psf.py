@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from startrack.core.arrays import Floats
+from startrack.core.interpolation import lagrange_weights, local_weights
 from startrack.core.interpret import instead_of
 from startrack.core.kernel import kernel
-from startrack.core.lagrange import lagrange_weights, local_weights
 from startrack.core.values import Psf
 
 # Electron in a pixel, below which a term of a star is left out, and the curve between the samples
@@ -51,10 +51,10 @@ class FieldPsf:
 
     def at(self, x: Floats, y: Floats, colour: Floats) -> Floats:
         """Shift, relative flux and coefficients (n, 3 + k) at places and colours (n,)."""
-        found = np.zeros((len(x), self.value.shape[-1]))
-        at = (np.ascontiguousarray(each, float) for each in (x, y, colour))
-        _add_near(self.value, self.x, self.y, self.colour, *at, found)
-        return found
+        values = np.zeros((len(x), self.value.shape[-1]))
+        at = (np.ascontiguousarray(array, float) for array in (x, y, colour))
+        _add_near(self.value, self.x, self.y, self.colour, *at, values)
+        return values
 
     @cached_property
     def peak(self) -> Floats:
@@ -63,14 +63,14 @@ class FieldPsf:
 
     def mean(self, colour: float) -> Psf:
         """The mean image over the frame at a colour, its flux relative to the mean flux."""
-        found = self._over_frame(colour)
-        weight = found[:, SHIFT] / found[:, SHIFT].sum()
-        return self._sum(weight @ found[:, SHIFT + 1 :])
+        images = self._over_frame(colour)
+        weight = images[:, SHIFT] / images[:, SHIFT].sum()
+        return self._sum(weight @ images[:, SHIFT + 1 :])
 
     def image(self, x: float, y: float, colour: float) -> tuple[Psf, float]:
         """The image at a place (pixel) and a colour (metre), and its relative flux."""
-        found = self.at(np.array([x]), np.array([y]), np.array([colour]))[0]
-        return self._sum(found[SHIFT + 1 :]), float(found[SHIFT])
+        image = self.at(np.array([x]), np.array([y]), np.array([colour]))[0]
+        return self._sum(image[SHIFT + 1 :]), float(image[SHIFT])
 
     def over_colour(self, values: Floats, colour: Floats) -> Floats:
         """Values (c, ...) at the nodes of the colour, between them (n, ...)."""
@@ -90,11 +90,11 @@ class FieldPsf:
         value[..., :SHIFT] = self.value[..., :SHIFT] - np.tensordot(
             weight, self.value[..., :SHIFT], 1
         )
-        for c, one in enumerate(self.colour):
-            found = self._over_frame(float(one))
-            flux = found[:, SHIFT]
+        for c, colour in enumerate(self.colour):
+            images = self._over_frame(float(colour))
+            flux = images[:, SHIFT]
             value[c, ..., SHIFT] = flux.mean()
-            value[c, ..., SHIFT + 1 :] = flux @ found[:, SHIFT + 1 :] / flux.sum()
+            value[c, ..., SHIFT + 1 :] = flux @ images[:, SHIFT + 1 :] / flux.sum()
         return replace(self, value=value)
 
     def _over_frame(self, colour: float) -> Floats:
@@ -126,32 +126,31 @@ class FieldPsf:
         share = weight / weight.sum()
         middle_x, middle_y = share @ x, share @ y
         there = np.flatnonzero(np.isfinite(middle_x + middle_y))
-        found = self.at(middle_x[there], middle_y[there], colour[there])
-        part = found[:, SHIFT + 1 :] * (found[:, SHIFT] * electrons[there])[:, None]
+        values = self.at(middle_x[there], middle_y[there], colour[there])
+        part = values[:, SHIFT + 1 :] * (values[:, SHIFT] * electrons[there])[:, None]
         part[np.abs(part) * self.peak <= LEAST] = 0.0
         lit = np.flatnonzero(part[:, 0])
         which = there[lit]
         # Row by row in memory; x[:, which] is not, and kernels are compiled anew for it.
         x, y = x.take(which, axis=1), y.take(which, axis=1)
-        return x + found[lit, 0], y + found[lit, 1], part[lit]
+        return x + values[lit, 0], y + values[lit, 1], part[lit]
 
 
 @kernel
-def _add_near(value, node_x, node_y, node_c, x, y, colour, found):  # type: ignore[no-untyped-def]
+def _add_near(
+    value: Floats, node_x: Floats, node_y: Floats, node_c: Floats, x: Floats, y: Floats,
+    colour: Floats, total: Floats,
+) -> None:  # fmt: skip
     """Add the weighted values of the nodes around each place."""
     near_x, near_y, near_c = np.empty(4), np.empty(4), np.empty(len(node_c))
     even = np.arange(4.0)
-    for n in range(len(found)):
+    for n in range(len(total)):
         across = (x[n] - node_x[0]) / (node_x[1] - node_x[0])
         down = (y[n] - node_y[0]) / (node_y[1] - node_y[0])
-        across, down = (
-            min(max(across, 0.0), len(node_x) - 1.0),
-            min(max(down, 0.0), len(node_y) - 1.0),
-        )
-        u, v = (
-            min(max(int(across) - 1, 0), len(node_x) - 4),
-            min(max(int(down) - 1, 0), len(node_y) - 4),
-        )
+        across = min(max(across, 0.0), len(node_x) - 1.0)
+        down = min(max(down, 0.0), len(node_y) - 1.0)
+        u = min(max(int(across) - 1, 0), len(node_x) - 4)
+        v = min(max(int(down) - 1, 0), len(node_y) - 4)
         _lagrange(even, across - u, near_x)
         _lagrange(even, down - v, near_y)
         _lagrange(node_c, min(max(colour[n], node_c[0]), node_c[-1]), near_c)
@@ -161,20 +160,23 @@ def _add_near(value, node_x, node_y, node_c, x, y, colour, found):  # type: igno
                     weight = near_c[c] * near_y[j] * near_x[i]
                     near = value[c, v + j, u + i]
                     for k in range(len(near)):
-                        found[n, k] += weight * near[k]
+                        total[n, k] += weight * near[k]
 
 
 @instead_of(_add_near)
-def _add_near_of_arrays(value, node_x, node_y, node_c, x, y, colour, found):  # type: ignore[no-untyped-def]
+def _add_near_of_arrays(
+    value: Floats, node_x: Floats, node_y: Floats, node_c: Floats, x: Floats, y: Floats,
+    colour: Floats, total: Floats,
+) -> None:  # fmt: skip
     (u, near_x), (v, near_y) = local_weights(node_x, x), local_weights(node_y, y)
     near_c = lagrange_weights(node_c, np.clip(colour, node_c[0], node_c[-1]))
     for c, j, i in np.ndindex(len(value), 4, 4):
         weight = near_c[:, c] * near_y[:, j] * near_x[:, i]
-        found += weight[:, None] * value[c, v + j, u + i]
+        total += weight[:, None] * value[c, v + j, u + i]
 
 
 @kernel
-def _lagrange(nodes, at, weight):  # type: ignore[no-untyped-def]
+def _lagrange(nodes: Floats, at: float, weight: Floats) -> None:
     """Write the weights of the values at nodes, as `lagrange_weights`."""
     for k in range(len(nodes)):
         weight[k] = 1.0

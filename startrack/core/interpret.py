@@ -38,7 +38,7 @@ def interpreted(compiling: Callable[[], bool]) -> Iterator[None]:
 
     compiling  whether another process is compiling them now; without one, a kernel is compiled here
                after PATIENCE seconds in Python
-    Accuracy   the same operations in the same precision, but for sums that `fastmath` lets the
+    Accuracy   the same operations in the same precision, except sums that `fastmath` lets the
                compiler order anew and for literals of whole numbers beside float32: relative
                differences of 1e-7 in single precision, of 1e-16 elsewhere.
     """
@@ -88,15 +88,16 @@ def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionTy
         return _looking(twin(value.py_func, is_kernel)) if is_kernel(value) else _as_argument(value)
 
     names |= {name: inner(value) for name, value in function.__globals__.items()}
-    for cell, known in zip(cells, function.__closure__ or (), strict=True):
-        cell.cell_contents = inner(known.cell_contents)
+    for cell, original in zip(cells, function.__closure__ or (), strict=True):
+        cell.cell_contents = inner(original.cell_contents)
     return found
 
 
 def _strong(code: CodeType) -> CodeType:
     """Code whose literals are of double precision beside single precision, too, as numba has it."""
     constants = tuple(
-        _strong(one) if isinstance(one, CodeType) else _as_argument(one) for one in code.co_consts
+        _strong(constant) if isinstance(constant, CodeType) else _as_argument(constant)
+        for constant in code.co_consts
     )
     return code.replace(co_consts=constants)
 
@@ -126,8 +127,8 @@ def _arrays(value: Any) -> Iterator[Any]:
     if isinstance(value, np.ndarray) and value.flags.writeable:
         yield value
     elif isinstance(value, tuple):
-        for one in value:
-            yield from _arrays(one)
+        for item in value:
+            yield from _arrays(item)
 
 
 class _Look:

@@ -1,7 +1,10 @@
-"""Values that take long to compute -> kept, as long as all that are kept take a share of memory."""
+"""What is kept between calls: values that take long to compute, and large arrays of a plan.
+
+All values that are kept take at most a share of the memory limit."""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from functools import partial, update_wrapper
@@ -9,8 +12,11 @@ from typing import Any, Generic, ParamSpec, TypeVar
 from weakref import WeakSet
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
-from startrack.core.memory import memory_limit, release_with
+from startrack.core.arrays import Ints
+from startrack.core.kernel import kernel
+from startrack.core.memory import memory_limit, release_with, require_memory
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -132,3 +138,50 @@ def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
             yield from _arrays(part, seen)
     elif hasattr(value, "__dict__") and not callable(value):
         yield from _arrays(vars(value), seen)
+
+
+Image = NDArray[np.float32]
+
+
+class Workspace(threading.local):
+    """Arrays by name, separate for each thread; whoever makes it decides who may share them.
+
+    A new array costs a page fault for each row that is written: milliseconds where windows lie
+    all over a frame.
+    """
+
+    def __init__(self) -> None:
+        self._arrays = dict[str, NDArray[Any]]()
+        self._canvases = dict[str, tuple[Image, float, Ints]]()
+
+    def array(self, name: str, shape: tuple[int, ...], kind: DTypeLike) -> NDArray[Any]:
+        """The array of that name as the last call left it; zeros at first."""
+        array = self._arrays.get(name)
+        if array is None or array.shape != shape or array.dtype != kind:
+            size = math.prod(shape) * np.dtype(kind).itemsize
+            require_memory(size, f"an array of {' x '.join(map(str, shape))} numbers")
+            array = self._arrays[name] = np.zeros(shape, kind)
+        return array
+
+    def canvas(self, name: str, shape: tuple[int, int], level: float, windows: Ints) -> Image:
+        """The float32 image of that name, one level everywhere except in the windows of this call.
+
+        Only the windows of the last call are filled with the level again.
+
+        windows  (w, 4) left, top, right, bottom (exclusive); their pixels hold any values
+        """
+        image = self.array(name, shape, np.float32)
+        last = self._canvases.get(name)
+        if last and last[0] is image and last[1] == level:
+            _paint(image, last[2], level)
+        else:
+            image.fill(level)
+        self._canvases[name] = image, level, windows
+        return image
+
+
+@kernel
+def _paint(image, windows, level):  # type: ignore[no-untyped-def]
+    for k in range(len(windows)):
+        left, top, right, bottom = windows[k]
+        image[top:bottom, left:right] = level

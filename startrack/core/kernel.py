@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import stat
 import sys
 import tempfile
 import warnings
@@ -22,8 +23,6 @@ import llvmlite
 import numba
 import numpy as np
 
-from startrack.core.trust import private_folder, trusted
-
 PACKAGE = Path(__file__).parents[1]
 # Rooms without kernels, none of whose values are compiled into those of other rooms.
 WITHOUT_KERNELS = {
@@ -32,6 +31,7 @@ WITHOUT_KERNELS = {
 }  # fmt: skip
 config: Any = numba.config  # its names are made when it is read
 NAME = "kernels-"  # begins the name of a folder of compiled code
+PRIVATE = 0o700  # mode of a folder
 KEPT = 4  # folders, those used last; chosen by hand
 READY = "ready"  # file of a folder that holds all that one trial and its identification need
 FAILED = "kernels take twice as long to compile, because this version of numba has changed"
@@ -156,3 +156,24 @@ def compiling_reports(report: Callable[[float], None]) -> Iterator[None]:
         yield
     finally:
         reports.remove(report)
+
+
+def trusted(path: str | os.PathLike[str]) -> bool:
+    """Whether a file or folder is of this user or of the system, and no other can write to it.
+
+    An installation by the administrator is the system's: whoever runs it trusts its code already.
+    """
+    if not hasattr(os, "geteuid"):  # Windows: the user's folders are closed to others
+        return True
+    try:
+        status = os.stat(path)
+    except OSError:
+        return False
+    return status.st_uid in (os.geteuid(), 0) and not status.st_mode & stat.S_IWOTH
+
+
+def private_folder(path: Path) -> bool:
+    """Make a folder that only this user can open; whether there is such a one then."""
+    with suppress(OSError):
+        path.mkdir(parents=True, exist_ok=True, mode=PRIVATE)
+    return trusted(path)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from startrack.core.refused import Refused
+from startrack.core.checks import Refused
 
 try:
     import resource

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.random.bit_generator import ISpawnableSeedSequence
 from numpy.typing import NDArray
 
-from startrack.core.checks import whole
+from startrack.core.checks import Refused, whole
 from startrack.core.kernel import kernel
-from startrack.core.refused import Refused
 
 POOL = 4  # words of 32 bits
 STATE = 3  # numbers of 64 bits, that SFC64 asks for
-MIXING = 12  # numbers that SFC64 leaves out at first
 FIRST_A, FACTOR_A = np.uint32(0x43B0D7E5), np.uint32(0x931E8875)
 FIRST_B, FACTOR_B = np.uint32(0x8B51F9DD), np.uint32(0x58F38DED)
 LEFT, RIGHT = np.uint32(0xCA01F9DD), np.uint32(0x4973F715)
@@ -47,7 +45,7 @@ class Seeds(ISpawnableSeedSequence):
 
 
 @kernel
-def _state(entropy):  # type: ignore[no-untyped-def]
+def _state(entropy: NDArray[np.uint64]) -> NDArray[np.uint64]:
     pool, factor = _pool(_words(entropy)), FIRST_B
     state = np.empty(STATE, np.uint64)
     for k in range(STATE):
@@ -58,34 +56,22 @@ def _state(entropy):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _first_number(entropy):  # type: ignore[no-untyped-def]
-    """What an SFC64 of these seeds gives first."""
-    a, b, c = _state(entropy)
-    count, number = np.uint64(1), np.uint64(0)
-    for _ in range(MIXING + 1):
-        number = a + b + count
-        count += np.uint64(1)
-        a, b = b ^ (b >> np.uint64(11)), c + (c << np.uint64(3))
-        c = ((c << np.uint64(24)) | (c >> np.uint64(40))) + number
-    return number
-
-
-@kernel
-def _words(entropy):  # type: ignore[no-untyped-def]
+def _words(entropy: NDArray[np.uint64]) -> NDArray[np.uint32]:
     """The numbers in words, the low one first, and no high one where that is zero."""
     words = np.zeros(2 * len(entropy), np.uint32)
     count = 0
-    for each in entropy:
-        words[count] = np.uint32(each)
+    for number in entropy:
+        words[count] = np.uint32(number)
         count += 1
-        if each >> WORD:
-            words[count] = np.uint32(each >> WORD)
+        if number >> WORD:
+            words[count] = np.uint32(number >> WORD)
             count += 1
     return words[: max(count, POOL)]
 
 
 @kernel
-def _pool(words):  # type: ignore[no-untyped-def]
+def _pool(words: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """The four words that `numpy.random.SeedSequence` mixes all words of the entropy into."""
     pool = np.empty(POOL, np.uint32)
     factor = FIRST_A
     for k in range(POOL):
@@ -111,8 +97,8 @@ def _hashed(word, factor, growth):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _mixed(one, other):  # type: ignore[no-untyped-def]
-    mixed = np.uint32(np.uint32(LEFT * one) - np.uint32(RIGHT * other))
+def _mixed(first, other):  # type: ignore[no-untyped-def]
+    mixed = np.uint32(np.uint32(LEFT * first) - np.uint32(RIGHT * other))
     return np.uint32(mixed ^ (mixed >> HALF))
 
 
@@ -136,14 +122,16 @@ class Streams:
 
     def __call__(self, cause: str) -> np.random.Generator:
         """The generator of one cause, from its start."""
-        seeds = Seeds(self.seed, self.trial, _number_of(cause))
-        # numpy takes any ISeedSequence, which its stubs do not know.
-        return np.random.Generator(np.random.SFC64(seeds))  # type: ignore[arg-type]
+        return np.random.Generator(self._bits(cause))
 
     def key(self, cause: str) -> np.uint64:
         """The first 64 bits of one cause, for counters of compiled code."""
-        entropy = np.array((self.seed, self.trial, _number_of(cause)), np.uint64)
-        return np.uint64(_first_number(entropy))
+        return np.uint64(self._bits(cause).random_raw())
+
+    def _bits(self, cause: str) -> np.random.SFC64:
+        seeds = Seeds(self.seed, self.trial, _number_of(cause))
+        # numpy takes any ISeedSequence, which its stubs do not know.
+        return np.random.SFC64(seeds)  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=256)

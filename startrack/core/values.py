@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -11,7 +13,33 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.camera import Camera
-from startrack.core.notebook import html_table, short_text
+
+Rows = Iterable[tuple[str, ...]]
+
+
+def short_text(kind: str, rows: Rows) -> str:
+    """Name of a class and its values on one line, each with its name.
+
+    >>> short_text("Frame", [("size", "512 x 512"), ("exposure", "80 ms")])
+    'Frame(size: 512 x 512, exposure: 80 ms)'
+    """
+    return f"{kind}({', '.join(f'{row[0]}: {row[1]}' for row in rows)})"
+
+
+def html_table(title: str, rows: Rows, head: tuple[str, ...] = ()) -> str:
+    """A table of HTML; all texts are escaped.
+
+    >>> html_table("<Frame>", [("size", "512 x 512")])
+    '<table><caption>&lt;Frame&gt;</caption><tr><td>size</td><td>512 x 512</td></tr></table>'
+    """
+    lines = [_row("th", head)] if head else []
+    lines += [_row("td", row) for row in rows]
+    return f"<table><caption>{html.escape(title)}</caption>{''.join(lines)}</table>"
+
+
+def _row(cell: str, texts: tuple[str, ...]) -> str:
+    inner = "".join(f"<{cell}>{html.escape(text)}</{cell}>" for text in texts)
+    return f"<tr>{inner}</tr>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,13 +185,15 @@ class Frame:
         rows += [("type", str(self.image.dtype))]
         if self.image.size:
             rows += [("values", f"{self.image.min():g} to {self.image.max():g} DN")]
-        known = (
+        properties = (
             ("exposure", 1e3 * self.exposure, "ms"),
             ("gain", self.electrons_per_dn, "e-/DN"),
             ("offset", self.offset, "DN"),
             ("read noise", self.read_noise, "e- rms"),
         )
-        return rows + [(name, f"{one:.4g} {unit}") for name, one, unit in known if one == one]
+        return rows + [
+            (name, f"{value:.4g} {unit}") for name, value, unit in properties if value == value
+        ]
 
     def __repr__(self) -> str:
         return short_text("Frame", self._rows)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import numpy as np
-from numba import vectorize
 from scipy import special
 
-from startrack.core.kernel import in_folder, kernel
+from startrack.core.kernel import kernel
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # odd, next to 2^64 over the golden ratio
 FIRST = np.uint64(0xBF58476D1CE4E5B9)
@@ -60,7 +58,7 @@ HERMITE = np.column_stack([_quantile[:-1], _rise, _left, _right])
 
 
 @kernel
-def inverse_normal(probability):  # type: ignore[no-untyped-def]
+def inverse_normal(probability: float) -> float:
     """Phi^-1(probability), by cubic Hermite interpolation.
 
     probability  1, in [2^-54, 1 - 2^-54]
@@ -92,11 +90,21 @@ LOG_FACTORIAL = special.gammaln(np.arange(200.0) + 1)
 
 
 @kernel
-def quantile(mean, normal):  # type: ignore[no-untyped-def]
+def poisson_quantile(mean: float, normal: float) -> float:
     """The Poisson number that has the same cumulative probability as a standard normal one.
+
+        n = min { n : P(N <= n) >= Phi(normal) }
 
     The expansion gives the quantile x of the continuous distribution Q(x, mean), whose whole
     part is the answer; if x is close to a whole number, the sum of probabilities decides.
+
+    Source: the expansion is that of Giles (2016), ACM TOMS 42(1), 7, Algorithm 955, eq. for the
+    normal asymptotic; the decision near whole numbers is exact.
+
+    mean      expectation; zero or less gives zero
+    Accuracy  numerical: exact within 7 standard deviations up to a mean of 1e5; beyond either,
+              sometimes off by one. Beyond 8.2 standard deviations (probability 2e-16) it is
+              clipped.
     """
     if mean <= 0.0:
         return 0.0
@@ -123,7 +131,7 @@ def quantile(mean, normal):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _from_zero(mean, w):  # type: ignore[no-untyped-def]
+def _from_zero(mean: float, w: float) -> float:
     """Quantile by the sum of probabilities from zero, or of the upper tail where it is smaller."""
     if w < 4.0:
         target = _phi(w)
@@ -134,14 +142,14 @@ def _from_zero(mean, w):  # type: ignore[no-untyped-def]
             probability *= mean * INVERSE[k]
             total += probability
         return float(k)
-    k = math.floor(mean)
-    while _exceeds(mean, k, w):
-        k += 1.0
-    return k
+    number = float(math.floor(mean))
+    while _exceeds(mean, number, w):
+        number += 1.0
+    return number
 
 
 @kernel
-def _phi(w):  # type: ignore[no-untyped-def]
+def _phi(w: float) -> float:
     at = (w + 9.0) * STEPS
     i = int(at)
     t = at - i
@@ -151,7 +159,7 @@ def _phi(w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _exceeds(mean, k, w):  # type: ignore[no-untyped-def]
+def _exceeds(mean: float, k: float, w: float) -> bool:
     """Whether the quantile lies above k: P(N <= k) < Phi(w), compared in the smaller tail."""
     if w < 0:
         term = _probability(mean, k)
@@ -172,7 +180,7 @@ def _exceeds(mean, k, w):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _probability(mean, k):  # type: ignore[no-untyped-def]
+def _probability(mean: float, k: float) -> float:
     """P(N = k)."""
     n = int(k)
     log_factorial = LOG_FACTORIAL[n] if n < 200 else math.lgamma(k + 1)
@@ -180,10 +188,10 @@ def _probability(mean, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def poisson_of_uniform(mean, uniform_number):  # type: ignore[no-untyped-def]
+def poisson_of_uniform(mean: float, uniform_number: float) -> float:
     """The Poisson number of a uniform number in (0, 1): the quantile of that probability."""
     if mean >= SMALL or uniform_number > LARGEST_PROBABILITY:
-        return quantile(mean, inverse_normal(uniform_number))
+        return poisson_quantile(mean, inverse_normal(uniform_number))
     term = math.exp(-mean) if mean > 0.0 else 1.0
     total, k = term, 0
     while total < uniform_number:
@@ -191,22 +199,3 @@ def poisson_of_uniform(mean, uniform_number):  # type: ignore[no-untyped-def]
         term *= mean * INVERSE[k]
         total += term
     return float(k)
-
-
-@in_folder(partial(vectorize, cache=True), vectorize)  # without types: built when it is called
-def poisson_quantile(mean: float, normal: float) -> float:
-    """Poisson numbers as quantiles of standard normal ones, element by element.
-
-        n = min { n : P(N <= n) >= Phi(normal) }
-
-    Source: the expansion is that of Giles (2016), ACM TOMS 42(1), 7, Algorithm 955, eq. for the
-    normal asymptotic; the decision near whole numbers is exact.
-
-    mean      (...) expectation; zero or less gives zero
-    normal    (...) standard normal
-    Returns   (...) whole numbers as floats
-    Accuracy  numerical: exact within 7 standard deviations up to a mean of 1e5; beyond either,
-              sometimes off by one. Beyond 8.2 standard deviations (probability 2e-16) it is
-              clipped.
-    """
-    return quantile(mean, normal)

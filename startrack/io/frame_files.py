@@ -87,8 +87,8 @@ class FrameFiles:
         self._rows.append(
             [
                 *(path.name, place, repr(float(time)), date_text(begun), repr(float(exposure))),
-                *(repr(float(one)) for one in icrs_to_camera.as_quat(canonical=True)),
-                *(f"{one:.9f}" for one in celestial(icrs_to_camera)),
+                *(repr(float(component)) for component in icrs_to_camera.as_quat(canonical=True)),
+                *(f"{angle:.9f}" for angle in celestial(icrs_to_camera)),
             ]
         )
 
@@ -173,8 +173,8 @@ def _whole_numbers(image: NDArray[Any], format: str) -> NDArray[Any]:
     """The image in 8 or 16 bits without a sign."""
     if image.dtype in (np.uint8, np.uint16):
         return image
-    whole = image.size > 0 and np.issubdtype(image.dtype, np.integer)
-    if whole and image.min() >= 0 and image.max() < 2**16:
+    integer = image.size > 0 and np.issubdtype(image.dtype, np.integer)
+    if integer and image.min() >= 0 and image.max() < 2**16:
         return image.astype(np.uint16)
     raise ValueError(
         f"a frame must have whole numbers from 0 to 65535 to be written as {format}, got "

@@ -13,9 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Frame, Stars, require_memory
-from startrack.io.checked_fits import require_fits
-from startrack.io.picture_size import picture_size
-from startrack.io.reading import read_bytes, regular_file, unpacked
+from startrack.io.reading import picture_size, read_bytes, regular_file, require_fits, unpacked
 from startrack.io.recordings import VIDEOS, Layout, read_raw, read_ser, read_video
 from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header
@@ -72,8 +70,7 @@ def require_image_memory(path: Path, columns: int, rows: int, pixel: int) -> Non
     Raises  ValueError with the size and the limit.
     """
     require_memory(
-        columns * rows * (2 * pixel + SEARCHED),
-        f"{path}, an image of {columns} x {rows} pixels,",
+        columns * rows * (2 * pixel + SEARCHED), f"{path}, an image of {columns} x {rows} pixels,"
     )
 
 
@@ -165,7 +162,7 @@ def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
                 )
                 _require_fits_memory(path, unit.header)
                 image, header = np.asarray(unit.data), unit.header
-                known = [_number(header, key) for key in ("EXPTIME", "GAIN", "RDNOISE")]
+                numbers = [_number(header, key) for key in ("EXPTIME", "GAIN", "RDNOISE")]
                 offset = _number(header, "PEDESTAL", 0.0)
                 said = _pattern(header)
     except StopIteration:
@@ -192,7 +189,7 @@ def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
     if image.ndim != 2:
         raise ValueError(f"{path} must hold an image of two axes, got shape {image.shape}")
     image = layout.one_image(path, image.astype(image.dtype.newbyteorder("=")), said)
-    return Frame(image, known[0], known[1], offset, known[2])
+    return Frame(image, numbers[0], numbers[1], offset, numbers[2])
 
 
 def _pattern(header) -> str | None:  # type: ignore[no-untyped-def]

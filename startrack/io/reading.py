@@ -1,13 +1,46 @@
-"""Path of a file from anybody -> its bytes, where it is a regular file of no more than a size."""
+"""Path of a file -> its bytes, where it is regular, not too large and what it claims to be.
+
+Files may be from anybody: a FIFO would wait for ever, a few bytes may unpack to more than the
+memory, and a header may announce a picture that no memory holds.
+"""
 
 from __future__ import annotations
 
+import io
 import os
+import re
 import stat
+import struct
+import warnings
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from startrack.core import require_memory
+
+PACKAGE = Path(__file__).resolve().parents[1]
+# In an installed wheel, and in a checkout of the repository.
+FOLDERS = (PACKAGE / "_catalogs", PACKAGE.parent / "catalogs")
+
+
+def shipped(name: str) -> Path:
+    """Where a shipped data file or folder lies.
+
+    >>> shipped("stars/bright.fits").name
+    'bright.fits'
+
+    name     path inside `catalogs`, with forward slashes
+    Returns  its path on this computer
+    Raises   FileNotFoundError where this installation does not have it.
+    """
+    for folder in FOLDERS:
+        if (folder / name).exists():
+            return folder / name
+    looked = " or ".join(str(folder) for folder in FOLDERS)
+    raise FileNotFoundError(f"shipped data must be in {looked}, and {name!r} is in neither")
+
 
 MIB = 2**20  # byte
 PIECE = 4 * MIB  # bytes that are unpacked at a time
@@ -84,3 +117,133 @@ def unpacked(path: Path, data: bytes, times: int = 1) -> bytes:
     except zlib.error as error:
         raise ValueError(f"{path} must be a whole gzip file, got: {error}") from None
     return b"".join(pieces)
+
+
+TIFF_WIDTH, TIFF_LENGTH, TIFF_BITS, TIFF_SAMPLES = 256, 257, 258, 277
+TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
+PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
+# Start of frame, in all of its variants; 0xC4, 0xC8 and 0xCC are others.
+JPEG_FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+
+
+class PictureSize(NamedTuple):
+    """Size of a picture as its header has it; bytes of one pixel, with all its channels."""
+
+    columns: int
+    rows: int
+    pixel: int
+
+
+def picture_size(data: bytes) -> PictureSize | None:
+    """What the header says; None where it is cut or of another format.
+
+    Source: PNG, ISO/IEC 15948, 11.2.2; JPEG, ITU-T T.81, B.2.2; TIFF 6.0, section 2, and BigTIFF.
+    """
+    try:
+        if data[:8] == b"\x89PNG\r\n\x1a\n" and data[12:16] == b"IHDR":
+            columns, rows, bits, colour = struct.unpack_from(">IIBB", data, 16)
+            return PictureSize(columns, rows, PNG_CHANNELS.get(colour, 4) * max(bits // 8, 1))
+        if data[:2] == b"\xff\xd8":
+            return _jpeg(data)
+        if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+            return _tiff(data)
+    except (struct.error, IndexError):
+        pass
+    return None
+
+
+def _jpeg(data: bytes) -> PictureSize | None:
+    at = 2
+    while at < len(data):
+        if data[at] != 0xFF:
+            return None
+        marker = data[at + 1]
+        if marker == 0xFF:  # filling
+            at += 1
+            continue
+        if marker in JPEG_FRAMES:
+            rows, columns, channels = struct.unpack_from(">HHB", data, at + 5)
+            return PictureSize(columns, rows, channels)
+        alone = marker == 0x01 or 0xD0 <= marker <= 0xD8
+        at += 2 if alone else 2 + struct.unpack_from(">H", data, at + 2)[0]
+    return None
+
+
+def _tiff(data: bytes) -> PictureSize | None:
+    order = "<" if data[:1] == b"I" else ">"
+    big = data[2:4] in (b"+\0", b"\0+")
+    (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)
+    (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, at)
+    at += 8 if big else 2
+    tags: dict[int, tuple[int, ...]] = {}
+    for _ in range(min(count, 4096)):
+        tag, kind, number = struct.unpack_from(order + ("HHQ" if big else "HHI"), data, at)
+        code = TIFF_TYPES.get(kind)
+        if code and tag in (TIFF_WIDTH, TIFF_LENGTH, TIFF_BITS, TIFF_SAMPLES) and 0 < number < 256:
+            form, place = f"{order}{number}{code}", at + (12 if big else 8)
+            if struct.calcsize(form) > (8 if big else 4):
+                (place,) = struct.unpack_from(order + ("Q" if big else "I"), data, place)
+            tags[tag] = struct.unpack_from(form, data, place)
+        at += 20 if big else 12
+    if TIFF_WIDTH not in tags or TIFF_LENGTH not in tags:
+        return None
+    bits, samples = tags.get(TIFF_BITS, (1,)), tags.get(TIFF_SAMPLES, (1,))[0]
+    return PictureSize(tags[TIFF_WIDTH][0], tags[TIFF_LENGTH][0], samples * -(-max(bits) // 8))
+
+
+CARD, MOST = 80, 999  # byte of a card; axes and columns, FITS 4.0
+COUNTED = b"NAXIS", b"TFIELDS"
+COUNT = re.compile(rb"(%b)\s*=\s*(\d+)" % b"|".join(COUNTED))
+
+
+def require_fits(path: Path, data: bytes) -> None:
+    """Refuse what astropy would read for hours: more axes or columns than the standard's 999.
+
+    Raises  ValueError where the bytes are no FITS file, too.
+    """
+    if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
+        raise ValueError(f"{path} must be a whole FITS file, which begins with SIMPLE")
+    for start in _counts(data):
+        count = COUNT.match(data, start)
+        if count and start % CARD == 0 and int(count[2][:9]) > MOST:
+            raise ValueError(
+                f"{path} must be a whole FITS file, with {count[1].decode()} at most {MOST}, got "
+                f"{count[2][:9].decode()}"
+            )
+
+
+def _counts(data: bytes) -> Iterator[int]:
+    """Where the keywords of counts stand, or what looks like them."""
+    for keyword in COUNTED:
+        at = data.find(keyword)
+        while at >= 0:
+            yield at
+            at = data.find(keyword, at + 1)
+
+
+@contextmanager
+def open_checked(path: Path, keyword: str, form: int, what: str) -> Iterator[Any]:
+    """The parts of a file, while it is open.
+
+    keyword  of the first header, that names the format
+    form     its value
+    what     the file is to be, for the sentence
+    Raises   FileNotFoundError; ValueError where it is something else, another format, or damaged.
+    """
+    from astropy.io import fits
+    from astropy.utils.exceptions import AstropyUserWarning
+
+    try:
+        data = read_bytes(path, what)
+        require_fits(path, data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", AstropyUserWarning)
+            with fits.open(io.BytesIO(data), checksum=True, memmap=False) as parts:
+                version = parts[0].header.get(keyword, "none")
+                if version != form:
+                    raise ValueError(f"{path} must be {what} of format {form}, got {version}")
+                yield parts
+    except FileNotFoundError:
+        raise
+    except (OSError, AstropyUserWarning, KeyError, AttributeError, TypeError) as error:
+        raise ValueError(f"{path} must be {what}, whole, got: {error}") from error

@@ -202,11 +202,11 @@ def read_video(path: Path, plane: int | None) -> NDArray[Any]:
 def _video_frame(path: Path, video: cv2.VideoCapture, plane: int) -> NDArray[Any] | None:
     """A frame, of three channels where it has colours; None where it cannot be decoded."""
     sides = cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH
-    rows, columns = (int(video.get(one)) for one in sides)
+    rows, columns = (int(video.get(side)) for side in sides)
     require_memory(12.0 * rows * columns, f"{path}, a video of {columns} x {rows} pixels,")
     form = int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)).to_bytes(8, "little", signed=True)
     video.set(cv2.CAP_PROP_CONVERT_RGB, 0 if form[:4] in VIDEO_GREY else 1)
     if not all(video.grab() for _ in range(plane + 1)):
         return None
-    found, image = video.retrieve()
-    return np.asarray(image) if found else None
+    decoded, image = video.retrieve()
+    return np.asarray(image) if decoded else None

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and folders that one process at a time writes to."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import csv
 import io
 import json
 import os
+import socket
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,7 +72,7 @@ def save_figure(path: Path, figure: Figure) -> None:
 
 
 def _titles(artist: Artist) -> Iterator[Text]:
-    """The texts of a figure, but for those of its axes."""
+    """The texts of a figure, except those of its axes."""
     from matplotlib.axis import Axis
     from matplotlib.text import Text
 
@@ -112,3 +114,93 @@ def save_csv(path: Path, head: Sequence[str], rows: Iterable[Iterable[Any]]) -> 
     writer.writerow(head)
     writer.writerows(rows)
     save_text(path, text.getvalue())
+
+
+fcntl: Any
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+NAME = ".startrack-process"  # in a folder that is written to
+LONGEST = 1000  # byte of a note
+
+
+def note_owner(path: Path) -> None:
+    """Write beside a file that this process has it; nothing where that cannot be written."""
+    with suppress(OSError):
+        _note(path).write_text(_words(), encoding="utf-8")
+
+
+def forget_owner(path: Path) -> None:
+    """Remove that note."""
+    with suppress(OSError):
+        _note(path).unlink()
+
+
+def owner(path: Path) -> str:
+    """Who has a file, as its note says: ", 1234 since 2026-..."; empty where there is none."""
+    return _read(_note(path))
+
+
+def _note(path: Path) -> Path:
+    return path.with_name(f"{path.name}-process")
+
+
+def _words() -> str:
+    since = datetime.now(UTC).isoformat(timespec="seconds")
+    return json.dumps({"process": os.getpid(), "host": socket.gethostname(), "since": since})
+
+
+def _read(path: Path) -> str:
+    try:
+        with open(path, "rb") as file:
+            note = json.loads(file.read(LONGEST))
+        return f", {int(note['process'])} on {note['host']!s:.60} since {note['since']!s:.40}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+
+
+@contextmanager
+def claimed_folder(folder: Path) -> Iterator[None]:
+    """Let no other process of startrack write to a folder at the same time.
+
+    The lock is the system's, so that it ends with the process however that ends. Drafts of files
+    that an ended process left in the folder are removed.
+
+    Raises  OSError with the other process and since when it has the folder.
+    """
+    made = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / NAME
+    if fcntl is None:
+        yield
+        return
+    while True:
+        with open(path, "a+b") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise OSError(f"{folder} is in use by another process{_read(path)}") from None
+            if not _named(path, file.fileno()):
+                continue  # the process before removed it between the two calls
+            file.truncate(0)
+            file.write(_words().encode())
+            file.flush()
+            for draft in folder.glob(f".*{DRAFT}*"):
+                draft.unlink()
+            try:
+                yield
+            finally:
+                with suppress(OSError):
+                    path.unlink()
+                    if made:
+                        folder.rmdir()  # where nothing was written
+            return
+
+
+def _named(path: Path, number: int) -> bool:
+    try:
+        return os.path.samestat(os.stat(path), os.fstat(number))
+    except FileNotFoundError:
+        return False

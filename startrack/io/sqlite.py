@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from startrack.io.claim import forget_owner, note_owner, owner
 from startrack.io.reading import regular_file
+from startrack.io.saving import forget_owner, note_owner, owner
 
 # Runs one statement with its values, in a transaction.
 Execute = Callable[..., sqlite3.Cursor]

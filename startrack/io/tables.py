@@ -1,4 +1,8 @@
-"""Frozen dataclasses to tables of TOML and back, units in strings, each error with its place."""
+"""Frozen dataclasses to tables of TOML and back, units in strings, each error with its place.
+
+A file may lie over others that it names, and single values over all: `Layers` knows of each value
+which file it is from.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,8 @@ import re
 import tomllib
 import typing
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,7 +31,7 @@ from startrack.core import (
     shown,
     write,
 )
-from startrack.io.reading import read_bytes
+from startrack.io.reading import read_bytes, shipped
 
 T = TypeVar("T")
 LARGEST = 2**20  # byte; the largest design of the catalogue has 5 kB
@@ -64,7 +69,7 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
                 + f"known here are {', '.join(fields) or 'no keys'}"
             )
     values = {key: _read(fields[key], value, _join(place, key)) for key, value in table.items()}
-    missing = [name for name, each in fields.items() if name not in values and each.required]
+    missing = [name for name, field in fields.items() if name not in values and field.required]
     if missing:
         raise Refused(f"{_join(place, missing[0])} is missing")
     try:
@@ -139,10 +144,10 @@ def _long_key(text: str) -> str:
 def to_table(value: Any) -> dict[str, Any]:
     """Turn a parameter object into a table that `from_table` reads back to an equal object."""
     table = {}
-    for name, each in fields_of(type(value)).items():  # type: ignore[arg-type]
+    for name, declared in fields_of(type(value)).items():  # type: ignore[arg-type]
         item = getattr(value, name)
         if item is not None:
-            table[name] = written(each, item)
+            table[name] = written(declared, item)
     return table
 
 
@@ -171,10 +176,10 @@ def _read(field: Field, value: object, place: str) -> Any:
             raise Refused(text if text.startswith(place) else f"{place} {text}") from None
     if kind is float and isinstance(value, str) and (share := fraction(value)) is not None:
         return _moderate(share, place)
-    whole = isinstance(value, int) and not isinstance(value, bool)
-    if whole and abs(typing.cast(int, value)) > LARGEST_INTEGER:
+    integer = isinstance(value, int) and not isinstance(value, bool)
+    if integer and abs(typing.cast(int, value)) > LARGEST_INTEGER:
         raise Refused(f"{place} must be a number below 2^63, got {shown(value)}")
-    if kind in (float, NUMBER_OR_TEXT) and whole:
+    if kind in (float, NUMBER_OR_TEXT) and integer:
         return float(typing.cast(int, value))
     if kind == NUMBER_OR_TEXT:
         if not isinstance(value, float | str):
@@ -212,3 +217,150 @@ def _write(kind: Any, unit: Unit | None, value: Any) -> Any:
 
 def _join(place: str, key: str) -> str:
     return f"{place}.{key}" if place else key
+
+
+DEEPEST = 16  # files below each other; chosen by hand
+KEY = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*")
+PLACE = re.compile(r"[^\s:]+")
+SET = "--set"
+Joined = Mapping[str, Mapping[str, Any]]
+NOT_JOINED: Joined = {}
+
+
+@dataclass
+class Layers:
+    """One table of several files.
+
+    table   the values
+    origin  file (or `--set`) of each value that is no table, by its place: "scene.background_g"
+    """
+
+    table: dict[str, Any] = field(default_factory=dict)
+    origin: dict[str, str] = field(default_factory=dict)
+
+    def lay(
+        self,
+        above: dict[str, Any],
+        origin: str | dict[str, str],
+        place: str = "",
+        joined: Joined = NOT_JOINED,
+    ) -> None:
+        """Put a table over this one: tables are merged by their keys, all else is replaced.
+
+        joined  as `read_layers` has it
+        """
+        below = self.table
+        for name in filter(None, place.split(".")):
+            below = below[name]
+        for key, value in above.items():
+            inner = f"{place}.{key}" if place else key
+            if isinstance(value, dict) and isinstance(below.get(key), dict):
+                self.lay(value, origin, inner)
+                continue
+            if key in joined and isinstance(value, list) and isinstance(below.get(key), list):
+                value = _joined(below[key], value, joined[key])
+            for place_below in [place for place in self.origin if _within(place, inner)]:
+                del self.origin[place_below]
+            below[key] = {} if isinstance(value, dict) else value
+            if isinstance(value, dict):
+                self.lay(value, origin, inner)
+            else:
+                self.origin[inner] = origin if isinstance(origin, str) else origin[inner]
+
+    def blamed(self, message: str, path: Path) -> str:
+        """A message on a place in the table, with the file that the value there is from."""
+        match = PLACE.match(message)
+        place = match[0] if match else ""
+        origins = {origin for name, origin in self.origin.items() if _within(name, place)}
+        return f"{origins.pop() if len(origins) == 1 else path}: {message}"
+
+
+def read_layers(
+    path: Path, what: str, changes: Sequence[str] = (), joined: Joined = NOT_JOINED
+) -> Layers:
+    """The table of a file over those that it names.
+
+        base = "other.toml"          the file below all others
+        include = ["a.toml", ...]    over the base, each over the one before
+
+    Both stand first in the file, which is over them; they may name others themselves. A name is
+    that of a file beside the one that names it, or of one in the catalogue
+    ("designs/nanosatellite.toml"). Tables are merged by their keys; a list replaces a list.
+
+    what     the file must be, for the errors: "a design file"
+    joined   keys of the outermost table whose lists of tables are added to those of the files
+             below; an entry replaces one below that is alike in some keys, given with defaults
+    changes  "key = value" each, over all files: "instrument.optics.f_number=2.0". A value that is
+             no TOML is a text: "instrument.optics.blur=3 um".
+    Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
+             itself by way of others, or a change is none.
+    """
+    layers = _read_layers(path, what, joined, ())
+    for change in changes:
+        layers.lay(_changed(change), SET)
+    return layers
+
+
+def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> list[Any]:
+    """The entries of both lists, without those below that one above is alike."""
+
+    def name(entry: Any) -> list[Any] | None:
+        return (
+            [entry.get(key, default) for key, default in alike.items()]
+            if isinstance(entry, dict)
+            else None
+        )
+
+    named = [name(entry) for entry in above]
+    return [entry for entry in below if name(entry) not in named] + above
+
+
+def _read_layers(path: Path, what: str, joined: Joined, above: tuple[Path, ...]) -> Layers:
+    if path.resolve() in above:
+        raise Refused(f"{above[0]}: base and include must not lead back to {path}")
+    if len(above) == DEEPEST:
+        raise Refused(f"{above[0]} must have at most {DEEPEST} files below each other")
+    own = read_table(path, what)
+    below, more = own.pop("base", None), own.pop("include", [])
+    if below is not None and not isinstance(below, str):
+        raise Refused(f"{path}: base must be the name of a file, got {shown(below)}")
+    if not (isinstance(more, list) and all(isinstance(name, str) for name in more)):
+        raise Refused(f"{path}: include must be a list of names of files, got {shown(more)}")
+    layers = Layers()
+    for key, name in [("base", below)] * (below is not None) + [("include", name) for name in more]:
+        read = _read_layers(_found(path, key, str(name)), what, joined, (*above, path.resolve()))
+        layers.lay(read.table, read.origin, joined=joined)
+    layers.lay(own, str(path), joined=joined)
+    return layers
+
+
+def _found(path: Path, key: str, name: str) -> Path:
+    try:
+        beside = path.parent / name
+        return beside if name and beside.exists() else shipped(name or "-")
+    except (OSError, ValueError):  # not there, or a name that no file can have
+        raise Refused(
+            f"{path}: {key} must be the name of a file beside it, or of one in the catalogue, such "
+            f"as 'designs/nanosatellite.toml', got {shown(name)}"
+        ) from None
+
+
+def _changed(change: str) -> dict[str, Any]:
+    key, equals, text = (part.strip() for part in change.partition("="))
+    if not (equals and KEY.fullmatch(key)):
+        raise Refused(
+            f"{SET} must be KEY=VALUE, such as instrument.optics.f_number=2.0, got {shown(change)}"
+        )
+    try:
+        read = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        read = {}
+    *outer, last = key.split(".")
+    table: dict[str, Any] = {last: read["value"] if list(read) == ["value"] else text}
+    for name in reversed(outer):
+        table = {name: table}
+    return table
+
+
+def _within(place: str, other: str) -> bool:
+    return place == other or place.startswith(f"{other}.")

@@ -4,12 +4,11 @@ bounds   Cramer-Rao bounds of centroid and attitude, and the error of the centre
 judge    Outcome of one trial from its estimate and the true attitude; which attitudes are correct.
 summary  Rms errors and availability of many outcomes, each with its interval.
 results  Results as rows and tables of records, and how they are written: JSON, text, Markdown.
-levels   Size of the error that is not exceeded at a stated confidence level.
-indices  The error indices of ECSS-E-ST-60-10C from a sequence of errors.
+levels   Size of the error that is not exceeded at a stated confidence level, and the error indices
+         of ECSS-E-ST-60-10C from a sequence of errors.
 """
 
 from startrack.metrics.bounds import Star, attitude_bound, centre_of_gravity_error, centroid_bound
-from startrack.metrics.indices import Indices, indices, reproducibility
 from startrack.metrics.judge import (
     FALSE_ANGLE,
     JUDGED,
@@ -23,12 +22,16 @@ from startrack.metrics.judge import (
 )
 from startrack.metrics.levels import (
     LEVELS,
+    Indices,
     Interpretation,
     fewest_trials,
+    indices,
     level,
     level_interval,
+    level_ranks,
     levels,
     quantile_of_few,
+    reproducibility,
 )
 from startrack.metrics.results import (
     ARCSEC,
@@ -40,6 +43,7 @@ from startrack.metrics.results import (
     Table,
     Unit,
     bounds_json,
+    bracketed,
     four_digits,
     limits_text,
     markdown,
@@ -59,26 +63,8 @@ from startrack.metrics.summary import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "LEVELS",
-    "Indices",
-    "Interpretation",
-    "Interval",
-    "Limits",
-    "Outcome",
-    "Star",
-    "Summary",
-    "attitude_bound",
-    "centre_of_gravity_error",
-    "centroid_bound",
-    "correct",
-    "fewest_trials",
-    "fraction_interval",
-    "indices",
-    "judge",
-    "level",
-    "level_interval",
-    "levels",
-    "reproducibility",
-    "rms_interval",
-    "summarise",
-]
+    "LEVELS", "Indices", "Interpretation", "Interval", "Limits", "Outcome", "Star", "Summary",
+    "attitude_bound", "centre_of_gravity_error", "centroid_bound", "correct", "fewest_trials",
+    "fraction_interval", "indices", "judge", "level", "level_interval", "levels", "reproducibility",
+    "rms_interval", "summarise",
+]  # fmt: skip

@@ -126,12 +126,12 @@ def judge_all(
     """
     judged = np.zeros(len(stars), JUDGED)
     error = np.where(solved[:, None], (estimate * truth.inv()).as_rotvec(), np.nan)
-    known = np.where(solved[:, None, None], covariance, np.eye(3))
-    sigma = np.sqrt(np.diagonal(known, axis1=1, axis2=2))
+    valid = np.where(solved[:, None, None], covariance, np.eye(3))
+    sigma = np.sqrt(np.diagonal(valid, axis1=1, axis2=2))
     for k, axis in enumerate("xyz"):
         judged[f"error_{axis}"] = error[:, k]
         judged[f"sigma_{axis}"] = np.where(solved, sigma[:, k], np.nan)
-    judged["nees"] = np.einsum("ni,ni->n", error, np.linalg.solve(known, error[..., None])[..., 0])
+    judged["nees"] = np.einsum("ni,ni->n", error, np.linalg.solve(valid, error[..., None])[..., 0])
     judged["stars"], judged["spots"], judged["solved"] = stars, spots, solved
     judged["false"] = np.linalg.norm(error, axis=1) > FALSE_ANGLE
     return judged

@@ -1,16 +1,17 @@
-"""Size of the error that is not exceeded at a stated confidence level."""
+"""Size of the error that is not exceeded at a confidence level, and the error indices of ECSS."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
 import scipy
 
-from startrack.core import Floats, Refused
+from startrack.core import Floats, Refused, positive
 from startrack.metrics.summary import Interval
 
 # The usual confidence levels of specifications: 1, 2 and 3 sigma of a normal error.
@@ -63,7 +64,8 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
     Raises      ValueError where the fraction is not in (0, 1) or there is no error.
     """
     size = np.sort(_sizes(np.atleast_2d(error), fraction)[0])
-    low, high = _ranks(len(size), fraction, (1 - confidence) / 2)
+    tail = (1 - confidence) / 2
+    low, high = level_ranks(len(size), fraction, tail, tail)
     return Interval(
         float(np.quantile(size, fraction)),
         float(size[low - 1]) if low > 0 else 0.0,
@@ -72,10 +74,13 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
 
 
 @lru_cache
-def _ranks(n: int, fraction: float, tail: float) -> tuple[int, int]:
-    """Which of n sorted errors, counted from one, bound a level; 0 and n + 1 are none."""
-    low = int(scipy.stats.binom.ppf(tail, n, fraction))  # at least so many lie below the level
-    return low, int(scipy.stats.binom.isf(tail, n, fraction)) + 1
+def level_ranks(n: int, fraction: float, low_tail: float, high_tail: float) -> tuple[int, int]:
+    """Which of n sorted errors, counted from one, bound a level; 0 and n + 1 are none.
+
+    low_tail, high_tail  probabilities that each bound does not hold
+    """
+    low = int(scipy.stats.binom.ppf(low_tail, n, fraction))  # at least so many lie below the level
+    return low, int(scipy.stats.binom.isf(high_tail, n, fraction)) + 1
 
 
 def quantile_of_few(values: Floats, fraction: float) -> Floats:
@@ -133,3 +138,64 @@ def _sizes(error: Floats, fraction: float) -> Floats:
 def _proper(fraction: float) -> None:
     if not 0 < fraction < 1:
         raise Refused(f"fraction and confidence must lie in (0, 1), got {fraction}")
+
+
+@dataclass(frozen=True, eq=False)
+class Indices:
+    """The error indices of one sequence.
+
+    Pointing errors are called APE, MPE, RPE and PDE; knowledge errors, such as those of a star
+    tracker, AKE, MKE, RKE and KDE.
+
+    absolute  (m, ...) error
+    mean      (k, ...) its mean over each window
+    relative  (j, ...) error minus the mean of its window, for the times in whole windows
+    drift     (k - lag, ...) mean of a window minus that of the window `lag` before
+    """
+
+    absolute: Floats
+    mean: Floats
+    relative: Floats
+    drift: Floats
+
+
+def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
+    """Compute the error indices of a sequence over consecutive windows.
+
+        APE(t) = e(t),  MPE = mean e over a window,  RPE(t) = e(t) - MPE,  PDE = MPE_2 - MPE_1
+
+    Source: ECSS-E-ST-60-10C (2008), 3.2.
+
+    error    (m, ...) error at equal steps of time, usually (m, 3) radian
+    step     second
+    window   second, rounded to a whole number of steps
+    lag      number of windows between the two of a drift
+    Returns  Indices; errors after the last whole window are in `absolute` alone
+    Raises   ValueError where the step or the lag is not positive, or a window holds less than one
+             step or more than the sequence.
+    """
+    positive(step=step, window=window)
+    steps = round(window / step)
+    count = len(error) // steps if steps else 0
+    if count < 1:
+        raise Refused(
+            f"window must last from one step ({step} s) to the sequence ({len(error) * step} s), "
+            f"got {window} s"
+        )
+    if lag < 1:
+        raise Refused(f"lag must be at least one window, got {lag}")
+    windows = error[: count * steps].reshape(count, steps, *error.shape[1:])
+    mean = windows.mean(axis=1)
+    relative = (windows - mean[:, None]).reshape(count * steps, *error.shape[1:])
+    return Indices(error, mean, relative, mean[lag:] - mean[:-lag])
+
+
+def reproducibility(first: Floats, second: Floats) -> Floats:
+    """Difference between the mean errors of two observation periods: PRE, of knowledge KRE.
+
+    Source: ECSS-E-ST-60-10C (2008), 3.2.
+
+    first, second  (m, ...) and (n, ...) errors
+    Returns        (...) mean of the second minus mean of the first
+    """
+    return np.asarray(second.mean(axis=0) - first.mean(axis=0))

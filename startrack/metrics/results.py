@@ -88,7 +88,12 @@ class Table:
     def json(self) -> list[dict[str, Any]]:
         """An object for each record."""
         return [
-            {k: v for one in self.columns if one.key for k, v in _fields(one, one.of(record))}
+            {
+                k: v
+                for column in self.columns
+                if column.key
+                for k, v in _fields(column, column.of(record))
+            }
             for record in self.records
         ]
 
@@ -167,6 +172,12 @@ def four_digits(value: float) -> str:
     if not math.isfinite(value):
         return "unknown" if math.isnan(value) else "open"
     return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def bracketed(interval: Interval, form: str, unit: float = 1.0) -> str:
+    """An interval as value [low, high], each in this form of `format`; unit: SI."""
+    value, low, high = (format(end / unit, form) for end in vars(interval).values())
+    return f"{value} [{low}, {high}]"
 
 
 def bounds_json(interval: Interval, unit: Unit = PURE) -> dict[str, float]:

@@ -72,8 +72,11 @@ class Summary:
             ("false", self.false, 0.01, "%"),
         )
         rows = [
-            (name, f"{one.value / unit:.3g} {text} [{one.low / unit:.3g}, {one.high / unit:.3g}]")
-            for name, one, unit, text in sizes
+            (
+                name,
+                f"{size.value / unit:.3g} {text} [{size.low / unit:.3g}, {size.high / unit:.3g}]",
+            )
+            for name, size, unit, text in sizes
         ]
         return [*rows, ("stars", f"{self.stars:.1f}"), ("trials", str(self.trials))]
 
@@ -112,13 +115,15 @@ def interval_table(statistics: Any) -> NDArray[np.void]:
     """One row of a dataclass of statistics: each field, and NAME_low and NAME_high of intervals."""
     columns = dict[str, float]()
     for field in fields(statistics):
-        one = getattr(statistics, field.name)
-        if isinstance(one, Interval):
+        value = getattr(statistics, field.name)
+        if isinstance(value, Interval):
             name = field.name
-            columns |= {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}
+            columns |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
         else:
-            columns[field.name] = one
-    kind = [(name, np.int64 if isinstance(one, int) else float) for name, one in columns.items()]
+            columns[field.name] = value
+    kind = [
+        (name, np.int64 if isinstance(value, int) else float) for name, value in columns.items()
+    ]
     return np.array([tuple(columns.values())], kind)
 
 

@@ -1,4 +1,4 @@
-"""Attitudes of trials: random, at Sobol points, or in each region of the sky in turn."""
+"""Attitudes of trials: random, at Sobol points, in each region, or where an event is likely."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Ints, Parameters, Range, Streams
+from startrack.core import Floats, Ints, Parameters, Range, Refused, Streams
 from startrack.trial import random_attitudes, rotations_from_cube
 
 
@@ -105,3 +105,39 @@ def _points(seed: int, replicate: int, index: NDArray[np.int64]) -> Floats:
     # A power of two, because scipy would warn otherwise; the balance is up to the caller.
     count = 1 << (int(index.max()) - first).bit_length()
     return np.asarray(engine.random(count)[index - first])
+
+
+DEFENCE = 0.2  # fraction of the trials in all regions alike, so that no weight exceeds 5
+
+
+def chances(score: Floats) -> Floats:
+    """Probability of trials in each region.
+
+    A defensive mixture: a part uniform, the others in proportion to the scores.
+
+        q_k = d / K + (1 - d) s_k / sum s
+
+    Source: Hesterberg (1995), Technometrics 37(2), 185.
+
+    score    (K,) not negative, rough likelihood of the event there; any is valid, a good one
+             reduces the variance
+    Returns  (K,) 1, sums to 1
+    """
+    total = float(score.sum())
+    if not (np.isfinite(score).all() and (score >= 0).all() and total > 0):
+        raise Refused("score must be finite, not negative, and somewhere positive")
+    return np.asarray(DEFENCE / len(score) + (1 - DEFENCE) * score / total)
+
+
+def where_likely(
+    seed: int, numbers: Sequence[int], regions: Regions, chance: Floats
+) -> tuple[Rotation, Floats]:
+    """Attitudes icrs_to_camera, more of them where `chance` is larger, and their weights.
+
+    Returns  attitudes; (n,) 1, uniform density over that drawn from. The mean of weight times
+             indicator is the probability of the event, for any chances.
+    """
+    fraction = np.array([Streams(seed, number)("rare").random(4) for number in numbers])
+    cell = np.searchsorted(np.cumsum(chance)[:-1], fraction[:, 0], side="right")
+    boresight = regions.place(cell, fraction[:, 1:3])
+    return towards(boresight, 2 * math.pi * fraction[:, 3]), 1 / (len(regions) * chance[cell])

@@ -54,7 +54,7 @@ class Endings:
 
     def count(self) -> dict[Ending, int]:
         """How many trials ended in each way."""
-        return {one: sum(each is one for each in self.ending) for one in Ending}
+        return {way: sum(ending is way for ending in self.ending) for way in Ending}
 
 
 def endings(
@@ -129,7 +129,7 @@ COLUMNS = ("ra_deg", "dec_deg", "roll_deg", "rate_deg_per_s", "sun_deg", "moon_d
 
 
 def with_causes(
-    case: Case, outcomes: NDArray[np.void], icrs_to_camera: Rotation, found: Endings
+    case: Case, outcomes: NDArray[np.void], icrs_to_camera: Rotation, ends: Endings
 ) -> NDArray[np.void]:
     """The table of outcomes with where each looked, how it ended, and why.
 
@@ -137,7 +137,7 @@ def with_causes(
              the boresight, roll, slew rate, angles to Sun, Moon and the Earth's limb, in degree;
              `status` and `reason`
     """
-    width = max((len(one) for one in found.reason), default=1)
+    width = max((len(reason) for reason in ends.reason), default=1)
     dtype = [*outcomes.dtype.descr, *((name, float) for name in COLUMNS)]
     table = np.empty(len(outcomes), [*dtype, ("status", "U16"), ("reason", f"U{max(width, 1)}")])
     for name in outcomes.dtype.names or ():
@@ -146,7 +146,7 @@ def with_causes(
     for name, column in zip(("ra_deg", "dec_deg", "roll_deg"), angles, strict=True):
         table[name] = column
     table["rate_deg_per_s"] = case.instrument.motion.rate / deg
-    for name, column in zip(("sun_deg", "moon_deg", "limb_deg"), found.angles.T, strict=True):
+    for name, column in zip(("sun_deg", "moon_deg", "limb_deg"), ends.angles.T, strict=True):
         table[name] = column / deg
-    table["status"], table["reason"] = found.ending, found.reason
+    table["status"], table["reason"] = ends.ending, ends.reason
     return table

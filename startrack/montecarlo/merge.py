@@ -49,23 +49,23 @@ def merge_stores(
     Raises    ValueError, with the file, where a part is none, of another campaign, or has a trial
               whose outcome differs from that of another part.
     """
-    found = []
+    read = []
     for part in sorted(parts):
-        found.append(_part(part))
-        _must_belong(found[0], found[-1])
+        read.append(_part(part))
+        _must_belong(read[0], read[-1])
         if progress:
             progress(1)
     with whole_file(path) as draft:
         base = Database(draft, STORE)
         try:
-            merged = _write(base, found)
+            merged = _write(base, read)
         finally:
             base.close()
     return merged
 
 
 def _part(path: Path) -> _Part:
-    """What a store holds, but for its outcomes."""
+    """What a store holds, except its outcomes."""
     with Store(path) as store:  # which checks the file
         done = store.done()
     base = Database(path, STORE, create=False)
@@ -83,18 +83,18 @@ def _part(path: Path) -> _Part:
 
 def _must_belong(first: _Part, other: _Part) -> None:
     for name in sorted(first.about.keys() | other.about.keys() - {WITHOUT_TRIALS}):
-        held, asked = first.about.get(name), other.about.get(name)
-        if held != asked and name != WITHOUT_TRIALS:
-            if name in ("case", "code") and held and asked:
-                where = difference(json.loads(held), json.loads(asked), name)
+        stored, asked = first.about.get(name), other.about.get(name)
+        if stored != asked and name != WITHOUT_TRIALS:
+            if name in ("case", "code") and stored and asked:
+                where = difference(json.loads(stored), json.loads(asked), name)
             else:
-                where = f"{name} is {held!r} there, {asked!r} here"
+                where = f"{name} is {stored!r} there, {asked!r} here"
             raise Refused(f"{other.path} is not of the campaign of {first.path}: {where}")
 
 
 def _write(base: Database, parts: list[_Part]) -> Merged:
     about = dict(parts[0].about)
-    asked = {one.about.get(WITHOUT_TRIALS) for one in parts}
+    asked = {part.about.get(WITHOUT_TRIALS) for part in parts}
     about.pop(WITHOUT_TRIALS, None)
     if len(asked) == 1 and (campaign := asked.pop()) is not None:
         about[WITHOUT_TRIALS] = campaign
@@ -103,7 +103,7 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
     with base.transaction() as execute:
         for row in sorted(about.items()):
             execute("INSERT INTO about VALUES (?, ?)", row)
-        for session in sorted({one for part in parts for one in part.sessions}):
+        for session in sorted({session for part in parts for session in part.sessions}):
             execute("INSERT INTO sessions VALUES (?, ?)", session)
         for table in _blocks(parts, repeated):
             first, data = int(table["trial"][0]), table.tobytes()
@@ -111,9 +111,9 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
             trials += len(table)
             execute("INSERT INTO blocks VALUES (?, ?, ?)", (first, len(table), data))
             execute("INSERT INTO checksums VALUES (?, ?)", (first, checksum(data)))
-        for failure in sorted({tuple(one) for part in parts for one in part.failures}):
+        for failure in sorted({tuple(failure) for part in parts for failure in part.failures}):
             # Where several parts failed at the same trial, the first report in their order stays.
-            if not any(held.start <= failure[0] < held.stop for held in done):
+            if not any(numbers.start <= failure[0] < numbers.stop for numbers in done):
                 execute("INSERT OR IGNORE INTO failures VALUES (?, ?, ?, ?)", failure)
     return Merged(trials, tuple(_touching(repeated)))
 
@@ -151,22 +151,24 @@ def _blocks(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[NDA
 
 def _runs(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[NDArray[np.void]]:
     """Outcomes of blocks in order of trial, without those that came before."""
-    order = sorted((held.start, held.stop, n) for n, part in enumerate(parts) for held in part.done)
+    order = sorted(
+        (numbers.start, numbers.stop, n) for n, part in enumerate(parts) for numbers in part.done
+    )
     before: NDArray[np.void] | None = None  # what trials that come again are compared with
     end, opened = 0, {}
     for first, stop, number in order:
         if number not in opened:
             with Store(parts[number].path) as store:
                 opened[number] = store.outcomes()
-        whole = opened[number]
-        low, high = np.searchsorted(whole["trial"], [first, stop])
-        table = whole[low:high]
+        outcomes = opened[number]
+        low, high = np.searchsorted(outcomes["trial"], [first, stop])
+        table = outcomes[low:high]
         if stop == parts[number].done[-1].stop:
             del opened[number]
         if before is not None and first < end:
             again = min(end, stop)
-            held = before[before["trial"] >= first]
-            if table[: again - first].tobytes() != held[: again - first].tobytes():
+            earlier = before[before["trial"] >= first]
+            if table[: again - first].tobytes() != earlier[: again - first].tobytes():
                 raise Refused(
                     f"{parts[number].path} has other outcomes of trials {first} to {again - 1} "
                     "than another part: one of them was made by other software"

@@ -9,17 +9,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack import metrics
 from startrack.core import Parameters, Range
-from startrack.metrics import (
-    STATED_ALONE,
-    Interval,
-    Limits,
-    correct,
-    fraction_interval,
-    level_interval,
-    rms_interval,
-)
-from startrack.montecarlo.mean_square import mean_square
+from startrack.montecarlo.estimate import mean_square
 
 STATISTICS = ("across", "about", "availability", "across-99.73")
 GROWTH = 1.2, 4.0  # least and largest factor from one test of the interval to the next; by hand
@@ -43,24 +35,26 @@ class Precision(Parameters):
     statistic: Annotated[str, Range(choices=STATISTICS)] = "across"
     confidence: Annotated[float, Range(0.5, 0.9999)] = 0.95
     sobol: bool = False
-    limits: Limits = STATED_ALONE
+    limits: metrics.Limits = metrics.STATED_ALONE
 
-    def interval(self, outcomes: NDArray[np.void]) -> Interval:
+    def interval(self, outcomes: NDArray[np.void]) -> metrics.Interval:
         """The statistic of structured outcomes; errors over solved trials that are not false.
 
         An rms uses the controls of its trials, where they have them.
         """
         solved = outcomes[outcomes["solved"] & ~outcomes["false"]]
         if self.statistic == "availability":
-            hits = int(correct(outcomes, self.limits).sum())
-            return fraction_interval(hits, len(outcomes), self.confidence)
+            hits = int(metrics.correct(outcomes, self.limits).sum())
+            return metrics.fraction_interval(hits, len(outcomes), self.confidence)
         squares = solved["error_x"] ** 2 + solved["error_y"] ** 2
         if self.statistic == "across-99.73":
             return quantile_interval(np.sqrt(squares), 0.9973, self.confidence)
         about = self.statistic == "about"
         if self.sobol or "surplus_across" in (outcomes.dtype.names or ()):
             return mean_square(outcomes, about, self.sobol).root(self.confidence)
-        return rms_interval(solved["error_z"] ** 2 if about else squares / 2, self.confidence)
+        return metrics.rms_interval(
+            solved["error_z"] ** 2 if about else squares / 2, self.confidence
+        )
 
     def reached(self, outcomes: NDArray[np.void]) -> bool:
         """Whether the interval is narrow enough."""
@@ -77,7 +71,7 @@ class Precision(Parameters):
         return math.ceil(trials * factor)
 
 
-def half_width(interval: Interval) -> float:
+def half_width(interval: metrics.Interval) -> float:
     """Half the width of an interval over its value; infinite where it is unbounded."""
     width = (interval.high - interval.low) / 2
     if not math.isfinite(width) or not interval.value > 0:
@@ -87,7 +81,7 @@ def half_width(interval: Interval) -> float:
 
 def quantile_interval(
     values: NDArray[np.float64], fraction: float, confidence: float = 0.95
-) -> Interval:
+) -> metrics.Interval:
     """A quantile of values that are not negative, with the interval of `level_interval`.
 
     fraction  in (0, 1)
@@ -96,7 +90,7 @@ def quantile_interval(
     Accuracy  NaN where there is no value. The coverage is at least the confidence.
     """
     if len(values) == 0:
-        return Interval(math.nan, math.nan, math.nan)
-    bounds = level_interval(values, fraction, confidence)
+        return metrics.Interval(math.nan, math.nan, math.nan)
+    bounds = metrics.level_interval(values, fraction, confidence)
     rank = max(math.ceil(len(values) * fraction), 1) - 1
-    return Interval(float(np.partition(values, rank)[rank]), bounds.low, bounds.high)
+    return metrics.Interval(float(np.partition(values, rank)[rank]), bounds.low, bounds.high)

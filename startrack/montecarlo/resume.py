@@ -1,23 +1,29 @@
-"""Do the trials that a store lacks: the same bytes, however often it was interrupted."""
+"""Do the trials that a store lacks: the same bytes, however often it was interrupted; watch it."""
 
 from __future__ import annotations
 
+import json
+import math
 import re
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Refused, positive, whole
-from startrack.montecarlo.precision import Precision
+from startrack.core import Refused, arcsec, positive, whole
+from startrack.montecarlo.precision import Precision, half_width
 from startrack.montecarlo.run import BLOCKS_PER_WORKER, blocks
 from startrack.montecarlo.store import Store
 
 FIRST_TEST = 200  # trials, at the first test of the precision; chosen by hand
 MOST_FAILURES = 10  # blocks
+SECONDS = 1.0  # least time between two updates of a Watch
+FRACTION = 0.01  # of the time, that its updates may take
 # The line of a traceback that names what was raised, as those that Python writes.
 RAISED = re.compile(r"[A-Za-z_][\w.]*(Error|Exception|Executor|Warning|Pool)\b")
 
@@ -54,8 +60,8 @@ def resume(
     end = None if seconds is None else time.monotonic() + seconds  # no clock jumps
     size = min(FIRST_TEST, trials) if precision else trials
     while True:
-        each = min(block, -(-size // (workers * BLOCKS_PER_WORKER)))
-        plan = _until(missing(store.done(), first + size, each, first), end)
+        size_of_block = min(block, -(-size // (workers * BLOCKS_PER_WORKER)))
+        plan = _until(missing(store.done(), first + size, size_of_block, first), end)
         _fill(store, plan, executor, workers, progress)
         outcomes = store.outcomes(first + size)
         outcomes = outcomes[np.searchsorted(outcomes["trial"], first) :]
@@ -106,13 +112,13 @@ def missing(done: list[range], trials: int, block: int, first: int = 0) -> list[
     """The trials from `first` to below `trials` that are not done, cut at multiples of `block`."""
     missing = []
     at = first
-    for held in [*done, range(trials, trials)]:
-        stop = min(held.start, trials)
+    for numbers in [*done, range(trials, trials)]:
+        stop = min(numbers.start, trials)
         while at < stop:
             cut = min(stop, (at // block + 1) * block)
             missing.append(range(at, cut))
             at = cut
-        at = max(at, held.stop)
+        at = max(at, numbers.stop)
     return missing
 
 
@@ -121,3 +127,98 @@ def _until(plan: Iterable[range], end: float | None) -> Iterator[range]:
         if end is not None and time.monotonic() >= end:
             return
         yield numbers
+
+
+class Watch:
+    """Counts trials as they end, shows the statistic with its interval, and keeps a log.
+
+    The log has one JSON object a line: seconds since the start, trials, trials_per_s, statistic,
+    value, low, high (arcsec, or a fraction), confidence, relative_half_width, remaining_s. Numbers
+    that are not yet known are null.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        precision: Precision,
+        most: int,
+        show: Callable[[int, str], None],
+        log: Path | None = None,
+    ):
+        """Begin to watch.
+
+        precision  of which statistic; remaining_s is the time to reach it
+        most       trials
+        show       called with the number of trials that just ended, and a sentence or nothing
+        log        file to append to, made where it is missing
+        """
+        self._store, self._precision, self._most, self._show = store, precision, most, show
+        self._held = sum(len(block) for block in store.done())
+        self._began = self._next = time.monotonic()
+        if log:
+            log.parent.mkdir(parents=True, exist_ok=True)
+        self._log = log.open("a", encoding="utf-8") if log else None
+
+    def __call__(self, trials: int) -> None:
+        """Count trials that ended; those that failed are not in the store."""
+        now = time.monotonic()
+        if now < self._next:
+            self._show(trials, "")
+            return
+        values = self.values()
+        if self._log:
+            self._log.write(json.dumps(values, allow_nan=False) + "\n")
+            self._log.flush()
+        self._show(trials, _sentence(values))
+        self._next = now + max(SECONDS, (time.monotonic() - now) / FRACTION)
+
+    def values(self) -> dict[str, Any]:
+        """Progress and statistic now; None for what is not known."""
+        seconds = time.monotonic() - self._began
+        outcomes = self._store.outcomes()
+        done = len(outcomes)
+        rate = (done - self._held) / seconds if seconds > 0 else math.inf
+        interval = self._precision.interval(outcomes)
+        width = half_width(interval)
+        unit = 1.0 if self._precision.statistic == "availability" else arcsec
+        needed = done * (width / self._precision.relative) ** 2
+        left = max(min(needed, self._most) - done, 0.0)
+        values = {
+            "seconds": seconds,
+            "trials": done,
+            "trials_per_s": rate,
+            "statistic": self._precision.statistic,
+            "value": interval.value / unit,
+            "low": interval.low / unit,
+            "high": interval.high / unit,
+            "confidence": self._precision.confidence,
+            "relative_half_width": width,
+            "remaining_s": left / rate if rate else math.inf,
+        }
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in values.items()
+        }
+
+    def close(self) -> None:
+        """Log the end, and close."""
+        if self._log:
+            self._log.write(json.dumps(self.values(), allow_nan=False) + "\n")
+            self._log.close()
+            self._log = None
+
+    def __enter__(self) -> Watch:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _sentence(values: dict[str, Any]) -> str:
+    texts = {name: "?" if value is None else value for name, value in values.items()}
+    numbers = [
+        f"{texts[name]:.3f}" if texts[name] != "?" else "?" for name in ("value", "low", "high")
+    ]
+    unit = "" if values["statistic"] == "availability" else " arcsec"
+    rate = f"{texts['trials_per_s']:.0f}/s, " if texts["trials_per_s"] != "?" else ""
+    return f"{rate}{texts['statistic']} {numbers[0]} [{numbers[1]}, {numbers[2]}]{unit}"

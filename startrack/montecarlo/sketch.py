@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy import special
 
@@ -29,6 +28,7 @@ from startrack.metrics import (
     Limits,
     correct,
     fraction_interval,
+    level_ranks,
 )
 from startrack.montecarlo.resume import last_words, missing
 from startrack.montecarlo.run import blocks
@@ -136,7 +136,9 @@ class Sketch:
         scatter -= Fraction(self.sums[f"{which}^2"], 1 << UNIT) ** 2 / count
         sigma = math.sqrt(max(float(scatter / (count - 1)), 0.0))
         half = float(special.ndtri(0.975)) * sigma / math.sqrt(count)
-        return Interval(*(math.sqrt(max(one, 0.0)) for one in (mean, mean - half, mean + half)))
+        return Interval(
+            *(math.sqrt(max(square, 0.0)) for square in (mean, mean - half, mean + half))
+        )
 
     def quantile(self, name: str, fraction: float) -> Interval:
         """A quantile of "across" or "nees" over the judged attitudes, and of |x|, |y| or |z|.
@@ -159,8 +161,7 @@ class Sketch:
             return edge(index), edge(index + 1)
 
         rank = min(max(math.ceil(count * fraction), 1), count)
-        low = int(scipy.stats.binom.ppf(0.025, count, fraction))
-        high = int(scipy.stats.binom.isf(0.025, count, fraction)) + 1
+        low, high = level_ranks(count, fraction, 0.025, 0.025)
         return Interval(
             sum(bounds(rank)) / 2,
             bounds(low)[0] if low > 0 else 0.0,
@@ -213,8 +214,8 @@ def sketched(outcomes: NDArray[np.void], limits: Limits, about: dict[str, Any]) 
     first = int(outcomes["trial"][0])
     judged = outcomes[outcomes["solved"] & ~outcomes["false"]]
     solved = outcomes[outcomes["solved"]]
-    far = [np.abs(solved[f"error_{one}"]) > BEYOND * solved[f"sigma_{one}"] for one in "xyz"]
-    x, y, z = (judged[f"error_{one}"] for one in "xyz")
+    far = [np.abs(solved[f"error_{axis}"]) > BEYOND * solved[f"sigma_{axis}"] for axis in "xyz"]
+    x, y, z = (judged[f"error_{axis}"] for axis in "xyz")
     square, across = (x * x + y * y) / 2, np.sqrt(x * x + y * y)
     values = {
         "x": x, "y": y, "z": z, "across^2": square, "across^4": square * square,
@@ -227,8 +228,8 @@ def sketched(outcomes: NDArray[np.void], limits: Limits, about: dict[str, Any]) 
     made = Sketch(about, [(first, first + len(outcomes))])
     made.counts = {name: int(count) for name, count in zip(COUNTS, counts, strict=True)}
     made.sums = {name: exact_sum(values[name]) for name in SUMS}
-    for name, each in (("x", x), ("y", y), ("z", z)):
-        made.bins[name], made.bins[f"-{name}"] = Bins.of(each), Bins.of(-each)
+    for name, error in (("x", x), ("y", y), ("z", z)):
+        made.bins[name], made.bins[f"-{name}"] = Bins.of(error), Bins.of(-error)
     made.bins["across"], made.bins["nees"] = Bins.of(across), Bins.of(judged["nees"])
     if len(judged):
         at = int(across.argmax())
@@ -243,10 +244,10 @@ def exact_sum(values: Floats) -> int:
     True
     """
     fraction, exponent = np.frexp(values)
-    whole = np.ldexp(fraction, 53).astype(np.int64)
+    mantissa = np.ldexp(fraction, 53).astype(np.int64)
     total = 0
     for power in np.unique(exponent):
-        part = whole[exponent == power]
+        part = mantissa[exponent == power]
         # In halves, of which a block has too few to overflow.
         both = (int((part >> 26).sum()) << 26) + int((part & (2**26 - 1)).sum())
         shift = int(power) - 53 + UNIT
@@ -278,10 +279,10 @@ def save_sketch(path: Path, sketch: Sketch) -> None:
         "about": sketch.about,
         "ranges": sketch.ranges,
         "counts": sketch.counts,
-        "sums": {name: hex(one) for name, one in sketch.sums.items()},
+        "sums": {name: hex(total) for name, total in sketch.sums.items()},
         "worst": [sketch.worst[0].hex(), sketch.worst[1]],
         "bins": {
-            name: [one.index.tolist(), one.count.tolist()] for name, one in sketch.bins.items()
+            name: [bins.index.tolist(), bins.count.tolist()] for name, bins in sketch.bins.items()
         },
     }
     save_text(path, json.dumps(table, sort_keys=True, separators=(",", ":")) + "\n")
@@ -299,7 +300,9 @@ def load_sketch(path: Path) -> Sketch:
         made.sums = {name: int(table["sums"][name], 16) for name in SUMS}
         made.worst = float.fromhex(table["worst"][0]), int(table["worst"][1])
         for name in BINNED:
-            made.bins[name] = Bins(*(np.array(one, np.int64) for one in table["bins"][name]))
+            made.bins[name] = Bins(
+                *(np.array(numbers, np.int64) for numbers in table["bins"][name])
+            )
         _check(made)
     except DAMAGED as error:
         raise ValueError(f"{path} must be a sketch of trials, but is none: {error}") from None
@@ -308,8 +311,8 @@ def load_sketch(path: Path) -> Sketch:
 
 def _check(sketch: Sketch) -> None:
     """Refuse counts that contradict each other."""
-    held, judged = sum(end - first for first, end in sketch.ranges), sketch.counts["judged"]
-    if held != sketch.trials or not 0 <= judged <= sketch.trials:
+    trials, judged = sum(end - first for first, end in sketch.ranges), sketch.counts["judged"]
+    if trials != sketch.trials or not 0 <= judged <= sketch.trials:
         raise ValueError("its counts contradict its trials")
     for name in BINNED:
         index, count = sketch.bins[name].index, sketch.bins[name].count
@@ -342,18 +345,18 @@ def resume_sketch(
     """
     sketch = Sketch(about_of(case, seed, sampling, limits))
     if path.exists():
-        held = load_sketch(path)
+        earlier = load_sketch(path)
         try:
-            sketch.add(held)
+            sketch.add(earlier)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
-        if held.ranges and not all(
-            numbers.start <= first and end <= numbers.stop for first, end in held.ranges
+        if earlier.ranges and not all(
+            numbers.start <= first and end <= numbers.stop for first, end in earlier.ranges
         ):
             raise ValueError(f"{path} holds other trials than {numbers.start} to {numbers[-1]}")
         if progress:
-            progress(held.trials)
-    done = [range(*one) for one in sketch.ranges]
+            progress(earlier.trials)
+    done = [range(*ends) for ends in sketch.ranges]
     plan = missing(done, numbers.stop, block, numbers.start)
     saved = time.monotonic()
     making = Sketching(sampling, limits, sketch.about)

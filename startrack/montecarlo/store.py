@@ -125,7 +125,7 @@ class Store:
             self.startrack = about["startrack"]
             self._case = from_table(Case, self._table)
             held_code = json.loads(about.get("code", "[]"))
-            self.code = tuple(Code(*map(str, one)) for one in held_code)
+            self.code = tuple(Code(*map(str, text)) for text in held_code)
             if not set(OUTCOMES.names or ()) <= set(self.dtype.names or ()):
                 raise ValueError("its trials lack fields")
             if self.dtype.hasobject or self.dtype.itemsize > LARGEST_TRIAL:
@@ -138,7 +138,7 @@ class Store:
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
-        """Raise what contents cannot be used as damage; which trials can be saved is told."""
+        """Raise what contents cannot be used as damage; it says which trials can be saved."""
         try:
             yield
         except OSError:
@@ -162,8 +162,8 @@ class Store:
                 f"{self.path} holds trials of startrack {self.startrack}, which this startrack "
                 f"{version} must not mix with others; begin another store"
             )
-        held, asked = (json.loads(json.dumps(to_table(one))) for one in (self.case, case))
-        other = difference(held, asked)
+        stored, asked = (json.loads(json.dumps(to_table(design))) for design in (self.case, case))
+        other = difference(stored, asked)
         if other:
             raise ValueError(f"{self.path} holds trials of another design: {other}")
         self.require_code()
@@ -300,18 +300,18 @@ def checksum(data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=8).digest()
 
 
-def fault(first: Any, trials: Any, data: Any, known: Any, dtype: np.dtype[Any]) -> str:
+def fault(first: Any, trials: Any, data: Any, expected: Any, dtype: np.dtype[Any]) -> str:
     """What is wrong with the outcomes of a block; empty where nothing is.
 
-    known  their checksum; None where the block was kept without one
+    expected  their checksum; None where the block was kept without one
     """
-    if not all(isinstance(one, int) and 0 <= one < 2**62 for one in (first, trials)):
+    if not all(isinstance(number, int) and 0 <= number < 2**62 for number in (first, trials)):
         return "its numbers are none"
     if not isinstance(data, bytes) or len(data) != trials * dtype.itemsize:
         return f"it holds no {trials} trials"
     table = np.frombuffer(data, dtype)
-    if known is not None:
-        return "" if checksum(data) == known else "its checksum is wrong"
+    if expected is not None:
+        return "" if checksum(data) == expected else "its checksum is wrong"
     return impossible(table, first)
 
 
@@ -362,20 +362,19 @@ def _code_of(case: Case) -> list[Code]:
 def _forget_failures(execute: Execute, numbers: range) -> None:
     # With another number of workers, blocks have other sizes: one may hold several that failed.
     execute(
-        "DELETE FROM failures WHERE first < ? AND first + trials > ?",
-        (numbers.stop, numbers.start),
+        "DELETE FROM failures WHERE first < ? AND first + trials > ?", (numbers.stop, numbers.start)
     )
 
 
-def difference(held: Any, asked: Any, place: str = "") -> str:
+def difference(stored: Any, asked: Any, place: str = "") -> str:
     """Where two tables differ first, empty where they are equal."""
-    if isinstance(held, dict) and isinstance(asked, dict):
-        for key in sorted(held.keys() | asked.keys()):
+    if isinstance(stored, dict) and isinstance(asked, dict):
+        for key in sorted(stored.keys() | asked.keys()):
             inner = f"{place}.{key}" if place else key
-            if found := difference(held.get(key), asked.get(key), inner):
+            if found := difference(stored.get(key), asked.get(key), inner):
                 return found
         return ""
-    return "" if held == asked else f"{place} is {held!r} there, {asked!r} here"
+    return "" if stored == asked else f"{place} is {stored!r} there, {asked!r} here"
 
 
 def export(path: Path, outcomes: NDArray[np.void]) -> None:

@@ -246,6 +246,6 @@ def mpi_pool() -> Iterator[Executor]:
         )
     with MPIPoolExecutor(initializer=one_thread) as executor:
         # As many calls as workers, though one may get two of them: they start from one command.
-        found = [executor.submit(versions) for _ in range(MPI.COMM_WORLD.Get_size() - 1)]
-        require_same_versions({str(n + 1): each.result() for n, each in enumerate(found)})
+        calls = [executor.submit(versions) for _ in range(MPI.COMM_WORLD.Get_size() - 1)]
+        require_same_versions({str(n + 1): call.result() for n, call in enumerate(calls)})
         yield executor

@@ -23,12 +23,6 @@ from startrack.onboard.layout import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "CompiledGuide",
-    "Guide",
-    "GuideSettings",
-    "Variable",
-    "guide_stars",
-    "read_guide",
-    "read_variables",
-    "write_guide",
-]
+    "CompiledGuide", "Guide", "GuideSettings", "Variable", "guide_stars", "read_guide",
+    "read_variables", "write_guide",
+]  # fmt: skip

@@ -36,7 +36,7 @@ class _Struct(ctypes.Structure):
 
 def c_compiler() -> str | None:
     """The C compiler of this machine, None where there is none."""
-    return next((one for one in map(shutil.which, ("cc", "gcc", "clang")) if one), None)
+    return next((path for path in map(shutil.which, ("cc", "gcc", "clang")) if path), None)
 
 
 class CompiledGuide:
@@ -72,23 +72,23 @@ class CompiledGuide:
 
     def cone(self, direction: Floats, radius: float) -> Ints:
         """As `Guide.cone`."""
-        found = np.empty(self._guide.stars, np.uint32)
+        stars = np.empty(self._guide.stars, np.uint32)
         count = self._c.startrack_guide_cone(
             ctypes.byref(self._guide), _given(direction), ctypes.c_double(radius),
-            _pointer(found), ctypes.c_uint32(len(found)),
+            _pointer(stars), ctypes.c_uint32(len(stars)),
         )  # fmt: skip
-        return found[:count].astype(np.int64)
+        return stars[:count].astype(np.int64)
 
     def patterns(self, seen: Floats, error: float) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
         """As `Guide.patterns`, by the cells."""
-        found, order = np.empty((MOST, 3), np.uint32), np.empty((MOST, 3), np.int32)
+        triangles, order = np.empty((MOST, 3), np.uint32), np.empty((MOST, 3), np.int32)
         count = self._c.startrack_guide_patterns(
-            ctypes.byref(self._guide), _given(seen), ctypes.c_double(error), _pointer(found),
+            ctypes.byref(self._guide), _given(seen), ctypes.c_double(error), _pointer(triangles),
             _pointer(order), ctypes.c_uint32(MOST),
         )  # fmt: skip
         if count > MOST:
             raise ValueError(f"error must lead to at most {MOST} triangles, got {count}")
-        pairs = zip(found[:count].tolist(), order[:count].tolist(), strict=True)
+        pairs = zip(triangles[:count].tolist(), order[:count].tolist(), strict=True)
         return {(tuple(stars), tuple(names)) for stars, names in pairs}
 
     def identify(self, seen: Floats, sigma: float, chance: float = 1e-5) -> tuple[Ints, Floats]:

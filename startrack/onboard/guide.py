@@ -92,8 +92,8 @@ def read_variables(path: Path | None = None) -> list[Variable]:
     if not np.isfinite(ra + dec).all():
         raise ValueError(f"{path} must have ra and dec in each row")
     x, y, z = np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)
-    names = [str(one) for one in table["name"]] if "name" in table.colnames else [""] * len(table)
-    return [Variable(*one) for one in zip(zip(x, y, z, strict=True), names, strict=True)]
+    names = [str(name) for name in table["name"]] if "name" in table.colnames else [""] * len(table)
+    return [Variable(*star) for star in zip(zip(x, y, z, strict=True), names, strict=True)]
 
 
 def guide_stars(
@@ -111,7 +111,7 @@ def guide_stars(
                has them.  numerical: 0.1 mas.
     """
     settings = settings or GuideSettings()
-    known = read_variables() if variables is None else variables
+    known_variables = read_variables() if variables is None else variables
     camera = case.believed_camera
     field = min(camera.fov_x, camera.fov_y)
     believed = case.believed_catalog
@@ -127,7 +127,7 @@ def guide_stars(
     single, names = merged(stars, resolution)
     light = 10 ** (-0.4 * (single.magnitude_g - stars.magnitude_g[names]))
     flags = DOUBLE * (light > 1 + SHARE) + STILL * still[names]
-    flags = flags + VARIABLE * _variable(case, single, known)
+    flags = flags + VARIABLE * _variable(case, single, known_variables)
     kept = single.magnitude_g <= limit
     for bit, choice in ((DOUBLE, settings.doubles), (VARIABLE, settings.variables)):
         if choice == "omit":
@@ -161,9 +161,9 @@ def _stars(case: Case, limit: float, epoch: float) -> tuple[Stars, NDArray[np.bo
     return stars[near], still[near]
 
 
-def _variable(case: Case, stars: Stars, known: list[Variable]) -> NDArray[np.bool_]:
+def _variable(case: Case, stars: Stars, variables: list[Variable]) -> NDArray[np.bool_]:
     """Which stars are those of the list: the brightest near each place, at J2000."""
-    found = np.zeros(len(stars), bool)
+    variable = np.zeros(len(stars), bool)
     old = open_sky(
         replace(
             case.believed_catalog, limit_g=LIMITS.get(case.believed_catalog.source, 21.0),
@@ -171,11 +171,11 @@ def _variable(case: Case, stars: Stars, known: list[Variable]) -> NDArray[np.boo
         )
     )  # fmt: skip
     sky = Sky(old.stars)
-    for one in known:
-        near = sky.cone(np.array(one.direction), NEAR)
+    for star in variables:
+        near = sky.cone(np.array(star.direction), NEAR)
         if len(near):
-            found |= stars.identifier == old.stars.identifier[near[0]]
-    return found
+            variable |= stars.identifier == old.stars.identifier[near[0]]
+    return variable
 
 
 def _with_triangles(
@@ -227,11 +227,11 @@ def _triangles(stars: Stars, field: float, count: int, base: tuple[float, float]
     z = 1 - (2 * np.arange(centres) + 1) / centres
     turn, across = GOLDEN_ANGLE * np.arange(centres), np.sqrt(1 - z**2)
     places = np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
-    found = set[tuple[int, ...]]()
+    triangles = set[tuple[int, ...]]()
     for place in places:
         brightest = np.sort(sky.cone(place, CIRCLE * field)[:count]).tolist()
-        found.update(combinations(brightest, 3))
-    triangle = np.array(sorted(found), np.int64).reshape(-1, 3)
+        triangles.update(combinations(brightest, 3))
+    triangle = np.array(sorted(triangles), np.int64).reshape(-1, 3)
     side = [stars.direction[triangle[:, k]] - stars.direction[triangle[:, k - 1]] for k in range(3)]
     longest = 2 * np.arcsin(np.linalg.norm(side, axis=2).max(axis=0) / 2)
     return triangle[(longest >= base[0]) & (longest <= base[1])]

@@ -129,7 +129,7 @@ class Guide:
         side = [_separation(seen[k], seen[(k + 1) % 3]) for k in range(3)]
         longest = max(side)
         alike = np.abs(np.log(longest / base)) <= error
-        found = set[tuple[tuple[int, ...], tuple[int, ...]]]()
+        pairs = set[tuple[tuple[int, ...], tuple[int, ...]]]()
         for k in range(3):
             if side[k] < longest * (1 - error):
                 continue
@@ -141,8 +141,8 @@ class Guide:
             ):
                 near = np.square(code - at).sum(axis=1) <= error**2
                 rows = np.flatnonzero(near & alike & wanted)
-                found |= {(tuple(map(int, self.triangle[row])), names) for row in rows}
-        return found
+                pairs |= {(tuple(map(int, self.triangle[row])), names) for row in rows}
+        return pairs
 
     @cached_property
     def _codes(self) -> tuple[Floats, Floats]:
@@ -154,7 +154,7 @@ def triangle_codes(a: Floats, b: Floats, c: Floats) -> Floats:
     """Codes (n, 2) of triangles of directions (n, 3), with A and B farthest apart."""
     middle, base = a + b, b - a
     across = np.cross(middle, base)
-    length, width = (np.square(one).sum(axis=1) for one in (base, middle))
+    length, width = (np.square(star).sum(axis=1) for star in (base, middle))
     depth = (c * middle).sum(axis=1) * length
     x = 0.5 + 0.5 * (c * base).sum(axis=1) * width / depth
     return np.column_stack([x, 0.5 * (c * across).sum(axis=1) * np.sqrt(width) / depth])
@@ -183,9 +183,9 @@ def write_guide(folder: Path, guide: Guide) -> list[Path]:
     rows = zip(
         range(len(guide)),
         guide.identifier.tolist(),
-        (f"{one:.7f}" for one in ra),
-        (f"{one:.7f}" for one in dec),
-        (f"{one:.3f}" for one in guide.magnitude),
+        (f"{angle:.7f}" for angle in ra),
+        (f"{angle:.7f}" for angle in dec),
+        (f"{magnitude:.3f}" for magnitude in guide.magnitude),
         guide.flags.tolist(),
         strict=True,
     )

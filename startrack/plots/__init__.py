@@ -1,8 +1,7 @@
 """Pictures of frames, PSFs, errors, sequences, budgets, optimisations and Earth scenes.
 
 style     One look for all pictures: size, letters, colours, numbers; and how they are saved.
-stretch   Frame -> brightness of a picture in which faint stars are seen, at any size.
-frames    Pictures of frames and solutions.
+frames    Pictures of frames and solutions, in which faint stars are seen at any size.
 errors    Pictures of errors: of many trials, and of one sequence in time.
 psf       The picture of a PSF: the image of a star over its pixels, and its modulation transfer.
 earth     Pictures of Earth scenes: geometry over the image; image and radiance.

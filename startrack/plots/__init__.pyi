@@ -39,6 +39,7 @@ from .style import colour_bar as colour_bar
 from .style import colour_limits as colour_limits
 from .style import draw_intervals as draw_intervals
 from .style import legend_below as legend_below
+from .style import note as note
 from .style import number as number
 from .style import outline as outline
 from .style import panel_title as panel_title

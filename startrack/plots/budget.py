@@ -17,43 +17,17 @@ from startrack.core import Floats, Ints, arcsec, deg
 from startrack.design import Accuracy, Case
 from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import quantile_interval
-from startrack.plots.style import (
-    BLACK,
-    BLUE,
-    CYCLE,
-    GREEN,
-    GREY,
-    LETTERS,
-    LINES,
-    NO_VALUE,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    SMALL,
-    YELLOW,
-    colour_bar,
-    colour_limits,
-    draw_intervals,
-    legend_below,
-    number,
-    outline,
-    panel_title,
-    picture,
-    save_picture,
-    say,
-    styled,
-)
+from startrack.plots import style
 from startrack.trial import Errors
 
 COLOURS = {
-    Term.BIAS: GREY,
-    Term.THERMO_ELASTIC: ORANGE,
-    Term.FIELD: BLUE,
-    Term.PIXEL: GREEN,
-    Term.NOISE: RED,
-    Term.ABERRATION: PURPLE,
-    Term.MEASUREMENT_DATE: SKY,
+    Term.BIAS: style.GREY,
+    Term.THERMO_ELASTIC: style.ORANGE,
+    Term.FIELD: style.BLUE,
+    Term.PIXEL: style.GREEN,
+    Term.NOISE: style.RED,
+    Term.ABERRATION: style.PURPLE,
+    Term.MEASUREMENT_DATE: style.SKY,
 }
 WHOLE = "0.8"  # grey of the bar end to end
 TOP = 0.98  # of the directions whose error has a colour of its own
@@ -65,11 +39,11 @@ IN_A_PART = 30  # stars in a part of the field, on average, below which there ar
 PARTS = (8, 6, 4, 3, 2)  # along a side of the field
 
 
-@styled
+@style.styled
 def draw_budget(
     path: Path | None,
     expected: Budget[Any],
-    found: Budget[Any] | None,
+    by_trials: Budget[Any] | None,
     title: str,
     required: Sequence[Accuracy] = (),
 ) -> Figure:
@@ -78,17 +52,21 @@ def draw_budget(
     required  limits on the error; those of other statistics than the rms per axis are named only
     """
     names: dict[str, Line[Any]] = {line.name: line for line in expected.lines}
-    beside = {line.name: line for line in found.lines} if found else {}
+    beside = {line.name: line for line in by_trials.lines} if by_trials else {}
     order = [*names, *(name for name in beside if name not in names), "end to end"]
     names["end to end"] = expected.whole
-    if found:
-        beside["end to end"] = found.whole
-    text = f"; points: measured in {found.whole.spread.error.shape[0]} members" if found else ""
-    figure = picture(2.2 + 2 * 0.27 * len(order), f"{title}: error by cause, analytic{text}")
+    if by_trials:
+        beside["end to end"] = by_trials.whole
+    text = (
+        f"; points: measured in {by_trials.whole.spread.error.shape[0]} members"
+        if by_trials
+        else ""
+    )
+    figure = style.picture(2.2 + 2 * 0.27 * len(order), f"{title}: error by cause, analytic{text}")
     panels = figure.subplots(2, 1)
     for axes, kind in zip(panels, ("across", "about"), strict=True):
         values = _bars(axes, order, names, beside, kind)
-        limits = [one for one in required if one.name == kind]
+        limits = [limit for limit in required if limit.name == kind]
         _required(axes, limits, max(values, default=1.0))
         axes.set_xlabel(f"error {kind} the boresight (arcsec rms per axis)")
     shown = {line.term for line in (*names.values(), *beside.values()) if line.term}
@@ -96,7 +74,7 @@ def draw_budget(
         if term in shown:
             panels[0].barh(0, 0, color=COLOURS[term], label=term.value)
     figure.legend(*_once(figure), loc="outside lower left", ncols=3)
-    return save_picture(path, figure)
+    return style.save_picture(path, figure)
 
 
 def _bars(
@@ -114,21 +92,18 @@ def _bars(
             end = getattr(line, kind) / arcsec
             colour = COLOURS[line.term] if line.term else WHOLE
             axes.barh(k, end, 0.7, color=colour)
-            texts.append(number(end))
+            texts.append(style.number(end))
         if other:
             value, low, high = _measured(other, kind)
             axes.errorbar(
-                value, k, xerr=[[value - low], [high - value]], fmt="D", ms=4.5, color=BLACK,
+                value, k, xerr=[[value - low], [high - value]], fmt="D", ms=4.5, color=style.BLACK,
                 mfc="white", ecolor="0.35", elinewidth=1.5, zorder=4,
                 label="measured, 95 % interval",
             )  # fmt: skip
-            texts.append(f"measured {number(value)}")
+            texts.append(f"measured {style.number(value)}")
             end = max(end, high)
         ends.append(end)
-        axes.annotate(
-            "; ".join(texts), (end, k), (4, 0), textcoords="offset points", va="center",
-            fontsize=SMALL, path_effects=[outline("white")], zorder=6,
-        )  # fmt: skip
+        style.note(axes, "; ".join(texts), (end, k), (4, 0), zorder=6)
     axes.set_yticks(range(len(order)), order)
     axes.invert_yaxis()
     axes.grid(axis="y", visible=False)
@@ -147,19 +122,19 @@ def _measured(line: Line[Any], kind: str) -> tuple[float, float, float]:
 
 def _required(axes: Axes, limits: Sequence[Accuracy], largest: float) -> None:
     """A line at a limit of the rms per axis; a limit of another statistic in words."""
-    for one in limits:
-        value = one.most / arcsec
-        text = f"required of the {one.objective}: at most {number(value)} arcsec"
-        if one.objective.fraction is None and not (
-            one.objective.radial and one.objective.axes != "about"
+    for limit in limits:
+        value = limit.most / arcsec
+        text = f"required of the {limit.objective}: at most {style.number(value)} arcsec"
+        if limit.objective.fraction is None and not (
+            limit.objective.radial and limit.objective.axes != "about"
         ):
-            axes.axvline(value, color=PURPLE, lw=2, ls="--", label="requirement, end to end")
+            axes.axvline(value, color=style.PURPLE, lw=2, ls="--", label="requirement, end to end")
             axes.set_xlim(0, max(axes.get_xlim()[1], 1.1 * value) if value < 5 * largest else None)
             if value >= 5 * largest:
                 text += ", beyond the axis"
         else:
             text += " (no line: these bars are rms per axis)"
-        panel_title(axes, text)
+        style.panel_title(axes, text)
 
 
 def _once(figure: Figure) -> tuple[list[Any], list[str]]:
@@ -171,109 +146,111 @@ def _once(figure: Figure) -> tuple[list[Any], list[str]]:
     return list(named.values()), list(named)
 
 
-@styled
-def draw_sky(path: Path | None, found: Survey, case: Case, title: str) -> Figure:
+@style.styled
+def draw_sky(path: Path | None, survey: Survey, case: Case, title: str) -> Figure:
     """Detected stars and errors over directions of the boresight."""
     few = case.tracker.identification.min_matches
-    figure = picture(
+    figure = style.picture(
         10.4,
-        f"{title}: {len(found.stars)} directions (ICRS), an attitude at "
-        f"{100 * found.solved.mean():.2f} %; {few}, 5, 8 stars or more at "
-        + ", ".join(f"{100 * found.fraction(n):.1f}" for n in (few, 5, 8))
+        f"{title}: {len(survey.stars)} directions (ICRS), an attitude at "
+        f"{100 * survey.solved.mean():.2f} %; {few}, 5, 8 stars or more at "
+        + ", ".join(f"{100 * survey.fraction(n):.1f}" for n in (few, 5, 8))
         + " %. Right ascension grows to the left",
     )
     maps = (
-        (found.stars, "detected stars in the field (number)", 1.0),
-        (found.across / arcsec, "error across the boresight (arcsec rms per axis)", TOP),
-        (found.about / arcsec, "error about the boresight (arcsec rms)", TOP),
+        (survey.stars, "detected stars in the field (number)", 1.0),
+        (survey.across / arcsec, "error across the boresight (arcsec rms per axis)", TOP),
+        (survey.about / arcsec, "error about the boresight (arcsec rms)", TOP),
     )
     ra, dec = np.meshgrid(np.linspace(-np.pi, np.pi, 481), np.linspace(-np.pi / 2, np.pi / 2, 241))
-    u, v = (0.5 * (each[1:, 1:] + each[:-1, :-1]) for each in (ra, dec))
+    u, v = (0.5 * (grid[1:, 1:] + grid[:-1, :-1]) for grid in (ra, dec))
     direction = np.stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)], axis=-1)
-    _, nearest = cKDTree(found.direction).query(direction)
+    _, nearest = cKDTree(survey.direction).query(direction)
     for k, (values, label, part) in enumerate(maps):
         axes = figure.add_subplot(3, 1, k + 1, projection="mollweide")
-        low, high = colour_limits(values, part)
+        low, high = style.colour_limits(values, part)
         # East to the left, as seen from the Earth.
         shown = axes.pcolormesh(-ra, dec, values[nearest], vmin=low, vmax=high, rasterized=True)
-        axes.set_facecolor(NO_VALUE)
+        axes.set_facecolor(style.NO_VALUE)
         axes.set_xticks(np.radians([-120, -60, 0, 60, 120]), ["120°", "60°", "0°", "300°", "240°"])
         axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
         for text in axes.get_xticklabels():
-            text.set(color="white", path_effects=[outline("black")])
+            text.set(color="white", path_effects=[style.outline("black")])
         axes.set_axisbelow(False)  # numbers and lines over the map
         axes.grid(alpha=0.35)
-        colour_bar(shown, axes, values, label, orientation="horizontal", shrink=0.7, aspect=32,
-                   pad=0.03)  # fmt: skip
-        panel_title(axes, _worst(axes, found, values, least=k == 0))
-    return save_picture(path, figure)
+        style.colour_bar(shown, axes, values, label, orientation="horizontal", shrink=0.7,
+                         aspect=32, pad=0.03)  # fmt: skip
+        style.panel_title(axes, _worst(axes, survey, values, least=k == 0))
+    return style.save_picture(path, figure)
 
 
-def _worst(axes: Axes, found: Survey, values: Floats, least: bool) -> str:
+def _worst(axes: Axes, survey: Survey, values: Floats, least: bool) -> str:
     """Marks the worst direction, and says where it is."""
     if not np.isfinite(values).any():
         return "no attitude anywhere"
     at = int(np.nanargmin(values) if least else np.nanargmax(values))
-    x, y, z = found.direction[at]
+    x, y, z = survey.direction[at]
     ra, dec = np.arctan2(y, x), np.arcsin(z)
-    axes.plot(-ra, dec, "X", color=YELLOW, mec="black", ms=9, mew=1.2)
+    axes.plot(-ra, dec, "X", color=style.YELLOW, mec="black", ms=9, mew=1.2)
     text = (
-        f"worst (cross): {number(values[at])} at RA {np.degrees(ra) % 360:.0f}°, "
+        f"worst (cross): {style.number(values[at])} at RA {np.degrees(ra) % 360:.0f}°, "
         f"Dec {np.degrees(dec):+.0f}°"
     )
     blind = float(np.isnan(values).mean())
     return f"{text}; grey: no attitude, {100 * blind:.1f} % of the sky" if blind else text
 
 
-@styled
-def draw_curves(path: Path | None, found: ErrorCurves, case: Case, title: str) -> Figure:
+@style.styled
+def draw_curves(path: Path | None, curves: ErrorCurves, case: Case, title: str) -> Figure:
     """The error over slew rate, and that of single stars over magnitude and field position."""
-    figure = picture(12.0, title)
+    figure = style.picture(12.0, title)
     panels = figure.subplot_mosaic(
         [["rates"] * 2, ["stars"] * 2, ["place", "count"]], height_ratios=(1.05, 1, 1)
     )
     rates, stars, place, count = (panels[name] for name in ("rates", "stars", "place", "count"))
-    _over_rate(rates, found)
-    good = np.hypot(*found.seen.error.T) < 1.0
-    seen = Residuals(*(column[good] for column in found.seen))
-    _over_magnitude(stars, found.stars, seen)
-    _over_field((place, count), found, case, seen)
+    _over_rate(rates, curves)
+    good = np.hypot(*curves.seen.error.T) < 1.0
+    seen = Residuals(*(column[good] for column in curves.seen))
+    _over_magnitude(stars, curves.stars, seen)
+    _over_field((place, count), curves, case, seen)
     if not good.all():
         stars.plot([], [], " ", label=f"{(~good).sum()} stars off by a pixel or more left out")
-        legend_below(stars, 2)
-    return save_picture(path, figure)
+        style.legend_below(stars, 2)
+    return style.save_picture(path, figure)
 
 
-def _over_rate(axes: Axes, found: ErrorCurves) -> None:
-    curve, tried = found.curve, found.tried
-    rates = curve.rate[:: found.steps]
+def _over_rate(axes: Axes, curves: ErrorCurves) -> None:
+    curve, tried = curves.curve, curves.tried
+    rates = curve.rate[:: curves.steps]
     shown = curve.rate / deg
-    for style, name, colour in (("-", "across", BLUE), ("--", "about", RED)):
-        axes.plot(shown, getattr(curve, name) / arcsec, style, color=colour,
+    for line, name, colour in (("-", "across", style.BLUE), ("--", "about", style.RED)):
+        axes.plot(shown, getattr(curve, name) / arcsec, line, color=colour,
                   label=f"{name}, analytic")  # fmt: skip
-    for marker, name, colour in (("o", "across", BLUE), ("s", "about", RED)):
+    for marker, name, colour in (("o", "across", style.BLUE), ("s", "about", style.RED)):
         rms = [getattr(checked.summary, name) for _, checked in tried]
         trials = f"{tried[0][1].summary.trials} trials" if tried else "no trial"
-        draw_intervals(axes, [rate / deg for rate, _ in tried], rms, arcsec, fmt=marker, ms=5,
-                       mfc="white", color=colour, label=f"{name}, {trials} each, 95 %")  # fmt: skip
+        style.draw_intervals(
+            axes, [rate / deg for rate, _ in tried], rms, arcsec, fmt=marker, ms=5, mfc="white",
+            color=colour, label=f"{name}, {trials} each, 95 %",
+        )  # fmt: skip
     below = [
-        f"{one.summary.availability.value:.0%} at {number(rate / deg)}"
-        for rate, one in tried
-        if one.summary.availability.value < AVAILABLE
+        f"{checked.summary.availability.value:.0%} at {style.number(rate / deg)}"
+        for rate, checked in tried
+        if checked.summary.availability.value < AVAILABLE
     ]
-    differs = [number(rate / deg) for rate, one in tried if one.differs]
+    differs = [style.number(rate / deg) for rate, checked in tried if checked.differs]
     _shade_rates(axes, curve)
     axes.set_xscale("symlog", linthresh=max(rates[1] / deg, 1e-9))
     axes.set(yscale="log", xlim=(-0.2 * shown[1], 1.15 * shown[-1]))
-    axes.set_xticks(rates / deg, [number(one) for one in rates / deg])
+    axes.set_xticks(rates / deg, [style.number(rate) for rate in rates / deg])
     axes.set(xlabel="rate about x (deg/s)", ylabel="error (arcsec rms per axis)")
     text = "over the slew rate"
     if differs:
         text += f"; formula and trials differ at {', '.join(differs)} deg/s"
     if below:
         text += f"; trials with a correct attitude: {', '.join(below)} deg/s, else 99 % or more"
-    panel_title(axes, text)
-    legend_below(axes, 2)
+    style.panel_title(axes, text)
+    style.legend_below(axes, 2)
 
 
 def _shade_rates(axes: Axes, curve: Curve) -> None:
@@ -281,89 +258,95 @@ def _shade_rates(axes: Axes, curve: Curve) -> None:
     shown = curve.rate / deg
     few = np.flatnonzero(curve.available < AVAILABLE)
     if len(few):
-        axes.axvline(shown[few[0]], color=GREY, ls=":", lw=1.5,
+        axes.axvline(shown[few[0]], color=style.GREY, ls=":", lw=1.5,
                      label="from here less than 99 % of the sky, analytic")  # fmt: skip
     first = curve.first_left_out
     if first is not None:
         axes.axvspan(
             shown[first], 1.15 * shown[-1], color="0.9", zorder=0,
-            label=fill(f"shaded: analytic without {curve.new_left_out}", LETTERS // 2),
+            label=fill(f"shaded: analytic without {curve.new_left_out}", style.LETTERS // 2),
         )  # fmt: skip
 
 
 def _over_magnitude(axes: Axes, star: Errors, seen: Residuals) -> None:
     total = np.sqrt(_total(star))
     floor = FLOOR * float(total.min())
-    for (name, covariance), colour, line in zip(star.random.items(), CYCLE, LINES, strict=False):
+    for (name, covariance), colour, line in zip(
+        star.random.items(), style.CYCLE, style.LINES, strict=False
+    ):
         own = np.sqrt(_variance(covariance))
         drawn = np.where(own >= floor, own, np.nan)
-        part = "" if (own >= floor).all() else f", where above {number(floor)} pixel"
+        part = "" if (own >= floor).all() else f", where above {style.number(floor)} pixel"
         axes.plot(star.magnitude, drawn, ls=line, color=colour, lw=1.2, label=name + part)
-    axes.plot(star.magnitude, total, "-", color=BLACK, lw=1.8, label="all, analytic")
-    at, found = [], []
+    axes.plot(star.magnitude, total, "-", color=style.BLACK, lw=1.8, label="all, analytic")
+    at, sizes = [], []
     for low in np.arange(np.floor(star.magnitude[0]), star.magnitude[-1], 0.5):
         mine = seen.error[(seen.magnitude >= low) & (seen.magnitude < low + 0.5)]
         if len(mine) >= FEWEST:
             at.append(low + 0.25)
-            one = quantile_interval(np.abs(mine).ravel(), 0.5)
-            found.append((one.value / MEDIAN, one.low / MEDIAN, one.high / MEDIAN))
-    if found:
-        value, lowest, highest = np.array(found).T
+            middle = quantile_interval(np.abs(mine).ravel(), 0.5)
+            sizes.append((middle.value / MEDIAN, middle.low / MEDIAN, middle.high / MEDIAN))
+    if sizes:
+        value, lowest, highest = np.array(sizes).T
         bars = [value - lowest, np.where(np.isfinite(highest), highest - value, 0)]
-        axes.errorbar(at, value, yerr=bars, fmt="o", ms=4.5, mfc="white", color=BLACK,
+        axes.errorbar(at, value, yerr=bars, fmt="o", ms=4.5, mfc="white", color=style.BLACK,
                       label="trials: median size over 0.6745, 95 %")  # fmt: skip
     axes.set(
         yscale="log", xlabel="magnitude G of a solar-type star", ylabel="error (pixel per axis)"
     )
-    panel_title(axes, "error of a star over its magnitude")
-    legend_below(axes, 2)
+    style.panel_title(axes, "error of a star over its magnitude")
+    style.legend_below(axes, 2)
 
 
-def _over_field(panels: tuple[Axes, Axes], found: ErrorCurves, case: Case, seen: Residuals) -> None:
+def _over_field(
+    panels: tuple[Axes, Axes], curves: ErrorCurves, case: Case, seen: Residuals
+) -> None:
     """Maps of the field: error over the analytic one, and number of stars."""
-    camera, position, trials = case.instrument.camera, seen.position, found.trials
+    camera, position, trials = case.instrument.camera, seen.position, curves.trials
     parts = next((n for n in PARTS if len(position) >= IN_A_PART * n * n), PARTS[-1])
     edges = [np.linspace(-0.5, n - 0.5, parts + 1) for n in (camera.columns, camera.rows)]
     cell = [
-        np.clip(np.searchsorted(edge, one) - 1, 0, parts - 1)
-        for edge, one in zip(edges, position.T, strict=True)
+        np.clip(np.searchsorted(edge, places) - 1, 0, parts - 1)
+        for edge, places in zip(edges, position.T, strict=True)
     ]
-    known = np.zeros((parts, parts))
-    np.add.at(known, tuple(cell), 1)
+    count = np.zeros((parts, parts))
+    np.add.at(count, tuple(cell), 1)
     # Over the analytic error of its magnitude; medians, because neighbours cause outliers.
-    star = found.stars
+    star = curves.stars
     normal = np.sqrt(np.interp(seen.magnitude, star.magnitude, _total(star)))
     size = _medians(np.abs(seen.error) / normal[:, None] / MEDIAN, cell, parts)
     for axes, values, label in (
         (panels[0], size, "error of a star over the analytic (ratio)"),
-        (panels[1], known / trials, "matched stars (number per frame)"),
+        (panels[1], count / trials, "matched stars (number per frame)"),
     ):
-        low, high = colour_limits(values)
+        low, high = style.colour_limits(values)
         shown = axes.pcolormesh(*edges, values.T, vmin=low, vmax=high)
-        axes.set_facecolor(NO_VALUE)
+        axes.set_facecolor(style.NO_VALUE)
         axes.set(xlabel="x, column (pixel)", ylabel="y, row (pixel)", aspect="equal")
         axes.invert_yaxis()
         axes.grid(visible=False)
-        colour_bar(shown, axes, values, label, orientation="horizontal", aspect=22)
+        style.colour_bar(shown, axes, values, label, orientation="horizontal", aspect=22)
         empty = f"; grey: fewer than {FEWEST} stars" if np.isnan(values).any() else ""
-        panel_title(axes, f"over the field: {trials} trials, {len(position)} stars{empty}", 36)
+        style.panel_title(
+            axes, f"over the field: {trials} trials, {len(position)} stars{empty}", 36
+        )
         if not len(position):
-            say(axes, "no matched star")
+            style.say(axes, "no matched star")
 
 
 def _medians(values: Floats, cell: list[Ints], parts: int) -> Floats:
     """Median of each part of the field, NaN where it has few stars."""
-    found = np.full((parts, parts), np.nan)
+    middle = np.full((parts, parts), np.nan)
     for i, j in np.ndindex(parts, parts):
         mine = values[(cell[0] == i) & (cell[1] == j)]
         if len(mine) >= FEWEST:
-            found[i, j] = np.median(mine)
-    return found
+            middle[i, j] = np.median(mine)
+    return middle
 
 
 def _total(star: Errors) -> Floats:
     """Variance per axis (m,) of all random causes of single stars."""
-    return np.asarray(sum(_variance(each) for each in star.random.values()))
+    return np.asarray(sum(_variance(covariance) for covariance in star.random.values()))
 
 
 def _variance(covariance: Floats) -> Floats:

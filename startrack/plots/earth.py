@@ -11,44 +11,38 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from numpy.typing import NDArray
 
 from startrack.core import Floats
-from startrack.plots.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    colour_bar,
-    colour_limits,
-    picture,
-    save_picture,
-    say,
-    styled,
-)
+from startrack.plots import style
 
 SKY_COLOUR = "#c8d8e8"
 BRIGHTEST = 0.998  # of the pixels have a colour of their own
-FLAGS = (RED, BLUE, ORANGE, PURPLE, SKY, GREEN)  # of quality, after that of no data
+FLAGS = (
+    style.RED,
+    style.BLUE,
+    style.ORANGE,
+    style.PURPLE,
+    style.SKY,
+    style.GREEN,
+)  # of quality, after that of no data
 BETWEEN = (0.01, 0.99)  # of the pixels, the image's contrast
 
 
-@styled
+@style.styled
 def draw_geometry(path: Path, maps: dict[str, Floats], title: str) -> None:
     """Write the picture.
 
     maps  (lines, columns) each: height in metre, shadow as a fraction, incidence in degree, level
     """
     lines, columns = maps["height"].shape
-    figure = picture(8.0, f"{title}: {columns} x {lines} pixel; light blue: sky, no ground")
+    figure = style.picture(8.0, f"{title}: {columns} x {lines} pixel; light blue: sky, no ground")
     axes = figure.subplots(2, 2)
     _panel(axes[0, 0], maps["height"], "height above the ellipsoid (m)", "cividis")
     _panel(axes[0, 1], maps["shadow"], "shadow (fraction of the pixel)", "gray_r", (0.0, 1.0))
     _panel(axes[1, 0], maps["incidence"], "incidence of the line of sight (deg)", "magma")
     _levels(axes[1, 1], np.where(maps["hit"] > 0, maps["level"], np.nan))
-    save_picture(path, figure)
+    style.save_picture(path, figure)
 
 
-@styled
+@style.styled
 def draw_picture(
     path: Path, numbers: NDArray[np.integer], terms: Mapping[str, NDArray[np.floating]], title: str
 ) -> None:
@@ -57,19 +51,19 @@ def draw_picture(
     numbers  (lines, columns) digital number, its contrast stretched over 1 to 99 %
     terms    (lines, columns) each, watt / m^2 / sr / um, each with its own scale
     """
-    figure = picture(11.5, title)
+    figure = style.picture(11.5, title)
     axes = figure.subplots(3, 2).ravel()
     values = numbers.astype(np.float64)
     low, high = np.quantile(values, BETWEEN)
     _panel(axes[0], values, "image (digital number)", "gray", (low, max(high, low + 1)))
-    for each, (name, term) in zip(axes[1:], terms.items(), strict=True):
+    for panel, (name, term) in zip(axes[1:], terms.items(), strict=True):
         label = f"{name} (W m$^{{-2}}$ sr$^{{-1}}$ $\\mu$m$^{{-1}}$)"
         values = term.astype(np.float64)
-        _panel(each, values, label, "inferno", colour_limits(values, BRIGHTEST, 0.0))
-    save_picture(path, figure)
+        _panel(panel, values, label, "inferno", style.colour_limits(values, BRIGHTEST, 0.0))
+    style.save_picture(path, figure)
 
 
-@styled
+@style.styled
 def draw_product(
     path: Path,
     layers: Mapping[str, Floats],
@@ -87,19 +81,19 @@ def draw_product(
     """
     rows = -(-(len(layers) + 1) // 2)
     tall = min(quality.shape[0] / quality.shape[1], 1.5)
-    figure = picture(0.4 + rows * (1.15 + 2.6 * tall), title)
+    figure = style.picture(0.4 + rows * (1.15 + 2.6 * tall), title)
     axes = figure.subplots(rows, 2, squeeze=False).ravel()
-    for each, (name, values) in zip(axes, layers.items(), strict=False):
+    for panel, (name, values) in zip(axes, layers.items(), strict=False):
         label = name if units[name] == "1" else f"{name} ({units[name]})"
-        known = values[np.isfinite(values)]
-        low, high = np.quantile(known, BETWEEN) if len(known) else (0.0, 0.0)
-        _panel(each, values, label, "gray", (low, high) if low < high else None)
+        finite = values[np.isfinite(values)]
+        low, high = np.quantile(finite, BETWEEN) if len(finite) else (0.0, 0.0)
+        _panel(panel, values, label, "gray", (low, high) if low < high else None)
     _flags(axes[len(layers)], quality, names)
-    for each in axes[: len(layers) + 1]:
-        each.set(xlabel="column (cell)", ylabel="row (cell)")
-    for each in axes[len(layers) + 1 :]:
-        each.set_visible(False)
-    save_picture(path, figure)
+    for panel in axes[: len(layers) + 1]:
+        panel.set(xlabel="column (cell)", ylabel="row (cell)")
+    for panel in axes[len(layers) + 1 :]:
+        panel.set_visible(False)
+    style.save_picture(path, figure)
 
 
 def _flags(axes: Axes, quality: NDArray[np.uint8], names: Mapping[str, int]) -> None:
@@ -110,7 +104,7 @@ def _flags(axes: Axes, quality: NDArray[np.uint8], names: Mapping[str, int]) -> 
     norm = BoundaryNorm(np.arange(-0.5, len(names) + 1), len(names) + 1)
     image = axes.imshow(shown, cmap=ListedColormap(colours), norm=norm, interpolation="nearest")
     _axes(axes)
-    bar = colour_bar(
+    bar = style.colour_bar(
         image, axes, shown, "quality", ticks=range(len(names) + 1), orientation="horizontal",
         aspect=22,
     )  # fmt: skip
@@ -120,15 +114,15 @@ def _flags(axes: Axes, quality: NDArray[np.uint8], names: Mapping[str, int]) -> 
 def _panel(
     axes: Axes, values: Floats, label: str, colours: str, limits: tuple[float, float] | None = None
 ) -> None:
-    low, high = limits or colour_limits(values)
+    low, high = limits or style.colour_limits(values)
     shown = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
     _axes(axes)
-    colour_bar(shown, axes, values, label, orientation="horizontal", aspect=22)
-    known = values[np.isfinite(values)]
-    if not len(known):
-        say(axes, "no ground in the image")
-    elif known.min() == known.max():
-        say(axes, f"{known[0]:g} everywhere")
+    style.colour_bar(shown, axes, values, label, orientation="horizontal", aspect=22)
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        style.say(axes, "no ground in the image")
+    elif finite.min() == finite.max():
+        style.say(axes, f"{finite[0]:g} everywhere")
 
 
 def _levels(axes: Axes, level: Floats) -> None:
@@ -136,7 +130,7 @@ def _levels(axes: Axes, level: Floats) -> None:
     norm = BoundaryNorm(np.arange(-0.5, most + 1.5), 256)
     shown = axes.imshow(level, cmap="viridis", norm=norm, interpolation="nearest")
     _axes(axes)
-    colour_bar(
+    style.colour_bar(
         shown, axes, level, "level of the terrain's pyramid (number)", ticks=range(most + 1),
         orientation="horizontal", aspect=22,
     )  # fmt: skip

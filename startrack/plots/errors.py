@@ -12,28 +12,13 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, arcsec, deg
 from startrack.metrics import Interval, summarise
-from startrack.plots.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    RED,
-    legend_below,
-    number,
-    panel_title,
-    picture,
-    robust_limit,
-    save_picture,
-    say,
-    styled,
-)
+from startrack.plots import style
 from startrack.sequence import Mode
 
 BINS = 41
 
 
-@styled
+@style.styled
 def draw_errors(path: Path | None, outcomes: NDArray[np.void], title: str) -> Figure:
     """The errors of many trials: across the boresight as points, about it as a histogram.
 
@@ -42,7 +27,7 @@ def draw_errors(path: Path | None, outcomes: NDArray[np.void], title: str) -> Fi
     correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
     summary = summarise(outcomes)
     available = summary.availability
-    figure = picture(
+    figure = style.picture(
         4.4,
         f"{title}: {summary.trials} trials, availability {100 * available.value:.1f} % "
         f"[{100 * available.low:.1f}, {100 * available.high:.1f}]; shown: the {len(correct)} "
@@ -52,44 +37,45 @@ def draw_errors(path: Path | None, outcomes: NDArray[np.void], title: str) -> Fi
     x, y, z = (np.asarray(correct[f"error_{axis}"], float) / arcsec for axis in "xyz")
     _across(across, x, y, summary.across)
     _about(about, z, summary.about)
-    return save_picture(path, figure)
+    return style.save_picture(path, figure)
 
 
 def _across(axes: Axes, x: Floats, y: Floats, rms: Interval) -> None:
-    panel_title(axes, "across the boresight", 36)
+    style.panel_title(axes, "across the boresight", 36)
     axes.set(xlabel="error about x (arcsec)", ylabel="error about y (arcsec)", aspect="equal")
     if not len(x):
-        say(axes, "no attitude")
+        style.say(axes, "no attitude")
         return
-    limit = robust_limit(np.concatenate([x, y]))
+    limit = style.robust_limit(np.concatenate([x, y]))
     size = np.hypot(x, y)
     inside = np.maximum(np.abs(x), np.abs(y)) <= limit
-    axes.plot(x[inside], y[inside], ".", ms=3, alpha=0.5, color=BLUE, label="trial")
+    axes.plot(x[inside], y[inside], ".", ms=3, alpha=0.5, color=style.BLUE, label="trial")
     if not inside.all():
         far = np.stack([x[~inside], y[~inside]])
         # On the edge, in their direction.
         axes.plot(
-            *(far * limit / np.abs(far).max(axis=0)), "X", ms=6, color=RED, clip_on=False, zorder=5,
-            label=f"{(~inside).sum()} beyond the axes, to {number(float(size.max()))} arcsec",
+            *(far * limit / np.abs(far).max(axis=0)), "X", ms=6, color=style.RED, clip_on=False,
+            zorder=5,
+            label=f"{(~inside).sum()} beyond the axes, to {style.number(float(size.max()))} arcsec",
         )  # fmt: skip
     turn = np.linspace(0, 2 * np.pi, 200)
     radius = rms.value / arcsec
     axes.plot(radius * np.cos(turn), radius * np.sin(turn), color="k", lw=1.2,
               label=f"rms per axis {_interval_text(rms)}")  # fmt: skip
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit))
-    legend_below(axes, 1)
+    style.legend_below(axes, 1)
 
 
 def _about(axes: Axes, z: Floats, rms: Interval) -> None:
-    panel_title(axes, "about the boresight", 36)
+    style.panel_title(axes, "about the boresight", 36)
     axes.set(xlabel="error about z (arcsec)", ylabel="number of trials")
     if not len(z):
-        say(axes, "no attitude")
+        style.say(axes, "no attitude")
         return
-    limit = robust_limit(z)
+    limit = style.robust_limit(z)
     inside = np.abs(z) <= limit
     axes.hist(
-        z[inside], BINS, range=(-limit, limit), color=BLUE, label=f"rms {_interval_text(rms)}"
+        z[inside], BINS, range=(-limit, limit), color=style.BLUE, label=f"rms {_interval_text(rms)}"
     )
     if not inside.all():
         for side in (-1, 1):
@@ -97,38 +83,40 @@ def _about(axes: Axes, z: Floats, rms: Interval) -> None:
             if many:
                 axes.annotate(
                     f"{many} beyond", (side * limit, 0), (0, 4), textcoords="offset points",
-                    rotation=90, color=RED, fontsize=8.5, va="bottom",
+                    rotation=90, color=style.RED, fontsize=8.5, va="bottom",
                     ha="right" if side > 0 else "left",
                 )  # fmt: skip
-        largest = number(float(np.abs(z).max()))
-        axes.plot([], [], "X", color=RED,
+        largest = style.number(float(np.abs(z).max()))
+        axes.plot([], [], "X", color=style.RED,
                   label=f"{(~inside).sum()} beyond the axis, to {largest} arcsec")  # fmt: skip
     axes.set_xlim(-limit, limit)
-    legend_below(axes, 1)
+    style.legend_below(axes, 1)
 
 
 def _interval_text(interval: Interval) -> str:
-    value, low, high = (number(x / arcsec) for x in (interval.value, interval.low, interval.high))
+    value, low, high = (
+        style.number(x / arcsec) for x in (interval.value, interval.low, interval.high)
+    )
     return f"{value} [{low}, {high}] arcsec"
 
 
 MODES = {
-    Mode.SEARCHING: (RED, "X"),
-    Mode.ACQUIRED: (PURPLE, "D"),
-    Mode.TRACKED: (GREEN, "o"),
-    Mode.COASTED: (ORANGE, "s"),
+    Mode.SEARCHING: (style.RED, "X"),
+    Mode.ACQUIRED: (style.PURPLE, "D"),
+    Mode.TRACKED: (style.GREEN, "o"),
+    Mode.COASTED: (style.ORANGE, "s"),
 }
 AXES = {"x": "about x", "y": "about y", "z": "about the boresight"}
 TYPICAL = 8.0  # median errors up to which the axis is linear
 
 
-@styled
+@style.styled
 def draw_sequence(path: Path | None, table: NDArray[np.void], title: str) -> Figure:
     """Rate and mode, and the error about each axis: of each frame alone and of the filter."""
-    figure = picture(10.5, title)
+    figure = style.picture(10.5, title)
     rate, *panels = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1.6, 1.6, 1.6))
     time = table["time"]
-    rate.step(time, table["rate"] / deg, where="mid", color=GREY, lw=1)
+    rate.step(time, table["rate"] / deg, where="mid", color=style.GREY, lw=1)
     for mode, (colour, marker) in MODES.items():
         here = table["mode"] == mode
         if here.any():
@@ -136,28 +124,28 @@ def draw_sequence(path: Path | None, table: NDArray[np.void], title: str) -> Fig
                       label=f"{mode.name.lower()} ({here.sum()} frames)")  # fmt: skip
     rate.set(ylabel="rate (deg/s)")
     rate.set_ylim(0, 1.15 * max(float(table["rate"].max() / deg), 1e-6))
-    legend_below(rate, 2, labels=False)
+    style.legend_below(rate, 2, labels=False)
     for axes, (axis, label) in zip(panels, AXES.items(), strict=True):
         _over_time(axes, table, axis, f"error {label} (arcsec)")
     panels[-1].set_xlabel("time (s)")
-    legend_below(panels[-1], 2)
+    style.legend_below(panels[-1], 2)
     for axes in panels:
         axes.yaxis.set_minor_locator(NullLocator())
-    return save_picture(path, figure)
+    return style.save_picture(path, figure)
 
 
 def _over_time(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> None:
     time = table["time"]
     filtered, sigma = (table[name + axis] / arcsec for name in ("filtered_", "filtered_sigma_"))
     alone, wrong = table[f"error_{axis}"] / arcsec, table["false"]
-    axes.fill_between(time, -3 * sigma, 3 * sigma, color=BLUE, alpha=0.15, lw=0,
+    axes.fill_between(time, -3 * sigma, 3 * sigma, color=style.BLUE, alpha=0.15, lw=0,
                       label="3 sigma that the filter states")  # fmt: skip
-    axes.plot(time, filtered, "-", lw=1.3, color=BLUE, label="filter")
-    axes.plot(time[~wrong], alone[~wrong], ".", ms=5, color=RED, label="frame alone")
+    axes.plot(time, filtered, "-", lw=1.3, color=style.BLUE, label="filter")
+    axes.plot(time[~wrong], alone[~wrong], ".", ms=5, color=style.RED, label="frame alone")
     if wrong.any():
         axes.plot(time[wrong], alone[wrong], "kX", ms=6, label="frame alone, false attitude")
-    known = np.abs(alone[~wrong])
-    scale = max(float(np.nanmedian(known)) * TYPICAL, 1e-3) if np.isfinite(known).any() else 1.0
+    size = np.abs(alone[~wrong])
+    scale = max(float(np.nanmedian(size)) * TYPICAL, 1e-3) if np.isfinite(size).any() else 1.0
     scale = float(f"{scale:.1g}")
     # A coasting filter drifts by degrees; linear near zero, logarithmic beyond.
     shown = np.concatenate([alone, filtered, 3 * sigma])
@@ -169,8 +157,11 @@ def _over_time(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> No
             [*(-end for end in reversed(ends)), 0.0, *ends],
             [*(f"-{end:g}" for end in reversed(ends)), "0", *(f"{end:g}" for end in ends)],
         )
-        panel_title(axes, f"axis linear to ±{scale:g} arcsec, logarithmic beyond; largest drawn "
-                          f"{number(largest)} arcsec")  # fmt: skip
+        style.panel_title(
+            axes,
+            f"axis linear to ±{scale:g} arcsec, logarithmic beyond; largest drawn "
+            f"{style.number(largest)} arcsec",
+        )
     axes.set_ylim(-1.3 * largest, 1.3 * largest)
     axes.set_ylabel(label)
-    axes.axhline(0, color=GREY, lw=0.5)
+    axes.axhline(0, color=style.GREY, lw=0.5)

@@ -5,35 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import FuncNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Matches, Spots, Stars, arcsec, deg
-from startrack.plots.stretch import Stretch, stretch
-from startrack.plots.style import (
-    ORANGE,
-    RED,
-    SKY,
-    SMALL,
-    WIDE,
-    YELLOW,
-    colour_bar,
-    legend_below,
-    lines_of,
-    number,
-    outline,
-    picture,
-    save_picture,
-    say,
-    styled,
-)
+from startrack.plots import style
 
 IMAGE = 5.75  # inch, width of the image beside its axis
 LABELS = 10  # brightest stars that are named, or have their magnitude written beside them
@@ -67,7 +52,7 @@ PROPER_NAMES = {
 }  # fmt: skip
 
 
-@styled
+@style.styled
 def draw_frame(
     path: Path | None,
     frame: Frame,
@@ -87,24 +72,26 @@ def draw_frame(
         if stars is not None:
             _name(axes, camera, *_predicted(camera, icrs_to_camera, stars, LABELS))
         _compass(axes, camera, icrs_to_camera)
-    return save_picture(path, figure)
+    return style.save_picture(path, figure)
 
 
-@styled
+@style.styled
 def draw_spots(path: Path | None, frame: Frame, spots: Spots, title: str) -> Figure:
     """The image with a ring about each spot, the brightest numbered as in the table."""
     figure, axes = _image(frame, title)
-    axes.scatter(spots.x, spots.y, edgecolors=SKY, label="spot, numbered by brightness", **RINGS)
+    axes.scatter(
+        spots.x, spots.y, edgecolors=style.SKY, label="spot, numbered by brightness", **RINGS
+    )
     places = np.column_stack([spots.x, spots.y])[:LABELS]
     _label(axes, frame.image.shape, places, [str(n + 1) for n in range(len(places))])
     if len(spots):
-        legend_below(axes)
+        style.legend_below(axes)
     else:
-        say(axes, "no spot", y=0.96)
-    return save_picture(path, figure)
+        style.say(axes, "no spot", y=0.96)
+    return style.save_picture(path, figure)
 
 
-@styled
+@style.styled
 def draw_solution(
     path: Path | None,
     frame: Frame,
@@ -119,8 +106,8 @@ def draw_solution(
     matched = np.zeros(len(spots), bool)
     matched[matches.spot] = True
     for chosen, colour, marker, label in (
-        (matched, SKY, "o", "spot, matched"),
-        (~matched, ORANGE, "s", "spot, not matched"),
+        (matched, style.SKY, "o", "spot, matched"),
+        (~matched, style.ORANGE, "s", "spot, not matched"),
     ):
         axes.scatter(
             spots.x[chosen], spots.y[chosen], edgecolors=colour, marker=marker,
@@ -130,21 +117,21 @@ def draw_solution(
         most = 2 * len(spots) + 10
         pixel, bright = _predicted(matches.camera, icrs_to_camera, stars, most)
         axes.scatter(
-            pixel[:, 0], pixel[:, 1], marker=CROSS, s=130, c=YELLOW, linewidths=1.0,
+            pixel[:, 0], pixel[:, 1], marker=CROSS, s=130, c=style.YELLOW, linewidths=1.0,
             label=f"catalogue star (brightest {len(pixel)})",
         )  # fmt: skip
         _name(axes, matches.camera, pixel, bright)
         _compass(axes, matches.camera, icrs_to_camera)
-    legend_below(axes)
-    return save_picture(path, figure)
+    style.legend_below(axes)
+    return style.save_picture(path, figure)
 
 
 def _image(frame: Frame, title: str, saturation: float | None = None) -> tuple[Figure, Axes]:
     """The frame with its scale of digital numbers below it."""
     rows, columns = frame.image.shape
     shown = stretch(frame.image, saturation)
-    high = min(max(IMAGE * rows / columns, 1.0), 4 * WIDE)
-    figure = picture(high + 1.35 + 0.17 * lines_of(title), title)
+    high = min(max(IMAGE * rows / columns, 1.0), 4 * style.WIDE)
+    figure = style.picture(high + 1.35 + 0.17 * style.lines_of(title), title)
     axes = figure.subplots()
     side = shown.block
     drawn = axes.imshow(
@@ -157,23 +144,23 @@ def _image(frame: Frame, title: str, saturation: float | None = None) -> tuple[F
     )
     if shown.saturated:
         axes.imshow(
-            np.where(shown.image >= shown.saturation, 1.0, np.nan), cmap=ListedColormap([RED]),
-            extent=drawn.get_extent(), interpolation="nearest",
+            np.where(shown.image >= shown.saturation, 1.0, np.nan),
+            cmap=ListedColormap([style.RED]), extent=drawn.get_extent(), interpolation="nearest",
         )  # fmt: skip
     axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
     axes.set(xlabel="x, column (pixel)", ylabel="y, row (pixel)")
     axes.grid(visible=False)
-    bar = colour_bar(
+    bar = style.colour_bar(
         drawn, axes, shown.image[np.isfinite(shown.image)], _scale_label(shown, rows * columns),
         orientation="horizontal", fraction=0.03, aspect=40, pad=0.02,
     )  # fmt: skip
     ticks = [float(f"{value:.2g}") for value in shown.number(np.array([0.35, 0.6, 0.8]))]
     inside = [value for value in ticks if shown.black < value < shown.white]
     bar.set_ticks([shown.black, *inside, shown.white])
-    bar.set_ticklabels([number(value) for value in (shown.black, *inside, shown.white)])
+    bar.set_ticklabels([style.number(value) for value in (shown.black, *inside, shown.white)])
     low, high = np.nanmin(frame.image), np.nanmax(frame.image)
     if low == high:
-        say(axes, f"all pixels have the digital number {low:g}")
+        style.say(axes, f"all pixels have the digital number {low:g}")
     return figure, axes
 
 
@@ -186,7 +173,7 @@ def _scale_label(shown: Stretch, pixels: int) -> str:
     if shown.saturated:
         text += "\n" if shown.wider else "; "
         share = 100 * shown.saturated / pixels
-        text += f"red: saturated, {shown.saturated} pixels ({number(share)} %)"
+        text += f"red: saturated, {shown.saturated} pixels ({style.number(share)} %)"
     return text
 
 
@@ -222,10 +209,10 @@ def _label(axes: Axes, shape: tuple[int, ...], places: Floats, texts: Sequence[s
         if any(abs(here[0] - u) < apart and abs(here[1] - v) < NAMES_APART[1] for u, v in used):
             continue
         used.append(here)
-        axes.annotate(
-            text, (x, y), (-7 if left else 7, -6 if under else 5), textcoords="offset points",
-            color=SKY, fontsize=SMALL, ha="right" if left else "left",
-            va="top" if under else "bottom", path_effects=[outline("black")], annotation_clip=True,
+        style.note(
+            axes, text, (x, y), (-7 if left else 7, -6 if under else 5), color=style.SKY,
+            ha="right" if left else "left", va="top" if under else "bottom",
+            path_effects=[style.outline("black")], annotation_clip=True,
         )  # fmt: skip
 
 
@@ -241,15 +228,15 @@ def _compass(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
     for tangent, letter in ((np.cross(z, east), "N"), (east, "E")):
         moved = camera.project(icrs_to_camera.apply((z + small * tangent)[None]))[0] - middle
         step = length * moved / np.hypot(*moved)
-        for width, colour in ((3.0, "black"), (1.4, YELLOW)):
+        for width, colour in ((3.0, "black"), (1.4, style.YELLOW)):
             axes.annotate(
                 "", tuple(origin + step), tuple(origin),
                 arrowprops={"arrowstyle": "->", "color": colour, "lw": width, "shrinkA": 0},
             )  # fmt: skip
         x, y = (origin + 1.4 * step).tolist()
         axes.text(
-            x, y, letter, color=YELLOW, fontsize=9, ha="center", va="center",
-            path_effects=[outline("black")],
+            x, y, letter, color=style.YELLOW, fontsize=9, ha="center", va="center",
+            path_effects=[style.outline("black")],
         )  # fmt: skip
     _scale_bar(axes, camera)
 
@@ -263,13 +250,110 @@ def _scale_bar(axes: Axes, camera: Camera) -> None:
     size = fits[-1]
     end = 0.97 * camera.columns
     x, y = (end - size / pixel, end), 0.965 * camera.rows
-    for width, colour in ((4.5, "black"), (2.0, YELLOW)):
+    for width, colour in ((4.5, "black"), (2.0, style.YELLOW)):
         axes.plot(x, (y, y), color=colour, lw=width, solid_capstyle="butt", scalex=False,
                   scaley=False)  # fmt: skip
     text = f"{size * arcsec / deg:g}°" if size >= 3600 else (
         f"{size / 60:g}'" if size >= 60 else f"{size:g}''"
     )  # fmt: skip
-    axes.annotate(
-        text, (sum(x) / 2, y), (0, 4), textcoords="offset points", color=YELLOW, fontsize=SMALL,
-        ha="center", va="bottom", path_effects=[outline("black")],
-    )  # fmt: skip
+    edge = [style.outline("black")]
+    style.note(axes, text, (sum(x) / 2, y), (0, 4), color=style.YELLOW, ha="center", va="bottom",
+               path_effects=edge)  # fmt: skip
+
+
+CELLS = 640  # along the longer side; a picture of 1280 pixels shows each with two
+FEW_CELLS = 360  # up to which each is a pixel where the picture is 400 wide
+BRIGHT = 5.0  # noise above the background, from which on a cell is drawn wider
+RANGE = 4.0  # noise from black to white, at least
+DARK = 1.5  # noise above the background up to which a pixel is black
+
+
+class Stretch(NamedTuple):
+    """A frame as it is drawn.
+
+    image      (m, n) digital number, largest of each block of pixels
+    block      pixel, side of a block
+    wider      whether bright blocks are drawn three times as wide, so that they are seen
+    black      digital number that is drawn black, with all below
+    noise      digital number rms of the background
+    white      digital number that is drawn white, with all above
+    saturation  digital number from which on pixels are saturated; infinite where unknown
+    saturated  number of pixels of the frame that are
+    """
+
+    image: Floats
+    block: int
+    wider: bool
+    black: float
+    noise: float
+    white: float
+    saturation: float
+    saturated: int
+
+    def level(self, number: Floats) -> Floats:
+        """Brightness in [0, 1] of digital numbers.
+
+            cbrt(ln(1 + s) / ln(1 + s_white)),   s = (number - black) / noise
+
+        Faint stars are far from black, whatever the brightest one is; the opposite for s < 0.
+        """
+        signal = (np.asarray(number, float) - self.black) / self.noise
+        return np.asarray(np.sign(signal) * np.cbrt(np.log1p(np.abs(signal)) / self._top))
+
+    def number(self, level: Floats) -> Floats:
+        """Inverse of `level`."""
+        signal = np.sign(level) * np.expm1(np.abs(level) ** 3 * self._top)
+        return np.asarray(self.black + self.noise * signal)
+
+    @property
+    def norm(self) -> FuncNorm:
+        """The same for a map of colours."""
+        return FuncNorm((self.level, self.number), vmin=self.black, vmax=self.white)
+
+    @property
+    def _top(self) -> float:
+        return math.log1p((self.white - self.black) / self.noise)
+
+
+def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stretch:
+    """Fit the brightness to the background and the noise of a frame.
+
+    image       (rows, columns) digital number; pixels that are not finite are black
+    saturation  digital number from which on pixels are saturated; None: the largest of the type
+                of an image of integers
+    """
+    values = np.asarray(image, float)
+    if saturation is None and np.issubdtype(image.dtype, np.integer):
+        largest = float(np.iinfo(image.dtype.name).max)
+        saturation = largest
+    limit = math.inf if saturation is None else saturation
+    saturated = int((values >= limit).sum())
+    block = max(1, math.ceil(max(values.shape) / CELLS))
+    reduced = _largest(np.where(np.isfinite(values), values, -np.inf), block)
+    finite = reduced[np.isfinite(reduced)]
+    if not len(finite):
+        return Stretch(reduced, block, False, 0.0, 1.0, 1.0, limit, saturated)
+    median, above = np.percentile(finite, [50, 84])
+    largest = float(finite.max())
+    # Of a constant frame, one digital number.
+    noise = max(float(above - median), 1e-3 * (largest - float(median))) or 1.0
+    black = float(median) + DARK * noise
+    if saturated:
+        black = min(black, limit - RANGE * noise)
+    white = max(min(largest, limit), black + RANGE * noise)
+    wider = max(reduced.shape) > FEW_CELLS
+    if wider:
+        bright = np.where(reduced > median + BRIGHT * noise, reduced, -np.inf)
+        reduced = np.maximum(reduced, maximum_filter(bright, 3, mode="nearest"))
+    return Stretch(reduced, block, wider, black, noise, white, limit, saturated)
+
+
+def _largest(image: Floats, block: int) -> Floats:
+    """The largest of each block of pixels, so that no star is lost between two."""
+    if block == 1:
+        return image
+    rows, columns = (-(-n // block) * block for n in image.shape)
+    brightest = np.full((rows, columns), -np.inf)
+    brightest[: image.shape[0], : image.shape[1]] = image
+    parts = brightest.reshape(rows // block, block, columns // block, block)
+    return np.asarray(parts.max(axis=(1, 3)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -10,59 +11,44 @@ from matplotlib.axes import Axes
 
 from startrack.core import Floats, arcsec, deg
 from startrack.mission import EDGES, Availability, Flown, KeepClear, Plan
-from startrack.plots.style import (
-    BLUE,
-    CYCLE,
-    GREY,
-    LINES,
-    RED,
-    SKY,
-    colour_bar,
-    colour_limits,
-    legend_below,
-    panel_title,
-    picture,
-    save_picture,
-    say,
-    styled,
-)
+from startrack.plots import style
 
 DAY = 86400.0
 
 
-@styled
+@style.styled
 def draw_mission(
-    path: Path, plan: Plan, flown: Flown, found: Availability, title: str
+    path: Path, plan: Plan, flown: Flown, available: Availability, title: str
 ) -> None:  # fmt: skip
     """Blind time of each head and of all over time; valid heads and error over season and orbit."""
-    figure = picture(11.0, title)
+    figure = style.picture(11.0, title)
     over, phase, error, lengths = figure.subplots(4, 1, height_ratios=(1.1, 1.1, 1.1, 0.9))
     _blind_over_time(over, plan, flown)
     _over_phase(phase, plan, flown)
     _error(error, flown)
-    _lengths(lengths, found)
-    save_picture(path, figure)
+    _lengths(lengths, available)
+    style.save_picture(path, figure)
 
 
-@styled
+@style.styled
 def draw_beta(path: Path, plan: Plan, flown: Flown, title: str) -> None:
     """Valid heads and error over the beta angle (Sun to the plane of the orbit) and the orbit."""
-    steps, one, _, valid, *squares = flown.by_beta
-    worst = np.sqrt(_mean(np.array(squares), one).max(axis=0)) / arcsec
+    steps, any_valid, _, valid, *squares = flown.by_beta
+    worst = np.sqrt(_mean(np.array(squares), any_valid).max(axis=0)) / arcsec
     used = np.flatnonzero(steps.sum(axis=1))
     part = slice(int(used[0]), int(used[-1]) + 1)
     edge = np.linspace(-90, 90, len(steps) + 1)
     extent = (0.0, 360.0, float(edge[part.start]), float(edge[part.stop]))
-    figure = picture(8.0, title)
+    figure = style.picture(8.0, title)
     for axes, values, label, limits in zip(
         figure.subplots(3, 1),
-        (100 * _mean(one, steps), _mean(valid, steps), worst),
+        (100 * _mean(any_valid, steps), _mean(valid, steps), worst),
         (
             "one valid head or more\n(% of the time)",
             "valid heads, mean",
             "error, worst axis\n(arcsec rms)",
         ),
-        (None, (0, len(plan.heads)), colour_limits(worst, 0.99, 0.0)),
+        (None, (0, len(plan.heads)), style.colour_limits(worst, 0.99, 0.0)),
         strict=True,
     ):
         here = values[part]
@@ -70,25 +56,24 @@ def draw_beta(path: Path, plan: Plan, flown: Flown, title: str) -> None:
         _image(axes, here, extent, label, (low, high))
         axes.set(xlabel="orbit from the node (deg)", ylabel="beta angle (deg)")
         axes.set_xticks(range(0, 361, 60))
-    save_picture(path, figure)
+    style.save_picture(path, figure)
 
 
 def _blind_over_time(axes: Axes, plan: Plan, flown: Flown) -> None:
     seasons = np.array_split(np.arange(flown.blind.shape[1]), len(flown.count))
-    seasons = [one for one in seasons if len(one)]
-    day = [one.mean() * flown.step / DAY for one in seasons]
+    seasons = [season for season in seasons if len(season)]
+    day = [season.mean() * flown.step / DAY for season in seasons]
     curves = {head.name: flown.blind[h] > 0 for h, head in enumerate(plan.heads)}
     curves["no head valid"] = flown.valid == 0
     for k, (name, blind) in enumerate(curves.items()):
         last = name == "no head valid"
-        part = [100 * float(blind[one[0] : one[-1] + 1].mean()) for one in seasons]
-        axes.plot(
-            day, part, lw=2.0 if last else 1.2, label=name,
-            color="k" if last else CYCLE[k % len(CYCLE)], ls="-" if last else LINES[k % len(LINES)],
-        )  # fmt: skip
+        part = [100 * float(blind[season[0] : season[-1] + 1].mean()) for season in seasons]
+        colour, line = style.CYCLE[k % len(style.CYCLE)], style.LINES[k % len(style.LINES)]
+        look: dict[str, Any] = {"color": "k", "ls": "-"} if last else {"color": colour, "ls": line}
+        axes.plot(day, part, lw=2.0 if last else 1.2, label=name, **look)
     axes.set(xlabel="day of the mission", ylabel="blind (% of the time)", xlim=(0, None))
     axes.set_ylim(0, None)
-    legend_below(axes, 4)
+    style.legend_below(axes, 4)
 
 
 def _over_phase(axes: Axes, plan: Plan, flown: Flown) -> None:
@@ -98,7 +83,9 @@ def _over_phase(axes: Axes, plan: Plan, flown: Flown) -> None:
 
 def _error(axes: Axes, flown: Flown) -> None:
     worst = np.sqrt(_mean(flown.square_sum, flown.known).max(axis=0)) / arcsec
-    _map(axes, flown, worst, "error, worst axis\n(arcsec rms)", colour_limits(worst, 0.99, 0.0))
+    _map(
+        axes, flown, worst, "error, worst axis\n(arcsec rms)", style.colour_limits(worst, 0.99, 0.0)
+    )
 
 
 def _mean(total: Floats, count: Floats) -> Floats:
@@ -129,26 +116,26 @@ def _image(
         vmin=limits[0], vmax=limits[1],
     )  # fmt: skip
     axes.grid(False)
-    colour_bar(shown, axes, values, label)
+    style.colour_bar(shown, axes, values, label)
 
 
-def _lengths(axes: Axes, found: Availability) -> None:
-    panel_title(axes, "Times without any valid head")
-    counts = found.none.histogram()
+def _lengths(axes: Axes, available: Availability) -> None:
+    style.panel_title(axes, "Times without any valid head")
+    counts = available.none.histogram()
     names = [f"to {high:g} s" if high < 60 else f"to {high / 60:g} min" for high in EDGES[1:-1]]
     names[-1:] = ["to 1 h", "over 1 h"]
-    bars = axes.bar(range(len(counts)), counts, color=BLUE)
+    bars = axes.bar(range(len(counts)), counts, color=style.BLUE)
     axes.bar_label(bars, [f"{count}" if count else "" for count in counts], fontsize=8.5)
     axes.set_xticks(range(len(counts)), names)
     axes.set(ylabel="how often", xlabel="length")
     axes.grid(False, axis="x")
     axes.set_ylim(0, 1.15 * max(int(counts.max()), 1))
     if not counts.any():
-        say(axes, "there are none")
-        axes.spines[["left", "right", "top"]].set_color(GREY)
+        style.say(axes, "there are none")
+        axes.spines[["left", "right", "top"]].set_color(style.GREY)
 
 
-@styled
+@style.styled
 def draw_placement(
     path: Path,
     mapped: tuple[Floats, Floats, Floats, Floats],
@@ -172,7 +159,7 @@ def draw_placement(
         axis = np.array(cone.axis) / np.linalg.norm(cone.axis)
         clear &= here @ axis < np.cos(cone.angle)
     least = np.log10(np.maximum(score, 1e-6))[nearest]
-    figure = picture(11.0, title)
+    figure = style.picture(11.0, title)
     for axes, values, label, low in zip(
         figure.subplots(3, 1),
         (100 * part[nearest], longest[nearest] / 60, least),
@@ -190,13 +177,13 @@ def draw_placement(
         )  # fmt: skip
         axes.grid(False)
         for place, marker, colour, name in (
-            (before, "o", SKY, "before"), (after, "^", RED, "after"),
+            (before, "o", style.SKY, "before"), (after, "^", style.RED, "after"),
         ):  # fmt: skip
             x, y = np.degrees(np.array(place)).T
             axes.plot(x, y, marker, color=colour, mec="white", ms=8, label=name)
         axes.set(xlabel="azimuth, from x to y (deg)", ylabel="elevation, to z (deg)")
         axes.set_xticks(range(-180, 181, 60))
         axes.set_yticks(range(-90, 91, 45))
-        colour_bar(shown, axes, values, label)
-    legend_below(axes, 2)
-    save_picture(path, figure)
+        style.colour_bar(shown, axes, values, label)
+    style.legend_below(axes, 2)
+    style.save_picture(path, figure)

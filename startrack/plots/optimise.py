@@ -14,36 +14,17 @@ from startrack.core import Floats, arcsec
 from startrack.design import Objective
 from startrack.metrics import Interval
 from startrack.optimise import UNITS, Goals, Optimum, Point, Sensitivity, Tolerance, thinned
-from startrack.plots.style import (
-    BLACK,
-    BLUE,
-    CYCLE,
-    GREEN,
-    GREY,
-    LINES,
-    ORANGE,
-    RED,
-    SMALL,
-    WIDE,
-    legend_below,
-    number,
-    outline,
-    panel_title,
-    picture,
-    save_picture,
-    say,
-    styled,
-)
+from startrack.plots import style
 
 SAME = 0.02  # relative change of an error that is not drawn as a bar
 LARGEST = 1.6  # inch, of a panel of a corner picture whose letters are legible in 400 pixels
 
 
-@styled
+@style.styled
 def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
     """The error of each evaluated design, and its variables."""
     fresh, _ = optimum.fresh
-    figure = picture(
+    figure = style.picture(
         8.4,
         f"{len(optimum.evaluations)} designs on the same skies and noise; on {fresh.trials} fresh "
         f"frames the best is better by {optimum.factor.value:.2f} "
@@ -52,37 +33,37 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
     error, variables = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1))
     _tried(error, optimum, str(Objective.read(objective)))
     draw_variables(variables, optimum)
-    save_picture(path, figure)
+    style.save_picture(path, figure)
 
 
 def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     tried = optimum.evaluations
     number_of = _forecast_count(optimum) + np.arange(1, len(tried) + 1)
     _forecasts(axes, optimum)
-    found = np.array([one.error / arcsec for one in tried])
-    feasible = np.array([one.feasible for one in tried])
-    known = np.isfinite(found)
+    errors = np.array([evaluation.error / arcsec for evaluation in tried])
+    feasible = np.array([evaluation.feasible for evaluation in tried])
+    solved = np.isfinite(errors)
     for chosen, marker, colour, label in (
-        (feasible & known, "o", GREEN, "meets the requirements"),
-        (~feasible & known, "X", RED, "misses a requirement"),
+        (feasible & solved, "o", style.GREEN, "meets the requirements"),
+        (~feasible & solved, "X", style.RED, "misses a requirement"),
     ):
-        axes.plot(number_of[chosen], found[chosen], marker, ms=4.5, color=colour,
+        axes.plot(number_of[chosen], errors[chosen], marker, ms=4.5, color=colour,
                   label=f"{label} ({chosen.sum()})")  # fmt: skip
-    so_far = _best_so_far(np.where(feasible & known, found, np.inf), optimum)
-    axes.step(number_of, np.where(np.isfinite(so_far), so_far, np.nan), where="post", color=GREEN,
-              lw=1.2, label="best so far with as many trials")  # fmt: skip
-    if not known.all():
-        at = number_of[~known]
-        axes.plot(at, np.full(len(at), 0.02), "|", ms=8, color=GREY, clip_on=False,
+    so_far = _best_so_far(np.where(feasible & solved, errors, np.inf), optimum)
+    axes.step(number_of, np.where(np.isfinite(so_far), so_far, np.nan), where="post",
+              color=style.GREEN, lw=1.2, label="best so far with as many trials")  # fmt: skip
+    if not solved.all():
+        at = number_of[~solved]
+        axes.plot(at, np.full(len(at), 0.02), "|", ms=8, color=style.GREY, clip_on=False,
                   transform=axes.get_xaxis_transform(),
                   label=f"no error: no trial was run, or none solved ({len(at)})")  # fmt: skip
-    _numbers_of_trials(axes, np.array([one.trials for one in tried]), _forecast_count(optimum))
+    _numbers_of_trials(axes, np.array([done.trials for done in tried]), _forecast_count(optimum))
     axes.set(yscale="log", ylabel=f"{objective} (arcsec)")
     axes.tick_params(labelbottom=True)
     axes.set_xlabel("evaluation (number)")
-    if not known.any():
-        say(axes, "no design has an attitude")
-    legend_below(axes, 2)
+    if not solved.any():
+        style.say(axes, "no design has an attitude")
+    style.legend_below(axes, 2)
 
 
 def _forecast_count(optimum: Optimum) -> int:
@@ -95,20 +76,20 @@ def _forecasts(axes: Axes, optimum: Optimum) -> None:
         return
     error, met = np.exp(optimum.landscape.expected), np.array(optimum.landscape.met)
     number_of = np.arange(1, len(error) + 1)
-    for chosen, face, label in ((met, GREY, "meets"), (~met, "none", "misses")):
-        axes.plot(number_of[chosen], error[chosen], "o", ms=3, color=GREY, mfc=face,
+    for chosen, face, label in ((met, style.GREY, "meets"), (~met, "none", "misses")):
+        axes.plot(number_of[chosen], error[chosen], "o", ms=3, color=style.GREY, mfc=face,
                   label=f"forecast, {label} the requirements ({chosen.sum()})")  # fmt: skip
 
 
-def _best_so_far(found: Floats, optimum: Optimum) -> Floats:
+def _best_so_far(errors: Floats, optimum: Optimum) -> Floats:
     """Least error up to each design, of those with as many trials: fewer are more by chance.
 
-    found  (n,) arcsec; infinite for designs that do not count
+    errors  (n,) arcsec; infinite for designs that do not count
     """
     least, result, trials = math.inf, [], 0
-    for error, one in zip(found, optimum.evaluations, strict=True):
-        if one.trials not in (0, trials):
-            least, trials = math.inf, one.trials
+    for error, evaluation in zip(errors, optimum.evaluations, strict=True):
+        if evaluation.trials not in (0, trials):
+            least, trials = math.inf, evaluation.trials
         least = min(least, error)
         result.append(least)
     return np.array(result)
@@ -124,7 +105,7 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
     for n, k in enumerate(steps):
         axes.axvline(
             before + k + 0.5,
-            color=GREY,
+            color=style.GREY,
             lw=1.0,
             ls=":",
             label=None if n else "dotted: another number of trials per design",
@@ -135,14 +116,11 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
         if k - shown < 0.06 * len(trials):
             continue
         shown = k
-        axes.annotate(
-            f"{trials[k]:.0f}", (before + k + 0.6, 1.0), (1, -2),
-            xycoords=("data", "axes fraction"), textcoords="offset points",
-            fontsize=SMALL, va="top", color="0.3", path_effects=[outline("white")],
-        )  # fmt: skip
+        style.note(axes, f"{trials[k]:.0f}", (before + k + 0.6, 1.0), (1, -2), color="0.3",
+                   va="top", xycoords=("data", "axes fraction"))  # fmt: skip
     if len(run):
-        panel_title(axes, f"numbers at the top: trials per design, {trials[run].min():.0f} to "
-                          f"{trials[run].max():.0f}")  # fmt: skip
+        ends = f"{trials[run].min():.0f} to {trials[run].max():.0f}"
+        style.panel_title(axes, f"numbers at the top: trials per design, {ends}")
 
 
 def draw_variables(axes: Axes, optimum: Optimum) -> None:
@@ -155,10 +133,10 @@ def draw_variables(axes: Axes, optimum: Optimum) -> None:
     for n, (variable, line) in enumerate(
         zip(optimum.space.variables, np.array(points).T, strict=True)
     ):
-        colour = CYCLE[n % len(CYCLE)]
+        colour = style.CYCLE[n % len(style.CYCLE)]
         axes.plot(
             np.arange(1, len(line) + 1), line, lw=1.2, color=colour,
-            ls=LINES[n % len(LINES)], label=variable.name.rpartition(".")[2],
+            ls=style.LINES[n % len(style.LINES)], label=variable.name.rpartition(".")[2],
         )  # fmt: skip
         if found:
             span, at = found.spans[variable.name], len(line) * (1.02 + 0.015 * n)
@@ -166,10 +144,10 @@ def draw_variables(axes: Axes, optimum: Optimum) -> None:
     axes.set(xlabel="evaluation (number)", ylabel="variable, scaled (fraction of its range)")
     axes.set_ylim(-0.03, 1.03)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    legend_below(axes, 3)
+    style.legend_below(axes, 3)
 
 
-@styled
+@style.styled
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     """Distribution of each pair of variables, and of each, over designs within the error limit."""
     space = tolerance.space
@@ -189,114 +167,109 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     )
 
 
-@styled
-def draw_tornado(path: Path, found: Sequence[Sensitivity], objective: str) -> None:
+@style.styled
+def draw_tornado(path: Path, variables: Sequence[Sensitivity], objective: str) -> None:
     """Range of the error over each variable alone, and Sobol indices of each."""
-    order = sorted(found, key=_swing)
-    figure = picture(2.6 + 0.85 * len(order))
+    order = sorted(variables, key=_swing)
+    figure = style.picture(2.6 + 0.85 * len(order))
     swing, indices = figure.subplots(2, 1)
     _swings(swing, order, objective)
     _indices(indices, order)
-    save_picture(path, figure)
+    style.save_picture(path, figure)
 
 
 def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
     design = order[0].error
-    for y, one in enumerate(order):
-        ends = {"low": one.low, "high": one.high}
-        known = [value for value in (*ends.values(), one.error) if math.isfinite(value)]
-        axes.plot((min(known), max(known)), (y, y), lw=10, color=BLUE, solid_capstyle="butt")
-        small = [name for name, value in ends.items() if abs(value / one.error - 1) <= SAME]
+    for y, variable in enumerate(order):
+        ends = {"low": variable.low, "high": variable.high}
+        finite = [value for value in (*ends.values(), variable.error) if math.isfinite(value)]
+        axes.plot(
+            (min(finite), max(finite)), (y, y), lw=10, color=style.BLUE, solid_capstyle="butt"
+        )
+        small = [name for name, value in ends.items() if abs(value / variable.error - 1) <= SAME]
         if len(small) == len(ends):
-            axes.annotate(
-                f"changes it by less than {100 * SAME:g} %", (one.error, y), (6, 0),
-                textcoords="offset points", fontsize=SMALL, va="center",
-                path_effects=[outline("white")],
-            )  # fmt: skip
+            style.note(
+                axes, f"changes it by less than {100 * SAME:g} %", (variable.error, y), (6, 0)
+            )
         lost = [name for name, value in ends.items() if not math.isfinite(value)]
         for name, value in ends.items():
-            if math.isfinite(value) and abs(value / one.error - 1) > SAME:
-                left = value < one.error
-                axes.annotate(
-                    f"{name}: {number(value)}", (value, y), (-4 if left else 4, 0),
-                    textcoords="offset points", fontsize=SMALL, va="center",
-                    ha="right" if left else "left", path_effects=[outline("white")],
-                )  # fmt: skip
+            if math.isfinite(value) and abs(value / variable.error - 1) > SAME:
+                off, side = (-4, "right") if value < variable.error else (4, "left")
+                text = f"{name}: {style.number(value)}"
+                style.note(axes, text, (value, y), (off, 0), ha=side)
         if lost:
-            axes.annotate(
-                f"no attitude at its {' and '.join(lost)} bound", (max(known), y), (4, -9),
-                textcoords="offset points", fontsize=SMALL, va="center", color=RED,
-            )  # fmt: skip
-    axes.axvline(design, color=BLACK, lw=1.2, label=f"the design: {number(design)} arcsec")
+            text = f"no attitude at its {' and '.join(lost)} bound"
+            style.note(axes, text, (max(finite), y), (4, -9), color=style.RED, path_effects=[])
+    axes.axvline(
+        design, color=style.BLACK, lw=1.2, label=f"the design: {style.number(design)} arcsec"
+    )
     axes.set_xscale("log")
-    axes.set_yticks(range(len(order)), [one.name.rpartition(".")[2] for one in order])
+    axes.set_yticks(range(len(order)), [variable.name.rpartition(".")[2] for variable in order])
     axes.margins(x=0.25)
     axes.set(xlabel=f"{objective} (arcsec)", ylim=(-0.7, len(order) - 0.3))
     axes.grid(axis="y", visible=False)
-    panel_title(axes, "each variable alone from its low to its high bound, analytic")
-    legend_below(axes, 1)
+    style.panel_title(axes, "each variable alone from its low to its high bound, analytic")
+    style.legend_below(axes, 1)
 
 
 def _indices(axes: Axes, order: Sequence[Sensitivity]) -> None:
-    for shift, kind, colour, hatch in ((0.2, "total", ORANGE, ""), (-0.2, "first", GREEN, "///")):
+    for shift, kind, colour, hatch in (
+        (0.2, "total", style.ORANGE, ""),
+        (-0.2, "first", style.GREEN, "///"),
+    ):
         label = {"total": "total, with all others", "first": "first order, alone"}[kind]
-        for y, one in enumerate(order):
-            index: Interval = getattr(one, kind)
+        for y, variable in enumerate(order):
+            index: Interval = getattr(variable, kind)
             axes.barh(y + shift, index.value, 0.36, color=colour, hatch=hatch, ec="white",
                       label=None if y else label)  # fmt: skip
-            middle = [[max(index.value - index.low, 0)], [max(index.high - index.value, 0)]]
-            axes.errorbar(index.value, y + shift, xerr=middle, fmt="none", ecolor=BLACK, lw=1.2)
-            axes.annotate(
-                f"{index.value:.2f}", (max(index.high, index.value), y + shift), (4, 0),
-                textcoords="offset points", fontsize=SMALL, va="center",
-                path_effects=[outline("white")],
-            )  # fmt: skip
-    axes.set_yticks(range(len(order)), [one.name.rpartition(".")[2] for one in order])
+            bars = style.bars_of(index)
+            axes.errorbar(index.value, y + shift, xerr=bars, fmt="none", ecolor=style.BLACK, lw=1.2)
+            end = max(index.high, index.value)
+            style.note(axes, f"{index.value:.2f}", (end, y + shift), (4, 0))
+    axes.set_yticks(range(len(order)), [variable.name.rpartition(".")[2] for variable in order])
     axes.margins(x=0.12)
     axes.set(xlabel="Sobol index of ln(error) (fraction of its variance)")
     axes.grid(axis="y", visible=False)
-    panel_title(axes, "over the design space; lines: 95 % intervals")
-    legend_below(axes, 2)
+    style.panel_title(axes, "over the design space; lines: 95 % intervals")
+    style.legend_below(axes, 2)
 
 
-def _swing(one: Sensitivity) -> float:
-    values = [value for value in (one.low, one.high, one.error) if math.isfinite(value)]
-    lost = not all(map(math.isfinite, (one.low, one.high)))
+def _swing(variable: Sensitivity) -> float:
+    values = [
+        value for value in (variable.low, variable.high, variable.error) if math.isfinite(value)
+    ]
+    lost = not all(map(math.isfinite, (variable.low, variable.high)))
     return max(values) / min(values) + 1e9 * lost
 
 
-@styled
+@style.styled
 def draw_front(
     path: Path, points: Sequence[Point], goals: Goals, units: Sequence[str], trials: int
 ) -> None:
     """The Pareto front of the analytic budget, and the same designs in trials."""
-    figure = picture(5.0, f"{len(points)} Pareto-optimal designs by the analytic budget")
+    figure = style.picture(5.0, f"{len(points)} Pareto-optimal designs by the analytic budget")
     axes = figure.subplots()
-    expected = np.array([one.expected for one in points])
-    axes.plot(*expected.T, "o-", ms=5, color=BLUE, label="analytic budget")
+    expected = np.array([point.expected for point in points])
+    axes.plot(*expected.T, "o-", ms=5, color=style.BLUE, label="analytic budget")
     label = f"{trials} trials each, 95 % intervals"
-    for n, one in enumerate(points):
-        value = np.array(one.measured)
-        bars = [
-            [[max(known - each.low, 0)], [max(each.high - known, 0)]]
-            for known, each in zip(value, one.intervals, strict=True)
-        ]
+    for n, point in enumerate(points):
+        value = np.array(point.measured)
+        bars = [style.bars_of(interval) for interval in point.intervals]
         axes.errorbar(
             value[0], value[1], xerr=np.nan_to_num(bars[0]), yerr=np.nan_to_num(bars[1]),
-            fmt="s", ms=6, mfc="white", color=RED, label=None if n else label,
+            fmt="s", ms=6, mfc="white", color=style.RED, label=None if n else label,
         )  # fmt: skip
         # A thin line joins the two of one design.
-        axes.plot(*np.stack([one.expected, value]).T, ":", color=GREY, lw=1,
+        axes.plot(*np.stack([point.expected, value]).T, ":", color=style.GREY, lw=1,
                   label=None if n else "the same design")  # fmt: skip
-        axes.annotate(str(n + 1), one.expected, (-5, -10), textcoords="offset points",
-                      fontsize=SMALL, ha="right", path_effects=[outline("white")])  # fmt: skip
+        style.note(axes, str(n + 1), point.expected, (-5, -10), ha="right", va="baseline")
     axes.set(xscale="log", yscale="log")
     axes.margins(0.12)
     axes.set(xlabel=f"{_goal(goals.first)} ({units[0]})")
     axes.set(ylabel=f"{_goal(goals.second)} ({units[1]})")
-    panel_title(axes, "numbers: rows of front.md")
-    legend_below(axes, 3)
-    save_picture(path, figure)
+    style.panel_title(axes, "numbers: rows of front.md")
+    style.legend_below(axes, 3)
+    style.save_picture(path, figure)
 
 
 def _goal(name: str) -> str:
@@ -304,13 +277,13 @@ def _goal(name: str) -> str:
     return name if name in UNITS else str(Objective.read(name))
 
 
-@styled
+@style.styled
 def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) -> None:
     """Distribution of each pair of columns of samples (n, d), and of each."""
     n = len(labels)
-    figure = picture(WIDE + 0.5, title)
+    figure = style.picture(style.WIDE + 0.5, title)
     # More than four columns need a larger picture for the same letters.
-    side = max(WIDE, LARGEST * n)
+    side = max(style.WIDE, LARGEST * n)
     figure.set_size_inches(side, side + 0.5)
     grid = figure.subplots(n, n, squeeze=False, sharex="col")
     for i in range(n):
@@ -323,7 +296,7 @@ def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) 
             if i == j:
                 _one(axes, samples[:, i])
             else:
-                axes.plot(samples[:, j], samples[:, i], ".", ms=1.5, alpha=0.4, color=BLUE)
+                axes.plot(samples[:, j], samples[:, i], ".", ms=1.5, alpha=0.4, color=style.BLUE)
                 axes.yaxis.set_major_locator(MaxNLocator(4, prune="both"))
             axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
             axes.tick_params(axis="x", rotation=45)
@@ -333,17 +306,17 @@ def draw_corner(path: Path, samples: Floats, labels: Sequence[str], title: str) 
                 axes.set_ylabel(labels[i])
             elif i != j:
                 axes.tick_params(labelleft=False)
-    save_picture(path, figure)
+    style.save_picture(path, figure)
 
 
 def _one(axes: Axes, values: Floats) -> None:
     """Histogram with its median and 95 % of the samples."""
     low, middle, high = np.quantile(values, (0.025, 0.5, 0.975))
-    axes.hist(values, 30, color=BLUE)
+    axes.hist(values, 30, color=style.BLUE)
     for at, line in ((low, ":"), (middle, "-"), (high, ":")):
-        axes.axvline(at, color=BLACK, ls=line, lw=1)
+        axes.axvline(at, color=style.BLACK, ls=line, lw=1)
     axes.set_yticks([])
     # Digits by the width, so that a narrow distribution is not rounded away.
     digits = max(0, 2 - math.floor(math.log10(high - low))) if high > low else 3
     texts = [f"{value:.{digits}f}" for value in (middle, low, high)]
-    axes.set_title(f"{texts[0]}\n[{texts[1]}, {texts[2]}]", fontsize=SMALL)
+    axes.set_title(f"{texts[0]}\n[{texts[1]}, {texts[2]}]", fontsize=style.SMALL)

@@ -10,37 +10,23 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from startrack.core import Psf
-from startrack.plots.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    RED,
-    colour_bar,
-    legend_below,
-    panel_title,
-    picture,
-    plain,
-    save_picture,
-    styled,
-)
+from startrack.plots import style
 
 Curves = dict[str, NDArray[np.float64]]
 
 FAINTEST = -5.0  # decades below the peak
 ALIKE = 1e-3  # of the modulation, by which curves along x and y may differ and be drawn as one
 LOOKS = {
-    "optics": (BLUE, "o"),
-    "blur in optics": (PURPLE, "D"),
-    "pixel": (GREEN, "s"),
-    "diffusion": (RED, "v"),
-    "motion": (ORANGE, "^"),
-    "total": (BLACK, ""),
+    "optics": (style.BLUE, "o"),
+    "blur in optics": (style.PURPLE, "D"),
+    "pixel": (style.GREEN, "s"),
+    "diffusion": (style.RED, "v"),
+    "motion": (style.ORANGE, "^"),
+    "total": (style.BLACK, ""),
 }
 
 
-@styled
+@style.styled
 def draw_psf(
     path: Path, image: Psf, frequency: NDArray[np.float64], curves: Sequence[Curves], title: str
 ) -> None:
@@ -50,11 +36,11 @@ def draw_psf(
     frequency  (n,) cycle / pixel
     curves     of the modulation over it, along x and along y
     """
-    figure = picture(9.4, title)
+    figure = style.picture(9.4, title)
     above, below = figure.subplots(2, 1, height_ratios=(1.5, 1))
     _spot(above, image)
     _modulation(below, frequency, curves)
-    save_picture(path, figure)
+    style.save_picture(path, figure)
 
 
 def _spot(axes: Axes, image: Psf) -> None:
@@ -71,23 +57,23 @@ def _spot(axes: Axes, image: Psf) -> None:
     axes.grid(which="minor", color="white", alpha=0.35, lw=0.6)
     axes.tick_params(which="minor", length=0)
     axes.set(xlabel="x (pixel)", ylabel="y (pixel)", xlim=(-edge, edge), ylim=(edge, -edge))
-    panel_title(axes, "image of a star before the pixels; lines: borders of pixels", 52)
-    bar = colour_bar(shown, axes, decades, "irradiance over its peak (ratio)")
+    style.panel_title(axes, "image of a star before the pixels; lines: borders of pixels", 52)
+    bar = style.colour_bar(shown, axes, decades, "irradiance over its peak (ratio)")
     ticks = np.arange(FAINTEST, 1)
-    bar.set_ticks(ticks.tolist(), labels=[plain(10.0**tick) for tick in ticks])
+    bar.set_ticks(ticks.tolist(), labels=[style.plain(10.0**tick) for tick in ticks])
 
 
 def _modulation(axes: Axes, frequency: NDArray[np.float64], curves: Sequence[Curves]) -> None:
     along_x, along_y = curves
     alike = all(np.abs(along_x[name] - along_y[name]).max() < ALIKE for name in along_x)
     every = max(1, len(frequency) // 8)
-    for curve, style, direction in ((along_x, "-", "x"), (along_y, "--", "y")):
+    for curve, dashes, direction in ((along_x, "-", "x"), (along_y, "--", "y")):
         if alike and direction == "y":
             continue
         for name, values in curve.items():
             colour, marker = LOOKS[name]
             axes.plot(
-                frequency[1:], values[1:], style, color=colour, marker=marker, markevery=every,
+                frequency[1:], values[1:], dashes, color=colour, marker=marker, markevery=every,
                 ms=4, lw=2.0 if name == "total" else 1.2,
                 label=name if direction == "x" else None,
             )  # fmt: skip
@@ -97,5 +83,5 @@ def _modulation(axes: Axes, frequency: NDArray[np.float64], curves: Sequence[Cur
         text = "along x and along y"
     axes.set(xlim=(0, frequency[-1]), ylim=(0, 1.02))
     axes.set(xlabel="frequency (cycle / pixel), to Nyquist's", ylabel="modulation (ratio)")
-    panel_title(axes, f"modulation transfer, {text}")
-    legend_below(axes, 4)
+    style.panel_title(axes, f"modulation transfer, {text}")
+    style.legend_below(axes, 4)

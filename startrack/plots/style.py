@@ -144,12 +144,12 @@ def colour_limits(values: ArrayLike, part: float = 1.0, low: float | None = None
     part  of the values that does not exceed the upper limit
     low   the lower limit; None: the least value
     """
-    known = np.asarray(values, float)
-    known = known[np.isfinite(known)]
-    if not len(known):
+    finite = np.asarray(values, float)
+    finite = finite[np.isfinite(finite)]
+    if not len(finite):
         return 0.0, 1.0
-    first = float(known.min()) if low is None else low
-    last = float(np.quantile(known, part))
+    first = float(finite.min()) if low is None else low
+    last = float(np.quantile(finite, part))
     least = NARROWEST * max(abs(first), abs(last))
     if last - first > least:
         return first, last
@@ -160,14 +160,14 @@ def colour_bar(
     drawn: ScalarMappable, axes: Axes, values: ArrayLike, label: str, **place: Any
 ) -> Colorbar:
     """The scale of colours, with an arrow on each side beyond which there are values."""
-    known = np.asarray(values, float)
-    known = known[np.isfinite(known)]
+    finite = np.asarray(values, float)
+    finite = finite[np.isfinite(finite)]
     low, high = drawn.get_clim()
     assert low is not None
     assert high is not None
     beyond = 1e-9 * max(abs(low), abs(high))
-    under = bool((known < low - beyond).any())
-    over = bool((known > high + beyond).any())
+    under = bool((finite < low - beyond).any())
+    over = bool((finite > high + beyond).any())
     arrows: Literal["both", "min", "max", "neither"] = (
         "both" if under and over else "min" if under else "max" if over else "neither"
     )
@@ -184,6 +184,20 @@ def say(axes: Axes, text: str, x: float = 0.5, y: float = 0.5) -> None:
         x, y, text, transform=axes.transAxes, ha="center", va="center", fontsize=SMALL,
         path_effects=[outline("white")], zorder=10,
     )  # fmt: skip
+
+
+def note(
+    axes: Axes, text: str, at: tuple[float, float], off: tuple[float, float], **look: Any
+) -> None:
+    """A text beside a point, legible on any ground; off: points to the right and up."""
+    edge: dict[str, Any] = {"path_effects": [outline("white")], "va": "center", "fontsize": SMALL}
+    axes.annotate(text, at, off, textcoords="offset points", **(edge | look))
+
+
+def bars_of(interval: Interval) -> list[list[float]]:
+    """Lengths of the bars below and above a value, as `errorbar` takes them; none below zero."""
+    value, low, high = interval.value, interval.low, interval.high
+    return [[max(value - low, 0)], [max(high - value, 0)]]
 
 
 def outline(colour: str) -> withStroke:

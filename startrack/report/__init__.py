@@ -1,12 +1,11 @@
 """A campaign, a mission or an Earth camera as one HTML page.
 
-page           One self-contained HTML page from sections and figures.
-sections       Sections: design, verdicts, lost trials, error budget, units, worst trials.
-stars          Section: errors of single stars, and of the attitude against slew rate.
-distributions  Distributions, quantiles and sky maps of the errors of many trials.
-write          The page from a campaign's store.
-mission        The page of a mission.
-earth          The page of an Earth camera: its figures, requirements, images, products and scene.
+page      One self-contained HTML page from sections and figures.
+sections  Sections: design, verdicts, lost trials, error budget, units, worst trials.
+pictures  Distributions and sky maps of the errors of trials, single stars, slew rates.
+write     The page from a campaign's store.
+mission   The page of a mission.
+earth     The page of an Earth camera: its figures, requirements, images, products and scene.
 """
 
 from startrack.report.earth import write_earth_report

@@ -39,12 +39,12 @@ def write_earth_report(
 
 def _camera(survey: Survey) -> str:
     rows = []
-    for channel, height, found in figures_of(survey):
+    for channel, height, figures in figures_of(survey):
         rows.append([
-            channel.name, f"{height / 1e3:.4g}", f"{found.gsd:.4g}", f"{found.swath / 1e3:.4g}",
-            f"{found.mtf_across:.3f}", f"{found.mtf_along:.3f}", f"{found.snr:.4g}",
-            f"{found.radiance * um:.4g}", f"{found.saturation * um:.4g}",
-            f"{found.data_rate / 1e6:.4g}",
+            channel.name, f"{height / 1e3:.4g}", f"{figures.gsd:.4g}", f"{figures.swath / 1e3:.4g}",
+            f"{figures.mtf_across:.3f}", f"{figures.mtf_along:.3f}", f"{figures.snr:.4g}",
+            f"{figures.radiance * um:.4g}", f"{figures.saturation * um:.4g}",
+            f"{figures.data_rate / 1e6:.4g}",
         ])  # fmt: skip
     head = (
         "channel", "height (km)", "pixel on the ground (m)", "swath (km)", "MTF across",
@@ -55,8 +55,8 @@ def _camera(survey: Survey) -> str:
 
 def _requirements(survey: Survey) -> str:
     rows = []
-    for channel, _, found in figures_of(survey):
-        for name, margin in margins_of(channel, found).items():
+    for channel, _, figures in figures_of(survey):
+        for name, margin in margins_of(channel, figures).items():
             limit = known(channel.required)[name] * (um if name == "saturation" else 1.0)
             met = "met" if margin >= 0 else "NOT MET"
             rows.append([channel.name, name, f"{limit:.4g}", f"{margin:+.3f}", met])
@@ -68,24 +68,28 @@ def _requirements(survey: Survey) -> str:
 
 def _images(products: Sequence[Mapping[str, Any]]) -> str:
     shown = [
-        embedded(f"{one['channel']}: digital numbers, and radiance before the lens", one["image"])
-        for one in products
-        if "image" in one
+        embedded(
+            f"{product['channel']}: digital numbers, and radiance before the lens", product["image"]
+        )
+        for product in products
+        if "image" in product
     ]
     return "".join(shown) or paragraph("The folder of the raw images holds no pictures of them.")
 
 
 def _products(products: Sequence[Mapping[str, Any]]) -> str:
     means, flags, truth = [], [], []
-    for one in products:
-        for layer, value in one["mean"].items():
+    for product in products:
+        for layer, value in product["mean"].items():
             unit = "" if UNITS[layer] == "1" else UNITS[layer]
-            means.append([one["channel"], layer, f"{value:.4g}", unit])
-        flags.append([one["channel"], *(f"{100 * one['flagged'][name]:.1f}" for name in QUALITY)])
-        if math.isfinite(one["radiance_error"]):
+            means.append([product["channel"], layer, f"{value:.4g}", unit])
+        flags.append(
+            [product["channel"], *(f"{100 * product['flagged'][name]:.1f}" for name in QUALITY)]
+        )
+        if math.isfinite(product["radiance_error"]):
             truth.append([
-                one["channel"], f"{100 * one['radiance_error']:+.3f}",
-                f"{100 * one['radiance_rms']:.2f}",
+                product["channel"], f"{100 * product['radiance_error']:+.3f}",
+                f"{100 * product['radiance_rms']:.2f}",
             ])  # fmt: skip
     parts = [
         table("Means over the map", ("channel", "layer", "mean", "unit"), means),
@@ -95,11 +99,12 @@ def _products(products: Sequence[Mapping[str, Any]]) -> str:
         head = ("channel", "mean radiance (%)", "rms of the pixels (%)")
         caption = "Difference from the truth; the rms holds noise, and edges that the lens blurs"
         parts.append(table(caption, head, truth))
-    for one in products:
-        unit = "degree" if one["projection"].endswith(":4326") else "m"
+    for product in products:
+        unit = "degree" if product["projection"].endswith(":4326") else "m"
         caption = (
-            f"{one['channel']}: {one['columns']} x {one['rows']} cells of {one['cell'][0]:.4g} x "
-            f"{one['cell'][1]:.4g} {unit}, {one['projection']}, {one['resampling']}"
+            f"{product['channel']}: {product['columns']} x {product['rows']} cells of "
+            f"{product['cell'][0]:.4g} x {product['cell'][1]:.4g} {unit}, "
+            f"{product['projection']}, {product['resampling']}"
         )
-        parts.append(embedded(caption, Path(one["png"])))
+        parts.append(embedded(caption, Path(product["png"])))
     return "".join(parts)

@@ -9,22 +9,11 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from startrack import mission
 from startrack.core import arcsec, deg
 from startrack.io import to_table
 from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
-from startrack.mission import (
-    EDGES,
-    Availability,
-    Blind,
-    Checked,
-    Flown,
-    Plan,
-    Spells,
-    Verdict,
-    over_beta,
-    reacquisition_of,
-)
-from startrack.report.page import Section, code, embedded, page, paragraph, table
+from startrack.report.page import Section, code, embedded, page, paragraph, records, table
 
 DAY = 86400.0
 DEGREE = Unit("deg", deg, deg)
@@ -34,11 +23,11 @@ MOST = 10  # rows of a list of the worst
 
 
 def write_mission_report(
-    plan: Plan,
-    flown: Flown,
-    found: Availability,
-    met: Sequence[Verdict],
-    checks: Sequence[Checked],
+    plan: mission.Plan,
+    flown: mission.Flown,
+    available: mission.Availability,
+    met: Sequence[mission.Verdict],
+    checks: Sequence[mission.Checked],
     pictures: Sequence[tuple[str, Path]],
     title: str,
 ) -> str:
@@ -54,9 +43,9 @@ def write_mission_report(
     )
     sections = [
         _requirements(met),
-        _heads(plan, flown, found),
+        _heads(plan, flown, available),
         _errors(plan, flown, checks),
-        _blinded(plan, found),
+        _blinded(plan, available),
         _reacquired(plan, flown),
         _beta(flown),
         Section("Pictures", "".join(embedded(caption, file) for caption, file in pictures)),
@@ -70,11 +59,11 @@ def write_mission_report(
     return page(title, lead, sections)
 
 
-def verdict_table(met: Sequence[Verdict]) -> Table:
+def verdict_table(met: Sequence[mission.Verdict]) -> Table:
     """Requirements of the mission; an error in arcsecond, in JSON all in SI."""
     units = {"max_error": ARCSEC, "max_blind": SECOND}
 
-    def shown(verdict: Verdict, value: float) -> str:
+    def shown(verdict: mission.Verdict, value: float) -> str:
         unit = units.get(verdict.name, Unit("of the time", 1.0, 1.0))
         return f"{value / unit.size:.6g} {unit.name}"
 
@@ -92,20 +81,20 @@ def verdict_table(met: Sequence[Verdict]) -> Table:
     )
 
 
-def heads_table(plan: Plan, flown: Flown, found: Availability) -> Table:
+def heads_table(plan: mission.Plan, flown: mission.Flown, available: mission.Availability) -> Table:
     """How long each head is blind, and its error while it is valid."""
     error = np.sqrt(flown.head_sum[:, 1:3] / np.maximum(flown.head_sum[:, :1], 1))
     names = ("Sun", "Moon", "Earth", "ground", "SAA", "structure")
     causes = [
-        Column("", name, found.causes[cause].item, BLIND, ".2f")
-        for name, cause in zip(names, Blind, strict=True)
+        Column("", name, available.causes[cause].item, BLIND, ".2f")
+        for name, cause in zip(names, mission.Blind, strict=True)
     ]
     return Table(
         [
             Column("", "head", lambda h: plan.heads[h].name),
             *causes,
-            Column("", "any", lambda h: 1 - found.alone[h], BLIND, ".2f"),
-            Column("", "longest", lambda h: found.each[h].longest, MINUTE, ".1f"),
+            Column("", "any", lambda h: 1 - available.alone[h], BLIND, ".2f"),
+            Column("", "longest", lambda h: available.each[h].longest, MINUTE, ".1f"),
             Column("", "across", error[:, 0].item, ARCSEC, ".2f"),
             Column("", "about", error[:, 1].item, ARCSEC, ".2f"),
         ],
@@ -113,7 +102,7 @@ def heads_table(plan: Plan, flown: Flown, found: Availability) -> Table:
     )
 
 
-def beta_table(flown: Flown) -> Table:
+def beta_table(flown: mission.Flown) -> Table:
     """Availability and error over the angle from the Sun to the plane of the orbit."""
     return Table(
         [
@@ -125,11 +114,11 @@ def beta_table(flown: Flown) -> Table:
             Column("two", "two heads", lambda row: row.two, PERCENT, ".4f"),
             Column("error_arcsec", "worst axis", lambda row: row.error, ARCSEC, ".3g"),
         ],
-        over_beta(flown),
+        mission.over_beta(flown),
     )
 
 
-def spells_table(none: Spells) -> Table:
+def spells_table(none: mission.Spells) -> Table:
     """The longest times without a valid head."""
     return Table(
         [
@@ -147,10 +136,10 @@ CHECKED = (
 )
 
 
-def checks_table(plan: Plan, checks: Sequence[Checked]) -> Table:
+def checks_table(plan: mission.Plan, checks: Sequence[mission.Checked]) -> Table:
     """The trials beside the errors of the budget, for each group of heads."""
 
-    def names(row: Checked) -> list[str]:
+    def names(row: mission.Checked) -> list[str]:
         return [plan.heads[h].name for h in row.heads]
 
     ratios = {
@@ -160,7 +149,7 @@ def checks_table(plan: Plan, checks: Sequence[Checked]) -> Table:
         "corrected_about": "about, corrected",
     }
 
-    def ratio(name: str) -> Callable[[Checked], str]:
+    def ratio(name: str) -> Callable[[mission.Checked], str]:
         return lambda row: "{:.3f} +- {:.3f}".format(*getattr(row, name))
 
     return Table(
@@ -171,28 +160,25 @@ def checks_table(plan: Plan, checks: Sequence[Checked]) -> Table:
             Column("attitudes", "attitudes", lambda row: row.attitudes, form="d"),
             Column("attitudes_expected", "expected", lambda row: row.expected, form=".1f"),
             *(Column(f"{name}_ratio", "", attrgetter(name)) for name in ratios),
-            *(
-                Column(
-                    "", title, lambda row, name=name: "{:.3f} +- {:.3f}".format(*getattr(row, name))
-                )
-                for name, title in ratios.items()
-            ),
+            *(Column("", title, ratio(name)) for name, title in ratios.items()),
         ],
         checks,
     )
 
 
-def _requirements(met: Sequence[Verdict]) -> Section:
+def _requirements(met: Sequence[mission.Verdict]) -> Section:
     if not met:
         return Section("Requirements", paragraph("The mission names no requirement."))
-    shown = verdict_table(met)
-    return Section("Requirements", table("Requirements of the mission", shown.head, shown.cells))
+    return Section("Requirements", records("Requirements of the mission", verdict_table(met)))
 
 
-def _heads(plan: Plan, flown: Flown, found: Availability) -> Section:
-    shown = heads_table(plan, flown, found)
+def _heads(plan: mission.Plan, flown: mission.Flown, available: mission.Availability) -> Section:
     many = [
-        [f"{count}", f"{100 * found.at_least(count):.4f}", f"{100 * found.heads[count:].sum():.4f}"]
+        [
+            f"{count}",
+            f"{100 * available.at_least(count):.4f}",
+            f"{100 * available.heads[count:].sum():.4f}",
+        ]
         for count in range(len(plan.heads), 0, -1)
     ]
     caption = (
@@ -200,7 +186,7 @@ def _heads(plan: Plan, flown: Flown, found: Availability) -> Section:
     )
     return Section(
         "Heads",
-        table(caption, shown.head, shown.cells)
+        records(caption, heads_table(plan, flown, available))
         + table(
             "Fraction of the time with at least so many heads, %",
             ["heads", "with attitudes", "not blind"],
@@ -209,16 +195,15 @@ def _heads(plan: Plan, flown: Flown, found: Availability) -> Section:
     )
 
 
-def _errors(plan: Plan, flown: Flown, checks: Sequence[Checked]) -> Section:
-    fused = [[axis, f"{one / arcsec:.3g}"] for axis, one in zip("xyz", flown.rms, strict=True)]
+def _errors(plan: mission.Plan, flown: mission.Flown, checks: Sequence[mission.Checked]) -> Section:
+    fused = [[axis, f"{rms / arcsec:.3g}"] for axis, rms in zip("xyz", flown.rms, strict=True)]
     body = table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
     if not checks:
         body += paragraph(
             "By the error budget, which no trial checked (check.trials of the mission file)."
         )
     else:
-        shown = checks_table(plan, checks)
-        body += table(CHECKED, shown.head, shown.cells)
+        body += records(CHECKED, checks_table(plan, checks))
     moments = [[f"{s:.0f}", f"{s / DAY:.3f}", f"{e / arcsec:.3g}"] for s, e in flown.worst[:MOST]]
     body += table(
         "Worst moments: error about the worst axis, the largest of each part of the mission",
@@ -228,32 +213,34 @@ def _errors(plan: Plan, flown: Flown, checks: Sequence[Checked]) -> Section:
     return Section("Errors", body)
 
 
-def _blinded(plan: Plan, found: Availability) -> Section:
-    every = {"no head valid": found.none, **dict(zip(_names(plan), found.each, strict=True))}
-    head = ["", *(f"to {high:g} s" for high in EDGES[1:-1]), "longer", "longest (s)"]
+def _blinded(plan: mission.Plan, available: mission.Availability) -> Section:
+    every = {
+        "no head valid": available.none,
+        **dict(zip(_names(plan), available.each, strict=True)),
+    }
+    head = ["", *(f"to {high:g} s" for high in mission.EDGES[1:-1]), "longer", "longest (s)"]
     rows = [
-        [name, *(str(int(n)) for n in one.histogram()), f"{one.longest:g}"]
-        for name, one in every.items()
+        [name, *(str(int(n)) for n in spells.histogram()), f"{spells.longest:g}"]
+        for name, spells in every.items()
     ]
     return Section(
         "Blindings",
-        table("How often a head is blind for so long", head, rows) + _longest(found.none),
+        table("How often a head is blind for so long", head, rows) + _longest(available.none),
     )
 
 
-def _longest(none: Spells) -> str:
+def _longest(none: mission.Spells) -> str:
     if not len(none.length):
         return paragraph("A head is valid at all times.")
-    shown = spells_table(none)
-    return table("Longest times without a valid head", shown.head, shown.cells)
+    return records("Longest times without a valid head", spells_table(none))
 
 
-def _reacquired(plan: Plan, flown: Flown) -> Section:
+def _reacquired(plan: mission.Plan, flown: mission.Flown) -> Section:
     rows = []
     for h, head in enumerate(plan.heads):
-        one = reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
-        if one.times:
-            rows.append([head.name, str(one.times), f"{one.mean:.3g}", f"{one.level:.3g}"])
+        spell = mission.reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
+        if spell.times:
+            rows.append([head.name, str(spell.times), f"{spell.mean:.3g}", f"{spell.level:.3g}"])
     if not rows:
         return Section("Reacquisition", paragraph("No head is blinded, or none has errors."))
     return Section(
@@ -266,11 +253,10 @@ def _reacquired(plan: Plan, flown: Flown) -> Section:
     )
 
 
-def _beta(flown: Flown) -> Section:
-    shown = beta_table(flown)
+def _beta(flown: mission.Flown) -> Section:
     caption = "By the angle from the Sun to the plane of the orbit"
-    return Section("Beta angle", table(caption, shown.head, shown.cells))
+    return Section("Beta angle", records(caption, beta_table(flown)))
 
 
-def _names(plan: Plan) -> list[str]:
-    return [one.name for one in plan.heads]
+def _names(plan: mission.Plan) -> list[str]:
+    return [head.name for head in plan.heads]

@@ -14,6 +14,7 @@ import matplotlib
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from startrack.metrics import Table
 from startrack.plots import SETTINGS, plain_numbers
 
 
@@ -155,6 +156,11 @@ def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> s
     )
 
 
+def records(caption: str, shown: Table) -> str:
+    """A table of results as `table` makes it."""
+    return table(caption, shown.head, shown.cells)
+
+
 def panels(pictures: Sequence[Picture], name: str, caption: str) -> str:
     """Figures side by side, one below the other on a narrow screen, with one caption (plain text).
 
@@ -163,8 +169,8 @@ def panels(pictures: Sequence[Picture], name: str, caption: str) -> str:
     name  letters that no other figure of the page has
     """
     drawn = "".join(
-        f"<div>{inline(one.figure, f'{name}{n}', one.alternative)}</div>"
-        for n, one in enumerate(pictures)
+        f"<div>{inline(picture.figure, f'{name}{n}', picture.alternative)}</div>"
+        for n, picture in enumerate(pictures)
     )
     return (
         f'<figure><div class="panels">{drawn}</div><figcaption>{escape(caption)}</figcaption>'

@@ -17,34 +17,28 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.budget import (
-    Budget,
-    Line,
-    Sample,
-    analytic,
-    caveats,
-    differences,
-    measured,
-)
+from startrack import verification
+from startrack.budget import Budget, Line, Sample, analytic, caveats, differences, measured
 from startrack.catalog import open_sky
 from startrack.core import Floats, Refused, Streams, arcsec, deg, mm, um
 from startrack.design import YEAR, Case, Fidelity, Objective
 from startrack.io import celestial
-from startrack.metrics import STATED_ALONE, Summary, fraction_interval, rms_interval
+from startrack.metrics import STATED_ALONE, Summary, bracketed, fraction_interval, rms_interval
 from startrack.montecarlo import Ending, Serial, Store, endings, run
 from startrack.plots import BLACK, BLUE, RED, draw_solution, legend_below, say, styled
 from startrack.population import PerUnit, explain, per_unit, unit_errors
-from startrack.report.page import HIGH, WIDE, Picture, Section, figure, panels, paragraph, table
-from startrack.trial import observe
-from startrack.verification import (
-    VERDICT_HEAD,
-    Looks,
-    Verdict,
-    cases,
-    verdict_notes,
-    verdict_rows,
-    verify,
+from startrack.report.page import (
+    HIGH,
+    WIDE,
+    Picture,
+    Section,
+    figure,
+    panels,
+    paragraph,
+    records,
+    table,
 )
+from startrack.trial import observe
 
 OTHER = 2 * 10**8  # number of the first trial in the other conditions, which no command repeats
 
@@ -100,14 +94,20 @@ def verdict(
         return run(case, trials, store.seed, Serial(), OTHER, progress=advance, fidelity=fidelity)
 
     confidence = campaign.requirements.confidence
-    looks = Looks(len(outcomes), len(outcomes), 1 - confidence) if len(outcomes) > 1 else None
+    looks = (
+        verification.Looks(len(outcomes), len(outcomes), 1 - confidence)
+        if len(outcomes) > 1
+        else None
+    )
     if looks is None:
         return Section("Verdict", paragraph("A verdict needs two trials or more."))
-    found = verify(store.case, campaign, of, store.seed, looks)
-    own = found.verdicts[0].condition
-    counts = [one.number if one.condition == own else trials for one in found.verdicts]
-    found = replace(found, verdicts=tuple(map(_counted, found.verdicts, counts)))
-    lines = verdict_notes(found)
+    verified = verification.verify(store.case, campaign, of, store.seed, looks)
+    own = verified.verdicts[0].condition
+    counts = [
+        verdict.number if verdict.condition == own else trials for verdict in verified.verdicts
+    ]
+    verified = replace(verified, verdicts=tuple(map(_counted, verified.verdicts, counts)))
+    lines = verification.verdict_notes(verified)
     lines[-1] = (
         f"Tested once: the design's own condition on the {len(outcomes)} trials of the campaign, "
         f"each other one on {trials}. {lines[-1].partition('decided; ')[2]} "
@@ -115,21 +115,21 @@ def verdict(
     )
     return Section(
         "Verdict",
-        paragraph(f"All requirements together: {found.answer.value}.")
-        + table("Requirements", VERDICT_HEAD, verdict_rows(found))
+        paragraph(f"All requirements together: {verified.answer.value}.")
+        + records("Requirements", verification.verdict_table(verified))
         + "".join(paragraph(line) for line in lines),
     )
 
 
-def _counted(one: Verdict, number: int) -> Verdict:
+def _counted(verdict: verification.Verdict, number: int) -> verification.Verdict:
     """With the number of trials that were run; those by formula have none."""
-    return replace(one, number=number) if one.trials else one
+    return replace(verdict, number=number) if verdict.trials else verdict
 
 
 def other_conditions(store: Store) -> int:
     """Number of conditions whose trials `verdict` runs."""
     campaign = store.campaign
-    return len(cases(store.case, campaign)[0]) - 1 if campaign else 0
+    return len(verification.cases(store.case, campaign)[0]) - 1 if campaign else 0
 
 
 def lost(store: Store, outcomes: NDArray[np.void]) -> Section:
@@ -137,20 +137,20 @@ def lost(store: Store, outcomes: NDArray[np.void]) -> Section:
     needs = campaign.requirements if (campaign := store.campaign) else None
     attitudes = store.sampling.attitudes_of(store.seed, outcomes["trial"].tolist())
     limits, keep_out = (needs.limits, needs.min_keep_out) if needs else (STATED_ALONE, None)
-    found = endings(store.case, store.seed, outcomes, attitudes, limits, keep_out)
+    ends = endings(store.case, store.seed, outcomes, attitudes, limits, keep_out)
     rows, percent = [], partial("{:.3g}".format)
-    for one, count in found.count().items():
+    for ending, count in ends.count().items():
         share = fraction_interval(count, len(outcomes))
         example = next(
             (
-                f"trial {outcomes['trial'][n]}: {found.reason[n]}"
-                for n, each in enumerate(found.ending)
-                if each is one and one is not Ending.CORRECT
+                f"trial {outcomes['trial'][n]}: {ends.reason[n]}"
+                for n, actual in enumerate(ends.ending)
+                if actual is ending and ending is not Ending.CORRECT
             ),
             "",
         )
-        each = (percent(100 * value) for value in (share.value, share.low, share.high))
-        rows.append([one.value, str(count), *each, example])
+        cells = (percent(100 * value) for value in (share.value, share.low, share.high))
+        rows.append([ending.value, str(count), *cells, example])
     head = ["end", "trials", "%", "from", "to", "the first"]
     return Section("Lost trials", table("How the trials ended", head, rows))
 
@@ -169,18 +169,18 @@ def budget(
     """
     try:
         expected = analytic(case)
-        found = measured(case, members, seed, Serial(), progress=advance)
+        by_trials = measured(case, members, seed, Serial(), progress=advance)
     except Refused as error:
         return Section(TITLE, paragraph(f"There is none for this design: {error}."))
-    beside = {line.name: line for line in found.lines}
+    beside = {line.name: line for line in by_trials.lines}
     named = {line.name: line for line in expected.lines}
     rows = []
     for name in [*named, *(name for name in beside if name not in named)]:
         pair = named.get(name), beside.get(name)
         term = next(line.term.value for line in pair if line and line.term)
         rows.append([name, term, *_cells(pair[0]), *_intervals(pair[1])])
-    rows.append(["root sum square", "", *_sum(expected), *_sum(found)])
-    rows.append(["end to end", "", *_cells(expected.whole), *_intervals(found.whole)])
+    rows.append(["root sum square", "", *_sum(expected), *_sum(by_trials)])
+    rows.append(["end to end", "", *_cells(expected.whole), *_intervals(by_trials.whole)])
     head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
     return Section(
         TITLE,
@@ -189,13 +189,16 @@ def budget(
             "By the analytic budget an attitude is available in "
             f"{100 * expected.availability:.2f} % of the sky with {expected.stars:.1f} stars; "
             f"over {members} trials, in which each cause is switched off in turn, "
-            f"in {100 * found.availability:.2f} % with {found.stars:.1f}."
+            f"in {100 * by_trials.availability:.2f} % with {by_trials.stars:.1f}."
         )
         + "".join(
-            paragraph(f"{one[0].upper()}{one[1:]}.")
-            for one in (
+            paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
+            for sentence in (
                 *caveats(case, expected.left_out, expected.refused),
-                *(f"formula and trials differ: {one}" for one in differences(expected, summary)),
+                *(
+                    f"formula and trials differ: {difference}"
+                    for difference in differences(expected, summary)
+                ),
             )
         ),
     )
@@ -212,15 +215,12 @@ def _intervals(line: Line[Sample] | None) -> list[str]:
     if line is None:
         return ["none", "none"]
     square = (line.spread.error**2).mean(axis=1)
-    found = rms_interval(square[:, :2].mean(axis=1)), rms_interval(square[:, 2])
-    return [
-        f"{one.value / arcsec:.3f} [{one.low / arcsec:.3f}, {one.high / arcsec:.3f}]"
-        for one in found
-    ]
+    intervals = rms_interval(square[:, :2].mean(axis=1)), rms_interval(square[:, 2])
+    return [bracketed(interval, ".3f", arcsec) for interval in intervals]
 
 
-def _sum(one: Budget[Any]) -> list[str]:
-    across, about = one.sum
+def _sum(budget: Budget[Any]) -> list[str]:
+    across, about = budget.sum
     return [f"{across / arcsec:.3f}", f"{about / arcsec:.3f}"]
 
 
@@ -232,16 +232,16 @@ def units(store: Store, outcomes: NDArray[np.void]) -> list[Section]:
     how = store.sampling.units
     if how is None:
         return []
-    found, years = per_unit(outcomes), how.age / YEAR
+    by_unit, years = per_unit(outcomes), how.age / YEAR
     needs = store.campaign.requirements.accuracy if store.campaign else ()
     rows, limits = [], {}
-    for one in needs:
-        errors = unit_errors(one.objective, outcomes, outcomes["unit"])
-        share = fraction_interval(int((errors <= one.most).sum()), len(errors))
-        cells = [f"{100 * each:.1f}" for each in (share.value, share.low, share.high)]
-        rows.append([str(one.objective), f"{one.most / arcsec:.4g}", *cells])
-        if one.objective == Objective(one.name):
-            limits[one.name] = one.most
+    for limit in needs:
+        errors = unit_errors(limit.objective, outcomes, outcomes["unit"])
+        share = fraction_interval(int((errors <= limit.most).sum()), len(errors))
+        cells = [f"{100 * end:.1f}" for end in (share.value, share.low, share.high)]
+        rows.append([str(limit.objective), f"{limit.most / arcsec:.4g}", *cells])
+        if limit.objective == Objective(limit.name):
+            limits[limit.name] = limit.most
     shown = table(
         f"Yield: units that meet each limit, at {years:g} years",
         ["requirement", "at most (arcsec)", "%", "from", "to"],
@@ -249,10 +249,10 @@ def units(store: Store, outcomes: NDArray[np.void]) -> list[Section]:
     ) if rows else paragraph("The design limits no error, so that there is no yield.")  # fmt: skip
     pictures = [
         _spread(errors, name, limits.get(name))
-        for name, errors in (("across", found.across), ("about", found.about))
+        for name, errors in (("across", by_unit.across), ("about", by_unit.about))
     ]
     caption = (
-        f"Rms error of each of {len(found.unit)} units, over {how.trials} trials in "
+        f"Rms error of each of {len(by_unit.unit)} units, over {how.trials} trials in "
         f"{how.environments} environments at {years:g} years."
     )
     text = paragraph(
@@ -261,7 +261,7 @@ def units(store: Store, outcomes: NDArray[np.void]) -> list[Section]:
         "conditions, are of the unit as designed."
     )
     return [
-        Section("Units", shown + panels(pictures, "units", caption) + _worst(store, found) + text)
+        Section("Units", shown + panels(pictures, "units", caption) + _worst(store, by_unit) + text)
     ]
 
 
@@ -269,16 +269,16 @@ def units(store: Store, outcomes: NDArray[np.void]) -> list[Section]:
 def _spread(errors: Floats, name: str, limit: float | None) -> Picture:
     """Histogram of the rms of the units."""
     figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
-    axes, known = figure.subplots(), errors[np.isfinite(errors)] / arcsec
-    picture = Picture(figure, f"Histogram of the rms {name} the boresight of {len(known)} units")
+    axes, finite = figure.subplots(), errors[np.isfinite(errors)] / arcsec
+    picture = Picture(figure, f"Histogram of the rms {name} the boresight of {len(finite)} units")
     axes.set(xlabel=f"rms {name} the boresight (arcsec)", ylabel="units")
-    if not len(known):
+    if not len(finite):
         say(axes, "no attitude")
         return picture
-    bins = min(max(int(2 * len(known) ** 0.5), 5), 40)
-    axes.hist(known, bins=bins, color=BLUE, alpha=0.6)
+    bins = min(max(int(2 * len(finite) ** 0.5), 5), 40)
+    axes.hist(finite, bins=bins, color=BLUE, alpha=0.6)
     for fraction, style in ((0.5, "-"), (0.95, "--")):
-        axes.axvline(float(np.quantile(known, fraction)), color=BLACK, ls=style, lw=1.2,
+        axes.axvline(float(np.quantile(finite, fraction)), color=BLACK, ls=style, lw=1.2,
                      label=f"{100 * fraction:g} % of units below")  # fmt: skip
     if limit is not None:
         axes.axvline(limit / arcsec, color=RED, lw=1.5, label="required")
@@ -287,12 +287,12 @@ def _spread(errors: Floats, name: str, limit: float | None) -> Picture:
     return picture
 
 
-def _worst(store: Store, found: PerUnit) -> str:
+def _worst(store: Store, by_unit: PerUnit) -> str:
     """What made the worst unit bad, number by number."""
-    how, worst = store.sampling.units, found.worst
+    how, worst = store.sampling.units, by_unit.worst
     if how is None or worst is None:
         return ""
-    rms = float(np.nanmax(found.across)) / arcsec
+    rms = float(np.nanmax(by_unit.across)) / arcsec
     if store.sampling.fidelity is not Fidelity.COVARIANCE:
         return paragraph(
             f"The worst unit is {worst}, with {rms:.3g} arcsec rms across. What made it bad is "

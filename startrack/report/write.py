@@ -12,42 +12,23 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from startrack.budget import (
-    LONGEST,
-    SMEARS,
-    analytic_curve,
-    noise_only,
-    slew_rates,
-    slews,
-    star_errors,
-)
+from startrack import budget, metrics
 from startrack.core import Parameters, Range, arcsec, deg
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
-from startrack.metrics import (
-    STATED_ALONE,
-    Interval,
-    Summary,
-    four_digits,
-    summarise,
-    summary_rows,
-    to_cells,
-)
 from startrack.montecarlo import Sampling, Store, fidelity_comparison, origin
 from startrack.population import unit_of
-from startrack.report.distributions import FRACTIONS, exceedance, quantiles, sizes, sky_map
+from startrack.report import sections
 from startrack.report.page import Section, code, page, panels, paragraph, table
-from startrack.report.sections import (
-    budget,
-    design,
-    lost,
-    other_conditions,
-    show,
-    units,
-    verdict,
-    worst,
+from startrack.report.pictures import (
+    FRACTIONS,
+    draw_slews,
+    draw_stars,
+    exceedance,
+    quantiles,
+    sizes,
+    sky_map,
 )
-from startrack.report.stars import draw_slews, draw_stars
 
 MOST_POINTS = 5000  # trials on the map
 
@@ -74,13 +55,13 @@ class Depth(Parameters):
     @property
     def trials(self) -> int:
         """All of them."""
-        again = self.stars + self.slews * len(SMEARS) + self.worst
+        again = self.stars + self.slews * len(budget.SMEARS) + self.worst
         return again + self.budget + self.fidelity_comparison * len(Fidelity)
 
 
 def repeated(store: Store, depth: Depth) -> int:
     """Number of trials that the page of a store repeats, or runs in other conditions."""
-    return depth.trials + depth.conditions * other_conditions(store)
+    return depth.trials + depth.conditions * sections.other_conditions(store)
 
 
 def write_report(
@@ -109,13 +90,13 @@ def write_report(
         raise ValueError(f"{store.path} must hold trials, but holds none")
     advance = progress or (lambda _: None)
     case, seed = store.case, store.seed
-    sections = [
-        design(case),
-        verdict(store, outcomes, depth.conditions, advance),
+    shown = [
+        sections.design(case),
+        sections.verdict(store, outcomes, depth.conditions, advance),
         _summary(store, outcomes),
-        *units(store, outcomes),
-        lost(store, outcomes),
-        budget(case, seed, depth.budget, summarise(outcomes), advance),
+        *sections.units(store, outcomes),
+        sections.lost(store, outcomes),
+        sections.budget(case, seed, depth.budget, metrics.summarise(outcomes), advance),
         _distributions(outcomes),
         _sky(outcomes, store.sampling, seed),
         *_closer(store, outcomes, depth, advance),
@@ -128,38 +109,42 @@ def write_report(
         f"startrack {version}, {date}, author: {author or 'not named'}. "
         f"{len(outcomes)} trials of seed {seed}, {store.sampling}. "
         "Brackets hold the true value with 95 % confidence; a trial is one random attitude with "
-        f"random noise.{''.join(f' {one}.' for one in store.code)}"
+        f"random noise.{''.join(f' {named}.' for named in store.code)}"
     )
-    doubt = summarise(outcomes).doubt
+    doubt = metrics.summarise(outcomes).doubt
     if doubt:
         lead = f"{doubt[0].upper()}{doubt[1:]}. {lead}"
-    return page(title, lead, sections)
+    return page(title, lead, shown)
 
 
 def _summary(store: Store, outcomes: NDArray[np.void]) -> Section:
     campaign = store.campaign
-    limits = campaign.requirements.limits if campaign else STATED_ALONE
-    summary = summarise(outcomes, limits)
+    limits = campaign.requirements.limits if campaign else metrics.STATED_ALONE
+    summary = metrics.summarise(outcomes, limits)
     head = ["", "value", "from", "to", "unit"]
     text = (
         f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
         f"variance that the tracker states is {summary.nees:.2f}; 3 if its covariance is right."
     )
-    alone = "" if store.sampling.units else f" {noise_only(store.case)}."
+    alone = "" if store.sampling.units else f" {budget.noise_only(store.case)}."
     return Section(
         "Summary",
-        table(f"Over {summary.trials} trials", head, to_cells(summary_rows(summary, limits)))
+        table(
+            f"Over {summary.trials} trials",
+            head,
+            metrics.to_cells(metrics.summary_rows(summary, limits)),
+        )
         + paragraph(text + alone)
         + _verdict(summary),
     )
 
 
-def _verdict(summary: Summary) -> str:
+def _verdict(summary: metrics.Summary) -> str:
     if summary.trials == round(summary.trials * summary.availability.value):
         return paragraph("Every trial gave a correct attitude.")
     counts = [
-        round(summary.trials * one.value)
-        for one in (summary.availability, summary.inaccurate, summary.false)
+        round(summary.trials * share.value)
+        for share in (summary.availability, summary.inaccurate, summary.false)
     ]
     return paragraph(
         f"{summary.trials - sum(counts)} trials gave no attitude, {counts[1]} an inaccurate and "
@@ -170,8 +155,10 @@ def _verdict(summary: Summary) -> str:
 def _distributions(outcomes: NDArray[np.void]) -> Section:
     across, about = sizes(outcomes)
     rows = [
-        [f"{100 * fraction:g} %", *_cells(one, arcsec), *_cells(other, arcsec)]
-        for fraction, one, other in zip(FRACTIONS, quantiles(across), quantiles(about), strict=True)
+        [f"{100 * fraction:g} %", *_cells(first, arcsec), *_cells(second, arcsec)]
+        for fraction, first, second in zip(
+            FRACTIONS, quantiles(across), quantiles(about), strict=True
+        )
     ]
     head = ["fraction not exceeding", "across, radial", "from", "to", "about", "from", "to"]
     caption = f"How often an error is exceeded, over {len(across)} attitudes that are not false."
@@ -198,34 +185,27 @@ def _sky(outcomes: NDArray[np.void], sampling: Sampling, seed: int) -> Section:
 
 
 def _closer(
-    store: Store,
-    outcomes: NDArray[np.void],
-    depth: Depth,
-    advance: Callable[[int], None],
+    store: Store, outcomes: NDArray[np.void], depth: Depth, advance: Callable[[int], None]
 ) -> list[Section]:
     case, seed = store.case, store.seed
     numbers = outcomes["trial"][: depth.stars].tolist()
-    seen = star_errors(case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance)
+    seen = budget.star_errors(
+        case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance
+    )
     detector = case.instrument.detector
     stars = draw_stars(seen, math.hypot(detector.columns, detector.rows) / 2)
-    slewed = slews(case, seed, depth.slews, advance)
+    slewed = budget.slews(case, seed, depth.slews, advance)
     rate = case.instrument.motion.rate
-    turned = draw_slews(slewed, rate, analytic_curve(case, slew_rates(case, LONGEST)))
+    turned = draw_slews(
+        slewed, rate, budget.analytic_curve(case, budget.slew_rates(case, budget.LONGEST))
+    )
     rows = [
-        [f"{one.rate / deg:.3f}", f"{one.smear:g}", *_cells(one.across, arcsec),
-         *_cells(one.fraction, 0.01)]
-        for one in slewed
+        [f"{slew.rate / deg:.3f}", f"{slew.smear:g}", *_cells(slew.across, arcsec),
+         *_cells(slew.fraction, 0.01)]
+        for slew in slewed
     ]  # fmt: skip
-    head = [
-        "deg / s",
-        "smear (pixel)",
-        "across (arcsec)",
-        "from",
-        "to",
-        "correct (%)",
-        "from",
-        "to",
-    ]
+    ends = ("from", "to")
+    head = ["deg / s", "smear (pixel)", "across (arcsec)", *ends, "correct (%)", *ends]
     return [
         Section(
             "Stars",
@@ -245,15 +225,12 @@ def _closer(
 
 
 def _worst(
-    store: Store,
-    outcomes: NDArray[np.void],
-    depth: Depth,
-    advance: Callable[[int], None],
+    store: Store, outcomes: NDArray[np.void], depth: Depth, advance: Callable[[int], None]
 ) -> Section:
     shown = []
-    for number in worst(outcomes, depth.worst).tolist():
+    for number in sections.worst(outcomes, depth.worst).tolist():
         look_at = store.sampling.attitudes_of(store.seed, [number])[0]
-        shown.append(show(_case_of(store, number), store.seed, number, look_at))
+        shown.append(sections.show(_case_of(store, number), store.seed, number, look_at))
         advance(1)
     return Section("Worst trials", "".join(shown) or paragraph("None was requested."))
 
@@ -268,14 +245,20 @@ def _case_of(store: Store, number: int) -> Case:
 
 def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], None]) -> Section:
     rows = []
-    for one in fidelity_comparison(case, seed, range(depth.fidelity_comparison), advance):
-        if one.refusal:
-            rows.append([one.fidelity.value, *["none"] * 6, one.refusal])
+    for result in fidelity_comparison(case, seed, range(depth.fidelity_comparison), advance):
+        if result.refusal:
+            rows.append([result.fidelity.value, *["none"] * 6, result.refusal])
             continue
-        rate = f"{1 / one.seconds:.0f}"
-        time = f"{1e3 * one.seconds:.3g}"
-        difference = "0" if one.fidelity is Fidelity.FRAME else four_digits(one.difference / arcsec)
-        rows.append([one.fidelity.value, time, rate, *_cells(one.across, arcsec), difference, ""])
+        rate = f"{1 / result.seconds:.0f}"
+        time = f"{1e3 * result.seconds:.3g}"
+        difference = (
+            "0"
+            if result.fidelity is Fidelity.FRAME
+            else metrics.four_digits(result.difference / arcsec)
+        )
+        rows.append(
+            [result.fidelity.value, time, rate, *_cells(result.across, arcsec), difference, ""]
+        )
     head = ["fidelity", "ms", "trials / s", "across (arcsec)", "from", "to", "difference", ""]
     return Section(
         "Fidelities",
@@ -314,5 +297,7 @@ def _inputs(store: Store) -> Section:
     )
 
 
-def _cells(one: Interval, unit: float) -> list[str]:
-    return [four_digits(value / unit) for value in (one.value, one.low, one.high)]
+def _cells(interval: metrics.Interval, unit: float) -> list[str]:
+    return [
+        metrics.four_digits(value / unit) for value in (interval.value, interval.low, interval.high)
+    ]

@@ -1,4 +1,4 @@
-"""Design and campaign -> every case that a verification judges: conditions and keep-out angles."""
+"""Design and campaign -> every case that is judged, and the trials that count."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from startrack.budget import added, stray_light_levels
-from startrack.core import deg
-from startrack.design import Campaign, Case, Judged, KeepOut
+from startrack.core import Floats, deg
+from startrack.design import Campaign, Case, Judged, KeepOut, Requirements
+from startrack.montecarlo import at_random
+from startrack.scene import BODIES, body_angles
 
 
 def cases(case: Case, campaign: Campaign) -> tuple[tuple[Judged, ...], tuple[str, ...]]:
@@ -21,7 +24,7 @@ def cases(case: Case, campaign: Campaign) -> tuple[tuple[Judged, ...], tuple[str
     Accuracy  model: that of `exclusions`; the stray light is uniform over the field.
     """
     keep_out = campaign.requirements.min_keep_out
-    found, left = list(campaign.judged(case)), []
+    judged, left = list(campaign.judged(case)), []
     for body, angle in keep_out.angles.items():
         name = f"{body} at {angle / deg:g} deg"
         reason = _refusal(case, angle)
@@ -29,8 +32,8 @@ def cases(case: Case, campaign: Campaign) -> tuple[tuple[Judged, ...], tuple[str
             left.append(f"{name}: {reason}")
         else:
             lit = lit_by(case, keep_out, body)
-            found.append(Judged(name, lit, campaign.requirements, 0.0))
-    return tuple(found), tuple(left)
+            judged.append(Judged(name, lit, campaign.requirements, 0.0))
+    return tuple(judged), tuple(left)
 
 
 def _refusal(case: Case, angle: float) -> str:
@@ -50,3 +53,35 @@ def lit_by(case: Case, keep_out: KeepOut, body: str) -> Case:
     if not math.isfinite(level):
         return case
     return replace(case, scene=replace(case.scene, background_g=level))
+
+
+def boresights(seed: int, outcomes: NDArray[np.void]) -> Floats:
+    """(n, 3) directions of the boresights of the trials of a seed, ICRS axes."""
+    if not len(outcomes):
+        return np.empty((0, 3))
+    return at_random(seed, outcomes["trial"].tolist()).inv().apply([0.0, 0.0, 1.0])
+
+
+def counted(
+    needs: Requirements, case: Case, seed: int, outcomes: NDArray[np.void]
+) -> NDArray[np.void]:
+    """The outcomes that count in errors and availability.
+
+    All; or, where blinded trials are left out, those in which no light of the scene among Sun, Moon
+    and Earth is nearer to the boresight than its keep-out angle.
+
+    seed  of the trials, which have random attitudes
+    """
+    limits = {
+        name: angle
+        for name, angle in needs.min_keep_out.angles.items()
+        if name in case.scene.lights
+    }
+    if needs.blinded == "counted" or not limits:
+        return outcomes
+    numbers = outcomes["trial"].tolist()
+    angles = body_angles(case.scene, seed, numbers, boresights(seed, outcomes))
+    kept = np.ones(len(outcomes), bool)
+    for name, angle in limits.items():
+        kept &= angles[:, BODIES.index(name)] >= angle
+    return outcomes[kept]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Parameters, Range, whole
 from startrack.design import Accuracy, Requirements
-from startrack.metrics import Interval, Limits, correct, fraction_interval
+from startrack.metrics import Interval, Limits, correct, fraction_interval, level_ranks
 from startrack.verification.accuracy import REGIONS, measured_over
 
 FEWEST = 10  # solved trials in the sky or a region, below which an rms has no bounds
@@ -27,6 +27,11 @@ class Answer(StrEnum):
     PASS = "pass"
     FAIL = "fail"
     NOT_SHOWN = "not shown"
+
+    @property
+    def loud(self) -> str:
+        """Its word, in capitals unless it is a pass."""
+        return self.value if self is Answer.PASS else self.value.upper()
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,8 @@ class Looks(Parameters):
 
     def tails(self, claims: int) -> tuple[float, float]:
         """Probabilities of passing and of failing wrongly, at one look, of one of m claims."""
-        each = self.alpha / len(self.sizes)
-        return each, each / max(claims, 1)
+        tail = self.alpha / len(self.sizes)
+        return tail, tail / max(claims, 1)
 
 
 @dataclass(frozen=True)
@@ -105,27 +110,25 @@ class Claim:
                           verifications of 5 % and fails wrongly in 1.5 %; by e^0.8, 7.7 % and 1 %.
         """
         if self.accuracy is None:
-            hits, n = int(correct(outcomes, self.limits).sum()), len(outcomes)
-            low = fraction_interval(hits, n, 1 - 2 * passing).low
-            return Interval(hits / n, low, fraction_interval(hits, n, 1 - 2 * failing).high)
+            met = correct(outcomes, self.limits)
+            return YieldClaim(self.least).bounds(met, passing, failing)
         objective = self.accuracy.objective
         value = measured_over(objective, outcomes, boresight, self.sky)
         if self.sky == "whole":
             parts, failing_each = [outcomes], failing
         else:
             region = REGIONS.of(boresight)
-            parts = [outcomes[region == one] for one in range(len(REGIONS))]
+            parts = [outcomes[region == number] for number in range(len(REGIONS))]
             failing_each = failing / len(REGIONS)
         # All regions must pass, and one that fails is enough.
-        found = [_error_bounds(self.accuracy, one, passing, failing_each) for one in parts]
-        return Interval(value, max(low for low, _ in found), max(high for _, high in found))
+        ends = [_error_bounds(self.accuracy, part, passing, failing_each) for part in parts]
+        return Interval(value, max(low for low, _ in ends), max(high for _, high in ends))
 
     def answer(self, bounds: Interval) -> Answer:
         """What the bounds decide."""
-        if self.accuracy:
-            passes, fails = bounds.high <= self.limit, bounds.low > self.limit
-        else:
-            passes, fails = bounds.low >= self.limit, bounds.high < self.limit
+        if self.accuracy is None:
+            return YieldClaim(self.least).answer(bounds)
+        passes, fails = bounds.high <= self.limit, bounds.low > self.limit
         return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
 
     def margin(self, value: float) -> float:
@@ -146,27 +149,27 @@ class Claim:
         if self.sky == "worst":
             region = REGIONS.of(boresight)
             value = [
-                float(self.accuracy.objective.of(squares[region == one]))
-                for one in range(len(REGIONS))
+                float(self.accuracy.objective.of(squares[region == number]))
+                for number in range(len(REGIONS))
             ]
             inside = region == int(np.nanargmax(value)) if np.isfinite(value).any() else region < 0
             squares, failing = squares[inside], failing / len(REGIONS)
-        known = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
-        if len(known) < 2:
+        finite = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
+        if len(finite) < 2:
             return None
-        more = len(outcomes) / len(known)  # trials for each error that counts
+        more = len(outcomes) / len(finite)  # trials for each error that counts
         fraction = self.accuracy.objective.fraction
         limit = _square(self.accuracy)
         if fraction is not None:
-            found = _needed_hits(float((known <= limit).mean()), fraction, passing, failing)
+            enough = _needed_hits(float((finite <= limit).mean()), fraction, passing, failing)
         else:
-            gap = limit - float(known.mean())
+            gap = limit - float(finite.mean())
             if not gap:
                 return None
             tail = passing / 2 if gap > 0 else failing / 2
-            width = float(known.std(ddof=1)) * float(scipy.special.ndtri(1 - tail))
-            found = math.ceil((width / gap) ** 2)
-        return None if found is None or found * more > MOST else math.ceil(found * more)
+            width = float(finite.std(ddof=1)) * float(scipy.special.ndtri(1 - tail))
+            enough = math.ceil((width / gap) ** 2)
+        return None if enough is None or enough * more > MOST else math.ceil(enough * more)
 
 
 @dataclass(frozen=True)
@@ -205,7 +208,7 @@ class YieldClaim:
 
 def claims_of(needs: Requirements) -> list[Claim]:
     """What trials can show of some requirements: the errors that are limited, the availability."""
-    errors = [Claim(each, 0.0, needs.limits, needs.sky) for each in needs.accuracy]
+    errors = [Claim(accuracy, 0.0, needs.limits, needs.sky) for accuracy in needs.accuracy]
     return [*errors, Claim(None, needs.min_availability, needs.limits)]
 
 
@@ -220,12 +223,12 @@ def _error_bounds(
     """Lower bound, which fails, and upper bound, which passes; radian."""
     objective = accuracy.objective
     squares = objective.squares(outcomes)
-    known = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
+    finite = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
     scale = math.sqrt(len(objective.summed) if objective.radial else 1)
     if objective.fraction is None:
-        low, high = mean_bounds(known, failing / 2, passing / 2)
+        low, high = mean_bounds(finite, failing / 2, passing / 2)
     else:
-        low, high = _level_bounds(known, objective.fraction, failing, passing)
+        low, high = _level_bounds(finite, objective.fraction, failing, passing)
     return scale * math.sqrt(low), scale * math.sqrt(high)
 
 
@@ -265,27 +268,26 @@ def _level_bounds(
     """Bounds of a quantile of (n,) or (n, axes) squares, by their order."""
     n = len(squares)
     ordered = np.sort(squares, axis=None)
-    each = len(ordered) // n if n else 1  # the axes of a trial are one of its n
-    low = int(scipy.stats.binom.ppf(low_tail, n, fraction))
-    high = int(scipy.stats.binom.isf(high_tail, n, fraction)) + 1
+    axes = len(ordered) // n if n else 1  # the axes of a trial are one of its n
+    low, high = level_ranks(n, fraction, low_tail, high_tail)
     return (
-        float(ordered[each * low - 1]) if low > 0 else 0.0,
-        float(ordered[each * high - 1]) if high <= n else math.inf,
+        float(ordered[axes * low - 1]) if low > 0 else 0.0,
+        float(ordered[axes * high - 1]) if high <= n else math.inf,
     )
 
 
-def _needed_hits(found: float, required: float, passing: float, failing: float) -> int | None:
+def _needed_hits(share: float, required: float, passing: float, failing: float) -> int | None:
     """Trials with a fraction of hits `found` that show that it is at least, or below, required."""
 
     def passes(n: int) -> bool:
-        hits = math.floor(found * n)
+        hits = math.floor(share * n)
         return fraction_interval(hits, n, 1 - 2 * passing).low >= required
 
     def fails(n: int) -> bool:
-        hits = math.ceil(found * n)
+        hits = math.ceil(share * n)
         return fraction_interval(hits, n, 1 - 2 * failing).high < required
 
-    return _least(passes if found >= required else fails)
+    return _least(passes if share >= required else fails)
 
 
 def _least(shows: Callable[[int], bool]) -> int | None:

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from startrack.core import arcsec
 from startrack.design import YEAR, Campaign, Case, Judged
 from startrack.io import aligned
-from startrack.metrics import Interval, correct
+from startrack.metrics import Interval, bracketed, correct
 from startrack.population import Units, unit_errors
-from startrack.verification.blinded import counted
-from startrack.verification.cases import cases
+from startrack.verification.cases import cases, counted
 from startrack.verification.decide import Answer, YieldClaim
 
 UnitTrials = Callable[[Case, Units], NDArray[np.void]]
@@ -78,10 +77,10 @@ class UnitVerification:
 
     def at(self, number: int) -> Answer:
         """Of all requirements at one of the ages: fail where one fails, pass where all pass."""
-        answers = [one.ages[number].answer for one in self.rows]
+        answers = [row.ages[number].answer for row in self.rows]
         if Answer.FAIL in answers:
             return Answer.FAIL
-        shown = not self.left and all(one is Answer.PASS for one in answers)
+        shown = not self.left and all(answer is Answer.PASS for answer in answers)
         return Answer.PASS if shown else Answer.NOT_SHOWN
 
     @property
@@ -111,23 +110,23 @@ def verify_units(
     judged, left = cases(case, units)
     over = units.over_units(case)
     assert over is not None
-    each, alpha = units.trials_per_unit, 1 - campaign.requirements.confidence
+    trials_each, alpha = units.trials_per_unit, 1 - campaign.requirements.confidence
     ages = tuple(dict.fromkeys((0.0, case.end_of_life)))
-    claims = sum(len(one.needs.accuracy) + 1 for one in judged)
+    claims = sum(len(condition.needs.accuracy) + 1 for condition in judged)
     tails = alpha, alpha / max(claims, 1)
     rows = list[UnitRow]()
-    for one in judged:
-        found = list[dict[str, YieldVerdict]]()
+    for condition in judged:
+        at_ages = list[dict[str, YieldVerdict]]()
         for age in ages:
-            how = Units(each, min(ENVIRONMENTS, each), age)
-            outcomes = counted(one.needs, one.case, seed, trials(one.case, how))
-            found.append(dict(_at(one, outcomes, how, over.fraction, tails)))
-        rows += _rows(one, found, over.fraction)
-    return UnitVerification(tuple(rows), count, each, alpha, left)
+            how = Units(trials_each, min(ENVIRONMENTS, trials_each), age)
+            outcomes = counted(condition.needs, condition.case, seed, trials(condition.case, how))
+            at_ages.append(dict(_at(condition, outcomes, how, over.fraction, tails)))
+        rows += _rows(condition, at_ages, over.fraction)
+    return UnitVerification(tuple(rows), count, trials_each, alpha, left)
 
 
 def _at(
-    one: Judged,
+    condition: Judged,
     outcomes: NDArray[np.void],
     how: Units,
     least: float,
@@ -135,14 +134,14 @@ def _at(
 ) -> Iterator[tuple[str, YieldVerdict]]:
     unit, claim = outcomes["trial"] // how.trials, YieldClaim(least)
     met = {
-        each.name: unit_errors(each.objective, outcomes, unit) <= each.most
-        for each in one.needs.accuracy
+        accuracy.name: unit_errors(accuracy.objective, outcomes, unit) <= accuracy.most
+        for accuracy in condition.needs.accuracy
     }
     _, place = np.unique(unit, return_inverse=True)
-    good = np.bincount(place, correct(outcomes, one.needs.limits)) / np.bincount(place)
-    met["availability"] = good >= one.needs.min_availability
-    for name, each in met.items():
-        yield name, _verdict(claim, each, how.age, tails)
+    good = np.bincount(place, correct(outcomes, condition.needs.limits)) / np.bincount(place)
+    met["availability"] = good >= condition.needs.min_availability
+    for name, meets in met.items():
+        yield name, _verdict(claim, meets, how.age, tails)
 
 
 def _verdict(
@@ -154,78 +153,79 @@ def _verdict(
     return YieldVerdict(age, bounds, answer, needed)
 
 
-def _rows(one: Judged, found: list[dict[str, YieldVerdict]], least: float) -> Iterator[UnitRow]:
-    limits = {each.name: (str(each.objective), each.most) for each in one.needs.accuracy}
-    limits["availability"] = ("fraction of correct attitudes", one.needs.min_availability)
+def _rows(
+    condition: Judged, at_ages: list[dict[str, YieldVerdict]], least: float
+) -> Iterator[UnitRow]:
+    limits = {
+        accuracy.name: (str(accuracy.objective), accuracy.most)
+        for accuracy in condition.needs.accuracy
+    }
+    limits["availability"] = ("fraction of correct attitudes", condition.needs.min_availability)
     for name, (statistic, limit) in limits.items():
-        ages = tuple(each[name] for each in found)
-        yield UnitRow(one.name, name, statistic, limit, least, ages)
+        ages = tuple(verdicts[name] for verdicts in at_ages)
+        yield UnitRow(condition.name, name, statistic, limit, least, ages)
 
 
-def unit_values(found: UnitVerification) -> dict[str, Any]:
+def unit_values(verified: UnitVerification) -> dict[str, Any]:
     """A verification by yields for JSON; errors in arcsecond, availability as a fraction."""
     return {
-        "verdict": found.answer.value,
-        "units": found.count,
-        "trials_each": found.trials,
-        "not_judged": list(found.left),
-        "wrong_verdict_probability": found.alpha,
+        "verdict": verified.answer.value,
+        "units": verified.count,
+        "trials_each": verified.trials,
+        "not_judged": list(verified.left),
+        "wrong_verdict_probability": verified.alpha,
         "requirements": [
             {
-                "condition": one.condition,
-                "requirement": one.name,
-                "statistic": one.statistic,
-                "limit": one.limit / (1.0 if one.name == "availability" else arcsec),
-                "least_yield": one.least,
+                "condition": row.condition,
+                "requirement": row.name,
+                "statistic": row.statistic,
+                "limit": row.limit / (1.0 if row.name == "availability" else arcsec),
+                "least_yield": row.least,
                 "ages": [
                     {
-                        "age_years": each.age / YEAR,
-                        "yield": each.share.value,
-                        "bounds": [each.share.low, each.share.high],
-                        "verdict": each.answer.value,
-                        "units_needed": each.needed,
+                        "age_years": verdict.age / YEAR,
+                        "yield": verdict.share.value,
+                        "bounds": [verdict.share.low, verdict.share.high],
+                        "verdict": verdict.answer.value,
+                        "units_needed": verdict.needed,
                     }
-                    for each in one.ages
+                    for verdict in row.ages
                 ],
             }
-            for one in found.rows
+            for row in verified.rows
         ],
     }
 
 
-def unit_text(found: UnitVerification) -> str:
+def unit_text(verified: UnitVerification) -> str:
     """The table of yields, begin and end of life side by side, and what it means."""
-    ages = [f"{each.age / YEAR:g} yr" for each in found.rows[0].ages]
+    ages = [f"{verdict.age / YEAR:g} yr" for verdict in verified.rows[0].ages]
     head = ["condition", "requirement", "limit"]
     table = [[*head, *(cell for age in ages for cell in (f"yield, {age} (%)", "verdict"))]]
-    for one in found.rows:
-        unit = 0.01 if one.name == "availability" else arcsec
-        row = [one.condition, one.name, f"{one.limit / unit:.4g}"]
-        for each in one.ages:
-            value, low, high = (100 * part for part in (each.share.value, each.share.low,
-                                                        each.share.high))  # fmt: skip
-            row += [f"{value:.1f} [{low:.1f}, {high:.1f}]", _written(each)]
-        table.append(row)
+    for row in verified.rows:
+        unit = 0.01 if row.name == "availability" else arcsec
+        cells = [row.condition, row.name, f"{row.limit / unit:.4g}"]
+        for verdict in row.ages:
+            cells += [bracketed(verdict.share, ".1f", 0.01), _written(verdict)]
+        table.append(cells)
     lines = aligned(table)
-    statistics = dict.fromkeys(f"{one.name}: {one.statistic}" for one in found.rows)
-    verdicts = ", ".join(f"{_shown(found.at(k))} at {age}" for k, age in enumerate(ages))
+    statistics = dict.fromkeys(f"{row.name}: {row.statistic}" for row in verified.rows)
+    verdicts = ", ".join(f"{verified.at(k).loud} at {age}" for k, age in enumerate(ages))
     return "\n".join([
         *lines, "", f"verdict: {verdicts}", *statistics,
-        *(f"not judged: {reason}" for reason in found.left),
-        f"of {found.count} units with {found.trials} trials each, {100 * found.rows[0].least:g} % "
-        "must meet each limit with their own trials; a pass or a fail of all at an age is wrong "
-        f"with a probability of at most {100 * found.alpha:g} %. Errors in arcsec, availability in "
-        "%.",
+        *(f"not judged: {reason}" for reason in verified.left),
+        f"of {verified.count} units with {verified.trials} trials each, "
+        f"{100 * verified.rows[0].least:g} % must meet each limit with their own trials; a pass or "
+        f"a fail of all at an age is wrong with a probability of at most {100 * verified.alpha:g} "
+        "%. Errors in arcsec, availability in %.",
     ])  # fmt: skip
 
 
-def _shown(answer: Answer) -> str:
-    return answer.value if answer is Answer.PASS else answer.value.upper()
-
-
-def _written(one: YieldVerdict) -> str:
-    if one.answer is not Answer.NOT_SHOWN:
-        return _shown(one.answer)
-    return f"{_shown(one.answer)}: " + (
-        f"about {one.needed} units would do" if one.needed else "no number of units would do"
+def _written(verdict: YieldVerdict) -> str:
+    if verdict.answer is not Answer.NOT_SHOWN:
+        return verdict.answer.loud
+    return f"{verdict.answer.loud}: " + (
+        f"about {verdict.needed} units would do"
+        if verdict.needed
+        else "no number of units would do"
     )

@@ -1,23 +1,22 @@
-"""Design, campaign -> a verdict on each requirement, by analysis and by trials."""
+"""Design, campaign -> a verdict on each requirement, by analysis and by trials, and their table."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.budget import analytic
-from startrack.core import Refused
+from startrack.core import Refused, arcsec
 from startrack.design import Campaign, Case, Judged
-from startrack.metrics import Interval
-from startrack.verification.accuracy import expected_availability, expected_over
-from startrack.verification.blinded import boresights, counted
-from startrack.verification.cases import cases
+from startrack.metrics import Column, Interval, Table
+from startrack.verification.accuracy import expected_availability, expected_over, margins
+from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Claim, Looks, claims_of
-from startrack.verification.margins import margins
 
 Trials = Callable[[Case, int], NDArray[np.void]]
 FORMULA = "formula"
@@ -71,10 +70,10 @@ class Verification:
     @property
     def answer(self) -> Answer:
         """Fail where one fails, pass where all pass."""
-        answers = [one.answer for one in self.verdicts]
+        answers = [verdict.answer for verdict in self.verdicts]
         if Answer.FAIL in answers:
             return Answer.FAIL
-        shown = not self.left and all(one is Answer.PASS for one in answers)
+        shown = not self.left and all(answer is Answer.PASS for answer in answers)
         return Answer.PASS if shown else Answer.NOT_SHOWN
 
 
@@ -100,34 +99,34 @@ def verify(
     looks = looks or Looks(alpha=1 - campaign.requirements.confidence)
     judged, left = cases(case, campaign)
     verdicts = list(_by_formula(judged[0]))
-    count = sum(len(claims_of(one.needs)) for one in judged)
+    count = sum(len(claims_of(condition.needs)) for condition in judged)
     tails = looks.tails(count)
-    for one in judged:
-        verdicts += _by_trials(one, trials, seed, looks, tails, watch)
+    for condition in judged:
+        verdicts += _by_trials(condition, trials, seed, looks, tails, watch)
     return Verification(tuple(verdicts), looks, left)
 
 
-def _by_formula(one: Judged) -> Iterator[Verdict]:
-    for name, margin in margins(one.needs, one.case).items():
+def _by_formula(condition: Judged) -> Iterator[Verdict]:
+    for name, margin in margins(condition.needs, condition.case).items():
         answer = Answer.PASS if margin >= 0 else Answer.FAIL
-        yield Verdict(one.name, name, FORMULA, math.nan, math.nan, None, 0, margin, answer)
+        yield Verdict(condition.name, name, FORMULA, math.nan, math.nan, None, 0, margin, answer)
 
 
 def _by_trials(
-    one: Judged,
+    condition: Judged,
     trials: Trials,
     seed: int,
     looks: Looks,
     tails: tuple[float, float],
     watch: Callable[[str, int], None] | None,
 ) -> Iterator[Verdict]:
-    claims = claims_of(one.needs)
-    analysis, note = _analysis(one)
+    claims = claims_of(condition.needs)
+    analysis, note = _analysis(condition)
     decided = dict[str, tuple[Interval, int]]()
     for size in looks.sizes:
         if watch:
-            watch(one.name, size)
-        outcomes = counted(one.needs, one.case, seed, trials(one.case, size))
+            watch(condition.name, size)
+        outcomes = counted(condition.needs, condition.case, seed, trials(condition.case, size))
         boresight = boresights(seed, outcomes)
         for claim in claims:
             if claim.name in decided:
@@ -144,7 +143,7 @@ def _by_trials(
         if answer is Answer.NOT_SHOWN:
             needed = claim.needed(outcomes, boresight, *tails)
         yield Verdict(
-            one.name,
+            condition.name,
             claim.name,
             _statistic(claim),
             claim.limit,
@@ -165,14 +164,100 @@ def _statistic(claim: Claim) -> str:
     return f"{claim.accuracy.objective}{where}"
 
 
-def _analysis(one: Judged) -> tuple[dict[str, float], str]:
+def _analysis(condition: Judged) -> tuple[dict[str, float], str]:
     """Values by the analytic budget, or why there are none."""
     try:
-        budget = analytic(one.case)
+        budget = analytic(condition.case)
     except Refused as error:
         return {}, f"no analytic budget: {error}"
     errors = {
-        each.name: expected_over(each.objective, budget, one.needs.sky)
-        for each in one.needs.accuracy
+        accuracy.name: expected_over(accuracy.objective, budget, condition.needs.sky)
+        for accuracy in condition.needs.accuracy
     }
-    return {**errors, "availability": expected_availability(one.needs, budget)}, ""
+    return {**errors, "availability": expected_availability(condition.needs, budget)}, ""
+
+
+def verdict_table(verified: Verification) -> Table:
+    """A record for each verdict; errors in arcsecond, availability in percent or a fraction."""
+
+    def in_json(verdict: Verdict, value: float) -> float:
+        return value / (1.0 if verdict.name == "availability" else arcsec)
+
+    def in_text(verdict: Verdict, value: float) -> str:
+        scaled = value / (0.01 if verdict.name == "availability" else arcsec)
+        if math.isnan(scaled):
+            return "none"
+        return "open" if math.isinf(scaled) else f"{scaled:.4g}"
+
+    def if_tried(
+        write: Callable[[Verdict, Interval], Any], without: Any
+    ) -> Callable[[Verdict], Any]:
+        return lambda row: without if row.trials is None else write(row, row.trials)
+
+    columns = [
+        Column("condition", "condition", lambda row: row.condition),
+        Column("requirement", "requirement", lambda row: row.name),
+        Column("statistic", "", lambda row: row.statistic),
+        Column("limit", "", lambda row: in_json(row, row.limit)),
+        Column("analysis", "", lambda row: in_json(row, row.analysis)),
+        Column("trials", "", if_tried(lambda row, x: in_json(row, x.value), None)),
+        Column("bounds", "", if_tried(
+            lambda row, x: [in_json(row, x.low), in_json(row, x.high)], None)),
+        Column("number", "", lambda row: row.number),
+        Column("margin", "", lambda row: row.margin),
+        Column("verdict", "", lambda row: row.answer.value),
+        Column("trials_needed", "", lambda row: row.needed),
+        Column("note", "", lambda row: row.note),
+        Column("", "limit", if_tried(lambda row, _: in_text(row, row.limit), "")),
+        Column("", "analysis", if_tried(lambda row, _: in_text(row, row.analysis), "")),
+        Column("", "trials", if_tried(lambda row, x: in_text(row, x.value), "")),
+        Column("", "bounds", if_tried(
+            lambda row, x: f"[{in_text(row, x.low)}, {in_text(row, x.high)}]", "")),
+        Column("", "n", if_tried(lambda row, _: str(row.number), "")),
+        Column("", "margin", lambda row: f"{row.margin:+.3f}"),
+        Column("", "verdict", _answer_text),
+    ]  # fmt: skip
+    return Table(columns, verified.verdicts)
+
+
+def verdict_notes(verified: Verification) -> list[str]:
+    """What the table means, and what it leaves out."""
+    limited = dict.fromkeys(
+        f"{verdict.name}: {verdict.statistic}" for verdict in verified.verdicts if verdict.trials
+    )
+    lines = list(limited)
+    lines += [
+        f"{verdict.condition}: {verdict.note}" for verdict in verified.verdicts if verdict.note
+    ]
+    lines += [f"not judged: {reason}" for reason in verified.left]
+    sizes, alpha = ", ".join(map(str, verified.looks.sizes)), 100 * verified.looks.alpha
+    lines.append(
+        f"tested at {sizes} trials until decided; a pass or a fail of the whole is wrong with a "
+        f"probability of at most {alpha:g} %. Errors in arcsec, availability in %; margins are "
+        "fractions of the limits, that of stars is in mag."
+    )
+    return lines
+
+
+def verdict_text(verified: Verification) -> str:
+    """The table and its notes as plain text."""
+    lines = verdict_table(verified).text((0, 1, 8))
+    return "\n".join([*lines, "", f"verdict: {verified.answer.loud}", *verdict_notes(verified)])
+
+
+def verdict_values(verified: Verification) -> dict[str, Any]:
+    """A verification for JSON; errors in arcsecond, availability as a fraction."""
+    return {
+        "verdict": verified.answer.value,
+        "requirements": verdict_table(verified).json(),
+        "not_judged": list(verified.left),
+        "looks": verified.looks.sizes,
+        "wrong_verdict_probability": verified.looks.alpha,
+    }
+
+
+def _answer_text(verdict: Verdict) -> str:
+    if verdict.trials is None or verdict.answer is not Answer.NOT_SHOWN:
+        return verdict.answer.loud
+    enough = f"about {verdict.needed} trials" if verdict.needed else "no number of trials"
+    return f"{verdict.answer.loud}: {enough} would do"

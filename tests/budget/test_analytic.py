@@ -16,7 +16,7 @@ from startrack.trial import errors
 from startrack.trial.chain import run_random_trial, run_trials
 from startrack.trial.pointing import line_of_sight
 from startrack.trial.star_response import BRIGHTEST, chart, detection_probability, scale
-from startrack.verification.margins import limiting_magnitude
+from startrack.verification.accuracy import limiting_magnitude
 
 
 def line(case: Case, name: str) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ import pytest
 from startrack.budget import Exclusion, exclusions
 from startrack.core.units import deg
 from startrack.design.files import load_design
-from startrack.io.shipped import shipped
+from startrack.io import shipped
 from startrack.optics import Baffle
 
 ANGLES = np.array([5.0, 20, 30, 40, 60, 80]) * deg

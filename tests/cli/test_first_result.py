@@ -42,10 +42,8 @@ def test_a_command_limits_the_threads_of_its_matrices_before_these_are_loaded():
 
 
 def test_the_chain_loads_no_package_and_its_picture_no_room_that_draws_others():
-    """The chain builds no kernel, either, before it is asked for."""
     code = (
-        "import json, sys, startrack.trial; from startrack.core import poisson_quantile\n"
-        "assert poisson_quantile.types == []\n"
+        "import json, sys, startrack.trial\n"
         "chain = list(sys.modules); from startrack.plots import draw_frame\n"
         "print(json.dumps([chain, list(sys.modules)]))"
     )

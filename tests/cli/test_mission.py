@@ -86,7 +86,7 @@ def test_heads_are_placed(capsys, tmp_path, monkeypatch):
     survey_less(monkeypatch)
     monkeypatch.setattr(placement, "WINDOWS", 6)
     monkeypatch.setattr(placement, "GRID", 0.6)
-    monkeypatch.setattr("startrack.cli.mission.map_of", partial(placement.map_of, step=0.4))
+    monkeypatch.setattr("startrack.mission.map_of", partial(placement.map_of, step=0.4))
     for draw in ("draw_mission", "draw_beta"):  # of a mission that is flown
         monkeypatch.setattr(f"startrack.cli.mission.{draw}", draw_nothing)
     out = tmp_path / "out"

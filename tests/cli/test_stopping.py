@@ -28,7 +28,7 @@ from startrack.cli.options import WrongUse
     ],
 )
 def test_what_is_raised_is_told(error, status, words):
-    got, message = stopping.told(error)
+    got, message = stopping.status_and_sentence(error)
     assert got == status
     assert words in message
     assert "\n" not in message
@@ -88,3 +88,16 @@ sys.exit(main())
     assert lines[2].startswith("{")
     lines = ended.stderr.splitlines()
     assert ["stopped" in line for line in lines] == [True, True]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no alarms")
+def test_an_alarm_is_the_callers():
+    heard = []
+    before = signal.signal(signal.SIGALRM, lambda *_: heard.append("alarm"))
+    try:
+        with stopping.stopped_by_signals():
+            signal.raise_signal(signal.SIGALRM)
+        signal.raise_signal(signal.SIGALRM)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert heard == ["alarm", "alarm"]

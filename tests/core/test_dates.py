@@ -12,8 +12,7 @@ from astropy.time import Time
 from astropy.utils import iers
 from scipy.spatial.transform import Rotation
 
-from startrack.core.dates import installed_tables, utc
-from startrack.core.units import arcsec, deg
+from startrack.core.units import arcsec, deg, installed_tables, utc
 from startrack.earth.geometry import Aircraft, TwoLines, fly, sun_direction
 from tests.cli import every_command
 from tests.cli.test_cli import COMMANDS

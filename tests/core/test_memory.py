@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from startrack.cli.options import memory_of, memory_size
-from startrack.core import GIB, limited_memory, memory_limit, require_memory
+from startrack.core.memory import GIB, limited_memory, memory_limit, require_memory
 
 
 def test_a_step_that_needs_too_much_is_refused_with_figure_and_limit(monkeypatch):

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from startrack.core import poisson_quantile
+from startrack.core import variates
 
+poisson_quantile = np.vectorize(variates.poisson_quantile)
 MEANS = [1e-3, 0.3, 3.0, 5.9, 6.0, 6.1, 9.0, 20.0, 55.5, 300.0, 1e4]
 
 

@@ -12,8 +12,8 @@ from startrack.io import shipped
 from startrack.trial.chain import observe
 from startrack.trial.pointing import random_attitude
 from startrack.trial.stars import stars_in_field
-from startrack.verification.margins import limiting_magnitude, needed_magnitude
-from startrack.verification.margins import margins as margins_of
+from startrack.verification.accuracy import limiting_magnitude, needed_magnitude
+from startrack.verification.accuracy import margins as margins_of
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 

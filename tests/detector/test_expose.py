@@ -5,8 +5,8 @@ import pytest
 from scipy import special
 from scipy.spatial.transform import Rotation
 
+from startrack.core import Curve
 from startrack.core.camera import Camera
-from startrack.core.curve import Curve
 from startrack.core.streams import Streams
 from startrack.core.values import Light, LineOfSight, Psf
 from startrack.detector import Detector, Exposure, electron_rate, expected, expose

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack.core.scratch import Workspace
+from startrack.core import Workspace
 from startrack.core.streams import Streams
 from startrack.core.values import Frame, Psf
 from startrack.detector import Defects, Detector, Hits, Pattern

@@ -77,7 +77,7 @@ def _raises(*_: object, **__: object) -> None:
     raise ZeroDivisionError("division by zero")
 
 
-def _writes_nan(options: object, result: object, text: str) -> None:
+def _writes_nan(options: object, result: object, *lines: str) -> None:
     print(json.dumps({"value": math.nan}))
 
 
@@ -111,7 +111,7 @@ FAULTS: dict[str, dict[str, object]] = {
         "startrack.trial.chain.run_trial": _raises,
     },
     "JSON with NaN": {"startrack.cli.requirements.print_result": _writes_nan},
-    "memory beyond the limit": {"startrack.cli.detect.detect": _takes_memory},
+    "memory beyond the limit": {"startrack.detection.detect": _takes_memory},
     "a command that hangs": {
         "startrack.cli.solve.open_sky": _hangs,
         "startrack.cli.terminal.open_sky": _hangs,

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.benchmark.optics import lens
-from startrack.core import poisson_quantile
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.core.values import Light, LineOfSight
+from startrack.core.variates import poisson_quantile
 from startrack.detector import Detector, Exposure, expected, read_out
 from startrack.optics import pixel_psf
 from tests.hard.case import hard, refused

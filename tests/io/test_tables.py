@@ -8,6 +8,7 @@ import pytest
 
 from startrack.core import Unit
 from startrack.io import from_table, read_table, to_table
+from startrack.io.tables import DEEPEST, read_layers
 
 
 @dataclass(frozen=True)
@@ -90,3 +91,122 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path, kind):
     words = "there is none" if kind == "none" else f"is a {kind}"
     with pytest.raises(ValueError, match=f"(?i){words}"):
         read_table(path, "a design file")
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Files of a folder, by name; the path of the last."""
+
+    def write(**files: str):
+        for name, text in files.items():
+            path = tmp_path / f"{name}.toml"
+            path.write_text(text)
+        return path
+
+    return write
+
+
+def table(path, *changes):
+    return read_layers(path, "a file", changes).table
+
+
+def test_a_file_lies_over_its_includes_and_these_over_the_base(written):
+    path = written(
+        ground="a = 1\nb = 1\nc = 1\nd = 1\n[t]\nx = 1\ny = [1, 2, 3]",
+        one="b = 2\nc = 2\nd = 2\n[t]\ny = [4]",
+        two="c = 3\nd = 3",
+        top='base = "ground.toml"\ninclude = ["one.toml", "two.toml"]\nd = 4\n[t]\nz = 5',
+    )
+    assert table(path) == {"a": 1, "b": 2, "c": 3, "d": 4, "t": {"x": 1, "y": [4], "z": 5}}
+
+
+def test_lists_of_tables_that_are_joined(tmp_path, written):
+    path = written(
+        ground="[[v]]\nname = 'a'\nx = 1\n[[v]]\nname = 'b'\nx = 2",
+        one="v = []\nw = [1]",
+        two="w = [2]\n[[v]]\nname = 'b'\nx = 3",
+        top='base = "ground.toml"\ninclude = ["one.toml", "two.toml"]\n[[v]]\nname = "c"',
+    )
+    found = read_layers(path, "a file", joined={"v": {"name": None}}).table
+    assert found["v"] == [{"name": "a", "x": 1}, {"name": "b", "x": 3}, {"name": "c"}]
+    assert found["w"] == [2]
+    cleared = read_layers(path, "a file", ("v=[]",), joined={"v": {"name": None}}).table
+    assert cleared["v"] == []
+
+
+def test_names_are_those_beside_the_file_that_names_them_or_of_the_catalogue(tmp_path, written):
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "middle.toml").write_text('base = "ground.toml"\nb = 2')
+    (tmp_path / "inner" / "ground.toml").write_text("a = 1")
+    assert table(written(top='base = "inner/middle.toml"')) == {"a": 1, "b": 2}
+    shipped = table(written(top='base = "designs/noise_only.toml"\n[scene]\nbackground_g = 20'))
+    assert shipped["scene"]["background_g"] == 20
+    assert "instrument" in shipped
+
+
+@pytest.mark.parametrize(
+    ("change", "value"),
+    [
+        ("t.x=2", 2),
+        ("t.x = [1.5, 2]", [1.5, 2]),
+        ("t.x=3 um", "3 um"),
+        ('t.x="3 um"', "3 um"),
+        ("t.x=true", True),
+        ("t.x={ y = 1 }", {"y": 1}),
+        ("t.x=1\nother = 2", "1\nother = 2"),
+        ("t.x=", ""),
+    ],
+)
+def test_a_change_lies_over_all(written, change, value):
+    assert table(written(top="a = 1\n[t]\nx = 1\nz = 2"), change) == {
+        "a": 1,
+        "t": {"x": value, "z": 2},
+    }
+
+
+def test_a_change_may_name_a_table_that_is_not_there(written):
+    assert table(written(top="a = 1"), "b.c.d=2") == {"a": 1, "b": {"c": {"d": 2}}}
+
+
+def test_messages_name_the_file_of_a_value(written):
+    path = written(ground="[t]\nx = 1\ny = 1", top='base = "ground.toml"\n[t]\ny = 2')
+    layers = read_layers(path, "a file", ("t.z=3",))
+    assert layers.blamed("t.x must be", path) == f"{path.parent / 'ground.toml'}: t.x must be"
+    assert layers.blamed("t.y must be", path) == f"{path}: t.y must be"
+    assert layers.blamed("t.z must be", path) == "--set: t.z must be"
+    assert layers.blamed("t must be", path) == f"{path}: t must be"
+    assert layers.blamed("u is missing", path) == f"{path}: u is missing"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('base = "top.toml"', "must not lead back to"),
+        ('base = "none.toml"', "base must be the name of a file beside it.*'none.toml'"),
+        ('base = ""', "base must be the name of a file beside it"),
+        ('base = "\\u0000"', "base must be the name of a file beside it"),
+        ('base = "."', "must be a file, but is a folder"),
+        ("base = 3", "base must be the name of a file, got 3"),
+        ('include = "a.toml"', "include must be a list of names"),
+        ("include = [3]", "include must be a list of names"),
+        ('include = ["none.toml"]', "include must be the name of a file beside it"),
+    ],
+)
+def test_what_is_no_file_is_refused(written, text, words):
+    path = written(top=text)
+    with pytest.raises(ValueError, match=words) as caught:
+        table(path)
+    assert str(path.parent) in str(caught.value)
+
+
+@pytest.mark.parametrize("change", ["", "x", "=1", "a..b=1", "a b=1", "a.b[0]=1", "\n=1"])
+def test_what_is_no_change_is_refused(written, change):
+    with pytest.raises(ValueError, match="--set must be KEY=VALUE"):
+        table(written(top="a = 1"), change)
+
+
+def test_files_below_each_other_are_limited(written):
+    files = {f"f{n}": f'base = "f{n + 1}.toml"' for n in range(DEEPEST)}
+    path = written(**files, **{f"f{DEEPEST}": "a = 1"}).parent / "f0.toml"
+    with pytest.raises(ValueError, match=f"at most {DEEPEST} files"):
+        table(path)

@@ -10,8 +10,11 @@ from startrack.montecarlo.attitudes import (
     at_random,
     by_regions,
     by_sobol,
+    chances,
     towards,
+    where_likely,
 )
+from startrack.montecarlo.estimate import probability
 
 REGIONS = Regions(4, 6)
 
@@ -80,3 +83,88 @@ def test_a_boresight_points_where_it_is_told_to():
     np.testing.assert_allclose(attitude.inv().apply([0, 0, 1.0]), want, atol=1e-12)
     turned = towards(want, roll + 0.1)
     np.testing.assert_allclose((turned * attitude.inv()).magnitude(), 0.1)
+
+
+@pytest.mark.parametrize("regions", [Regions(), Regions(1, 7), Regions(9, 1)])
+def test_directions_at_random_fall_evenly_into_the_regions(regions):
+    """A normal vector has a direction at random; chi-square, false alarm 1e-4."""
+    direction = np.random.default_rng(2).standard_normal((20_000, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    count = np.bincount(regions.of(direction), minlength=len(regions))
+    assert len(count) == len(regions)
+    assert stats.chisquare(count).pvalue > 1e-4
+
+
+def test_what_is_placed_in_a_region_lies_there_and_nowhere_else():
+    regions = Regions(5, 8)
+    cell = np.repeat(np.arange(len(regions)), 50)
+    place = regions.place(cell, np.random.default_rng(3).random((len(cell), 2)))
+    np.testing.assert_allclose(np.linalg.norm(place, axis=1), 1)
+    np.testing.assert_array_equal(regions.of(place), cell)
+
+
+def test_the_poles_have_a_region():
+    poles = Regions().of(np.array([[0.0, 0, 1], [0, 0, -1]]))
+    assert poles[0] >= len(Regions()) - 12
+    assert poles[1] < 12
+
+
+FINE_REGIONS = Regions(8, 12)
+SPOT = np.array([0.3, -0.5, 0.81]) / np.linalg.norm([0.3, -0.5, 0.81])
+HALF = 0.12  # radian; a cap of (1 - cos) / 2 = 0.36 % of the sky
+TRUTH = (1 - np.cos(HALF)) / 2
+
+
+def in_cap(attitudes):
+    return attitudes.inv().apply([0.0, 0.0, 1.0]) @ SPOT > np.cos(HALF)
+
+
+def score(width):
+    """How near a region's middle is to the cap: a guess, not the truth."""
+    middle = FINE_REGIONS.place(np.arange(len(FINE_REGIONS)), np.full((len(FINE_REGIONS), 2), 0.5))
+    return np.exp(-((np.arccos(np.clip(middle @ SPOT, -1, 1)) / width) ** 2))
+
+
+@pytest.mark.parametrize("width", [0.3, 1.0])
+def test_the_probability_is_that_of_the_area_and_its_interval_holds_it(width):
+    """A cap's area is known; 60 estimates of 400 trials, coverage bound at 1e-4."""
+    chance = chances(score(width))
+    values, errors, hits = [], [], 0
+    for seed in range(60):
+        attitudes, weight = where_likely(seed, range(400), FINE_REGIONS, chance)
+        mean = probability(in_cap(attitudes), weight)
+        values.append(mean.value)
+        errors.append(mean.error)
+        interval = mean.interval()
+        hits += interval.low <= TRUTH <= interval.high
+    assert abs(np.mean(values) - TRUTH) < 4 * np.std(values) / np.sqrt(60)
+    assert hits >= stats.binom.ppf(1e-4, 60, 0.9)
+    alone = np.sqrt(TRUTH * (1 - TRUTH) / 400)
+    assert np.std(values) < alone / (3 if width == 0.3 else 1.2)
+
+
+def test_a_wrong_guess_costs_precision_but_not_truth():
+    """All eyes on the other side of the sky: the defence still finds the cap."""
+    chance = chances(score(0.3)[::-1])
+    values = []
+    for seed in range(60):
+        attitudes, weight = where_likely(seed, range(400), FINE_REGIONS, chance)
+        assert weight.max() <= 5
+        values.append(probability(in_cap(attitudes), weight).value)
+    assert abs(np.mean(values) - TRUTH) < 4 * np.std(values) / np.sqrt(60)
+
+
+def test_weights_are_one_on_average():
+    _, weight = where_likely(1, range(5000), FINE_REGIONS, chances(score(0.5)))
+    assert abs(weight.mean() - 1) < 4 * weight.std() / np.sqrt(5000)
+
+
+def test_random_attitudes_find_the_same():
+    hits = in_cap(at_random(5, range(5000)))
+    assert stats.binomtest(int(hits.sum()), 5000, TRUTH).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("bad", [np.zeros(4), np.array([1.0, -1.0]), np.array([np.nan, 1.0])])
+def test_scores_that_are_none_are_refused(bad):
+    with pytest.raises(ValueError, match="score must be finite, not negative"):
+        chances(bad)

@@ -6,7 +6,6 @@ from scipy import stats
 
 from startrack.montecarlo.estimate import (
     Mean,
-    best_ratio,
     controlled,
     plain,
     replicated,
@@ -90,14 +89,6 @@ def test_a_control_that_says_nothing_costs_next_to_nothing():
     rng = np.random.default_rng(3)
     values, noise = rng.standard_normal(1000), rng.standard_normal((1000, 3))
     assert controlled(values, noise).error == pytest.approx(plain(values).error, rel=0.02)
-
-
-def test_the_share_of_two_levels_is_the_cheapest():
-    """Against a search: variance per cost of n fine and m coarse values."""
-    rho, ratio = 0.99, 5.0
-    fraction = np.geomspace(1, 100, 4001)
-    cost = (1 + fraction / ratio) * (1 - rho**2 + rho**2 / fraction)
-    assert best_ratio(rho, ratio) == pytest.approx(fraction[np.argmin(cost)], rel=0.01)
 
 
 def test_the_root_of_a_mean_square_is_an_rms():

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from startrack.design.case import Fidelity
-from startrack.montecarlo.mean_square import combined, mean_square
+from startrack.montecarlo.estimate import combined, mean_square
 from startrack.montecarlo.sampling import Sampling
 from startrack.trial.chain import OUTCOMES
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from startrack.core import Camera, Displacement, node_places
-from startrack.core.displacement import NODES
+from startrack.core import NODES, Camera, Displacement, node_places
 from startrack.optics import Residual
 from startrack.optics.residual import taken_up
 

@@ -7,7 +7,7 @@ from startrack.design.variables import DesignSpace, branches
 from startrack.io import shipped
 from startrack.optimise.evaluate import missed
 from startrack.optimise.steps import feasible_start
-from startrack.verification.margins import margins
+from startrack.verification.accuracy import margins
 
 
 @pytest.mark.slow

@@ -32,7 +32,7 @@ from startrack.plots import (
     draw_tornado,
     style,
 )
-from startrack.plots.stretch import stretch
+from startrack.plots.frames import stretch
 from startrack.sequence import FRAMES, Mode
 from startrack.trial import OUTCOMES
 

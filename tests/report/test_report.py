@@ -22,8 +22,8 @@ from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
 from startrack.population import Units, per_unit
 from startrack.report import write, write_report
-from startrack.report.distributions import sky_map
 from startrack.report.page import Section, code, page, paragraph, table
+from startrack.report.pictures import sky_map
 from startrack.report.sections import budget, design, lost, units, verdict
 from startrack.report.write import Depth
 from startrack.trial.chain import OUTCOMES, observe
@@ -39,7 +39,7 @@ def _few_rates():
     """Each rate takes a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(curves, "BETWEEN", 0)
-        for module in (curves, write):
+        for module in (curves, write.budget):
             patch.setattr(module, "SMEARS", (0.0, 1.0))
         yield
 

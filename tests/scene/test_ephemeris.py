@@ -3,9 +3,8 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from startrack.core.dates import installed_tables
 from startrack.core.streams import Streams
-from startrack.core.units import deg
+from startrack.core.units import deg, installed_tables
 from startrack.scene.ephemeris import AU, EARTH_RADIUS, observer_of, on_orbit
 from startrack.scene.parameters import Orbit, Scene
 from startrack.scene.planets import magnitude_v

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from startrack.core.units import deg, nm
-from startrack.io.shipped import shipped
+from startrack.io import shipped
 from startrack.scene import load_limb
 from startrack.scene.bodies import Disc, Earth, sunlight
 from startrack.scene.ephemeris import AU, EARTH_RADIUS

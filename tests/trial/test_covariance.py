@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.design.case import Fidelity
 from startrack.detection import DarkMap, Detection
 from startrack.detector import YEAR, Age, Defects, Thermal

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from startrack.catalog import open_sky
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.core.streams import Streams
 from startrack.design.case import Fidelity
 from startrack.trial import chain, plan_of

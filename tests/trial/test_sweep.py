@@ -15,7 +15,7 @@ from startrack.motion import Motion
 from startrack.trial.chain import observe, run_random_trial
 from startrack.trial.exposure import straighten
 from startrack.trial.pointing import random_attitude
-from startrack.verification.margins import limiting_magnitude
+from startrack.verification.accuracy import limiting_magnitude
 
 CASE = load_design(shipped("designs/scanner.toml")).case
 ARCSEC = 206264.8

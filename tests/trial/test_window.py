@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.core.streams import Streams
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design

@@ -17,7 +17,7 @@ from startrack.earth.atmosphere import (
     save_infrared,
     vacuum,
 )
-from startrack.io.shipped import shipped
+from startrack.io import shipped
 
 # MODTRAN 5.2.1 as pybsm 0.16 ships it: rural 23 km, sensor at 24.5 km, Sun at 50 degrees and at
 # right angles, ground of 299 K that reflects 15 %, on 23 August (1.0104 astronomical units):

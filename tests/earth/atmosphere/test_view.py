@@ -17,7 +17,7 @@ from startrack.earth.terrain import (
     survey,
     up,
 )
-from startrack.io.shipped import shipped
+from startrack.io import shipped
 
 WEST, NORTH, STEP = 10 * deg, 47 * deg, 1 / 3600 * deg
 HIGH = 500e3  # metre, of the camera

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.core.units import deg, nm
 from startrack.earth.imager import load_survey
 from startrack.earth.imager.brdf import (
@@ -24,7 +24,7 @@ from startrack.earth.imager.brdf import (
 )
 from startrack.earth.imager.land import Cover, Land, ReflectanceMap, reflectance, reflection
 from startrack.earth.terrain import ConstantHeight, Ground, Rays, cartesian, survey, up
-from startrack.io.shipped import shipped
+from startrack.io import shipped
 
 ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT / "experiments"))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from startrack.cli.main import main
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.core.units import deg, nm, um
 from startrack.design.files import load_design
 from startrack.detector import Detector, Scan
@@ -29,7 +29,7 @@ from startrack.earth.imager import (
     load_survey,
     margins_of,
 )
-from startrack.io.shipped import shipped
+from startrack.io import shipped
 from startrack.optics import Optics
 
 # Height, pixel, sampling and swath in metre, field in degree; None where nothing is published.

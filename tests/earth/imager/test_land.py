@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.core.units import deg, um
 from startrack.earth.imager.land import (
     Cover,

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.core.units import deg, nm, um
 from startrack.detector import Detector, Scan
 from startrack.detector.stamp import stamp_paths

@@ -13,7 +13,7 @@ import pytest
 from astropy.io import fits
 
 from startrack.cli.main import main
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.core.units import deg, nm, um
 from startrack.detector import Detector, Scan
 from startrack.detector.stamp import stamp
@@ -35,7 +35,7 @@ from startrack.earth.imager import (
 from startrack.earth.imager.band import band_of
 from startrack.earth.imager.blur import blur_strips, blur_weights
 from startrack.earth.imager.land import Cover, HotSpot, Land, reflectance
-from startrack.io.shipped import shipped
+from startrack.io import shipped
 from startrack.motion import Broadband, Motion, Tone
 from startrack.optics import Aberration, Optics, pixel_psf
 

@@ -11,7 +11,7 @@ import pytest
 from astropy.io import fits
 
 from startrack.cli.main import main
-from startrack.core.curve import Curve
+from startrack.core import Curve
 from startrack.core.units import deg, nm, um
 from startrack.detector import Detector, Scan
 from startrack.earth.atmosphere import Air

@@ -1,8 +1,10 @@
-"""Distributions, quantiles and sky maps of the errors of many trials."""
+"""Pictures of the page: distributions and maps of errors, single stars, slew rates."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import chain, repeat
 from textwrap import fill
 from typing import Any
 
@@ -15,10 +17,21 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from startrack.core import Floats, arcsec
-from startrack.metrics import Interval
+from startrack.budget import Curve, Slew, StarErrors
+from startrack.core import Floats, arcsec, deg
+from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import Regions, quantile_interval
-from startrack.plots import BLACK, BLUE, RED, colour_bar, legend_below, outline, say, styled
+from startrack.plots import (
+    BLACK,
+    BLUE,
+    RED,
+    colour_bar,
+    draw_intervals,
+    legend_below,
+    outline,
+    say,
+    styled,
+)
 from startrack.report.page import HIGH, WIDE, Picture
 
 FRACTIONS = (0.5, 0.68, 0.9545, 0.9973)
@@ -124,7 +137,7 @@ def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
     axes.set_title(fill(text, LETTERS))
     _bar(points, axes, error[solved])
     pictures = [Picture(figure, "Map of the sky with the error of each trial")]
-    cut = next((one for one in CUTS if solved.sum() >= IN_A_REGION * math.prod(one)), None)
+    cut = next((parts for parts in CUTS if solved.sum() >= IN_A_REGION * math.prod(parts)), None)
     if cut:
         regions = Regions(*cut)
         figure, axes = _sky()
@@ -182,3 +195,83 @@ def _graticule(axes: Axes) -> None:
     axes.set_axisbelow(False)  # numbers and lines over the map
     for text in axes.get_xticklabels():
         text.set(path_effects=[outline("white")])
+
+
+BINS = 8
+FEWEST = 8  # stars in a bin, at least; chosen by hand
+
+
+@styled
+def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
+    """Rms centroid error per axis against magnitude and against field position."""
+    pictures = []
+    for at, label in (
+        (seen.magnitude, "magnitude (G)"),
+        (seen.radius / half_diagonal, "distance from the middle (half diagonals)"),
+    ):
+        figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+        axes = figure.subplots()
+        _binned(axes, at, seen.error)
+        axes.set(xlabel=label, ylabel="centroid error, rms per axis (pixel)", yscale="log")
+        legend_below(axes, 1)
+        pictures.append(Picture(figure, f"Centroid error of the stars over the {label}"))
+    axes.set_xlim(0, 1)
+    return pictures
+
+
+def _binned(axes: Axes, at: Floats, error: Floats) -> None:
+    """Rms in bins of equal numbers of stars, bars of 95 %."""
+    order = np.argsort(at)
+    count = min(BINS, len(order) // FEWEST)
+    named = chain(["rms in bins of equal numbers, 95 %"], repeat(None))
+    for part in np.array_split(order, count) if count else []:
+        rms = rms_interval((error[part] ** 2).mean(axis=1))
+        bars = [[max(rms.value - rms.low, 0)], [rms.high - rms.value]]
+        axes.errorbar(
+            float(at[part].mean()), rms.value, yerr=bars, fmt="o", ms=5, color=BLACK, mfc="white",
+            zorder=3, label=next(named),
+        )  # fmt: skip
+    # Rasterised, because thousands of points would make a large file.
+    axes.plot(at, np.sqrt((error**2).mean(axis=1)), ".", ms=3, alpha=0.3, color=BLUE, zorder=0,
+              rasterized=True, label=f"each of {len(at)} stars")  # fmt: skip
+
+
+@styled
+def draw_slews(
+    slewed: Sequence[Slew], design_rate: float, expected: Curve | None = None
+) -> list[Picture]:
+    """Error and availability against the rate; `design_rate` in radian / second."""
+    rate, pictures = np.array([slew.rate for slew in slewed]) / deg, []
+    solved = any(slew.across.value > 0 for slew in slewed)
+    for name, other, unit, label in (
+        ("across", "across", arcsec, "error across, rms per axis (arcsec)"),
+        ("fraction", "available", 0.01, "trials with a correct attitude (%)"),
+    ):
+        figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+        axes = figure.subplots()
+        if expected and any(expected.budgets):
+            _shade(axes, expected)
+            axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=RED,
+                      label="analytic budget")  # fmt: skip
+        intervals = [getattr(slew, name) for slew in slewed]
+        draw_intervals(axes, rate, intervals, unit, fmt="o-", ms=4, color=BLUE,
+                       label="trials, 95 %")  # fmt: skip
+        axes.axvline(design_rate / deg, color=BLACK, lw=1, ls=":", label="rate of the design")
+        axes.set(xlabel="slew rate (deg / s)", ylabel=label)
+        axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))
+        axes.set_xlim(-0.2 * rate[1], 1.3 * max(rate[-1], design_rate / deg))
+        if name == "fraction":
+            axes.set_ylim(-3, 103)
+        elif solved:
+            axes.set_yscale("log")
+        legend_below(axes, 1)
+        pictures.append(Picture(figure, f"{label} over the slew rate"))
+    return pictures
+
+
+def _shade(axes: Axes, expected: Curve) -> None:
+    """Rates at which the formula leaves out more than at rest."""
+    first = expected.first_left_out
+    if first is not None:
+        axes.axvspan(expected.rate[first] / deg, 1.3 * expected.rate[-1] / deg, color="0.9",
+                     zorder=0, label="rates with effects that the budget leaves out")  # fmt: skip

@@ -1,0 +1,124 @@
+"""Values at nodes -> values between them: on a line, over wavelength, over a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core.arrays import Floats, Ints
+from startrack.core.checks import Refused, positive, within
+from startrack.core.units import Unit
+
+
+def local_weights(nodes: Floats, at: Floats) -> tuple[Ints, Floats]:
+    """First of the four nodes around each place, and the weights (n, 4) of a cubic through them."""
+    step = nodes[1] - nodes[0]
+    place = np.clip((at - nodes[0]) / step, 0, len(nodes) - 1)
+    first = np.clip(np.floor(place).astype(np.int64) - 1, 0, len(nodes) - 4)
+    return first, lagrange_weights(np.arange(4.0), place - first)
+
+
+def lagrange_weights(nodes: Floats, at: Floats) -> Floats:
+    """(n, k) weights of the values at nodes (k,) for those of the polynomial at places (n,)."""
+    away = at[:, None] - nodes
+    weight = np.ones((len(at), len(nodes)))
+    for k in range(len(nodes)):
+        for other in range(len(nodes)):
+            if other != k:
+                weight[:, k] *= away[:, other] / (nodes[k] - nodes[other])
+    return weight
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Values in [0, 1] at wavelengths, straight lines between them and zero outside.
+
+    A curve with one value and no wavelength is the same everywhere.
+    """
+
+    wavelength: Annotated[tuple[float, ...], Unit("m", "nm"), "rising, one for each value"] = ()
+    value: Annotated[tuple[float, ...], "at each wavelength, or one for all"] = (1.0,)
+
+    def __post_init__(self) -> None:
+        if len(self.wavelength) != (len(self.value) if len(self.value) > 1 else 0):
+            raise Refused(
+                "wavelength and value must have the same length (or one value and no wavelength), "
+                f"got {len(self.wavelength)} and {len(self.value)}"
+            )
+        for wavelength in self.wavelength:
+            positive(wavelength=wavelength)
+        for value in self.value:
+            within(0, 1, value=value)
+        if any(b <= a for a, b in zip(self.wavelength, self.wavelength[1:], strict=False)):
+            raise Refused(f"wavelength must rise, got {self.wavelength}")
+
+    def __call__(self, wavelength: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The curve at wavelengths in metre."""
+        if not self.wavelength:
+            return np.full(np.shape(wavelength), self.value[0])
+        return np.interp(wavelength, self.wavelength, self.value, left=0.0, right=0.0)
+
+    def scaled(self, factor: float) -> Curve:
+        """The curve times a factor, within [0, 1]."""
+        return Curve(
+            self.wavelength, tuple(min(max(value * factor, 0.0), 1.0) for value in self.value)
+        )
+
+
+ALL = Curve()  # nothing is lost at any wavelength
+
+
+NODES = 9  # along each side; cubic between them
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """By how much more than a camera model says the places of a frame are displaced.
+
+    Between the nodes, which span the frame evenly, the values are cubic polynomials of x and of y;
+    beyond it they are those at its edge.
+    """
+
+    columns: Annotated[int, "pixel, of the frame"]
+    rows: Annotated[int, "pixel, of the frame"]
+    value: Annotated[tuple[float, ...], "pixel, 2 NODES^2 numbers: x, then y, each row by row"]
+
+    def __post_init__(self) -> None:
+        if len(self.value) != 2 * NODES**2:
+            raise Refused(f"value must have {2 * NODES**2} numbers, got {len(self.value)}")
+
+    def __call__(self, pixel: Floats) -> Floats:
+        """Pixel (n, 2) at places (n, 2) pixel; NaN where a place is NaN."""
+        x, y = np.asarray(pixel, float).T
+        there = np.isfinite(x + y)
+        first_x, weight_x = local_weights(self._x, np.where(there, x, 0.0))
+        first_y, weight_y = local_weights(self._y, np.where(there, y, 0.0))
+        near = np.arange(4)
+        value = self._table[
+            :, (first_y[:, None] + near)[:, :, None], (first_x[:, None] + near)[:, None]
+        ]
+        moved = np.einsum("cnji,nj,ni->nc", value, weight_y, weight_x)
+        return np.where(there[:, None], moved, np.nan)
+
+    @cached_property
+    def _table(self) -> Floats:
+        return np.array(self.value).reshape(2, NODES, NODES)
+
+    @cached_property
+    def _x(self) -> Floats:
+        return np.linspace(-0.5, self.columns - 0.5, NODES)
+
+    @cached_property
+    def _y(self) -> Floats:
+        return np.linspace(-0.5, self.rows - 0.5, NODES)
+
+
+def node_places(columns: int, rows: int) -> Floats:
+    """Places (NODES^2, 2) pixel of the nodes of a frame, row by row."""
+    x = np.linspace(-0.5, columns - 0.5, NODES)
+    y = np.linspace(-0.5, rows - 0.5, NODES)
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)

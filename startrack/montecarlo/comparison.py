@@ -1,0 +1,165 @@
+"""The same trials of two campaigns, or at each fidelity -> their statistics and the differences."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from startrack import metrics
+from startrack.core import Floats, Refused
+from startrack.design import Case, Fidelity, Objective
+from startrack.trial import run_trials
+
+RESAMPLES = 2000  # of the bootstrap; its percentiles of 95 % then scatter by 3 % of the width
+PAIRS = 3  # names the stream of the resampling
+STATISTICS = (
+    Objective("across"),
+    Objective("about"),
+    Objective("across", 0.9973),
+    Objective("across", 0.9973, "per axis"),
+)
+
+
+class Difference(NamedTuple):
+    """One statistic of two campaigns.
+
+    name           in words
+    first, second  its values: radian, or a fraction for the availability
+    change         second minus first, with its 95 % interval
+    """
+
+    name: str
+    first: float
+    second: float
+    change: metrics.Interval
+
+
+def differences(
+    first: NDArray[np.void],
+    second: NDArray[np.void],
+    seed: int = 0,
+    limits: tuple[metrics.Limits, metrics.Limits] = (metrics.STATED_ALONE, metrics.STATED_ALONE),
+    paired: bool = True,
+) -> list[Difference]:
+    """Errors and availability of two campaigns, and their differences.
+
+    Errors: over the trials that both solved, where paired; bootstrap percentiles over trials.
+    Availability: Agresti and Min (2005), Statist. Med. 24, 729, for pairs; else the two exact
+    intervals as those of independent fractions (Newcombe 1998, Statist. Med. 17, 873, method 10).
+
+    first, second  outcomes; where paired, of the same trials in the same order
+    seed           of the bootstrap
+    limits         of a correct attitude, of each
+    Accuracy       statistical: a level of 99.73 % of fewer than 1000 trials is nearly the largest
+                   error, and its bootstrap interval too narrow.
+    """
+    return [
+        *_errors(first, second, seed, paired),
+        _availability(
+            metrics.correct(first, limits[0]), metrics.correct(second, limits[1]), paired
+        ),
+    ]
+
+
+def _errors(
+    first: NDArray[np.void], second: NDArray[np.void], seed: int, paired: bool
+) -> Iterator[Difference]:
+    rng = np.random.default_rng(np.random.SeedSequence((seed, PAIRS)))
+    solved = [outcomes["solved"] & ~outcomes["false"] for outcomes in (first, second)]
+    if paired:
+        solved = [solved[0] & solved[1]] * 2
+    first, second = first[solved[0]], second[solved[1]]
+    n, m = len(first), len(second)
+    chosen = rng.integers(0, n, (RESAMPLES, n)) if n else np.empty((0, 0), int)
+    other = chosen if paired else rng.integers(0, m, (RESAMPLES, m)) if m else chosen[:0]
+    for objective in STATISTICS:
+        a, b = objective.squares(first), objective.squares(second)
+        if not (n and m):
+            nothing = metrics.Interval(math.nan, math.nan, math.nan)
+            yield Difference(str(objective), math.nan, math.nan, nothing)
+            continue
+        made = _in_parts(objective, b, other) - _in_parts(objective, a, chosen)
+        low, high = np.quantile(made, [0.025, 0.975]).tolist()
+        before, after = float(objective.of(a)), float(objective.of(b))
+        yield Difference(str(objective), before, after, metrics.Interval(after - before, low, high))
+
+
+def _in_parts(objective: Objective, squares: Floats, chosen: NDArray[np.int64]) -> Floats:
+    """The statistic of each resample; few at a time, for the memory."""
+    parts = np.array_split(chosen, max(1, chosen.size // 2_000_000))
+    return np.concatenate([objective.of(squares[part]) for part in parts])
+
+
+def _availability(first: NDArray[np.bool_], second: NDArray[np.bool_], paired: bool) -> Difference:
+    before, after = float(first.mean()), float(second.mean())
+    if paired:
+        n = len(first) + 2
+        gained = (int((second & ~first).sum()) + 0.5) / n
+        lost = (int((first & ~second).sum()) + 0.5) / n
+        half = float(special.ndtri(0.975)) * math.sqrt(
+            max(gained + lost - (gained - lost) ** 2, 0.0) / n
+        )
+        change = metrics.Interval(after - before, gained - lost - half, gained - lost + half)
+    else:
+        a, b = (
+            metrics.fraction_interval(int(correct_of.sum()), len(correct_of))
+            for correct_of in (first, second)
+        )
+        low = after - before - math.hypot(after - b.low, a.high - before)
+        high = after - before + math.hypot(b.high - after, before - a.low)
+        change = metrics.Interval(after - before, low, high)
+    return Difference("availability", before, after, change)
+
+
+class FidelityResult(NamedTuple):
+    """One fidelity, on some trials.
+
+    fidelity    its name
+    seconds     of CPU for a trial; the first one, which fills the caches, is not counted
+    summary     of its trials; None where it cannot simulate the design
+    difference  radian, rms per axis of its errors across minus those of the fidelity `frame`
+    refusal     why it cannot, or nothing
+    """
+
+    fidelity: Fidelity
+    seconds: float
+    summary: metrics.Summary | None
+    difference: float
+    refusal: str
+
+    @property
+    def across(self) -> metrics.Interval:
+        """Radian, rms per axis."""
+        return self.summary.across if self.summary else metrics.Interval(*[math.nan] * 3)
+
+
+def fidelity_comparison(
+    case: Case, seed: int, numbers: Sequence[int], advance: Callable[[int], None]
+) -> list[FidelityResult]:
+    """Every fidelity on the same trials; `frame`, the reference, is the first."""
+    made: list[FidelityResult] = []
+    frames: NDArray[np.void] | None = None
+    for fidelity in Fidelity:
+        try:
+            run_trials(case, seed, numbers[:1], fidelity)
+        except Refused as error:
+            made.append(FidelityResult(fidelity, math.nan, None, math.nan, str(error)))
+            advance(len(numbers))
+            continue
+        began = time.process_time()
+        outcomes = run_trials(case, seed, numbers, fidelity)
+        seconds = (time.process_time() - began) / len(numbers)
+        if frames is None:
+            frames = outcomes
+        both = outcomes["solved"] & frames["solved"] & ~outcomes["false"] & ~frames["false"]
+        between = [outcomes[name][both] - frames[name][both] for name in ("error_x", "error_y")]
+        difference = float(np.sqrt(np.mean(np.square(between)))) if both.any() else math.nan
+        made.append(FidelityResult(fidelity, seconds, metrics.summarise(outcomes), difference, ""))
+        advance(len(numbers))
+    return made
