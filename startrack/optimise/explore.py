@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
 from typing import NamedTuple, Protocol
 
-import nlopt
 import numpy as np
 import scipy.stats
 
@@ -19,6 +17,7 @@ from startrack.optimise.emulator import Emulator, emulator
 from startrack.optimise.evaluate import PENALTY, Foresight, foresee_all, missed
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import TrialRunner
+from startrack.optimise.search import least_smooth
 from startrack.verification import cost_margins
 
 # All chosen by hand.
@@ -31,7 +30,6 @@ WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
 SAFE = 1e-3  # by which an emulated margin must be met, as it is wrong by so much at a limit
 POOL, LEADERS, NEARBY = 256, 6, 0.05  # random designs, those kept, how near others are to these
-STEP, MOST = 1e-5, 200  # of each range, that ends a search on the emulators, and its evaluations
 APART = 1e-3  # of each range: nearer points are the same design
 RELAXED = 0.01  # of a limit, by which `prices` relaxes it
 NODES = 25  # of each variable, at which its span is looked for
@@ -134,19 +132,9 @@ class Emulators:
                 gradient[:] = -slope
             return SAFE / WIDTH - found
 
+        limits = [partial(missing, margin=margin) for margin in self.margins.values()]
         for start in starts:
-            engine = nlopt.opt(nlopt.LD_SLSQP, len(best))
-            engine.set_lower_bounds(low)
-            engine.set_upper_bounds(high)
-            engine.set_min_objective(value)
-            for margin in self.margins.values():
-                engine.add_inequality_constraint(partial(missing, margin=margin), 1e-6)
-            engine.set_xtol_abs(np.full(len(best), STEP))
-            engine.set_maxeval(MOST)
-            ends = [start]
-            with suppress(nlopt.RoundoffLimited, nlopt.runtime_error):
-                ends.append(np.clip(engine.optimize(start), low, high))
-            for end in ends:
+            for end in (start, least_smooth(value, limits, start, (low, high))):
                 score = float(self.score(end[None], sigmas)[0])
                 score += correction(end) if correction else 0.0
                 if score < least:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any
@@ -129,6 +129,36 @@ def least_of_all(
         return far
     best = min(far, here, key=lambda found: found.score)
     return least(score, best.coordinates, Search(evaluations=near), enough)
+
+
+SMOOTH_STEP, SMOOTH_MOST = 1e-5, 200  # that ends a search of a smooth function; its evaluations
+SMOOTH_SHORT = 1e-6  # by which it may miss a limit
+
+
+def least_smooth(
+    score: Callable[[Floats, Floats], float],
+    limits: Sequence[Callable[[Floats, Floats], float]],
+    start: Floats,
+    bounds: tuple[Floats, Floats],
+) -> Floats:
+    """Search the least of a smooth function under smooth limits, by nlopt's SLSQP (Kraft 1994).
+
+    score    of a point (d,); writes its gradient to its second argument, unless that is empty
+    limits   of the same kind; met where they are not positive
+    Returns  the last point (d,); the start where nlopt gives up
+    """
+    engine = nlopt.opt(nlopt.LD_SLSQP, len(start))
+    engine.set_lower_bounds(bounds[0])
+    engine.set_upper_bounds(bounds[1])
+    engine.set_min_objective(score)
+    for limit in limits:
+        engine.add_inequality_constraint(limit, SMOOTH_SHORT)
+    engine.set_xtol_abs(np.full(len(start), SMOOTH_STEP))
+    engine.set_maxeval(SMOOTH_MOST)
+    try:
+        return np.clip(engine.optimize(start), *bounds)
+    except (nlopt.RoundoffLimited, nlopt.runtime_error):
+        return start
 
 
 class _Enough(Exception):
