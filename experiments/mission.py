@@ -68,7 +68,7 @@ from startrack.mission import (
 from startrack.mission import placement as placement_of_heads
 from startrack.mission.ccsds import Attitudes, read_aem, write_aem
 from startrack.mission.engine import at
-from startrack.mission.orbit import path_of
+from startrack.mission.instants import path_of
 from startrack.mission.parameters import Needs, Orbit, mounted
 from startrack.montecarlo import Serial
 from startrack.optics import Baffle

@@ -4,12 +4,8 @@ parameters  Mission: orbit, attitude law, heads, time and requirements, as a mis
             them.
 ccsds       CCSDS orbit and attitude ephemeris messages, read and written as text.
 spice       SPICE kernels of orbit (SPK) and attitude (CK), written and read.
-vectors     Products of many vectors that lie component by component.
-bodies      Begin and duration -> Sun, Moon, planets and Earth's axes, as tables over time.
-orbit       Orbit -> position and velocity of the spacecraft.
 law         Attitude -> Law: place of the spacecraft -> its axes at every instant.
 instants    Mission and instants -> where the spacecraft is, how it points, Sun and Moon.
-limb        Line of sight and place -> angle to the Earth's limb, and to the lit part of it.
 structure   Structure of the spacecraft and instants -> its angle from a head's line of sight.
 heads       Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind.
 surrogate   Case and ranges of conditions -> the error of a head in any direction of the sky.
@@ -28,7 +24,6 @@ summary     Flown -> availability by number of heads, times without an attitude,
 
 from startrack.mission.alignment import RelativeAlignment, relative_alignment
 from startrack.mission.aocs import HeadModel, head_model, write_model
-from startrack.mission.bodies import PLANETS
 from startrack.mission.ccsds import read_aem, read_oem, write_aem, write_oem
 from startrack.mission.engine import Flown, Plan, fly, plan_of
 from startrack.mission.fusion import fuse, fused_variance, head_covariance
@@ -60,3 +55,4 @@ from startrack.mission.summary import (
     verdicts,
 )
 from startrack.mission.timeline import save_timeline, timeline, write_kernels
+from startrack.space import PLANETS

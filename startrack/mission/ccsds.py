@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from startrack.core import Floats, shown
+from startrack.core import Floats, installed_tables, shown, utc
 from startrack.io import read_bytes, save_text
 
 LARGEST = 2**29  # byte
@@ -49,6 +49,14 @@ class Attitudes:
     scale: str
     quaternion: Floats
     degree: int = 1
+
+
+def seconds_after(begin: str, table: Ephemeris | Attitudes) -> Floats:
+    """(n,) SI seconds of the dates of a file after a time, UTC."""
+    from astropy.time import Time
+
+    with installed_tables():
+        return np.asarray((Time(list(table.epoch), scale=table.scale) - utc(begin)).sec)
 
 
 def read_oem(path: Path) -> Ephemeris:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Refused, require_memory
-from startrack.mission.bodies import PLANETS
 from startrack.mission.fusion import fused_variance
 from startrack.mission.heads import (
     Mounted,
@@ -34,7 +33,7 @@ from startrack.mission.surrogate import (
     stray_light_of,
     surrogate_of,
 )
-from startrack.mission.vectors import cross, dot, unit
+from startrack.space import PLANETS, cross, dot, unit
 
 CHUNK = 8192  # steps at once: their arrays fit into the cache of a core
 PART = 64 * CHUNK  # steps that are kept together on disk

@@ -17,11 +17,10 @@ from startrack.budget import exclusions
 from startrack.core import Floats, Refused, deg
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
-from startrack.mission.limb import EarthSeen
 from startrack.mission.parameters import Head, Obstacle, Radiation, Warmth
 from startrack.mission.structure import faces_of, nearest
-from startrack.mission.vectors import angle, dot, from_body
 from startrack.population import unit_of
+from startrack.space import EarthSeen, angle, dot, from_body
 
 SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
 # Parts of a design that have a temperature, and its name there.

@@ -5,25 +5,39 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from startrack.core import LIGHT_SPEED, Floats
-from startrack.mission.bodies import (
+from startrack.core import LIGHT_SPEED, Floats, Refused, installed_tables, utc
+from startrack.mission.ccsds import Ephemeris, read_oem, seconds_after
+from startrack.mission.law import Law, Place, law_of
+from startrack.mission.parameters import Mission, Orbit
+from startrack.mission.spice import read_spk
+from startrack.space import (
     AXES_COLUMNS,
+    EARTH_RADIUS,
+    FLATTENING,
     GREENWICH_COLUMN,
     MOON_COLUMNS,
     SIDEREAL,
     SPEED_COLUMNS,
     SUN_COLUMNS,
     Bodies,
+    Carrier,
+    Kepler,
+    Sgp4,
+    Tabulated,
     bodies_of,
+    dot,
+    lagrange_weights,
+    node_at,
+    sun_synchronous,
+    times,
+    two_line_record,
+    unit,
 )
-from startrack.mission.law import Law, Place, law_of
-from startrack.mission.orbit import Path6, path_of
-from startrack.mission.parameters import Mission
-from startrack.mission.vectors import dot, times, unit
 
 # Between these times, positions follow from polynomials.
 ORBIT_KNOT = 60.0  # second; six points: 3 mm in a low orbit
@@ -67,7 +81,7 @@ class Course:
 
     mission: Mission
     bodies: Bodies
-    path: Path6
+    path: Carrier
     law: Law
 
     def at(self, first: float, step: float, count: int) -> Instants:
@@ -136,9 +150,6 @@ class Course:
         )
 
 
-FLATTENING = 1 / 298.257223563  # WGS 84
-
-
 def course_of(mission: Mission) -> Course:
     """The plan of a mission: ephemerides as tables, orbit and law.
 
@@ -149,6 +160,41 @@ def course_of(mission: Mission) -> Course:
     path, law = path_of(mission.orbit, begin), law_of(mission.attitude, begin)
     bodies = bodies_of(begin, mission.time.duration + mission.time.step)
     return Course(mission, bodies, path, law)
+
+
+def path_of(orbit: Orbit, begin: str) -> Carrier:
+    """What moves along an orbit.
+
+    begin   of the mission, UTC
+    Raises  ValueError where the elements contradict each other or a file cannot be used;
+            ImportError without sgp4.
+    """
+    date = utc(begin)
+    if orbit.tle:
+        return Sgp4(two_line_record(orbit.tle), (float(date.jd1), float(date.jd2)))
+    if orbit.oem:
+        file = Path(orbit.oem)
+        return _tabulated(read_spk(file) if file.suffix == ".bsp" else read_oem(file), begin)
+    assert orbit.altitude is not None
+    axis = EARTH_RADIUS + orbit.altitude
+    start = 0.0
+    if orbit.epoch is not None:
+        with installed_tables():
+            start = float((utc(orbit.epoch) - date).sec)
+    tilt, node = orbit.inclination, orbit.node
+    if orbit.local_time is not None:
+        tilt = sun_synchronous(axis, orbit.eccentricity)
+        node = node_at(orbit.epoch or begin, orbit.local_time)
+    assert tilt is not None
+    return Kepler(axis, orbit.eccentricity, tilt, node, orbit.perigee, orbit.anomaly, start)
+
+
+def _tabulated(file: Ephemeris, begin: str) -> Tabulated:
+    second = seconds_after(begin, file)
+    if len(second) < 2 or (np.diff(second) <= 0).any():
+        raise Refused("orbit.oem must hold two or more states at rising times")
+    points = min(file.degree + 1, len(second))
+    return Tabulated(second, file.place.T, file.speed.T, points)
 
 
 def spread(
@@ -173,15 +219,10 @@ def spread(
     behind = points // 2 - 1
     wide = block * step
     values = exact(first + wide * (np.arange(blocks + points - 1, dtype=float) - behind))
-    where = np.arange(block) / block
-    at = np.arange(points) - behind
-    weight = np.ones((points, block))
-    for i in range(points):
-        for j in range(points):
-            if i != j:
-                weight[i] *= (where - at[j]) / (at[i] - at[j])
-    found = sliding_window_view(values, points, axis=1) @ weight
-    return found.reshape(len(values), -1)[:, :count]
+    knots = np.arange(points, dtype=float)[:, None] - behind
+    weight = lagrange_weights(knots, np.arange(block) / block)
+    between = sliding_window_view(values, points, axis=1) @ weight
+    return between.reshape(len(values), -1)[:, :count]
 
 
 def _rate(now: Floats, later: Floats, step: float) -> Floats:

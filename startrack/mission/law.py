@@ -10,16 +10,21 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from startrack.core import Floats, Refused, installed_tables, utc
-from startrack.mission.ccsds import read_aem
+from startrack.core import Floats, Refused
+from startrack.mission.ccsds import read_aem, seconds_after
 from startrack.mission.parameters import Attitude, Scan
 from startrack.mission.spice import read_ck
-from startrack.mission.vectors import cross, dot, times, unit
-from startrack.scene import EARTH_RADIUS
+from startrack.space import (
+    EARTH_RADIUS,
+    SPIN,
+    SQUARED_ECCENTRICITY,
+    cross,
+    dot,
+    times,
+    unit,
+)
 
 BEYOND = 60.0  # second, by which a mission may exceed its file; the attitude stands still there
-SPIN = 7.292115146706979e-5  # radian / second, IERS conventions 2010
-SQUARED_ECCENTRICITY = 6.69437999014e-3  # of the ellipsoid WGS 84
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,13 +137,10 @@ def _target(attitude: Attitude, _begin: str) -> Law:
 
 
 def _file(attitude: Attitude, begin: str) -> Law:
-    from astropy.time import Time
-
     assert attitude.aem is not None
     path = Path(attitude.aem)
     file = read_ck(path) if path.suffix == ".bc" else read_aem(path)
-    with installed_tables():
-        second = np.asarray((Time(list(file.epoch), scale=file.scale) - utc(begin)).sec)
+    second = seconds_after(begin, file)
     if len(second) < 2 or (np.diff(second) <= 0).any():
         raise Refused("attitude.aem must hold two or more attitudes at rising times")
     course = Slerp(second, Rotation.from_quat(file.quaternion))

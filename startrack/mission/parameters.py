@@ -26,20 +26,17 @@ from startrack.core import (
     finite,
     non_negative,
     positive,
-    shown,
     utc,
     whole,
     within,
 )
 from startrack.design import Design, Fidelity, KeepOut, load_design
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
-from startrack.scene import EARTH_RADIUS
+from startrack.space import FIRST_YEAR, LAST_YEAR, require_perigee, require_two_lines
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
-LOWEST = 80e3  # metre, of a perigee: below it no orbit lasts
 MOST_STEPS = 10**8
-FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 JULIAN_YEAR = 365.25 * 86400.0  # second
 LEAST_TRIALS = 20  # of which half fit a correction and half check it
 OLDEST = 100 * JULIAN_YEAR  # second, of a head
@@ -72,7 +69,7 @@ class Orbit:
         if (self.altitude is not None) + bool(self.tle) + (self.oem is not None) != 1:
             raise Refused("exactly one of altitude, tle and oem must be given")
         if self.tle:
-            _check_lines(self.tle)
+            require_two_lines(self.tle)
         if self.altitude is not None:
             self._check_elements(self.altitude)
 
@@ -80,11 +77,7 @@ class Orbit:
         finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
         within(0, 0.9, eccentricity=self.eccentricity)
         positive(altitude=altitude)
-        if (EARTH_RADIUS + altitude) * (1 - self.eccentricity) < EARTH_RADIUS + LOWEST:
-            raise Refused(
-                "altitude and eccentricity must keep the perigee above 80 km, got "
-                f"{altitude / 1e3:g} km and {self.eccentricity:g}"
-            )
+        require_perigee(altitude, self.eccentricity)
         if (self.inclination is None) == (self.local_time is None):
             raise Refused("exactly one of inclination and local_time must be given")
         if self.inclination is not None:
@@ -93,20 +86,6 @@ class Orbit:
             within(0, 86400, local_time=self.local_time)
         if self.epoch is not None:
             utc(self.epoch)
-
-
-def _check_lines(lines: tuple[str, ...]) -> None:
-    if len(lines) != 2:
-        raise Refused(f"tle must be two lines, got {len(lines)}")
-    for number, line in enumerate(lines, 1):
-        if len(line) != 69 or not line.startswith(f"{number} "):
-            raise Refused(
-                f"line {number} of tle must have 69 characters and begin with {number}, got "
-                f"{shown(line)}"
-            )
-        total = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10
-        if line[68] != str(total):
-            raise Refused(f"line {number} of tle must end in its checksum {total}, got {line!r}")
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from startrack.mission.engine import Plan
 from startrack.mission.fusion import fused_variance
 from startrack.mission.heads import SUN_RADIUS, Mounted, Shadow, inside, look, shadow_of
 from startrack.mission.instants import Instants
-from startrack.mission.orbit import GM
 from startrack.mission.parameters import KeepClear, Loaded, Mission, Needs, mounted
 from startrack.optimise import Search, least
+from startrack.space import GM
 
 WINDOWS, POINTS = 96, 100  # orbits over the mission, and instants in each
 GRID = 10 * deg  # between the directions that are tried for each head in turn

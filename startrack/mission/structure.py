@@ -11,7 +11,7 @@ import numpy as np
 from startrack.core import Floats
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import Obstacle
-from startrack.mission.vectors import angle, cross, dot, unit
+from startrack.space import angle, cross, dot, unit
 
 SIDES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # normal of a side of a box, and its two edges
 

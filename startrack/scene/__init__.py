@@ -20,7 +20,7 @@ illuminate  Stars -> Light: photons at the entrance pupil.
 
 from startrack.scene.angles import BODIES, body_angles
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, date_of, orbital_velocity
+from startrack.scene.ephemeris import date_of, orbital_velocity
 from startrack.scene.extension_light import DiffuseSource, LightInput
 from startrack.scene.illuminate import Sight, illuminate
 from startrack.scene.lights import LIGHTS, LightKind

@@ -10,8 +10,8 @@ import numpy as np
 
 from startrack.core import Floats, nm
 from startrack.scene.bodies import Earth
-from startrack.scene.ephemeris import EARTH_RADIUS
 from startrack.scene.photometry import BIN, WAVELENGTH
+from startrack.space import EARTH_RADIUS
 
 RAYLEIGH = 1e10 / (4 * np.pi)  # photon / s / m^2 / sr
 HIGHEST = 300e3  # metre, of all shells

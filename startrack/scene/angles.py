@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from startrack.core import Floats, Streams
-from startrack.scene.ephemeris import EARTH_RADIUS, observer_of
+from startrack.scene.ephemeris import observer_of
 from startrack.scene.parameters import Scene
+from startrack.space import EARTH_RADIUS
 
 BODIES = ("sun", "moon", "earth")
 

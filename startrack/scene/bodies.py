@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Refused, StrayLightSource, deg
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, Body, Observer
+from startrack.scene.ephemeris import Observer
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_irradiance
+from startrack.space import AU, EARTH_RADIUS, Body
 
 SUN_G = -26.90  # at one astronomical unit: Casagrande & VandenBerg (2018), MNRAS 479, L102
 SUN_RADIUS = 6.957e8  # metre, IAU 2015 nominal

@@ -9,40 +9,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import LIGHT_SPEED, Floats, Streams, installed_tables
+from startrack.core import Floats, Streams, installed_tables
 from startrack.scene.parameters import J2000 as J2000_UTC
 from startrack.scene.parameters import JULIAN_YEAR, Orbit, Scene
-
-AU = 149_597_870_700.0  # metre, IAU 2012
-EARTH_RADIUS = 6_378_137.0  # metre, WGS 84 at the equator
-EARTH_GM = 3.986004418e14  # m^3 / s^2, WGS 84
-DAY = 86400.0  # second
-J2000 = 2451545.0  # Julian day
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A body, seen by the observer.
-
-    direction  (3,) unit vector, ICRS axes
-    distance   metre from the observer
-    sun        (3,) metre from the body to the Sun
-    """
-
-    direction: Floats
-    distance: float
-    sun: Floats
-
-    @property
-    def sun_distance(self) -> float:
-        """Metre from the Sun."""
-        return float(np.linalg.norm(self.sun))
-
-    @property
-    def phase_angle(self) -> float:
-        """Radian, angle between the Sun and the observer, seen from the body."""
-        cosine = float(-self.direction @ self.sun) / self.sun_distance
-        return math.acos(min(max(cosine, -1.0), 1.0))
+from startrack.space import (
+    EARTH_RADIUS,
+    GM,
+    J2000,
+    Body,
+    barycentric,
+    orbit_direction,
+    seen_from,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +42,8 @@ class Observer:
         return 2000 + (self.day - J2000) / 365.25
 
     def see(self, name: str) -> Body:
-        """A body, or the Sun, at the time when its light was emitted.
-
-        name      "sun", "moon", or a planet
-        Accuracy  model: no aberration (21 arcsec), no light deflection. numerical: astropy's
-                  built-in ephemeris: Sun 1 arcsec, Moon 10 arcsec, planets 40 arcsec between 1900
-                  and 2100.
-        """
-        late = 0.0
-        for _ in range(2):
-            there = _barycentric(name, self.day - late / DAY)
-            line = there - self.position
-            late = float(np.linalg.norm(line)) / LIGHT_SPEED
-        distance = float(np.linalg.norm(line))
-        sun = _barycentric("sun", self.day - late / DAY) - there
-        return Body(line / distance, distance, sun)
+        """A body, or the Sun, by its name; see `startrack.space.seen_from`."""
+        return seen_from(self.position, self.day, name)
 
 
 def observer_of(scene: Scene, streams: Streams | None) -> Observer:
@@ -90,7 +55,7 @@ def observer_of(scene: Scene, streams: Streams | None) -> Observer:
     day = _start_day(scene)
     if scene.days:
         day += scene.days * _draw(streams, "date")
-    earth = _barycentric("earth", day)
+    earth = barycentric("earth", day)
     if scene.place is not None:
         position = np.array(scene.place)
     elif scene.orbit:
@@ -104,7 +69,8 @@ def observer_of(scene: Scene, streams: Streams | None) -> Observer:
 
 def on_orbit(orbit: Orbit, phase: float) -> Floats:
     """(3,) metre from the Earth's centre, ICRS axes."""
-    return (EARTH_RADIUS + orbit.altitude) * _on_unit_orbit(orbit, phase)
+    radius = EARTH_RADIUS + orbit.altitude
+    return radius * orbit_direction(orbit.node, orbit.inclination, phase)
 
 
 def orbital_velocity(orbit: Orbit, phase: float) -> Floats:
@@ -112,21 +78,8 @@ def orbital_velocity(orbit: Orbit, phase: float) -> Floats:
 
     Accuracy  model: a circular orbit of two bodies, 0.1 % of the speed of a low one.
     """
-    speed = math.sqrt(EARTH_GM / (EARTH_RADIUS + orbit.altitude))
-    return speed * _on_unit_orbit(orbit, phase + math.pi / 2)
-
-
-def _on_unit_orbit(orbit: Orbit, phase: float) -> Floats:
-    """(3,) unit vector from the Earth's centre."""
-    along, across = math.cos(phase), math.sin(phase)
-    node, tilt = orbit.node, orbit.inclination
-    return np.array(
-        [
-            along * math.cos(node) - across * math.cos(tilt) * math.sin(node),
-            along * math.sin(node) + across * math.cos(tilt) * math.cos(node),
-            across * math.sin(tilt),
-        ]
-    )
+    speed = math.sqrt(GM / (EARTH_RADIUS + orbit.altitude))
+    return speed * orbit_direction(orbit.node, orbit.inclination, phase + math.pi / 2)
 
 
 @lru_cache(maxsize=64)
@@ -147,21 +100,6 @@ def date_of(scene: Scene, year: float, streams: Streams | None = None) -> dateti
         return J2000_UTC + (year - 2000) * JULIAN_YEAR
     days = scene.days * _draw(streams, "date") if scene.days else 0.0
     return scene.start + timedelta(days=days)
-
-
-@lru_cache(maxsize=256)
-def _barycentric(name: str, day: float) -> Floats:
-    """(3,) metre, ICRS axes, read-only."""
-    from astropy import units
-    from astropy.coordinates import get_body_barycentric
-    from astropy.time import Time
-
-    with installed_tables():
-        date = Time(day, format="jd", scale="tdb")
-        position = get_body_barycentric(name, date, ephemeris="builtin")
-    metre = np.array(position.xyz.to_value(units.m))
-    metre.flags.writeable = False
-    return metre
 
 
 def _draw(streams: Streams | None, cause: str) -> float:

@@ -24,7 +24,7 @@ from startrack.core import (
 from startrack.scene.airglow import HIGHEST, airglow
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
+from startrack.scene.ephemeris import Observer, observer_of
 from startrack.scene.extension_light import LightInput, light_by_code
 from startrack.scene.lights import LIGHTS
 from startrack.scene.limb import limb_light
@@ -40,6 +40,7 @@ from startrack.scene.photometry import (
 from startrack.scene.planets import PLANETS, magnitude_v
 from startrack.scene.starlight import starlight, starlight_spectrum
 from startrack.scene.zodiacal import zodiacal, zodiacal_spectrum
+from startrack.space import AU, EARTH_RADIUS
 
 NODES = 17  # of the map of diffuse light along a side of the frame: 1 % between them
 LIMB_NODES = 129  # the same where the Earth's limb is in the frame: an edge of 1/128 of it

@@ -12,8 +12,8 @@ import numpy as np
 from startrack.core import Floats, Refused
 from startrack.io import open_checked, shipped
 from startrack.scene.bodies import EARTH_ALBEDO, Earth
-from startrack.scene.ephemeris import EARTH_RADIUS
 from startrack.scene.photometry import WAVELENGTH
+from startrack.space import EARTH_RADIUS
 
 FORMAT = 1  # of the file
 DARK = 1e-12  # 1 / sr, least radiance over the Sun's irradiance: its logarithm must be finite

@@ -18,9 +18,9 @@ from startrack.core import (
     within,
 )
 from startrack.scene.lights import LIGHTS
+from startrack.space import FIRST_YEAR, LAST_YEAR
 
 LIMBS = ("molecules", "rural")  # air of the Earth's bright limb
-FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 DARK = 40.0  # magnitude per square arcsecond, below any sky: stands for no background
 J2000 = datetime(2000, 1, 1, 12, tzinfo=UTC)
 JULIAN_YEAR = timedelta(days=365.25)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from startrack.core import deg
-from startrack.scene.ephemeris import AU, Body
+from startrack.space import AU, Body
 
 PLANETS = ("mercury", "venus", "mars", "jupiter", "saturn", "uranus", "neptune")
 

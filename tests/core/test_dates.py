@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.dates import installed_tables, utc
 from startrack.core.units import arcsec, deg
-from startrack.earth.geometry import Aircraft, TwoLines, fly, sun_direction
+from startrack.earth.geometry import Aircraft, TwoLines, fly
+from startrack.space import sun_direction
 from tests.cli import every_command
 from tests.cli.test_cli import COMMANDS
 

@@ -14,10 +14,10 @@ from startrack import shipped
 from startrack.core import deg, installed_tables
 from startrack.mission import load_mission, read_aem, read_oem, write_aem, write_oem
 from startrack.mission.ccsds import Attitudes, Ephemeris
-from startrack.mission.instants import course_of, spread
-from startrack.mission.orbit import Kepler, path_of, sun_synchronous
+from startrack.mission.instants import course_of, path_of, spread
 from startrack.mission.parameters import Attitude, Orbit
 from startrack.mission.spice import read_ck, read_spk, to_ephemeris_time, write_ck, write_spk
+from startrack.space import Kepler, sun_synchronous
 
 MISSION = load_mission(shipped("missions/sun-synchronous.toml"), ["time.duration=6 h"]).mission
 BEGIN = MISSION.time.begin

@@ -1,7 +1,6 @@
 """A camera in flight: orbit or aircraft, sensor and pointing; what each pixel sees.
 
-orbit       Position and velocity of a satellite or an aircraft over the rotating Earth, and
-            direction of the Sun.
+orbit       Position and velocity of a satellite or an aircraft over the rotating Earth.
 sensor      Elements of a detector, and the times of its lines.
 sight       The line of sight of each pixel of a camera in flight, at its own time.
 parameters  EarthScene: a camera in flight over terrain, as a scene file gives it.
@@ -17,7 +16,6 @@ from startrack.earth.geometry.orbit import (
     TwoLines,
     choose_carrier,
     fly,
-    sun_direction,
 )
 from startrack.earth.geometry.parameters import EarthScene, Fractal, MapFile, Sensor, Terrain, find
 from startrack.earth.geometry.sensor import (
@@ -56,6 +54,5 @@ __all__ = [
     "scan_lines",
     "sight",
     "staggered_elements",
-    "sun_direction",
     "tdi_elements",
 ]

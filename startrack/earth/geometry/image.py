@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from startrack.core import Camera, Floats
-from startrack.earth.geometry.orbit import sun_direction
 from startrack.earth.geometry.parameters import EarthScene
 from startrack.earth.geometry.sensor import together
 from startrack.earth.geometry.sight import Jitter, scan_lines
 from startrack.earth.terrain import Ground, read_charts, survey
+from startrack.space import sun_direction
 
 BATCH = 2**17  # rays at a time, which limit the memory; chosen by hand
 

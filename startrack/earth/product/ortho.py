@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, maximum_filter
 
 from startrack.core import Camera, Floats, deg, one_of, positive
-from startrack.earth.geometry import EarthScene, sun_direction
+from startrack.earth.geometry import EarthScene
 from startrack.earth.imager import Sheet
 from startrack.earth.product.locate import Locator
 from startrack.earth.terrain import (
@@ -27,6 +27,7 @@ from startrack.earth.terrain import (
     survey,
     up,
 )
+from startrack.space import sun_direction
 
 Bytes = NDArray[np.uint8]
 

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from startrack.core import Floats, kernel
+from startrack.space import EARTH_RADIUS as EQUATORIAL
+from startrack.space import FLATTENING
+from startrack.space import POLAR_RADIUS as POLAR
+from startrack.space import SQUARED_ECCENTRICITY as ECCENTRICITY_2
 
-# NIMA TR8350.2 (2000), table 3.1: WGS84's two defining lengths, and derived values.
-EQUATORIAL = 6378137.0  # metre
-FLATTENING = 1 / 298.257223563
-POLAR = EQUATORIAL * (1 - FLATTENING)  # metre
-ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
 SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1 - ECCENTRICITY_2)
 
 
