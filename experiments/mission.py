@@ -52,7 +52,7 @@ from startrack.mission import (
     Blind,
     Mission,
     Plan,
-    aocs,
+    exports,
     fly,
     fuse,
     head_covariance,
@@ -66,8 +66,8 @@ from startrack.mission import (
     write_model,
 )
 from startrack.mission import placement as placement_of_heads
-from startrack.mission.ccsds import Attitudes, read_aem, write_aem
 from startrack.mission.engine import at
+from startrack.mission.files import Attitudes, read_aem, write_aem
 from startrack.mission.instants import path_of
 from startrack.mission.parameters import Needs, Orbit, mounted
 from startrack.montecarlo import Serial
@@ -111,7 +111,7 @@ def main() -> None:
     if chosen.quick:
         surrogate.PLACES, surrogate.RATES, surrogate.MAGNITUDE = 48, 2, 8.0
         placement_of_heads.WINDOWS, placement_of_heads.GRID = 1, 40 * deg
-        aocs.SMEARS = aocs.SMEARS[:2]
+        exports.SMEARS = exports.SMEARS[:2]
     loaded = load_mission(EXAMPLE, [f"time.duration={chosen.days} d"])
     begun = time.process_time()
     plan = plan_of(loaded)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude.jacobi import best_rotation
-from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
+from startrack.attitude.linear import best_rotation, invert, largest_eigenvalue, least_squares
 from startrack.core import Floats, Refused, kernel, rotation_of
 
 EPS = 2.0**-52

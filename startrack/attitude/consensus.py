@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.attitude.jacobi import best_rotation
+from startrack.attitude.linear import best_rotation
 from startrack.core import Floats, kernel
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 import startrack
 from startrack.io import Database, FileKind, read_bytes, to_table
-from startrack.mission.ccsds import LARGEST
 from startrack.mission.engine import Flown, Plan, fly_part, merged, parts_of
+from startrack.mission.files import LARGEST
 from startrack.mission.parameters import Loaded
 from startrack.mission.rendered import Checked, checked
 from startrack.mission.surrogate import Correction

@@ -11,9 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import arcsec, deg
 from startrack.io import save_netcdf
-from startrack.mission.ccsds import Attitudes, Ephemeris
 from startrack.mission.engine import CHUNK, Chunk, Plan, at
-from startrack.mission.spice import of_ephemeris_time, to_ephemeris_time, write_ck, write_spk
+from startrack.mission.files import (
+    Attitudes,
+    Ephemeris,
+    of_ephemeris_time,
+    to_ephemeris_time,
+    write_ck,
+    write_spk,
+)
 
 DECIMALS = 5  # of a degree: 0.04 arcsec
 

@@ -12,11 +12,22 @@ from scipy.spatial.transform import Rotation
 
 from startrack import shipped
 from startrack.core import deg, installed_tables
-from startrack.mission import load_mission, read_aem, read_oem, write_aem, write_oem
-from startrack.mission.ccsds import Attitudes, Ephemeris
+from startrack.mission import load_mission
+from startrack.mission.files import (
+    Attitudes,
+    Ephemeris,
+    read_aem,
+    read_ck,
+    read_oem,
+    read_spk,
+    to_ephemeris_time,
+    write_aem,
+    write_ck,
+    write_oem,
+    write_spk,
+)
 from startrack.mission.instants import course_of, path_of, spread
 from startrack.mission.parameters import Attitude, Orbit
-from startrack.mission.spice import read_ck, read_spk, to_ephemeris_time, write_ck, write_spk
 from startrack.space import Kepler, sun_synchronous
 
 MISSION = load_mission(shipped("missions/sun-synchronous.toml"), ["time.duration=6 h"]).mission

@@ -10,11 +10,10 @@ from startrack.core import deg
 from startrack.design import KeepOut
 from startrack.mission import load_mission, placement, plan_of, surrogate
 from startrack.mission.engine import at, fly
-from startrack.mission.heads import Blind
+from startrack.mission.heads import Blind, faces_of, nearest
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import KeepClear, Needs, Obstacle, Orbit
 from startrack.mission.placement import angles_of, map_of, moved_plan, place, sphere, trades
-from startrack.mission.structure import faces_of, nearest
 from startrack.mission.summary import availability_of
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")

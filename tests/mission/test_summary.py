@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from startrack import load_design, shipped
-from startrack.mission import engine, flown_from, key_of, load_mission, plan_of, store, surrogate
+from startrack.mission import engine, flown_from, load_mission, plan_of, store, surrogate
 from startrack.mission.engine import Flown
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import Needs
+from startrack.mission.store import key_of
 from startrack.mission.summary import availability_of, reacquisition_of, spells, verdicts
 
 

@@ -10,9 +10,9 @@ from startrack import Fidelity, run_trials, shipped
 from startrack.core import deg
 from startrack.design import KeepOut
 from startrack.detector import Age, Thermal
-from startrack.mission import checked, load_mission, plan_of, surrogate, timeline
+from startrack.mission import load_mission, plan_of, surrogate, timeline
 from startrack.mission.parameters import Check, Needs, Warmth
-from startrack.mission.rendered import fitted, scenes_at
+from startrack.mission.rendered import checked, fitted, scenes_at
 from startrack.mission.surrogate import cell_of, middles
 from startrack.optics import Baffle
 

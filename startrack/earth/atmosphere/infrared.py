@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from startrack.core import Floats, deg, positive, um
-from startrack.earth.atmosphere.bands import BandTable, require_response
 from startrack.earth.atmosphere.radiance import planck
-from startrack.earth.atmosphere.sunlight import sun_spectrum
+from startrack.earth.atmosphere.spectra import sun_spectrum
+from startrack.earth.atmosphere.table import BandTable, require_response
 from startrack.io import open_checked
 
 FORMAT = 1  # of the file

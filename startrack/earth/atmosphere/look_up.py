@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from startrack.core import Floats, deg, kernel, read_only
-from startrack.earth.atmosphere.bands import BandTable
+from startrack.earth.atmosphere.table import BandTable
 
 Singles = NDArray[np.float32]
 Reals = NDArray[np.floating[Any]]

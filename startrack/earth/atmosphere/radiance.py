@@ -10,7 +10,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats
-from startrack.earth.atmosphere.bands import BandTable
 from startrack.earth.atmosphere.look_up import (
     FineTable,
     Reach,
@@ -20,6 +19,7 @@ from startrack.earth.atmosphere.look_up import (
     look_up,
     refine,
 )
+from startrack.earth.atmosphere.table import BandTable
 from startrack.earth.terrain import Ground, up
 
 COLDEST, HOTTEST = 50.0, 3000.0  # kelvin, of the spline

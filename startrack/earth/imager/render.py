@@ -25,10 +25,16 @@ from startrack.earth.geometry import (
     observe_earth,
 )
 from startrack.earth.imager.band import Band, band_of, mean_wavelength
-from startrack.earth.imager.blur import blur_strips, blur_weights, field_blur
 from startrack.earth.imager.cloud_radiance import Deck, decks_of, with_clouds
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
-from startrack.earth.imager.lens import field_lens, image_pixels, nominal
+from startrack.earth.imager.lens import (
+    blur_strips,
+    blur_weights,
+    field_blur,
+    field_lens,
+    image_pixels,
+    nominal,
+)
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.earth.terrain import Ground, geodetic
 from startrack.motion import Motion, realise_motion

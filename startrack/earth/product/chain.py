@@ -15,7 +15,6 @@ from scipy.ndimage import maximum_filter
 from startrack.core import Floats, one_of, positive, require_memory
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
-from startrack.earth.product.calibration import Calibration, to_radiance
 from startrack.earth.product.ortho import (
     NO_DATA,
     PROJECTIONS,
@@ -28,7 +27,7 @@ from startrack.earth.product.ortho import (
     resample,
     touched,
 )
-from startrack.earth.product.retrieval import mean_reflectance, retrieve
+from startrack.earth.product.retrieval import Calibration, mean_reflectance, retrieve, to_radiance
 from startrack.earth.terrain import Ground
 
 PIXEL_BYTES = 400  # of geometry and layers

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance
-from startrack.earth.product.calibration import Calibration
 from startrack.earth.product.ortho import QUALITY, Bytes, MapGrid
+from startrack.earth.product.retrieval import Calibration
 from startrack.earth.terrain import require_rasterio
 from startrack.io import open_checked, regular_file, whole
 

@@ -9,15 +9,7 @@ import pytest
 from startrack.core import Curve, Streams, deg, nm, um
 from startrack.earth.atmosphere import Air, layer_optics, planck
 from startrack.earth.geometry import Aircraft
-from startrack.earth.imager import (
-    CloudLayer,
-    Cover,
-    Imager,
-    Land,
-    Survey,
-    load_survey,
-    open_sheets,
-)
+from startrack.earth.imager import CloudLayer, Cover, Imager, Land, Survey, load_survey, open_sheets
 from startrack.earth.terrain import cartesian, geodetic, up
 from startrack.io import shipped
 from startrack.space import sun_direction

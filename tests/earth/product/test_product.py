@@ -50,8 +50,8 @@ from startrack.earth.product import (
     make_product,
     to_radiance,
 )  # fmt: skip
-from startrack.earth.product.calibration import Calibration
 from startrack.earth.product.ortho import grid_of, place_cells, resample
+from startrack.earth.product.retrieval import Calibration
 from startrack.earth.terrain import Rays, cartesian, survey, up
 from startrack.optics import Optics
 
