@@ -15,7 +15,18 @@ follow      Filtered attitude and gyroscope bias from attitudes in time and gyro
 """
 
 from startrack.attitude.align import Alignment, Observability, align
-from startrack.attitude.camera import UNKNOWNS, Calibrated, Calibration, calibrate, camera_slopes
+from startrack.attitude.camera import (
+    UNKNOWNS,
+    Calibrated,
+    Calibration,
+    calibrate,
+    camera_slopes,
+    camera_vector,
+    huber_weights,
+    matched_pixels,
+    moved_camera,
+    typical_square,
+)
 from startrack.attitude.follow import Gyroscope, State, correct, predict, start
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
 from startrack.attitude.refine import SharedErrors, attitude_gain, refine

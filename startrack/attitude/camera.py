@@ -107,12 +107,12 @@ def calibrate(
     ]
     if not frames:
         raise Refused(f"matches must hold a solved frame, got none in {len(matches)}")
-    start = _vector(camera)
+    start = camera_vector(camera)
     sigma = _sigma(camera, settings)
     free = np.flatnonzero(sigma > 0)
     for _ in range(settings.steps):
         normal = np.diag(sigma[free] ** -2.0)
-        right = (start - _vector(camera))[free] / sigma[free] ** 2
+        right = (start - camera_vector(camera))[free] / sigma[free] ** 2
         blocks = []
         for frame in frames:
             block = frame.normal(camera, free, settings.floor)
@@ -120,7 +120,7 @@ def calibrate(
             normal += block.schur
             right += block.right
         step: Floats = np.linalg.solve(normal, right).astype(np.float64)
-        camera = _moved(camera, free, step)
+        camera = moved_camera(camera, free, step)
         for frame, block in zip(frames, blocks, strict=True):
             frame.turn(block.attitude(step))
     residual = np.concatenate([frame.residual(camera).ravel() for frame in frames])
@@ -153,8 +153,7 @@ class _Frame:
 
     def __init__(self, spots: Spots, matches: Matches) -> None:
         assert matches.icrs_to_camera is not None
-        self.pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-        self.covariance = spots.covariance[matches.spot]
+        self.pixel, self.covariance = matched_pixels(spots, matches)
         self.direction = matches.direction
         self.icrs_to_camera: Rotation = matches.icrs_to_camera
 
@@ -200,9 +199,27 @@ class _Frame:
         residual = self.residual(camera)
         inverse: Floats = np.linalg.inv(self.covariance + floor**2 * np.eye(2)).astype(np.float64)
         square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
-        typical = max(1.0, float(np.median(square)) / (2 * np.log(2)))
-        weight = np.minimum(1.0, HUBER * np.sqrt(2 * typical / np.maximum(square, 1e-12)))
-        return inverse, square, weight
+        return inverse, square, huber_weights(square, max(1.0, typical_square(square)))
+
+
+def matched_pixels(spots: Spots, matches: Matches) -> tuple[Floats, Floats]:
+    """Pixels (n, 2) of the spots that are matched, and their covariances (n, 2, 2)."""
+    pixel = np.column_stack([spots.x, spots.y])[matches.spot]
+    return pixel, spots.covariance[matches.spot]
+
+
+def typical_square(square: Floats) -> float:
+    """Robust variance of an axis, from sums (n,) of two normal squares: median / (2 ln 2)."""
+    return float(np.median(square)) / (2 * np.log(2))
+
+
+def huber_weights(square: Floats, variance: float) -> Floats:
+    """Huber's weights (n,): residuals beyond HUBER typical sizes count linearly.
+
+    square    (n,) squared residuals, both axes together
+    variance  of an axis, of a typical residual
+    """
+    return np.minimum(1.0, HUBER * np.sqrt(2 * variance / np.maximum(square, 1e-300)))
 
 
 def camera_slopes(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
@@ -220,12 +237,14 @@ def camera_slopes(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
     return np.concatenate([scale, jacobian[:, :, 8:15]], axis=2), jacobian[:, :, :3]
 
 
-def _vector(camera: Camera) -> Floats:
+def camera_vector(camera: Camera) -> Floats:
+    """(8,) of UNKNOWNS."""
     return np.array([getattr(camera, name) for name in UNKNOWNS], float)
 
 
-def _moved(camera: Camera, free: Ints, step: Floats) -> Camera:
-    vector = _vector(camera)
+def moved_camera(camera: Camera, free: Ints, step: Floats) -> Camera:
+    """The camera after a step of some of UNKNOWNS, by their numbers."""
+    vector = camera_vector(camera)
     vector[free] += step
     return replace(camera, **dict(zip(UNKNOWNS, vector.tolist(), strict=True)))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Calibration, calibrate
+from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_vector, matched_pixels
 from startrack.calibration.psf_width import width_likelihood
 from startrack.core import (
     Camera,
@@ -24,7 +24,6 @@ from startrack.core import (
 )
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
-CAMERA = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 LOGARITHMS = ("floor", "psf_sigma")  # sampled as their logarithms
 ROUNDS = 2  # of Gauss-Newton on the attitudes; chosen by hand: they start at solved attitudes
 # Standard deviation over that of the prior, from which a column is unconstrained. Chosen by hand: a
@@ -155,12 +154,12 @@ class _Law:
         sigma = np.array([prior.focal_length * camera.focal_length_px, prior.principal,
                           prior.principal, prior.k1])  # fmt: skip
         self.free = np.flatnonzero(sigma > 0)
-        self.middle = np.array([getattr(camera, name) for name in CAMERA])
+        self.middle = camera_vector(camera)
         even = {"floor": (prior.floor_low, prior.floor_high)}
         if width:
             even["psf_sigma"] = (prior.width_low, prior.width_high)
         self.even = {name: np.log(pair) for name, pair in even.items() if pair[0] < pair[1]}
-        self.names = (*(CAMERA[i] for i in self.free), *self.even)
+        self.names = (*(UNKNOWNS[i] for i in self.free), *self.even)
         bounds = np.reshape([*self.even.values()], (-1, 2)).T
         open_end = np.full(len(self.free), np.inf)
         self.low = np.concatenate([-open_end, bounds[0]])
@@ -193,15 +192,14 @@ class _Law:
 def _frame(spots: Spots, matches: Matches) -> tuple[Floats, Floats, Floats]:
     """Pixels (n, 2), their covariance, and star directions by the first attitude (n, 3)."""
     assert matches.icrs_to_camera is not None
-    pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-    return pixel, spots.covariance[matches.spot], matches.icrs_to_camera.apply(matches.direction)
+    return *matched_pixels(spots, matches), matches.icrs_to_camera.apply(matches.direction)
 
 
 def _least_squares(
     law: _Law, spots: Sequence[Spots], matches: Sequence[Matches]
 ) -> tuple[Floats, Floats]:
     """Least-squares estimate and its standard errors, in the columns of the posterior."""
-    tight = dict(zip(CAMERA, np.zeros(len(CAMERA)), strict=True))
+    tight = dict(zip(UNKNOWNS, np.zeros(len(UNKNOWNS)), strict=True))
     tight |= dict(zip(law.names, law.sigma, strict=False))
     fitted = calibrate(
         spots,
@@ -214,7 +212,7 @@ def _least_squares(
             floor=law.likely_floor,
         ),
     )
-    middle = [getattr(fitted.camera, CAMERA[i]) for i in law.free]
+    middle = list(camera_vector(fitted.camera)[law.free])
     spread = list(np.sqrt(fitted.covariance.diagonal()[law.free]))
     if "floor" in law.even:
         middle.append(math.log(fitted.residual_rms + 1e-9))
@@ -233,7 +231,7 @@ def project(direction: Floats, values: Floats, camera: Camera) -> Floats:
     """Pixels of directions for many cameras at once; as Camera.project for each.
 
     direction  (w, n, 3) in camera axes
-    values     (w, 8) of CAMERA
+    values     (w, 8) of UNKNOWNS
     Returns    (w, n, 2) pixel
     """
     f, cx, cy, k1, k2, p1, p2, k3 = (column[:, None] for column in values.T)
