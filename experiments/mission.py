@@ -69,7 +69,7 @@ from startrack.mission import placement as placement_of_heads
 from startrack.mission.engine import at
 from startrack.mission.files import Attitudes, read_aem, write_aem
 from startrack.mission.instants import path_of
-from startrack.mission.parameters import Needs, Orbit, mounted
+from startrack.mission.parameters import MissionRequirements, Orbit, mounted
 from startrack.montecarlo import Serial
 from startrack.optics import Baffle
 from startrack.sequence import Leg, Sequence, fly_sequences
@@ -363,7 +363,7 @@ def placement(example: Mission, quick: bool) -> float:
         loaded.mission,
         heads=heads,
         orbit=Orbit(altitude=600e3, inclination=0.0),
-        requirements=Needs(availability_two=0.999),
+        requirements=MissionRequirements(availability_two=0.999),
     )
     if quick:
         mission = dataclasses.replace(mission, time=dataclasses.replace(mission.time, duration=7e3))

@@ -103,7 +103,9 @@ def calibrate(
             f"matches must be as many as spots, got {len(matches)} for {len(spots)} frames"
         )
     frames = [
-        _Frame(one, match) for one, match in zip(spots, matches, strict=True) if len(match) >= 3
+        _Frame(found_spots, match)
+        for found_spots, match in zip(spots, matches, strict=True)
+        if len(match) >= 3
     ]
     if not frames:
         raise Refused(f"matches must hold a solved frame, got none in {len(matches)}")

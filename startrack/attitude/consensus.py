@@ -43,7 +43,7 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
     count = len(sigma)
     trial, products = np.zeros(count, np.bool_), np.empty((3, 3))
     seen, known, attitude = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    most, least = 2, np.inf
+    best_count, least = 2, np.inf
     for i in range(count):
         for j in range(i + 1, count):
             near, far = _apart(observed, i, j), _apart(reference, i, j)
@@ -67,7 +67,7 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
                 total = math.sqrt(sigma[k] ** 2 + spread**2 * (0.25 + arm**2))
                 trial[k] = _distance(observed[k], attitude, reference[k]) <= gate * total
                 agree += trial[k]
-            if agree < most:
+            if agree < best_count:
                 continue
             # The gate of a close pair is wide; so the attitude of all these stars is tested again.
             products[:] = 0.0
@@ -84,8 +84,8 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
                 if trial[k]:
                     agree += 1
                     squares += ratio**2
-            if agree > most or (agree == most and squares < least):
-                most, least = agree, squares
+            if agree > best_count or (agree == best_count and squares < least):
+                best_count, least = agree, squares
                 for k in range(count):
                     chosen[k] = trial[k]
 

@@ -65,9 +65,9 @@ def _make_orthogonal(b, v, i, j):  # type: ignore[no-untyped-def]
     sine = cosine * tangent
     for m in (b, v):
         for k in range(3):
-            one, other = m[k, i], m[k, j]
-            m[k, i] = cosine * one - sine * other
-            m[k, j] = sine * one + cosine * other
+            first, second = m[k, i], m[k, j]
+            m[k, i] = cosine * first - sine * second
+            m[k, j] = sine * first + cosine * second
     return True
 
 

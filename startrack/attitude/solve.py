@@ -62,10 +62,10 @@ def attitude_by_code(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]
 
     Raises  ValueError where the function raises an error, or returns what it must not.
     """
-    found = _estimated(name, given)
-    attitude = Rotation.from_matrix(found[:3])
-    if len(found) == 6:
-        covariance = (found[3:] + found[3:].T) / 2
+    estimate = _estimated(name, given)
+    attitude = Rotation.from_matrix(estimate[:3])
+    if len(estimate) == 6:
+        covariance = (estimate[3:] + estimate[3:].T) / 2
         if (np.linalg.eigvalsh(covariance) <= 0).any():
             raise ValueError(f"{POINTS[GROUP]} {name} must return a positive definite covariance")
         return attitude, covariance
@@ -73,11 +73,11 @@ def attitude_by_code(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]
 
 
 def _estimated(name: str, given: AttitudeInput) -> Floats:
-    found = returned(GROUP, name, call_code(GROUP, name, given), ((3, 6), 3))
-    turn = found[:3]
+    result = returned(GROUP, name, call_code(GROUP, name, given), ((3, 6), 3))
+    turn = result[:3]
     if np.abs(turn @ turn.T - np.eye(3)).max() > EXACT or np.linalg.det(turn) < 0:
         raise ValueError(f"{POINTS[GROUP]} {name} must return a rotation matrix, got {turn}")
-    return found
+    return result
 
 
 def _propagated(name: str, given: AttitudeInput, attitude: Rotation) -> Floats:
@@ -94,8 +94,8 @@ def _propagated(name: str, given: AttitudeInput, attitude: Rotation) -> Floats:
             moved = given.seen.copy()
             moved[n] += sigma * across
             moved[n] /= np.linalg.norm(moved[n])
-            found = _estimated(name, AttitudeInput(moved, given.direction, given.sigma))
-            turn = (Rotation.from_matrix(found[:3]) * attitude.inv()).as_rotvec()
+            estimate = _estimated(name, AttitudeInput(moved, given.direction, given.sigma))
+            turn = (Rotation.from_matrix(estimate[:3]) * attitude.inv()).as_rotvec()
             total += np.outer(turn, turn)
     return total
 
@@ -183,14 +183,14 @@ def solve(
     used = np.arange(len(matches))
     if settings.sift:
         used = _agreeing(pixel, covariance, matches, settings.gate)
-    most = len(used)
+    allowed = len(used)
     try:
         best = _fit(pixel, covariance, matches, used, tolerance)
         while len(used) > FEWEST:
             typical = np.median(best.chi_square) / MEDIAN_CHI_SQUARE
             gate = settings.gate**2 * max(1.0, typical)
             worst = np.argmax(best.chi_square)
-            if best.chi_square[worst] <= gate or len(used) <= most / 2:
+            if best.chi_square[worst] <= gate or len(used) <= allowed / 2:
                 break
             used = np.delete(used, worst)
             best = _fit(pixel, covariance, matches, used, tolerance)

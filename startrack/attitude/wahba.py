@@ -170,7 +170,9 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
         value = (largest**2 - norm) ** 2 - 8 * largest * det - 4 * minors
         slope = 4 * largest * (largest**2 - norm) - 8 * det
         largest = largest - np.divide(value, slope, out=np.zeros_like(det), where=slope > 0)
-    k, norm, largest = (each[..., None, None] for each in ((largest**2 - norm) / 2, norm, largest))
+    k, norm, largest = (
+        values[..., None, None] for values in ((largest**2 - norm) / 2, norm, largest)
+    )
     matrix = (k + norm) * b + largest * cofactors - b @ np.swapaxes(b, -1, -2) @ b
     # The divisor of the source vanishes where digits are lost; the determinant's root does not.
     scale = np.cbrt(np.linalg.det(matrix))[..., None, None]

@@ -188,10 +188,10 @@ def cross_validate(
         angle[part], pixel[part] = residuals(fit, table.part(part), first)
     square = (pixel**2).sum(axis=1) / table.sigma**2
     inlier = square <= OUTLIER**2 * typical_square(square)
-    each = np.array(
+    by_fold = np.array(
         [np.mean(square[part][inlier[part]]) / 2 for part in parts if inlier[part].any()]
     )
-    error = float(each.std(ddof=1) / math.sqrt(len(each))) if len(each) > 1 else math.inf
+    error = float(by_fold.std(ddof=1) / math.sqrt(len(by_fold))) if len(by_fold) > 1 else math.inf
     return Unseen(order, angle, pixel, inlier, float(np.mean(square[inlier]) / 2), error)
 
 
@@ -202,27 +202,27 @@ def cross_validate_all(
 ) -> tuple[Unseen, ...]:  # fmt: skip
     """`cross_validate` of several orders, those with too many unknowns for the stars left out."""
     least = len(table) - math.ceil(len(table) / min(folds, len(table)))
-    found = []
+    results = []
     for order in orders:
         if 2 * least >= LEAST_PER_UNKNOWN * order.unknowns:
-            found.append(cross_validate(table, order, columns, rows, first, folds))
+            results.append(cross_validate(table, order, columns, rows, first, folds))
         if progress:
             progress(1)
-    if not found:
+    if not results:
         raise Refused(f"the table must have more stars for any of the orders, got {len(table)}")
-    return tuple(found)
+    return tuple(results)
 
 
-def borne(found: Sequence[Unseen]) -> Unseen:
+def borne(results: Sequence[Unseen]) -> Unseen:
     """The order of fewest unknowns whose mean square is within a standard error of the least.
 
     Source: Hastie et al. (2009), section 7.10, the one-standard-error rule.
     """
-    best = min(found, key=lambda one: one.mean_square)
+    best = min(results, key=lambda result: result.mean_square)
     limit = best.mean_square + best.standard_error
     return min(
-        (one for one in found if one.mean_square <= limit),
-        key=lambda one: (one.order.unknowns, one.mean_square),
+        (result for result in results if result.mean_square <= limit),
+        key=lambda result: (result.order.unknowns, result.mean_square),
     )
 
 
@@ -323,7 +323,7 @@ def _free(order: Order) -> Ints:
 def _tables(order: Order) -> list[tuple[str, int]]:
     """The tables of coefficients: the end of their names, and how many there are for an axis."""
     parts = [("", POLYNOMIAL_TERMS.get(order.model, 0))]
-    return [one for one in [*parts, ("_per_kelvin", WARM_TERMS * order.warm)] if one[1]]
+    return [part for part in [*parts, ("_per_kelvin", WARM_TERMS * order.warm)] if part[1]]
 
 
 def _solve(state: _State, table: StarTable, order: Order) -> tuple[_State, Floats, Floats]:
@@ -444,4 +444,4 @@ def orders_of(table: StarTable, model: str = "auto", warm: bool | None = None) -
     if warm and not has:
         raise Refused("the table must have temperatures that differ for terms of temperature")
     warms = ((False, True) if has else (False,)) if warm is None else (warm,)
-    return tuple(Order(one, hot) for hot in warms for one in models)
+    return tuple(Order(name, hot) for hot in warms for name in models)

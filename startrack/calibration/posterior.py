@@ -137,7 +137,7 @@ def sample_camera(
         law.names,
         chains,
         np.atleast_2d(np.corrcoef(chains.flat.T)),
-        tuple(name for name, one in zip(law.names, wide, strict=True) if one),
+        tuple(name for name, unconstrained in zip(law.names, wide, strict=True) if unconstrained),
     )
 
 
@@ -177,8 +177,8 @@ class _Law:
         values[:, self.free] = points[:, :count]
         inside = ((points >= self.low) & (points <= self.high)).all(axis=1) & (values[:, 0] > 0)
         values[:, 0] = np.maximum(values[:, 0], 1.0)
-        held = np.clip(points, self.low, self.high)[:, count:].T
-        log = dict(zip(self.even, held, strict=True))
+        clipped = np.clip(points, self.low, self.high)[:, count:].T
+        log = dict(zip(self.even, clipped, strict=True))
         floor = np.exp(log["floor"]) if "floor" in log else np.full(len(points), self.fixed_floor)
         off = (points[:, :count] - self.middle[self.free]) / self.sigma
         score = -0.5 * (off**2).sum(axis=1)
@@ -258,11 +258,11 @@ def _log_likelihood(
         white[..., 1, :] -= across[..., None] * white[..., 0, :]
         white[..., 1, :] /= second[..., None]
         white = white.reshape(len(values), -1, 4)
-        whole = white.swapaxes(1, 2) @ white
-        normal, right = whole[:, :3, :3], whole[:, :3, 3]
+        products = white.swapaxes(1, 2) @ white
+        normal, right = products[:, :3, :3], products[:, :3, 3]
         step = np.linalg.solve(normal, right[..., None])[..., 0]
         turn = turn + step
-    left = whole[:, 3, 3] - (right * step).sum(axis=1)  # r^T W r after the last, linear step
+    left = products[:, 3, 3] - (right * step).sum(axis=1)  # r^T W r after the last, linear step
     width = 2 * np.log(first * second).sum(axis=1) + np.linalg.slogdet(normal)[1]
     return -0.5 * (left + width)
 

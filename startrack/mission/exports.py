@@ -96,7 +96,7 @@ def head_model(case: Case, name: str) -> HeadModel:
     camera, detector = case.instrument.camera, case.instrument.detector
 
     def rms(*terms: Term) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        square = [[np.square(one.term(term)) for term in terms] for one in budgets]
+        square = [[np.square(budget.term(term)) for term in terms] for budget in budgets]
         across, about = np.sqrt(np.sum(square, axis=1)).T
         return tuple(map(float, across)), tuple(map(float, about))
 
@@ -109,7 +109,7 @@ def head_model(case: Case, name: str) -> HeadModel:
         rms(Term.NOISE),
         rms(Term.PIXEL),
         rms(Term.FIELD),
-        tuple(float(one.availability) for one in budgets),
+        tuple(float(budget.availability) for budget in budgets),
         (bias[0][0], bias[1][0]),
         (swing[0][0], swing[1][0]),
         PIXEL_LENGTH / camera.focal_length_px,
@@ -127,13 +127,13 @@ def _over_rates(case: Case) -> tuple[list[float], list[Budget[Law]]]:
     for smear in SMEARS:
         rate = smear * pixel
         try:
-            found = analytic(turning(case, rate))
+            budget = analytic(turning(case, rate))
         except Refused:  # no field has an attitude
             break
-        if found.availability < LEAST:
+        if budget.availability < LEAST:
             break
         rates.append(rate)
-        budgets.append(found)
+        budgets.append(budget)
     if len(rates) < 2:  # two rows at least, as tables have
         rates, budgets = [0.0, SMEARS[0] * pixel / 100], [budgets[0], budgets[0]]
     return rates, budgets
@@ -181,7 +181,7 @@ def _data(model: HeadModel) -> str:
         "/* across the boresight, about it */",
     ]
     for name in ("noise", "pixel", "field"):
-        across, about = (_row(one) for one in getattr(model, name))
+        across, about = (_row(axis) for axis in getattr(model, name))
         lines.append(
             f"static const double startrack_{name}[2][{count}] = {{\n    {across},\n    {about}}};"
         )
@@ -249,20 +249,20 @@ def write_fmu(path: Path, model: HeadModel) -> bool:
     data = "startrack_head_data.h"
     define = f'#define STARTRACK_GUID "{guid}"\n\n#endif'
     files[data] = define.join(files[data].rsplit("#endif", 1))
-    held = {f"sources/{name}": text.encode() for name, text in files.items()}
-    held["modelDescription.xml"] = _description(model, guid, [*files]).encode()
+    members = {f"sources/{name}": text.encode() for name, text in files.items()}
+    members["modelDescription.xml"] = _description(model, guid, [*files]).encode()
     library = _library(files)
     if library is not None:
-        held[library[0]] = library[1]
+        members[library[0]] = library[1]
     with whole_file(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
-        for name in sorted(held):
-            file.writestr(zipfile.ZipInfo(name, EARLIEST), held[name], zipfile.ZIP_DEFLATED)
+        for name in sorted(members):
+            file.writestr(zipfile.ZipInfo(name, EARLIEST), members[name], zipfile.ZIP_DEFLATED)
     return library is not None
 
 
 def _library(files: dict[str, str]) -> tuple[str, bytes] | None:
     """Name in the FMU and bytes of the library for this platform; None without a compiler."""
-    compiler = next((one for one in ("cc", "gcc", "clang") if shutil.which(one)), None)
+    compiler = next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
     if compiler is None:
         return None
     system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
@@ -285,15 +285,15 @@ def _library(files: dict[str, str]) -> tuple[str, bytes] | None:
 def _description(model: HeadModel, guid: str, files: Sequence[str]) -> str:
     """The modelDescription.xml of FMI 2.0."""
     rows, outputs = [], []
-    for number, one in enumerate(VARIABLES):
-        start = f' start="{one.start!r}"' if one.causality == "input" else ""
-        if one.causality == "output":
+    for number, variable in enumerate(VARIABLES):
+        start = f' start="{variable.start!r}"' if variable.causality == "input" else ""
+        if variable.causality == "output":
             outputs.append(number + 1)
         rows.append(
-            f'    <ScalarVariable name="{one.name}" valueReference="{number}" '
-            f'causality="{one.causality}" variability="continuous" '
-            f"description={quoteattr(one.about)}>"
-            f'<Real unit="{one.unit}"{start}/></ScalarVariable>'
+            f'    <ScalarVariable name="{variable.name}" valueReference="{number}" '
+            f'causality="{variable.causality}" variability="continuous" '
+            f"description={quoteattr(variable.about)}>"
+            f'<Real unit="{variable.unit}"{start}/></ScalarVariable>'
         )
     rows.append(
         '    <ScalarVariable name="valid" valueReference="0" causality="output" '
@@ -371,13 +371,13 @@ def write_basilisk(path: Path, model: HeadModel, rate: float) -> None:
 
     rate  radian / second across the boresight, at which the error is taken
     """
-    one = one_process(model, rate)
-    keep = [one.keep[0], one.keep[0], one.keep[1]]
+    process = one_process(model, rate)
+    keep = [process.keep[0], process.keep[0], process.keep[1]]
     step = [
         sigma * math.sqrt(1 - k * k)
-        for sigma, k in zip((*one.sigma[:1] * 2, one.sigma[1]), keep, strict=True)
+        for sigma, k in zip((*process.sigma[:1] * 2, process.sigma[1]), keep, strict=True)
     ]
-    bound = [10 * sigma for sigma in (one.sigma[0], one.sigma[0], one.sigma[1])]
+    bound = [10 * sigma for sigma in (process.sigma[0], process.sigma[0], process.sigma[1])]
     save_text(path, _BASILISK.format(
         name=model.name, rate=rate, period=model.period, latency=model.latency, keep=keep,
         step=step, bound=bound, sun=model.sun, moon=model.moon, limb=model.limb,
@@ -435,9 +435,9 @@ def write_42(
     """
     sigma = one_process(model, rate).sigma
     angles = np.zeros(3) if mounting is None else np.asarray(mounting)
-    x, y, z = (f"{one / deg:.6g}" for one in angles)
-    across, about = (f"{one / arcsec:.6g}" for one in sigma)
-    sun, limb, moon = (f"{one / deg:.6g}" for one in (model.sun, model.limb, model.moon))
+    x, y, z = (f"{angle / deg:.6g}" for angle in angles)
+    across, about = (f"{error / arcsec:.6g}" for error in sigma)
+    sun, limb, moon = (f"{limit / deg:.6g}" for limit in (model.sun, model.limb, model.moon))
     rows = (
         (f"{model.period:.6g}", "sample time, s"),
         (f"{x}  {y}  {z}  321", "mounting angles, deg, and their sequence in the body"),

@@ -316,7 +316,7 @@ def read_spk(path: Path, step: float = ORBIT_STEP) -> Ephemeris:
         first, last = _window(path, spice, spice.spkcov(str(path), bodies[0]))
         spice.furnsh(str(path))
         times = _times(path, first, last, step)
-        states = np.array([spice.spkgeo(bodies[0], one, FRAME, EARTH)[0] for one in times])
+        states = np.array([spice.spkgeo(bodies[0], time, FRAME, EARTH)[0] for time in times])
     states *= 1e3
     return Ephemeris(of_ephemeris_time(times), "tdb", states[:, :3], states[:, 3:])
 
@@ -362,15 +362,15 @@ def read_ck(path: Path, step: float = ATTITUDE_STEP) -> Attitudes:
         cover = spice.ckcov(str(path), parts[0], False, "INTERVAL", 0.0, "SCLK")
         first, last = _window(path, spice, cover)
         body = parts[0] // 1000 if parts[0] % 1000 == 0 else -(-parts[0] // 1000)
-        ends = [spice.sct2e(body, one) for one in (first, last)]
+        ends = [spice.sct2e(body, tick) for tick in (first, last)]
         clock = _records(path, spice)
         if clock is None:
             times = _times(path, ends[0], ends[1], step)
-            clock = np.clip([spice.sce2c(body, one) for one in times], first, last)
+            clock = np.clip([spice.sce2c(body, time) for time in times], first, last)
         else:
-            times = np.array([spice.sct2e(body, one) for one in clock])
-        found = [spice.m2q(spice.ckgp(parts[0], one, 0.0, FRAME)[0]) for one in clock]
-    return Attitudes(of_ephemeris_time(times), "tdb", np.roll(np.array(found), -1, axis=1))
+            times = np.array([spice.sct2e(body, tick) for tick in clock])
+        quaternions = [spice.m2q(spice.ckgp(parts[0], tick, 0.0, FRAME)[0]) for tick in clock]
+    return Attitudes(of_ephemeris_time(times), "tdb", np.roll(np.array(quaternions), -1, axis=1))
 
 
 def _records(path: Path, spice: Any) -> Floats | None:
@@ -388,7 +388,7 @@ def _records(path: Path, spice: Any) -> Floats | None:
         if len(segments) != 1 or segments[0][2] != 3:
             return None
         last = int(segments[0][5])
-        parts, count = (int(one) for one in spice.dafgda(handle, last - 1, last))
+        parts, count = (int(number) for number in spice.dafgda(handle, last - 1, last))
         after = 2 + parts + (parts - 1) // 100 + (count - 1) // 100
         return np.asarray(spice.dafgda(handle, last - after - count + 1, last - after))
     finally:

@@ -34,9 +34,9 @@ def fused_variance(
     Accuracy       model: small errors, of the same size about all axes across a boresight.
     """
     xx, yy, zz, xy, xz, yz = (np.zeros(len(valid[0])) for _ in range(6))
-    for b, one, other, here in zip(boresights, across, about, valid, strict=True):
-        plane = here / one
-        along = here / other - plane
+    for b, square, square_about, here in zip(boresights, across, about, valid, strict=True):
+        plane = here / square
+        along = here / square_about - plane
         for total, value in (
             (xx, plane + b[0] * b[0] * along), (yy, plane + b[1] * b[1] * along),
             (zz, plane + b[2] * b[2] * along), (xy, b[0] * b[1] * along),
@@ -46,8 +46,8 @@ def fused_variance(
     minors = np.stack([yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy])
     with np.errstate(divide="ignore", invalid="ignore"):
         size = xx * minors[0] - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
-        found = minors / size + common[:, None]
-    return np.where(np.any(valid, axis=0), found, np.inf)
+        fused = minors / size + common[:, None]
+    return np.where(np.any(valid, axis=0), fused, np.inf)
 
 
 def fuse(
@@ -73,13 +73,13 @@ def fuse(
             "attitudes and covariances must be one or more, and as many, got "
             f"{len(attitudes)} and {len(covariances)}"
         )
-    weight = [np.linalg.inv(one) for one in covariances]
+    weight = [np.linalg.inv(covariance) for covariance in covariances]
     covariance = np.linalg.inv(np.sum(np.broadcast_arrays(*weight), axis=0))
     best = attitudes[0]
     for _ in range(3):
         pull = sum(
-            np.einsum("...ij,...j->...i", one, (attitude * best.inv()).as_rotvec())
-            for one, attitude in zip(weight, attitudes, strict=True)
+            np.einsum("...ij,...j->...i", inverse, (attitude * best.inv()).as_rotvec())
+            for inverse, attitude in zip(weight, attitudes, strict=True)
         )
         best = Rotation.from_rotvec(np.einsum("...ij,...j->...i", covariance, pull)) * best
     return best, covariance if common is None else covariance + common

@@ -18,7 +18,7 @@ from startrack.budget import exclusions
 from startrack.core import Floats, Refused, deg
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
-from startrack.mission.parameters import Head, Obstacle, Radiation, Warmth
+from startrack.mission.parameters import Head, HeadTemperature, Obstacle, Radiation
 from startrack.population import unit_of
 from startrack.space import EarthSeen, angle, cross, dot, from_body, unit
 
@@ -31,25 +31,27 @@ def faces_of(structure: Sequence[Obstacle], instants: Instants) -> list[Floats]:
     A panel that follows the Sun turns about its hinge until its normal is as near to the Sun as
     that allows; a side of a box never turns.
     """
-    found = []
-    for one in structure:
-        corners = [np.array(each) for each in _rectangles(one)]
-        if one.hinge is None:
-            found += [each[..., None] for each in corners]
+    faces = []
+    for obstacle in structure:
+        corners = [np.array(rectangle) for rectangle in _rectangles(obstacle)]
+        if obstacle.hinge is None:
+            faces += [rectangle[..., None] for rectangle in corners]
             continue
-        turn = _turn(one, instants)
-        axis, origin = np.array(one.hinge) / np.linalg.norm(one.hinge), np.array(one.centre)
-        found += [
-            np.stack([origin[:, None] + _turned(axis, corner - origin, turn) for corner in each])
-            for each in corners
+        turn, origin = _turn(obstacle, instants), np.array(obstacle.centre)
+        axis = np.array(obstacle.hinge) / np.linalg.norm(obstacle.hinge)
+        faces += [
+            np.stack(
+                [origin[:, None] + _turned(axis, corner - origin, turn) for corner in rectangle]
+            )
+            for rectangle in corners
         ]
-    return found
+    return faces
 
 
-def _rectangles(one: Obstacle) -> list[Floats]:
+def _rectangles(obstacle: Obstacle) -> list[Floats]:
     """(4, 3) corners in order around each rectangle; a size of zero leaves one."""
-    centre, half = np.array(one.centre), np.array(one.size) / 2
-    found = []
+    centre, half = np.array(obstacle.centre), np.array(obstacle.size) / 2
+    rectangles = []
     for n, a, b in SIDES:
         if not (half[a] and half[b]):
             continue
@@ -62,16 +64,16 @@ def _rectangles(one: Obstacle) -> list[Floats]:
                 corner[a] += u * half[a]
                 corner[b] += v * half[b]
                 corners.append(corner)
-            found.append(np.array(corners))
-    return found
+            rectangles.append(np.array(corners))
+    return rectangles
 
 
-def _turn(one: Obstacle, instants: Instants) -> Floats:
+def _turn(obstacle: Obstacle, instants: Instants) -> Floats:
     """(n,) radian about the hinge that bring the thinnest side's normal nearest to the Sun."""
-    assert one.hinge is not None
-    axis = np.array(one.hinge) / np.linalg.norm(one.hinge)
+    assert obstacle.hinge is not None
+    axis = np.array(obstacle.hinge) / np.linalg.norm(obstacle.hinge)
     normal = np.zeros(3)
-    normal[int(np.argmin(one.size))] = 1.0
+    normal[int(np.argmin(obstacle.size))] = 1.0
     normal -= axis * (axis @ normal)
     normal /= np.linalg.norm(normal)
     sun = np.stack([dot(row, instants.sun) for row in instants.body])
@@ -102,7 +104,7 @@ def nearest(faces: Sequence[Floats], position: Floats, boresight: Floats) -> Flo
     for corners in faces:
         seen = corners - position[None, :, None]
         line = np.broadcast_to(boresight[:, None], seen.shape[1:])
-        rays = [unit(one) for one in seen]
+        rays = [unit(corner) for corner in seen]
         sides, best = [], np.full(seen.shape[-1], math.pi)
         for a, b in itertools.pairwise([*rays, rays[0]]):
             normal = cross(a, b)
@@ -160,14 +162,14 @@ class Limits:
     structure: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(one) for one in (self.sun, self.moon, self.earth)):
+        if not all(math.isfinite(angle) for angle in (self.sun, self.moon, self.earth)):
             raise Refused(
                 "baffle must keep out Sun, Moon and Earth at some angle below 120 deg, or the head "
                 "must give its exclusion angles"
             )
 
 
-NO_WARMTH = Warmth()
+DESIGN_TEMPERATURE = HeadTemperature()
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +184,7 @@ class Mounted:
     position  (3,) metre in body axes
     age       second in orbit at the begin of the mission; None: its design has no law of age, or
               is as it is at all times
-    warmth    its temperature over the orbit
+    temperature    its temperature over the orbit
     """
 
     name: str
@@ -192,7 +194,7 @@ class Mounted:
     field: float
     position: Floats
     age: float | None = None
-    warmth: Warmth = NO_WARMTH
+    temperature: HeadTemperature = DESIGN_TEMPERATURE
 
     def aged(self, second: Floats) -> Floats | None:
         """(n,) second in orbit, at times after the begin of the mission."""
@@ -200,10 +202,10 @@ class Mounted:
 
     def warmer(self, phase: Floats) -> Floats | None:
         """(n,) kelvin above the design's temperature, at phases of the orbit (radian)."""
-        warmth = self.warmth
-        if not warmth.swing:
+        temperature = self.temperature
+        if not temperature.swing:
             return None
-        return warmth.offset + warmth.swing * np.sin(phase + warmth.ahead)
+        return temperature.offset + temperature.swing * np.sin(phase + temperature.ahead)
 
     @property
     def boresight(self) -> Floats:
@@ -222,7 +224,7 @@ def mount(head: Head, case: Case) -> Mounted:
     except Refused as error:
         raise Refused(f"head {head.name}: {error}") from None
     age = head.age if ages(case, head) else None
-    warmth = head.temperature if warms(case) else Warmth()
+    temperature = head.temperature if warms(case) else HeadTemperature()
     return Mounted(
         head.name,
         head.mounting.as_matrix(),
@@ -231,13 +233,15 @@ def mount(head: Head, case: Case) -> Mounted:
         half,
         np.array(head.position),
         age,
-        warmth,
+        temperature,
     )
 
 
 def ages(case: Case, head: Head) -> bool:
     """Whether the design of a head has a law of age: of its detector, or of the unit's numbers."""
-    drifts = head.unit is not None and any(one.per is Scope.LIFE for one in case.variation)
+    drifts = head.unit is not None and any(
+        variation.per is Scope.LIFE for variation in case.variation
+    )
     return case.instrument.detector.age is not None or drifts
 
 
@@ -269,8 +273,8 @@ def state_of(case: Case, head: Head, seed: int, age: float | None, warmer: float
 @lru_cache(maxsize=8)
 def _of_baffle(case: Case, altitude: float) -> dict[str, float]:
     """The exclusion angles of a design with a baffle, radian."""
-    found = exclusions(case, ANGLES, altitude)
-    return {name: one.least() for name, one in found.items()}
+    exclusion_of = exclusions(case, ANGLES, altitude)
+    return {name: exclusion.least() for name, exclusion in exclusion_of.items()}
 
 
 def _drift(mounting: Mounting) -> tuple[float, float]:
@@ -290,8 +294,8 @@ def limits_of(head: Head, case: Case) -> Limits:
     least = {"sun": half + SUN_RADIUS, "moon": half + MOON_RADIUS, "earth": half}
     missing = [name for name in least if getattr(given, name) is None]
     if missing and case.instrument.baffle is not None:
-        found = _of_baffle(case, given.altitude)
-        least |= {name: max(found[name], least[name]) for name in missing}
+        of_baffle = _of_baffle(case, given.altitude)
+        least |= {name: max(of_baffle[name], least[name]) for name in missing}
     least |= given.angles
     clear = least["earth"] if head.clear is None else max(head.clear, half)
     return Limits(least["sun"], least["moon"], least["earth"], half, clear)
@@ -345,8 +349,8 @@ def inside(radiation: Radiation, instants: Instants) -> NDArray[np.bool_]:
     """(n,) whether the spacecraft is above the box of the South Atlantic anomaly."""
     (south, north), (west, east) = radiation.latitude, radiation.longitude
     longitude = (instants.longitude - west) % math.tau
-    found = (instants.latitude > south) & (instants.latitude < north)
-    return np.asarray(found & (longitude < east - west))
+    between = (instants.latitude > south) & (instants.latitude < north)
+    return np.asarray(between & (longitude < east - west))
 
 
 def look(head: Mounted, instants: Instants, shadow: Shadow, saa: NDArray[np.bool_] | None) -> Seen:

@@ -70,7 +70,7 @@ class Place:
 
     def cut(self, count: int) -> Place:
         """The first of them."""
-        return Place(*(getattr(self, one.name)[..., :count] for one in fields(self)))
+        return Place(*(getattr(self, field.name)[..., :count] for field in fields(self)))
 
 
 Law = Callable[[Place], Floats]
@@ -144,9 +144,9 @@ def _target(attitude: Attitude, _begin: str) -> Law:
 
     def law(place: Place) -> Floats:
         east = place.greenwich + attitude.longitude
-        ce, se, one = np.cos(east), np.sin(east), np.ones_like(east)
-        line = times(place.axes, np.stack([out * ce, out * se, up * one])) - place.place
-        vertical = times(place.axes, np.stack([cosine * ce, cosine * se, sine * one]))
+        ce, se, ones = np.cos(east), np.sin(east), np.ones_like(east)
+        line = times(place.axes, np.stack([out * ce, out * se, up * ones])) - place.place
+        vertical = times(place.axes, np.stack([cosine * ce, cosine * se, sine * ones]))
         z = unit(np.where(dot(vertical, line) < 0, line, -place.place))
         return _downwards(attitude.yaw, place, z)
 

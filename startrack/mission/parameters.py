@@ -145,7 +145,7 @@ class Attitude(Parameters):
 
 
 @dataclass(frozen=True)
-class Warmth(Parameters):
+class HeadTemperature(Parameters):
     """Temperature of a head over the orbit, above that of its design.
 
         offset + swing sin(phase of the orbit from the ascending node + ahead)
@@ -188,8 +188,9 @@ class Head(Parameters):
         "in orbit at the begin of the mission; it grows with the mission by the laws of the "
         "design (`instrument.detector.age`, [[variation]] per life of a unit). None: the design "
         "as it is, at all times"] = None  # fmt: skip
-    temperature: Annotated[Warmth,
-        "over the orbit, above that of the design"] = field(default_factory=Warmth)  # fmt: skip
+    temperature: Annotated[HeadTemperature, "over the orbit, above that of the design"] = field(
+        default_factory=HeadTemperature
+    )
     unit: Annotated[int | None, Range(0, 10**6),
         "number of a unit that is drawn from the [[variation]] tables of the design; None: the "
         "unit as designed"] = None  # fmt: skip
@@ -227,7 +228,7 @@ def mounted(azimuth: float, elevation: float, roll: float = 0.0) -> Rotation:
 
 
 @dataclass(frozen=True)
-class Span(Parameters):
+class TimeSpan(Parameters):
     """The time of a mission: SI seconds after its begin."""
 
     begin: Annotated[str, 'UTC, as "2026-03-20T12:00:00"']
@@ -270,7 +271,7 @@ class Radiation(Parameters):
 
 
 @dataclass(frozen=True)
-class Needs(Parameters):
+class MissionRequirements(Parameters):
     """What the mission asks of its heads together; None: not asked."""
 
     max_blind: Annotated[float | None, Unit("s"), NON_NEGATIVE,
@@ -290,7 +291,7 @@ class Needs(Parameters):
 
 
 @dataclass(frozen=True)
-class Common(Parameters):
+class SharedAlignmentError(Parameters):
     """Errors about the body's axes that all heads share, as of the structure that carries them."""
 
     x: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
@@ -353,10 +354,10 @@ class Obstacle:
             value = getattr(self, name)
             if len(value) != 3:
                 raise Refused(f"{name} must be three lengths, got {len(value)}")
-            for one in value:
-                finite(**{name: one})
+            for length in value:
+                finite(**{name: length})
         non_negative(size=min(self.size))
-        if sum(one > 0 for one in self.size) < 2:
+        if sum(length > 0 for length in self.size) < 2:
             raise Refused(f"size must be above 0 along two axes or three, got {self.size}")
         if self.hinge is not None:
             axis = _vector("hinge", self.hinge, 3) / np.linalg.norm(self.hinge)
@@ -368,14 +369,17 @@ class Obstacle:
 class Mission:
     """What a mission file holds; see the tables."""
 
-    time: Annotated[Span, "begin, duration and step"]
+    time: Annotated[TimeSpan, "begin, duration and step"]
     orbit: Annotated[Orbit, "of the spacecraft"]
     heads: Annotated[tuple[Head, ...], "its star trackers"]
     attitude: Annotated[Attitude, "its attitude law"] = field(default_factory=Attitude)
     radiation: Annotated[Radiation, "the South Atlantic anomaly"] = field(default_factory=Radiation)
-    common: Annotated[Common,
-        "errors that all heads share; they count once"] = field(default_factory=Common)  # fmt: skip
-    requirements: Annotated[Needs, "on the heads together"] = field(default_factory=Needs)
+    common: Annotated[SharedAlignmentError, "errors that all heads share; they count once"] = field(
+        default_factory=SharedAlignmentError
+    )
+    requirements: Annotated[MissionRequirements, "on the heads together"] = field(
+        default_factory=MissionRequirements
+    )
     keep_out: Annotated[tuple[KeepClear, ...], "cones in which no boresight may be placed"] = ()
     check: Annotated[Check,
         "trials that check and correct the errors of the heads"
@@ -438,7 +442,9 @@ def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
         mission,
         orbit=replace(orbit, oem=_from(folder, orbit.oem)) if orbit.oem else orbit,
         attitude=replace(law, aem=_from(folder, law.aem)) if law.aem else law,
-        heads=tuple(replace(one, design=_shipped_as(one.design, folder)) for one in mission.heads),
+        heads=tuple(
+            replace(head_, design=_shipped_as(head_.design, folder)) for head_ in mission.heads
+        ),
     )
     save_text(path, head + tomli_w.dumps(to_table(named)))
 
@@ -466,7 +472,7 @@ def _resolved(mission: Mission, folder: Path) -> Mission:
         mission,
         orbit=replace(orbit, oem=str(folder / orbit.oem)) if orbit.oem else orbit,
         attitude=replace(law, aem=str(folder / law.aem)) if law.aem else law,
-        heads=tuple(replace(one, design=_found(one.design, folder)) for one in mission.heads),
+        heads=tuple(replace(head, design=_found(head.design, folder)) for head in mission.heads),
     )
 
 

@@ -88,7 +88,7 @@ def _rows(plan: Plan, chunk: Chunk) -> NDArray[np.void]:
         "longitude_deg": own.longitude / deg,
         "orbit_phase_deg": own.phase / deg,
         "eclipse": chunk.shadow.sun,
-        "valid_heads": np.sum([one.blind == 0 for one in chunk.seen], axis=0),
+        "valid_heads": np.sum([view.blind == 0 for view in chunk.seen], axis=0),
     }
     for head, seen in zip(plan.heads, chunk.seen, strict=True):
         columns |= {
@@ -104,9 +104,9 @@ def _rows(plan: Plan, chunk: Chunk) -> NDArray[np.void]:
         for head, (across, about, _) in zip(plan.heads, chunk.errors, strict=True):
             columns[f"{head.name}_across_arcsec"] = np.sqrt(across) / arcsec
             columns[f"{head.name}_about_arcsec"] = np.sqrt(about) / arcsec
-        for axis, one in zip("xyz", chunk.variance, strict=True):
-            columns[f"fused_{axis}_arcsec"] = np.sqrt(one) / arcsec
-    table = np.empty(len(own.second), [(name, one.dtype) for name, one in columns.items()])
-    for name, one in columns.items():
-        table[name] = one.round(DECIMALS) if one.dtype.kind == "f" else one
+        for axis, square in zip("xyz", chunk.variance, strict=True):
+            columns[f"fused_{axis}_arcsec"] = np.sqrt(square) / arcsec
+    table = np.empty(len(own.second), [(name, values.dtype) for name, values in columns.items()])
+    for name, values in columns.items():
+        table[name] = values.round(DECIMALS) if values.dtype.kind == "f" else values
     return table

@@ -204,7 +204,7 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
 def _lit_points(disc: Disc, count: int) -> tuple[Floats, Floats, Floats]:
     """Lit points (x, y) of a grid, `count` to the radius, and their fractions."""
     step = (np.arange(-count, count) + 0.5) / count
-    x, y = (each.ravel() for each in np.meshgrid(step, step))
+    x, y = (grid.ravel() for grid in np.meshgrid(step, step))
     inside = x**2 + y**2 < 1
     x, y = x[inside], y[inside]
     if disc.sun is None:

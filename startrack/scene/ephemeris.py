@@ -138,5 +138,5 @@ def body_angles(scene: Scene, seed: int, trials: Sequence[int], boresight: Float
     return angles
 
 
-def _between(lines: Floats, one: Floats) -> Floats:
-    return 2 * np.arcsin(np.minimum(np.linalg.norm(lines - one, axis=1) / 2, 1.0))
+def _between(lines: Floats, direction: Floats) -> Floats:
+    return 2 * np.arcsin(np.minimum(np.linalg.norm(lines - direction, axis=1) / 2, 1.0))

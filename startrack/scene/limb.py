@@ -64,15 +64,19 @@ class Limb:
             np.clip(sun, *self.sun[[0, -1]]),
             np.clip(turned, *self.azimuth[[0, -1]]),
         )
-        found = np.stack(
+        radiance = np.stack(
             [
-                np.exp(logarithm(np.stack([np.full(len(tangent), one), *nodes], -1)))
-                for one in np.log(wavelength)
+                np.exp(
+                    logarithm(
+                        np.stack([np.full(len(tangent), logarithm_of_wavelength), *nodes], -1)
+                    )
+                )
+                for logarithm_of_wavelength in np.log(wavelength)
             ],
             -1,
         )
         dark = (tangent > self.tangent[-1]) | (sun > self.sun[-1])
-        return np.where(dark[:, None], 0.0, found)
+        return np.where(dark[:, None], 0.0, radiance)
 
 
 def save_limb(path: Path, limb: Limb) -> None:
@@ -125,12 +129,12 @@ def limb_light(
     level = earth.sun - cosine[:, None] * zenith
     towards = np.einsum("ij,ij->i", line[through], level)
     azimuth = np.arccos(np.clip(towards / np.maximum(np.linalg.norm(level, axis=1), 1e-12), -1, 1))
-    found = table(table.wavelength, height[through], np.arccos(cosine), azimuth)
+    radiance = table(table.wavelength, height[through], np.arccos(cosine), azimuth)
     sunlight = earth.light * np.pi / EARTH_ALBEDO
     nearest_wavelength = np.argmin(np.abs(WAVELENGTH - table.wavelength[:, None]), axis=0)
     for i in range(len(table.wavelength)):
         fraction = np.zeros(len(line))
-        fraction[through] = found[:, i]
+        fraction[through] = radiance[:, i]
         yield np.where(nearest_wavelength == i, sunlight, 0.0), fraction
 
 

@@ -98,8 +98,8 @@ class Scene(Parameters):
         if self.place is not None:
             if len(self.place) != 3:
                 raise Refused(f"place must have three coordinates, got {len(self.place)}")
-            for each in self.place:
-                finite(place=each)
+            for coordinate in self.place:
+                finite(place=coordinate)
 
     @property
     def dated(self) -> list[str]:

@@ -177,8 +177,8 @@ def fly_sequences(
     """
     whole(1, 10**6, sequences=sequences)
     tables = []
-    one = partial(run, case, sequence, seed, recording=recording)
-    for table in executor.map(one, range(sequences)):
+    fly = partial(run, case, sequence, seed, recording=recording)
+    for table in executor.map(fly, range(sequences)):
         tables.append(table)
         if progress:
             progress(1)
@@ -293,7 +293,7 @@ def _see(
     """What the flight software does with a frame, with a prediction or without."""
     tracker = case.tracker
     # In steps, so that frames at nearly the same rate share a plan.
-    x, y = (SMEAR_STEP * round(one / SMEAR_STEP) for one in smear_of(case, rate[0], rate[1]))
+    x, y = (SMEAR_STEP * round(smear / SMEAR_STEP) for smear in smear_of(case, rate[0], rate[1]))
     if boxed(case) and predicted is not None:
         plan = detection_plan(case, smear=(x, y))
         spots, matches = take_boxes(case, frame, camera, predicted.icrs_to_camera, plan)

@@ -12,7 +12,7 @@ from startrack.mission import load_mission, placement, plan_of, surrogate
 from startrack.mission.engine import at, fly
 from startrack.mission.heads import Blind, faces_of, nearest
 from startrack.mission.instants import Instants
-from startrack.mission.parameters import KeepClear, Needs, Obstacle, Orbit
+from startrack.mission.parameters import KeepClear, MissionRequirements, Obstacle, Orbit
 from startrack.mission.placement import angles_of, map_of, moved_plan, place, sphere, trades
 from startrack.mission.summary import availability_of
 
@@ -45,7 +45,7 @@ def test_three_heads_above_the_earth(loaded):
         loaded.mission,
         heads=tuple(heads),
         orbit=Orbit(altitude=600e3, inclination=0.0),
-        requirements=Needs(availability_two=0.999),
+        requirements=MissionRequirements(availability_two=0.999),
     )
     found = place(plan_of(dataclasses.replace(loaded, mission=mission)))
     lines = np.array([head.mounting.as_matrix()[:, 2] for head in found.mission.heads])

@@ -56,14 +56,16 @@ def mie(
     Raises      ModuleNotFoundError where sasktran2 is missing.
     """
     at = dict(zip(wavelength / nm, index, strict=True))
-    found = sasktran2("mie.distribution").integrate_mie_cpp(
-        list(modes), lambda one: at[float(one)], wavelength / nm, num_coeffs=moments
+    by_mode_and_wavelength = sasktran2("mie.distribution").integrate_mie_cpp(
+        list(modes), lambda nanometres: at[float(nanometres)], wavelength / nm, num_coeffs=moments
     )
     weights = np.asarray(fractions)
-    extinction = found["xs_total"].to_numpy() @ weights
-    by_mode = found["xs_scattering"].to_numpy() * weights
+    extinction = by_mode_and_wavelength["xs_total"].to_numpy() @ weights
+    by_mode = by_mode_and_wavelength["xs_scattering"].to_numpy() * weights
     scattering = by_mode.sum(-1)
-    phase = (found["lm_a1"].to_numpy() * by_mode[:, :, None]).sum(1) / scattering[:, None]
+    phase = (by_mode_and_wavelength["lm_a1"].to_numpy() * by_mode[:, :, None]).sum(1) / scattering[
+        :, None
+    ]
     return extinction, scattering, phase
 
 
@@ -162,13 +164,13 @@ class Haze(Parameters):
         ones = np.ones(len(wavelength))
         extinction = (wavelength / REFERENCE) ** -self.angstrom
         order = np.arange(moments)
-        found = (2 * order + 1) * self.asymmetry**order
+        legendre_moments = (2 * order + 1) * self.asymmetry**order
         if self.phase:
             nodes, weights = np.polynomial.legendre.leggauss(2 * moments)
             weighted = np.interp(np.arccos(nodes), self.angles, self.phase) * weights
             legendre = np.polynomial.legendre.legvander(nodes, moments - 1)
-            found = (2 * order + 1) * (weighted @ legendre) / weighted.sum()
-        return Particles(extinction, self.albedo * ones, ones[:, None] * found)
+            legendre_moments = (2 * order + 1) * (weighted @ legendre) / weighted.sum()
+        return Particles(extinction, self.albedo * ones, ones[:, None] * legendre_moments)
 
 
 def profile(visibility: float, height: Floats) -> Floats:

@@ -83,11 +83,11 @@ def solve_radiance(
     if air.aerosol != "none":
         state["aerosol"] = _aerosol(sk, air, heights, wavelength, config.num_stokes)
     engine = sk.Engine(config, geometry, view)
-    found = []
+    radiances = []
     for albedo in albedos:
         state["surface"] = sk.constituent.LambertianSurface(albedo)
-        found.append(engine.calculate_radiance(state).radiance.to_numpy()[:, :, 0])
-    return np.array(found), heights, np.array(state.storage.total_extinction).T
+        radiances.append(engine.calculate_radiance(state).radiance.to_numpy()[:, :, 0])
+    return np.array(radiances), heights, np.array(state.storage.total_extinction).T
 
 
 def limb_radiance(
@@ -138,8 +138,8 @@ def limb_radiance(
     if aerosol is not None:
         state["aerosol"] = _aerosol(sk, aerosol, heights, wavelength, config.num_stokes)
     state["surface"] = sk.constituent.LambertianSurface(albedo)
-    found = sk.Engine(config, geometry, view).calculate_radiance(state)
-    return found.radiance.to_numpy()[:, :, 0]
+    radiance = sk.Engine(config, geometry, view).calculate_radiance(state)
+    return radiance.radiance.to_numpy()[:, :, 0]
 
 
 def _molecules(sk: Any, geometry: Any, config: Any, wavelength: Floats) -> Any:
@@ -280,11 +280,11 @@ def _ground(
     rays = [(cosine, 0.0, height) for cosine, height in up]
     rays += [(_off(sun), 0.0, TOP) for sun in grid.sun]
     rays += [(REFERENCE_SUN, 0.0, TOP)]
-    found, heights, extinction = solve_radiance(
+    radiances, heights, extinction = solve_radiance(
         air, grid.wavelength, ground, REFERENCE_SUN, rays, (0.0, *ALBEDOS), streams, polarised
     )
     first, second = (
-        (lit - found[0]) / albedo for lit, albedo in zip(found[1:], ALBEDOS, strict=True)
+        (lit - radiances[0]) / albedo for lit, albedo in zip(radiances[1:], ALBEDOS, strict=True)
     )
     spherical = ((second - first) / (ALBEDOS[1] * second - ALBEDOS[0] * first)).mean(-1)
     added = math.pi * first * (1 - ALBEDOS[0] * spherical[:, None]) / REFERENCE_SUN
@@ -331,8 +331,8 @@ def build_limb(
     radiance = np.empty((len(LIMB_WAVELENGTH), len(LIMB_TANGENT), len(LIMB_SUN), len(LIMB_AZIMUTH)))
     rays = [(tangent, azimuth) for tangent in LIMB_TANGENT for azimuth in LIMB_AZIMUTH]
     for s, sun in enumerate(LIMB_SUN):
-        found = limb_radiance(LIMB_WAVELENGTH, math.cos(sun), rays, albedo, aerosol)
-        radiance[:, :, s] = found.reshape(
+        of_rays = limb_radiance(LIMB_WAVELENGTH, math.cos(sun), rays, albedo, aerosol)
+        radiance[:, :, s] = of_rays.reshape(
             len(LIMB_WAVELENGTH), len(LIMB_TANGENT), len(LIMB_AZIMUTH)
         )
         if progress:

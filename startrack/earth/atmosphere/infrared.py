@@ -123,12 +123,12 @@ def save_infrared(path: Path, table: InfraredTable) -> None:
 
 def _above(table: InfraredTable, ground: float, sensor: float, angle: Floats) -> tuple[Floats, ...]:
     """Transmittance and thermal radiance (v, f) of the air between two heights above the sea."""
-    whole = _from_sea(table, sensor, angle)
+    from_sea = _from_sea(table, sensor, angle)
     if ground <= 0:
-        return whole
+        return from_sea
     below = _from_sea(table, ground, angle)
-    through = np.minimum(whole[0] / np.maximum(below[0], 1e-6), 1.0)
-    return through, np.maximum(whole[1] - through * below[1], 0.0)
+    through = np.minimum(from_sea[0] / np.maximum(below[0], 1e-6), 1.0)
+    return through, np.maximum(from_sea[1] - through * below[1], 0.0)
 
 
 def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Floats, ...]:
@@ -140,19 +140,19 @@ def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Float
     position = np.interp(1 / np.cos(angle), secant, np.arange(len(secant)))
     left = np.minimum(position.astype(int), len(secant) - 2)
     right = (position - left)[:, None]
-    found = []
+    between = []
     for values in (np.log(np.maximum(table.through, 1e-12)), table.rise):
         layer = (1 - fraction) * values[low] + fraction * values[low + 1]
-        found.append(layer[left] * (1 - right) + layer[left + 1] * right)
+        between.append(layer[left] * (1 - right) + layer[left + 1] * right)
     thin = min(height / table.altitude[0], 1.0)  # under the lowest sensor, in proportion
-    return np.exp(thin * found[0]), thin * found[1]
+    return np.exp(thin * between[0]), thin * between[1]
 
 
 def _fraction_above(table: InfraredTable, ground: float) -> Floats:
     """(f,) thermal radiance of the sky at a height over that at sea level, by its emissivity."""
     angle, top = np.array([DIFFUSE]), float(table.altitude[-1])
-    whole = 1 - _above(table, 0.0, top, angle)[0][0]
-    return (1 - _above(table, ground, top, angle)[0][0]) / np.maximum(whole, 1e-12)
+    emissivity = 1 - _above(table, 0.0, top, angle)[0][0]
+    return (1 - _above(table, ground, top, angle)[0][0]) / np.maximum(emissivity, 1e-12)
 
 
 _ARRAYS = tuple(field.name for field in fields(InfraredTable))

@@ -119,10 +119,10 @@ def refine(table: BandTable, reach: Reach) -> FineTable:
             ground = _spline(axis, ground, i, at)
     backscatter = _spline(table.height, backscatter, 0, nodes[0])
     heat = [
-        None if one is None else _single(
-            _spline(table.sensor, _spline(table.height, one, 0, nodes[0]), 1, nodes[1])
+        None if term is None else _single(
+            _spline(table.sensor, _spline(table.height, term, 0, nodes[0]), 1, nodes[1])
         )
-        for one in (table.through, table.rise, table.fall)
+        for term in (table.through, table.rise, table.fall)
     ]  # fmt: skip
     return FineTable(
         np.array([at[0] for at in nodes]),

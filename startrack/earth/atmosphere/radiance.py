@@ -166,7 +166,7 @@ def sight_of(ground: Ground) -> Sight:
     high, low = np.einsum("ij,ij->i", camera, zenith), zenith @ sun
     # Both without their components along the zenith.
     level, shone = camera - high[:, None] * zenith, sun - low[:, None] * zenith
-    apart, about = (np.sqrt(np.einsum("ij,ij->i", one, one)) for one in (level, shone))
+    apart, about = (np.sqrt(np.einsum("ij,ij->i", vector, vector)) for vector in (level, shone))
     turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
     return Sight(
         ground.height[seen],
@@ -212,10 +212,10 @@ def at_sensor(
     here = np.broadcast_to(reflectance, (len(ground), bands))[ground.hit]
     warm = None if temperature is None else temperature[ground.hit]
     beam = None if direct is None else direct[ground.hit]
-    found = radiance(_near(table, sight), sight, here, surroundings, heat, warm, direct=beam)
-    for name, whole, part in zip(Terms._fields, out, found, strict=True):
+    seen_terms = radiance(_near(table, sight), sight, here, surroundings, heat, warm, direct=beam)
+    for name, all_rays, part in zip(Terms._fields, out, seen_terms, strict=True):
         lit_by_air = name in ("indirect", "scattered")
-        whole[ground.hit] = part * weak[:, None] if lit_by_air else part
+        all_rays[ground.hit] = part * weak[:, None] if lit_by_air else part
     return out
 
 

@@ -44,20 +44,20 @@ def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozon
     if gas == "ozone":  # Beer's law; pvlib would take the air mass from the Sun's position
         nodes, once = _column(gas, 1.0, water, ozone)
         return np.interp(wavelength, nodes, once)[:, None] ** mass
-    columns = [_column(gas, float(one), water, ozone) for one in mass]
+    columns = [_column(gas, float(air_mass), water, ozone) for air_mass in mass]
     nodes = columns[0][0]
-    found = np.stack([np.interp(wavelength, nodes, values) for _, values in columns], -1)
+    transmitted = np.stack([np.interp(wavelength, nodes, values) for _, values in columns], -1)
     if gas == "mixed":
-        return found * np.exp(-_pairs(wavelength)[:, None] * mass)
+        return transmitted * np.exp(-_pairs(wavelength)[:, None] * mass)
     spectrum, nodes, amounts, table = _water_table()
     known = (wavelength >= spectrum[0]) & (wavelength <= spectrum[-1])
     seen = RegularGridInterpolator((np.log(amounts), spectrum, nodes), table)
     column = np.log(np.clip(water, amounts[0], amounts[-1]))
     at = np.meshgrid(column, wavelength[known], np.clip(mass, 0, nodes[-1]), indexing="ij")
     depth = seen(np.stack(at, -1))[0] * (water / 10 * mass) ** POWER
-    found[known] = np.exp(-depth)
-    found[wavelength < spectrum[0]] = 1.0
-    return found
+    transmitted[known] = np.exp(-depth)
+    transmitted[wavelength < spectrum[0]] = 1.0
+    return transmitted
 
 
 @lru_cache(maxsize=1)
@@ -85,7 +85,7 @@ def save_water(
 def _pairs(wavelength: Floats) -> Floats:
     """Optical depth (f,) of pairs of oxygen in the whole column."""
     away = wavelength[:, None] / nm - np.array([middle for middle, _, _ in PAIRS])
-    peak, width = np.array([each[1:] for each in PAIRS]).T
+    peak, width = np.array([pair[1:] for pair in PAIRS]).T
     return np.asarray(np.exp(-4 * np.log(2) * (away / width) ** 2) @ peak) * PAIR_COLUMN
 
 

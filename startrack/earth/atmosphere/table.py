@@ -253,8 +253,8 @@ def _gases(
     table: AirTable, gas: Floats, h: int, v: int, s: int, altitude: float
 ) -> tuple[Floats, Floats]:
     """Transmittance of all gases for light from the ground, and for light of the air alone."""
-    whole = 1 / math.cos(table.sun[s])
-    down = np.array([_below(table.height[h], 1e6, gas) for gas in range(3)]) * whole
+    air_mass = 1 / math.cos(table.sun[s])
+    down = np.array([_below(table.height[h], 1e6, gas) for gas in range(3)]) * air_mass
     masses = _masses(table, h, v, altitude) + down
     through = _transmitted(table, gas, masses)
     masses[0] *= WATER_ABOVE_SCATTERING
@@ -281,8 +281,8 @@ def _below(low: float, high: float, gas: int) -> float:
 def _transmitted(table: AirTable, gas: Floats, masses: Floats) -> Floats:
     """Of all gases, from their logarithms (3, f, m); strong lines go with the root of the mass."""
     root, total = np.sqrt(table.mass), np.zeros(gas.shape[1])
-    for one, at in zip(gas, masses, strict=True):
+    for values, at in zip(gas, masses, strict=True):
         i = int(np.clip(np.searchsorted(table.mass, at) - 1, 0, len(root) - 2))
         fraction = (math.sqrt(min(at, table.mass[-1])) - root[i]) / (root[i + 1] - root[i])
-        total += (1 - fraction) * one[:, i] + fraction * one[:, i + 1]
+        total += (1 - fraction) * values[:, i] + fraction * values[:, i + 1]
     return np.exp(total)

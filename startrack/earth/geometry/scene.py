@@ -188,10 +188,12 @@ class Terrain(Parameters):
     def charts(self, folder: Path) -> dict[str, Chart]:
         """The maps by their names."""
         return {
-            one.name: Chart(
-                Mosaic((Raster(folder / one.file, one.band, one.exact),)), one.exact, one.absent
+            map_file.name: Chart(
+                Mosaic((Raster(folder / map_file.file, map_file.band, map_file.exact),)),
+                map_file.exact,
+                map_file.absent,
             )
-            for one in self.maps
+            for map_file in self.maps
         }
 
 
@@ -220,13 +222,13 @@ class EarthScene(Parameters):
 
 def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
     """The files that match patterns, each once, in the order of their names."""
-    found: dict[Path, None] = {}
+    files: dict[Path, None] = {}
     for pattern in patterns:
         paths = sorted(glob(str(folder / pattern), recursive=True))
         if not paths:
             raise FileNotFoundError(f"{folder / pattern} must name files, but there are none")
-        found.update(dict.fromkeys(map(Path, paths)))
-    return list(found)
+        files.update(dict.fromkeys(map(Path, paths)))
+    return list(files)
 
 
 BATCH = 2**17  # rays at a time, which limit the memory; chosen by hand

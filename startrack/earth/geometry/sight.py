@@ -113,9 +113,9 @@ def matrix_elements(columns: int, rows: int) -> list[Elements]:
 def together(lines: list[Elements]) -> Elements:
     """The elements of several lines as those of one, line after line."""
     return Elements(
-        np.concatenate([one.x for one in lines]),
-        np.concatenate([one.y for one in lines]),
-        np.concatenate([one.delay for one in lines]),
+        np.concatenate([elements.x for elements in lines]),
+        np.concatenate([elements.y for elements in lines]),
+        np.concatenate([elements.delay for elements in lines]),
     )
 
 

@@ -149,17 +149,17 @@ def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:
         yield channel, height, figures(channel, band, height, rate)
 
 
-def margins_of(channel: Channel, found: Figures) -> dict[str, float]:
+def margins_of(channel: Channel, predicted_figures: Figures) -> dict[str, float]:
     """Margin of each requirement of a channel, over the requirement; met where it is 0 or more.
 
     Those of GSD and NEdT are limits from above.
     """
     predicted = {
-        "snr": found.snr,
-        "nedt": found.nedt,
-        "mtf": min(found.mtf_across, found.mtf_along),
-        "saturation": found.saturation,
-        "gsd": found.sampling_across,
+        "snr": predicted_figures.snr,
+        "nedt": predicted_figures.nedt,
+        "mtf": min(predicted_figures.mtf_across, predicted_figures.mtf_along),
+        "saturation": predicted_figures.saturation,
+        "gsd": predicted_figures.sampling_across,
     }
     margins = {}
     for name, limit in known(channel.required).items():
@@ -200,13 +200,13 @@ def _lens_over_field(
     assert lens.light is not None
     columns, rows = image_pixels(channel, sensor)
     nyquist = np.array([0.5 / channel.average])
-    colour, found = float(lens.images.colour[0]), []
+    colour, modulations = float(lens.images.colour[0]), []
     for y in np.unique(rows[[0, len(rows) // 2, -1]]).tolist():
         for x in np.linspace(columns[0], columns[-1], PLACES).tolist():
             image = lens.images.image(x, y, colour)[0]
             values = [modulation(image, nyquist, turn)[0] for turn in (0.0, math.pi / 2)]
-            found.append(np.array(values) / image.energy)
-    across, along = np.min(found, axis=0)
+            modulations.append(np.array(values) / image.energy)
+    across, along = np.min(modulations, axis=0)
     along *= abs(pixel_transfer(nyquist / channel.detector.pitch, drift)[0])
     middle = lens.light[len(rows) // 2, channel.columns // 2]
     return float(across * _merged(channel)), float(along), float(lens.light.min() / middle)
@@ -225,8 +225,8 @@ def reference(band: Band) -> float:
     """
     ones = np.ones(1)
     geometry = 0.0, 0.0, SUN, math.pi / 2
-    fine = refine(band.table, Reach(*((one, one) for one in geometry)))
-    sight = Sight(*(one * ones for one in (*geometry, math.cos(SUN), 1.0, 1.0)))
+    fine = refine(band.table, Reach(*((angle, angle) for angle in geometry)))
+    sight = Sight(*(value * ones for value in (*geometry, math.cos(SUN), 1.0, 1.0)))
     grey = np.full(1, GREY)
     return float(radiance(fine, sight, grey, grey, band.heat, WARM * ones).total[0, 0])
 

@@ -87,7 +87,7 @@ def _samples(
     for n, (x, y) in enumerate(inside_pixel(side)):
         down, right = np.meshgrid(step * along + y, step * across + x, indexing="ij")
         # The table goes from the point's image to the pixel, the weights from the pixel to the ray.
-        out[n] = sum(psf_at(np.stack([-down - each, -right], -1)) for each in late)
+        out[n] = sum(psf_at(np.stack([-down - delay, -right], -1)) for delay in late)
     return out
 
 
@@ -123,8 +123,8 @@ class FieldBlur(NamedTuple):
         for strip in strips:
             lines, columns, _ = strip.shape
             down = np.arange(first, first + lines) if self.lines else np.zeros(1)
-            parts = [one(down, np.arange(columns))[..., None] for one in self.parts]
-            yield np.concatenate([strip, *(strip * one.astype(np.float32) for one in parts)], 2)
+            parts = [weights(down, np.arange(columns))[..., None] for weights in self.parts]
+            yield np.concatenate([strip, *(strip * part.astype(np.float32) for part in parts)], 2)
             first += lines
 
     def blurred(self, strips: Iterator[Singles]) -> Iterator[Singles]:
@@ -149,13 +149,13 @@ def field_blur(
     x, y = np.linspace(columns[0], columns[-1], WEIGHT_NODES), np.linspace(rows[0], rows[-1], many)
     place = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     colour = float(psf.colour[0])
-    found = psf.at(place[:, 0], place[:, 1], np.full(len(place), colour))[:, 3:]
+    coefficients = psf.at(place[:, 0], place[:, 1], np.full(len(place), colour))[:, 3:]
     some = place[:: max(1, len(place) // WEIGHT_NODES)].tolist()
     images = (psf.image(right, down, colour)[0] for right, down in [*some, place[-1].tolist()])
-    reach = max(_reach(one, across, along, smear) for one in images)
-    splines = (_spline(one, psf.oversampling) for one in psf.table)
-    given = [_samples(one, side, across, along, smear, reach) for one in splines]
-    weights = _even(np.tensordot(found, np.array(given), 1))
+    reach = max(_reach(image, across, along, smear) for image in images)
+    splines = (_spline(image, psf.oversampling) for image in psf.table)
+    given = [_samples(spline, side, across, along, smear, reach) for spline in splines]
+    weights = _even(np.tensordot(coefficients, np.array(given), 1))
     mean = weights.mean(0)
     off = (weights - mean).reshape(len(place), -1)
     vector = np.linalg.eigh(off @ off.T)[1][:, ::-1]
@@ -168,7 +168,7 @@ def field_blur(
     # Over places of the image, whose first column and line are zero.
     right = np.linspace(0, len(columns) - 1, WEIGHT_NODES)
     down = np.linspace(0, len(rows) - 1, many)
-    parts = tuple(_over_image(down, right, one.reshape(many, -1)) for one in vector.T[:count])
+    parts = tuple(_over_image(down, right, column.reshape(many, -1)) for column in vector.T[:count])
     return FieldBlur(np.concatenate([mean[None], kernels]), parts, many > 1, left)
 
 
@@ -187,24 +187,24 @@ def blur_strips(strips: Iterator[Singles], weights: Floats) -> Iterator[Singles]
             with its last line and column.
     """
     reach = weights.shape[1] // 2
-    held: Singles | None = None
+    buffer: Singles | None = None
     for strip in strips:
-        ahead = np.repeat(strip[:1], reach, 0) if held is None else held
-        held = np.concatenate([ahead, strip])
-        if len(held) > 2 * reach:
-            yield _sum(held, weights)
-            held = held[len(held) - 2 * reach :]
-    if held is not None and reach:
-        yield _sum(np.concatenate([held, np.repeat(held[-1:], reach, 0)]), weights)
+        ahead = np.repeat(strip[:1], reach, 0) if buffer is None else buffer
+        buffer = np.concatenate([ahead, strip])
+        if len(buffer) > 2 * reach:
+            yield _sum(buffer, weights)
+            buffer = buffer[len(buffer) - 2 * reach :]
+    if buffer is not None and reach:
+        yield _sum(np.concatenate([buffer, np.repeat(buffer[-1:], reach, 0)]), weights)
 
 
-def _sum(held: Singles, weights: Floats) -> Singles:
+def _sum(strip: Singles, weights: Floats) -> Singles:
     reach = weights.shape[1] // 2
     total: Any = 0.0
-    for n, each in enumerate(weights):
-        rays = np.ascontiguousarray(held[:, :, n])
-        total = total + cv2.filter2D(rays, cv2.CV_32F, each, borderType=cv2.BORDER_REPLICATE)
-    return total[reach : len(held) - reach]
+    for n, row in enumerate(weights):
+        rays = np.ascontiguousarray(strip[:, :, n])
+        total = total + cv2.filter2D(rays, cv2.CV_32F, row, borderType=cv2.BORDER_REPLICATE)
+    return total[reach : len(strip) - reach]
 
 
 def _radius(psf: Psf) -> float:
@@ -321,11 +321,11 @@ def _ahead(
     for _ in range(SETTLED if ahead else 1):
         frame = columns, rows, pitch, (0.0, down), wavelength, weight
         if traced:
-            found = fit_camera(open_optics(optics, ROOM), *frame)
+            fitted = fit_camera(open_optics(optics, ROOM), *frame)
         else:
-            found = camera_of_cube(optics, *frame)
-        down -= float(found.project(np.array([[0.0, ahead, 1.0]]))[0, 1]) - row
-    return found
+            fitted = camera_of_cube(optics, *frame)
+        down -= float(fitted.project(np.array([[0.0, ahead, 1.0]]))[0, 1]) - row
+    return fitted
 
 
 def _images(
@@ -335,25 +335,25 @@ def _images(
     detector = channel.detector
     colour = np.array([weight @ wavelength / weight.sum()])
     light = weight[None], colour, detector.fill_factor, detector.diffusion
-    most = MOST_NODES if channel.kind == "matrix" else NODES[-1]
-    for count in (each for each in NODES if each <= most):
+    largest = MOST_NODES if channel.kind == "matrix" else NODES[-1]
+    for count in (nodes for nodes in NODES if nodes <= largest):
         if optics.traced:
             lens = open_optics(optics, ROOM)
-            found = field_psf(lens, camera, detector.pitch, wavelength, *light, count)
+            images = field_psf(lens, camera, detector.pitch, wavelength, *light, count)
         else:
-            found = cube_psf(optics, camera, detector.pitch, wavelength, *light, count)
-        numbers = 4 * len(found.x) * len(found.y) * found.table[0].size
-        measured = math.isfinite(found.error)  # not with a coarse tolerance
-        good = found.error <= optics.psf_tolerance if measured else count >= UNMEASURED
+            images = cube_psf(optics, camera, detector.pitch, wavelength, *light, count)
+        numbers = 4 * len(images.x) * len(images.y) * images.table[0].size
+        measured = math.isfinite(images.error)  # not with a coarse tolerance
+        good = images.error <= optics.psf_tolerance if measured else count >= UNMEASURED
         if good or numbers > MOST_NUMBERS:
             break
-    if found.error > LARGEST_ERROR:
+    if images.error > LARGEST_ERROR:
         raise ValueError(
             f"the images of the lens must change so slowly over the field that those between "
-            f"{len(found.x)} places err by at most {LARGEST_ERROR:g} of the peak, got "
-            f"{found.error:.2g}; stop the lens down, or use a smaller field"
+            f"{len(images.x)} places err by at most {LARGEST_ERROR:g} of the peak, got "
+            f"{images.error:.2g}; stop the lens down, or use a smaller field"
         )
-    return found if optics.lens_field else found.of_one_place(float(colour[0]))
+    return images if optics.lens_field else images.of_one_place(float(colour[0]))
 
 
 def _illumination(channel: Channel, camera: Camera, images: FieldPsf, sensor: Sensor) -> Floats:
@@ -400,9 +400,9 @@ def lens_registration(
     plane[:, 1] += math.tan(first.forwards) - math.tan(channel.forwards)
     there = other.project(np.column_stack([plane, np.ones(len(plane))]))
 
-    def metre(one: Channel, grid: Camera, at: Floats) -> Floats:
+    def metre(whole_line: Channel, grid: Camera, at: Floats) -> Floats:
         middle = np.array([(grid.columns - 1) / 2, (grid.rows - 1) / 2])
-        return (at - middle) * (one.detector.pitch / one.optics.image_distance)
+        return (at - middle) * (whole_line.detector.pitch / whole_line.optics.image_distance)
 
     away = metre(channel, camera, place) - metre(first, other, there)
     across, along = np.abs(away).max(0) * channel.optics.image_distance / channel.detector.pitch

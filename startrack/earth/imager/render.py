@@ -139,18 +139,20 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
 
 def _keystone(survey: Survey, channel: Channel) -> tuple[float, float]:
     """Metre by which a channel's image lies farther out at the end of its line, and half of it."""
-    whole = survey.whole(channel)
-    half = whole.detector.columns / 2 * whole.detector.pitch
+    detector_line = survey.whole(channel)
+    half = detector_line.detector.columns / 2 * detector_line.detector.pitch
     spectrometer = survey.camera.spectrometer
     if spectrometer is None or not spectrometer.keystone:
         return 0.0, half
-    means = [mean_wavelength(each) for each in survey.camera.channels]
+    means = [mean_wavelength(band) for band in survey.camera.channels]
     low, high = min(means), max(means)
     if low == high:
         raise ValueError(
             "spectrometer.keystone must be left out of a camera whose channels have one wavelength"
         )
-    return spectrometer.keystone * (2 * mean_wavelength(whole) - low - high) / (high - low), half
+    return spectrometer.keystone * (2 * mean_wavelength(detector_line) - low - high) / (
+        high - low
+    ), half
 
 
 def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float) -> Setting:
@@ -164,8 +166,8 @@ def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float
     nodes = np.unique(np.linspace(shift.min(), shift.max(), SMILES))
     share = lagrange_weights(nodes, np.asarray(shift, float)).T
     bands = [
-        band_of(channel.shifted(one), survey.air, above, survey.sun_distance)
-        for one in nodes.tolist()
+        band_of(channel.shifted(node), survey.air, above, survey.sun_distance)
+        for node in nodes.tolist()
     ]
     answers = np.array([band.electrons for band in bands]) @ share / setting.band.electrons
     light = answers[None] if setting.light is None else setting.light * answers
@@ -197,7 +199,7 @@ def render(
     setting = prepare(survey, channel, folder)
     turn = turn_of(survey, seed)
     strips = _strips(survey, channel, folder, setting, picture, advance, turn)
-    names = [each.name for each in survey.camera.channels]
+    names = [own.name for own in survey.camera.channels]
     first, offset = 0, names.index(channel.name) * MOST_LINES
     for light in _blurred(survey, channel, setting, strips):
         electrons = pixel_electrons(channel, setting, light, first)
@@ -226,7 +228,9 @@ def turn_of(survey: Survey, seed: int) -> Jitter | None:
     if survey.motion == Motion():
         return None
     scenes = [survey.scene(channel) for channel in survey.channels]
-    longest = max((one.sensor.lines - 1) * one.sensor.dating(one.carrier).period for one in scenes)
+    longest = max(
+        (scene.sensor.lines - 1) * scene.sensor.dating(scene.carrier).period for scene in scenes
+    )
     exposures = [channel.detector.exposure for channel in survey.channels]
     return realise_motion(survey.motion, max(longest, *exposures), Streams(seed, 0)).at
 
@@ -242,7 +246,7 @@ def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float,
     turn = turn_of(survey, seed)
     if turn is None:
         return 0.0, 0.0
-    mine, first = (survey.scene(each).sensor for each in (channel, survey.channels[0]))
+    mine, first = (survey.scene(own).sensor for own in (channel, survey.channels[0]))
     time = mine.dating(survey.carrier).at(np.arange(float(mine.lines)))
     away = turn(time) - turn(time - mine.delay + first.delay)
     scale = channel.optics.image_distance / channel.detector.pitch
@@ -295,8 +299,8 @@ def _strips(
         lines, columns, rays = strip.shape
         here = slice(strip.first, strip.first + lines)
         terms = _along_smile(survey.land, strip, setting, spread)
-        for whole, part in zip(picture.terms, terms, strict=True):
-            whole[here] = part.reshape(strip.shape).mean(2) * um
+        for term, part in zip(picture.terms, terms, strict=True):
+            term[here] = part.reshape(strip.shape).mean(2) * um
         longitude, latitude = _place(strip)
         picture.longitude[here], picture.latitude[here] = longitude / deg, latitude / deg
         stages = rays // survey.rays**2
@@ -311,12 +315,12 @@ def _along_smile(land: Land, strip: Strip, setting: Setting, spread: float) -> T
         return radiance_terms(land, strip.ground, setting, spread)
     parts = [
         [
-            np.broadcast_to(share[:, None].astype(np.float32), strip.shape).ravel() * each
-            for each in radiance_terms(land, strip.ground, setting._replace(band=band), spread)
+            np.broadcast_to(share[:, None].astype(np.float32), strip.shape).ravel() * term
+            for term in radiance_terms(land, strip.ground, setting._replace(band=band), spread)
         ]
         for band, share in setting.smile
     ]
-    return Terms(*(np.sum(each, axis=0) for each in zip(*parts, strict=True)))
+    return Terms(*(np.sum(shares, axis=0) for shares in zip(*parts, strict=True)))
 
 
 def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
@@ -329,8 +333,8 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
     warm = temperature(land, ground)
     around = np.array([setting.surroundings])
     direct = None if seen.direct is seen.sky else seen.direct[:, None]
-    found = at_sensor(ground, band.table, seen.sky[:, None], around, band.heat, warm, direct)
-    terms = Terms(*(each[:, 0] for each in found))
+    in_band = at_sensor(ground, band.table, seen.sky[:, None], around, band.heat, warm, direct)
+    terms = Terms(*(term[:, 0] for term in in_band))
     if band.heat is not None and land.hot_spots:
         terms = _burning(terms, land, ground, setting, spread)
     if not setting.clouds:
@@ -369,7 +373,7 @@ def _coarse_ground(scene: EarthScene, channel: Channel, folder: Path) -> list[Gr
 
 def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
     seen = [reflection(land, ground, band.wavelength, band.weight) for ground in glimpse]
-    values = np.concatenate([each.albedo for each in seen])
+    values = np.concatenate([glimpse.albedo for glimpse in seen])
     return float(values.mean()) if len(values) else 0.0
 
 

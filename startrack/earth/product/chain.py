@@ -113,12 +113,12 @@ def make_product(
         which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
         grounds.append(strip.ground[which.ravel()])
         advance(0.3 * strip.shape[0] / lines)
-    if not any(one.hit.any() for one in grounds):
+    if not any(ground.hit.any() for ground in grounds):
         raise ValueError("an image must show the ground to be put on a map, but shows only sky")
     image, around = _layers(radiance, grounds, setting)
-    distance = np.concatenate([one.distance for one in grounds]).reshape(lines, columns)
+    distance = np.concatenate([ground.distance for ground in grounds]).reshape(lines, columns)
     longitude, latitude = (
-        np.concatenate([getattr(one, name) for one in grounds])
+        np.concatenate([getattr(ground, name) for ground in grounds])
         for name in ("longitude", "latitude")
     )
     size = float(np.nanmedian(distance)) * channel.detector.pitch / channel.optics.image_distance
@@ -132,8 +132,8 @@ def make_product(
     ):  # fmt: skip
         bits = part.quality | np.where(touched(saturated, part.pixel), SATURATED, 0)
         for name, values in image.items():
-            found = resample(values, part.pixel, settings.resampling)
-            layers[name][part.rows] = np.where(bits & NO_DATA, math.nan, found)
+            resampled = resample(values, part.pixel, settings.resampling)
+            layers[name][part.rows] = np.where(bits & NO_DATA, math.nan, resampled)
         lost = np.isnan(layers["radiance"][part.rows])
         quality[part.rows] = np.where(lost, NO_DATA, bits)
         advance(0.7 * (part.rows.stop - part.rows.start) / grid.rows)
@@ -144,15 +144,15 @@ def _layers(
     radiance: Floats, grounds: list[Ground], setting: Setting
 ) -> tuple[dict[str, Floats], float]:
     """Layers (lines, columns) in the image, and the mean reflectance of the ground."""
-    ends = np.cumsum([len(one) for one in grounds])[:-1]
+    ends = np.cumsum([len(ground) for ground in grounds])[:-1]
     parts = np.split(radiance.ravel(), ends)
     around = mean_reflectance(parts, grounds, setting)
     here = setting._replace(surroundings=0.0 if math.isnan(around) else around)
-    found = [retrieve(one, ground, here) for one, ground in zip(parts, grounds, strict=True)]
+    retrievals = [retrieve(part, ground, here) for part, ground in zip(parts, grounds, strict=True)]
     image = {"radiance": radiance}
     for name, values in zip(
         ("reflectance", "surface reflectance", "brightness temperature"),
-        zip(*found, strict=True), strict=True,
+        zip(*retrievals, strict=True), strict=True,
     ):  # fmt: skip
         if values[0] is not None:
             image[name] = np.concatenate(values).reshape(radiance.shape)

@@ -155,7 +155,7 @@ class MapGrid(NorthUp):
         """Longitude and latitude (n,) radian of the middles of the cells of some rows."""
         y = self.north - (np.arange(rows.start, rows.stop, dtype=float) + 0.5) * self.step_y
         x = self.west + (np.arange(self.columns, dtype=float) + 0.5) * self.step_x
-        x, y = (each.ravel() for each in np.meshgrid(x, y))
+        x, y = (coordinate.ravel() for coordinate in np.meshgrid(x, y))
         return transformed(x, y, self.system, GEOGRAPHIC, 1.0, deg)
 
 
@@ -169,8 +169,8 @@ def transformed(
     if system == other:
         return x * (other_unit / unit), y * (other_unit / unit)
     warp = require_rasterio("to project maps").warp
-    found = warp.transform(system, other, x / unit, y / unit)
-    return np.array(found[0]) * other_unit, np.array(found[1]) * other_unit
+    coordinates = warp.transform(system, other, x / unit, y / unit)
+    return np.array(coordinates[0]) * other_unit, np.array(coordinates[1]) * other_unit
 
 
 def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -> MapGrid:
@@ -187,7 +187,7 @@ def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -
     longitude, latitude = longitude[known], latitude[known]
     # Around the first point, so that no image ends at the date line.
     longitude = longitude[0] + (longitude - longitude[0] + math.pi) % (2 * math.pi) - math.pi
-    east, north = (float(np.median(each)) / deg for each in (longitude, latitude))
+    east, north = (float(np.median(angle)) / deg for angle in (longitude, latitude))
     if projection == "utm":
         zone = int((east + 180) % 360 // 6) + 1
         system = f"EPSG:{(32600 if north >= 0 else 32700) + zone}"
@@ -293,9 +293,9 @@ def resample(values: Floats, pixel: Floats, method: str) -> Floats:
     # Half a pixel beyond the middles of the outermost ones, which are repeated there.
     at = np.clip(pixel[inside], 0, np.array([lines - 1, columns - 1])).T
     filled = np.where(known, values, values[known].mean())
-    found = map_coordinates(filled, at, order=order, mode="nearest")
+    interpolated = map_coordinates(filled, at, order=order, mode="nearest")
     lost = map_coordinates((~known).astype(float), at, order=min(order, 1), mode="nearest")
-    out[inside] = np.where(lost > 1e-6, math.nan, found)
+    out[inside] = np.where(lost > 1e-6, math.nan, interpolated)
     return out
 
 

@@ -79,14 +79,14 @@ def calibrate(
     full = (largest - detector.offset) * detector.full_well / largest / detector.gain
     full = min(full, detector.full_well)
     light = np.array([0.0, *FRACTIONS, TOO_MUCH]) * full / setting.electrons
-    names = [each.name for each in survey.camera.channels]
+    names = [own.name for own in survey.camera.channels]
     first = (len(names) + names.index(channel.name)) * MOST_LINES
     mean, variance = [], []
-    for level, one in enumerate(light):
+    for level, radiance_of_level in enumerate(light):
         turn = first + level * IN_TURN
         expose = _lines if scanner else _frames
-        each, spread = expose(channel, setting, one, count, seed, turn)
-        mean.append(each)
+        average, spread = expose(channel, setting, radiance_of_level, count, seed, turn)
+        mean.append(average)
         variance.append(spread)
         advance(1)
     signal = mean[1 + TRANSFER] - mean[0]
@@ -205,8 +205,8 @@ def apparent_reflectance(radiance: Floats, sun_zenith: Floats, band: Band) -> Fl
     """
     cosine = np.cos(sun_zenith)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = math.pi * radiance / um / (band.irradiance * cosine)
-    return np.where(cosine > 0, found, math.nan)
+        apparent = math.pi * radiance / um / (band.irradiance * cosine)
+    return np.where(cosine > 0, apparent, math.nan)
 
 
 def surface_reflectance(radiance: Floats, ground: Ground, setting: Setting) -> Floats:
@@ -237,23 +237,25 @@ def mean_reflectance(radiance: list[Floats], grounds: list[Ground], setting: Set
     """
     if is_thermal(setting.band):
         return math.nan
-    step = max(1, sum(len(one) for one in grounds) // THINNED)
-    some = [(one[::step], ground[::step]) for one, ground in zip(radiance, grounds, strict=True)]
+    step = max(1, sum(len(values) for values in grounds) // THINNED)
+    some = [
+        (values[::step], ground[::step]) for values, ground in zip(radiance, grounds, strict=True)
+    ]
     around = FIRST
     for _ in range(ROUNDS):
         here = setting._replace(surroundings=around)
-        found = np.concatenate([surface_reflectance(*one, here) for one in some])
-        found = found[np.isfinite(found)]
-        around = float(np.clip(found.mean(), 0, 1)) if len(found) else 0.0
+        reflectance = np.concatenate([surface_reflectance(*part, here) for part in some])
+        reflectance = reflectance[np.isfinite(reflectance)]
+        around = float(np.clip(reflectance.mean(), 0, 1)) if len(reflectance) else 0.0
     return around
 
 
 def _air(ground: Ground, setting: Setting) -> tuple[Floats, Floats]:
     """Radiance (n,) of the air, and that of white ground, watt / m^2 / sr / m."""
     around = np.array([setting.surroundings])
-    found = at_sensor(ground, setting.band.table, np.ones(1), around)
+    terms = at_sensor(ground, setting.band.table, np.ones(1), around)
     scattered, direct, indirect = (
-        each[:, 0].astype(np.float64) for each in (found.scattered, found.direct, found.indirect)
+        term[:, 0].astype(np.float64) for term in (terms.scattered, terms.direct, terms.indirect)
     )
     return scattered, direct + indirect
 
@@ -269,7 +271,7 @@ def brightness_temperature(radiance: Floats, band: Band) -> Floats:
     temperature = 1 / np.linspace(1 / 50.0, 1 / 3000.0, 4000)
     table = np.log(band.heat(temperature)[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.interp(
+        inverse = np.interp(
             np.log(radiance / um), table, 1 / temperature, left=math.nan, right=math.nan
         )
-        return 1 / found
+        return 1 / inverse

@@ -8,7 +8,7 @@ import numpy as np
 
 from startrack.core import kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
-from startrack.earth.terrain.march import Segment, above, lay, onset
+from startrack.earth.terrain.march import Segment, above, entry_and_exit, segment_from
 from startrack.earth.terrain.path import Path, Ray, path_at
 
 POLISHED = 1e-9  # metre, change at the next step of Newton's method
@@ -41,9 +41,9 @@ def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
         t = t + step
     u, v = u0 + t * (path.u1 + t * path.u2), v0 + t * (path.v1 + t * path.v2)
     height = path.h0 + t * (path.h1 + t * path.h2)
-    found = (abs(step) < POLISHED) & (abs(t) < NEAR) & (change < 0)
-    found = found & (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
-    return found, guess + t, u + i, v + j, height, path.sine, path.cosine
+    converged = (abs(step) < POLISHED) & (abs(t) < NEAR) & (change < 0)
+    converged = converged & (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    return converged, guess + t, u + i, v + j, height, path.sine, path.cosine
 
 
 @kernel
@@ -123,13 +123,13 @@ def empty_bundle():  # type: ignore[no-untyped-def]
 
 @kernel
 def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
-    """The first path of each ray, by `onset` and `lay`."""
+    """The first path of each ray, by `entry_and_exit` and `lay`."""
     for k in range(WIDTH):
         ray, start = ray_of(bundle, k), bundle[START + k]
-        begin, end = onset(lines, ray, start)
+        begin, end = entry_and_exit(lines, ray, start)
         # A shadow begins on the surface, where its path must be best.
         ahead = (not exact) & (begin <= start)
-        middle, half, margin, path = lay(lines, ray, begin, end, ahead)
+        middle, half, margin, path = segment_from(lines, ray, begin, end, ahead)
         bundle[BEGIN + k], bundle[END + k] = begin, end
         bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k] = middle, half, margin
         bundle[U0 + k], bundle[U1 + k], bundle[U2 + k] = path.u0, path.u1, path.u2
@@ -166,13 +166,13 @@ def refine_all(bundle, lines):  # type: ignore[no-untyped-def]
         ray = ray_of(bundle, k)
         i, j = bundle[COLUMN + k], bundle[ROW + k]
         b, c, d = bundle[B + k], bundle[C + k], bundle[D + k]
-        found, s, u, v, height, sine, cosine = refine(
+        converged, s, u, v, height, sine, cosine = refine(
             lines, ray, bundle[GUESS + k], j, i, (bundle[A + k], b, c, d)
         )
         nx, ny, nz = normal_at(
             lines, ray.x + s * ray.dx, ray.y + s * ray.dy, height, sine, cosine,
             b + d * (v - j), c + d * (u - i),
         )  # fmt: skip
-        bundle[FOUND + k] = s if found else np.nan
+        bundle[FOUND + k] = s if converged else np.nan
         bundle[U + k], bundle[V + k], bundle[HEIGHT + k] = u, v, height
         bundle[NX + k], bundle[NY + k], bundle[NZ + k] = nx, ny, nz

@@ -55,7 +55,7 @@ class Piece(NamedTuple):
 
 
 @kernel(forceinline=True)
-def onset(lines, ray, start):  # type: ignore[no-untyped-def]
+def entry_and_exit(lines, ray, start):  # type: ignore[no-untyped-def]
     """Distances between which a ray can meet a surface; the second is smaller if it cannot."""
     enter, end = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.highest + SHELL_MARGIN)
     below, _ = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.lowest - SHELL_MARGIN)
@@ -64,7 +64,7 @@ def onset(lines, ray, start):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def lay(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
+def segment_from(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
     """The Segment of a ray that begins at `begin`.
 
     ahead  whether its middle, where it is exact, lies at `begin` and not half its length farther
@@ -93,7 +93,7 @@ def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-
         if not begin < middle + half < end:
             return MISS, math.inf, math.inf, math.inf, 0, 0
         begin = middle + half
-        segment = lay(lines, ray, begin, end, False)
+        segment = segment_from(lines, ray, begin, end, False)
 
 
 @kernel(forceinline=True)
@@ -117,9 +117,9 @@ def _along(lines, surface, ray, segment, begin):  # type: ignore[no-untyped-def]
                 from_, to = _within(path.v0, path.v1, path.v2, south, lines.rows, from_, to)
             if from_ < to:
                 piece = Piece(u0, begin, to, east, south)
-                found = _through(lines, surface, ray, segment, piece, from_)
-                if found[0] != MISS:
-                    return found
+                status = _through(lines, surface, ray, segment, piece, from_)
+                if status[0] != MISS:
+                    return status
         begin = end
     return MISS, math.inf, math.inf, math.inf, 0, 0
 
@@ -161,83 +161,73 @@ def _cell(position, low, high):  # type: ignore[no-untyped-def]
     return min(max(math.floor(position), low), high)
 
 
-# Long, because each step needs nearly all of the state: position, block, tile.
+class Rates(NamedTuple):
+    """Bounds of a monotonic piece from where it is followed on.
+
+    u, v   largest columns and rows per metre
+    slack  1, by which the error of the path's slope may grow
+    """
+
+    u: float
+    v: float
+    slack: float
+
+
 @kernel(forceinline=True)
 def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped-def]
-    """Follow a monotonic piece from `s` on through the blocks of the grid."""
+    """Follow a monotonic piece from `s` on through the blocks of the grid.
+
+    A block is entered, and split where the path comes below its maximum, until it is a single cell,
+    where `_cell_by_parabola` or `_cell_exact` decides; then the path leaves for the next block.
+
+    Returns  as `march`, distances from the middle of the path; CLEAR where nothing lies ahead
+    """
+    # Once, as numba counts each use of an array of a tuple.
     heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
     top, slots, used, horizon = surface.top, surface.slot, surface.used, surface.horizon
-    path, margin, half = segment.path, segment.margin, segment.half
+    path, margin = segment.path, segment.margin
     u0, end, east, south = piece.u0, piece.end, piece.east, piece.south
-    u1, u2 = path.u1, path.u2
-    v0, v1, v2 = path.v0, path.v1, path.v2
-    h0, h1, h2 = path.h0, path.h1, path.h2
-    per_u = 1 / u1 if east * u1 > 0 else math.nan
-    per_v = 1 / v1 if south * v1 > 0 else math.nan
-    curl_u, curl_v = u2 * per_u, v2 * per_v
-    past_u, past_v = 1 if east > 0 else 0, 1 if south > 0 else 0
-    last_i, last_j = lines.columns - 1, lines.rows - 1
-    i, j = _cell(u0 + s * (u1 + s * u2), 0, last_i), _cell(v0 + s * (v1 + s * v2), 0, last_j)
-    last_u, last_v = u0 + end * (u1 + end * u2), v0 + end * (v1 + end * v2)
+    i = _cell(_at(u0, path.u1, path.u2, s), 0, lines.columns - 1)
+    j = _cell(_at(path.v0, path.v1, path.v2, s), 0, lines.rows - 1)
+    last_u, last_v = _at(u0, path.u1, path.u2, end), _at(path.v0, path.v1, path.v2, end)
     end_i, end_j = math.floor(last_u), math.floor(last_v)
-    # A rising ray cannot meet a block whose steepness times these rates is below the ray's slope;
-    # the path's error grows by no more than the last term.
-    fast_u = max(abs(u1 + 2 * s * u2), abs(u1 + 2 * end * u2))
-    fast_v = max(abs(v1 + 2 * s * v2), abs(v1 + 2 * end * v2))
-    slack = 3 * margin / half
-    slope = h1 + 2 * s * h2
+    per_u = 1 / path.u1 if east * path.u1 > 0 else math.nan
+    per_v = 1 / path.v1 if south * path.v1 > 0 else math.nan
+    curl_u, curl_v = path.u2 * per_u, path.v2 * per_v
+    past_u, past_v = 1 if east > 0 else 0, 1 if south > 0 else 0
+    # A rising ray cannot meet a block whose steepness times these rates is below the ray's slope.
+    rates = Rates(
+        max(abs(path.u1 + 2 * s * path.u2), abs(path.u1 + 2 * end * path.u2)),
+        max(abs(path.v1 + 2 * s * path.v2), abs(path.v1 + 2 * end * path.v2)),
+        3 * margin / segment.half,
+    )
     slot = slots[j >> SIZE, i >> SIZE]
-    level, sure, drop = SIZE, False, 1
-    if slot >= 0 and slope > 0:
-        used[slot] = 1
-        sure = _over(heights, path, u0, slot, j, i, s)
-        level = 0
-        if sure:
-            height = h0 + s * (h1 + s * h2) - margin
-            level = _start(maxima, steepness, slot, j, i, height, slope - slack, fast_u, fast_v)
-    elif slot >= 0:  # begin with blocks about as large as the piece is long
-        level = 0
-        extent = max(abs(last_u - i), abs(last_v - j))
-        while level < SIZE and extent > (1 << level):
-            level += 1
-        # A steeply falling ray meets the surface of a block soon after it falls below its maximum.
-        steep = slope * slope / (1 - slope * slope)
-        while steep > 4 and drop < DIVE:
-            steep *= 0.25
-            drop += 1
+    extent = max(abs(last_u - i), abs(last_v - j))
+    level, sure, drop = _first_block(
+        heights, maxima, steepness, used, segment, u0, rates, slot, j, i, s, extent
+    )
     while True:
         # A ray that ends in its present block does not leave it.
         exit_u = exit_v = math.inf
         if (i ^ end_i) >> level:
-            exit_u = _border(
-                u0, u1, u2, per_u, curl_u, east, float(((i >> level) + past_u) << level)
-            )
+            border = float(((i >> level) + past_u) << level)
+            exit_u = _border(u0, path.u1, path.u2, per_u, curl_u, east, border)
         if (j ^ end_j) >> level:
-            exit_v = _border(
-                v0, v1, v2, per_v, curl_v, south, float(((j >> level) + past_v) << level)
-            )
+            border = float(((j >> level) + past_v) << level)
+            exit_v = _border(path.v0, path.v1, path.v2, per_v, curl_v, south, border)
         leave = max(s, min(min(exit_u, exit_v), end))
-        slope = h1 + 2 * s * h2
+        slope = path.h1 + 2 * s * path.h2
         if sure and slope > 0 and len(horizon.bound) > 0:
-            u, v = u0 + s * (u1 + s * u2), v0 + s * (v1 + s * v2)
-            if h0 + s * (h1 + s * h2) - margin > _horizon_at(horizon, u, v):
+            u, v = _at(u0, path.u1, path.u2, s), _at(path.v0, path.v1, path.v2, s)
+            if _at(path.h0, path.h1, path.h2, s) - margin > _horizon_at(horizon, u, v):
                 return CLEAR, math.inf, math.inf, math.inf, 0, 0
-        lowest = h0 + s * (h1 + s * h2) if slope >= 0 else h0 + leave * (h1 + leave * h2)
-        if slope < 0 < h1 + 2 * leave * h2:
-            lowest = h0 - 0.25 * h1 * h1 / h2
-        bound = math.inf
-        if level == SIZE:
-            bound = top[j >> SIZE, i >> SIZE]
-        elif level > 0:
-            bound = maxima[
-                slot, block(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
-            ]
-        if lowest <= bound + margin and not (
+        bound = _highest(top, maxima, slot, level, j, i)
+        if _lowest(path, slope, s, leave) <= bound + margin and not (
             slope > 0
             and sure
             and level >= PATCH
             and slot >= 0
-            and _outruns(steepness, slot, level, j, i, slope - slack, fast_u, fast_v)
+            and _too_steep(steepness, slot, level, j, i, slope, rates)
         ):
             if level > 0:
                 if level == SIZE:
@@ -245,22 +235,20 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
                     if slot < 0:
                         return ABSENT, s, s, s, j >> SIZE, i >> SIZE
                 # The height is convex, so its tangent reaches the bound before the path does.
-                spare = h0 + s * (h1 + s * h2) - bound - margin
+                spare = _at(path.h0, path.h1, path.h2, s) - bound - margin
                 if spare > 0 and slope < 0:
                     s = min(s - spare / slope, leave)
-                    west, north = (i >> level) << level, (j >> level) << level
-                    size = (1 << level) - 1
-                    i = _cell(u0 + s * (u1 + s * u2), west, min(west + size, last_i))
-                    j = _cell(v0 + s * (v1 + s * v2), north, min(north + size, last_j))
+                    i = _cell_in_block(_at(u0, path.u1, path.u2, s), i, level, lines.columns)
+                    j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, lines.rows)
                 level = max(0, level - drop)
                 continue
             used[slot] = 1
-            found, low, high, guess = _leaf(heights, segment, u0, s, leave, slot, j, i)
-            if found == ABSENT:
-                found, low, high, guess = _doubt(
+            status, low, high, guess = _cell_by_parabola(heights, segment, u0, s, leave, slot, j, i)
+            if status == ABSENT:
+                status, low, high, guess = _cell_exact(
                     lines, heights, ray, segment.middle, piece, s, leave, slot, j, i
                 )
-            if found == HIT:
+            if status == HIT:
                 return HIT, low, high, guess, j, i
             sure = not math.isnan(low)
         else:
@@ -269,24 +257,89 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
             return MISS, math.inf, math.inf, math.inf, 0, 0
         s = leave
         old_j, old_i = j, i
-        size = (1 << level) - 1
         if exit_u <= exit_v:
-            west, north = (i >> level) << level, (j >> level) << level
-            i = west + size + 1 if east > 0 else west - 1
-            j = _cell(v0 + s * (v1 + s * v2), north, min(north + size, last_j))
+            i = _next_block(i, level, east)
+            j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, lines.rows)
             outer = (old_i ^ i) >> (level + 1)
         else:
-            west, north = (i >> level) << level, (j >> level) << level
-            j = north + size + 1 if south > 0 else north - 1
-            i = _cell(u0 + s * (u1 + s * u2), west, min(west + size, last_i))
+            j = _next_block(j, level, south)
+            i = _cell_in_block(_at(u0, path.u1, path.u2, s), i, level, lines.columns)
             outer = (old_j ^ j) >> (level + 1)
-        if i < 0 or j < 0 or i > last_i or j > last_j:
+        if i < 0 or j < 0 or i >= lines.columns or j >= lines.rows:
             return MISS, math.inf, math.inf, math.inf, 0, 0
         if outer and level < SIZE:  # out of the next larger block, too
             level += 1
             if (old_i ^ i) >> SIZE or (old_j ^ j) >> SIZE:
                 slot = slots[j >> SIZE, i >> SIZE]
                 level = SIZE
+
+
+@kernel(forceinline=True)
+def _at(q0: float, q1: float, q2: float, s: float) -> float:
+    """A coordinate of a path at the distance `s`."""
+    return q0 + s * (q1 + s * q2)
+
+
+@kernel(forceinline=True)
+def _first_block(heights, maxima, steepness, used, segment, u0, rates, slot, j, i, s, extent):  # type: ignore[no-untyped-def]
+    """Level of the first block of a piece in the cell [j, i].
+
+    extent   cells, of the piece along columns or rows
+    Returns  level; whether the path is surely above the surface there; levels that it descends at a
+             time
+    """
+    path, level, sure, drop = segment.path, SIZE, False, 1
+    slope = path.h1 + 2 * s * path.h2
+    if slot >= 0 and slope > 0:
+        used[slot] = 1
+        sure = _over(heights, path, u0, slot, j, i, s)
+        level = 0
+        if sure:
+            height = _at(path.h0, path.h1, path.h2, s) - segment.margin
+            level = _start(maxima, steepness, slot, j, i, height, slope, rates)
+    elif slot >= 0:  # begin with blocks about as large as the piece is long
+        level = 0
+        while level < SIZE and extent > (1 << level):
+            level += 1
+        # A steeply falling ray meets the surface of a block soon after it falls below its maximum.
+        steep = slope * slope / (1 - slope * slope)
+        while steep > 4 and drop < DIVE:
+            steep *= 0.25
+            drop += 1
+    return level, sure, drop
+
+
+@kernel(forceinline=True)
+def _lowest(path, slope, s, leave):  # type: ignore[no-untyped-def]
+    """Least height of a path between two distances; `slope` is that at the first."""
+    if slope < 0 < path.h1 + 2 * leave * path.h2:
+        return path.h0 - 0.25 * path.h1 * path.h1 / path.h2
+    return _at(path.h0, path.h1, path.h2, s if slope >= 0 else leave)
+
+
+@kernel(forceinline=True)
+def _highest(top, maxima, slot, level, j, i):  # type: ignore[no-untyped-def]
+    """Largest height of the block around the cell [j, i]; infinity of a single cell."""
+    if level == SIZE:
+        return top[j >> SIZE, i >> SIZE]
+    if level == 0:
+        return math.inf
+    n = block(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
+    return maxima[slot, n]
+
+
+@kernel(forceinline=True)
+def _cell_in_block(position, cell, level, cells):  # type: ignore[no-untyped-def]
+    """Number of the cell at a position, kept inside the block of another and inside the grid."""
+    first = (cell >> level) << level
+    return _cell(position, first, min(first + (1 << level) - 1, cells - 1))
+
+
+@kernel(forceinline=True)
+def _next_block(cell, level, sign):  # type: ignore[no-untyped-def]
+    """Number of the first cell beyond the block of a cell."""
+    first = (cell >> level) << level
+    return first + (1 << level) if sign > 0 else first - 1
 
 
 @kernel(forceinline=True)
@@ -303,7 +356,7 @@ def _horizon_at(horizon, u, v):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
+def _cell_by_parabola(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
     """Whether the path meets the surface of one cell between two distances, and an estimate where.
 
     A parabola through three heights above the surface decides: MISS, HIT, or ABSENT where exact
@@ -317,7 +370,7 @@ def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untype
     # The error of the path grows with the cube of the distance from its middle.
     fraction = max(abs(s), abs(leave)) / segment.half
     margin = segment.margin * (fraction * fraction * fraction)
-    if not _dip(first, second, third)[0] <= margin:  # true of a hole too
+    if not _parabola_minimum(first, second, third)[0] <= margin:  # true of a hole too
         return MISS, first, math.inf, math.inf
     if first > margin and third < -margin:
         bend, slope = 0.5 * (first + third) - second, 0.5 * (third - first)
@@ -327,22 +380,23 @@ def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untype
 
 
 @kernel(forceinline=True)
-def _outruns(steepness, slot, level, j, i, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
+def _too_steep(steepness, slot, level, j, i, slope, rates):  # type: ignore[no-untyped-def]
     """Whether a path that is above the surface rises too steeply to meet it within a block."""
     n = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
-    return steepness[slot, n, 0] * fast_u + steepness[slot, n, 1] * fast_v < slope
+    ground = steepness[slot, n, 0] * rates.u + steepness[slot, n, 1] * rates.v
+    return ground < slope - rates.slack
 
 
 @kernel(forceinline=True)
-def _start(maxima, steepness, slot, j, i, height, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
-    """Level of a block, nearly the largest, that a rising path leaves without meeting its surface.
+def _start(maxima, steepness, slot, j, i, height, slope, rates):  # type: ignore[no-untyped-def]
+    """Level of a block, nearly the largest, that a rising path leaves without meeting its
 
     The path is above the surface of the cell [j, i].
     """
-    if _outruns(steepness, slot, SIZE, j, i, slope, fast_u, fast_v):
+    if _too_steep(steepness, slot, SIZE, j, i, slope, rates):
         return SIZE
     level = PATCH - 1
-    while _outruns(steepness, slot, level + 1, j, i, slope, fast_u, fast_v):
+    while _too_steep(steepness, slot, level + 1, j, i, slope, rates):
         level += 1
     if level >= PATCH:
         return level
@@ -369,8 +423,8 @@ def _clear(path, u0, v0, a, b, c, d, s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
-    """As `_leaf`, on exact heights."""
+def _cell_exact(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
+    """As `_cell_by_parabola`, on exact heights."""
     half = 0.5 * (leave - s)
     low, high, guess = s, leave, s + half
     first = second = third = 0.0
@@ -390,7 +444,7 @@ def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: i
             break
         first, second, third = second, third, value
         if turn == 2:
-            position = _dip(first, second, third)[1]
+            position = _parabola_minimum(first, second, third)[1]
             if not -1 < position < 1:
                 return MISS, math.inf, math.inf, math.inf
             guess = s + half * (1 + position)
@@ -410,7 +464,7 @@ def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _dip(first, second, third):  # type: ignore[no-untyped-def]
+def _parabola_minimum(first, second, third):  # type: ignore[no-untyped-def]
     """Minimum of the parabola through values at -1, 0 and 1 within [-1, 1], and its position."""
     slope, bend = 0.5 * (third - first), 0.5 * (first + third) - second
     if bend > 0 and abs(slope) < 2 * bend:

@@ -73,9 +73,9 @@ def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
     cell = width if width < depth else depth
     tolerance = TOLERANCE * (cell if cell < 1 else 1.0)
     half = _cube_root(6 * tolerance * across_2 / (8 * level))
-    most = half if half < LONGEST * across else LONGEST * across
-    half = most if most < longest else longest
-    fraction = half / most
+    length = half if half < LONGEST * across else LONGEST * across
+    half = length if length < longest else longest
+    fraction = half / length
     margin = tolerance + (lines.highest - lines.lowest) * 2 * tolerance / cell
     return half, margin * fraction * fraction * fraction
 

@@ -52,11 +52,11 @@ class Chart:
         if not self.exact:
             coarse = np.floor(np.log2(cell / grid.step_y) + 1e-6)
             level = np.clip(coarse, 0, self.mosaic.levels - 1).astype(np.int64)
-        for each in np.unique(level):
-            mine = np.flatnonzero(level == each)
-            u = ((longitude[mine] - grid.west) % FULL_TURN) / grid.step_x / 2.0**each
-            v = (grid.north - latitude[mine]) / grid.step_y / 2.0**each
-            self._fill(out, mine, int(each), v, u)
+        for own_level in np.unique(level):
+            mine = np.flatnonzero(level == own_level)
+            u = ((longitude[mine] - grid.west) % FULL_TURN) / grid.step_x / 2.0**own_level
+            v = (grid.north - latitude[mine]) / grid.step_y / 2.0**own_level
+            self._fill(out, mine, int(own_level), v, u)
         return out
 
     def _fill(self, out: Floats, mine: NDArray[np.intp], level: int, v: Floats, u: Floats) -> None:

@@ -150,13 +150,13 @@ def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-unt
         if not begin < end:
             status[n], distance[n] = MISS, math.inf
             continue
-        found, low, high, guess, j, i = march(
+        status[n], low, high, guess, j, i = march(
             lines, surface, ray_of(bundle, k), segment_of(bundle, k), begin, end
         )
-        status[n], distance[n] = found, guess
-        if found == ABSENT:
+        distance[n] = guess
+        if status[n] == ABSENT:
             tile[n, 0], tile[n, 1] = j, i
-        elif found == HIT and exact:
+        elif status[n] == HIT and exact:
             bundle[of.GUESS + k], bundle[of.LOW + k], bundle[of.HIGH + k] = guess, low, high
             bundle[of.COLUMN + k], bundle[of.ROW + k] = i, j
             a, b, c, d = corners(
