@@ -174,6 +174,69 @@ class Rates(NamedTuple):
 
 
 @kernel(forceinline=True)
+def _rates_of(segment, s, end):  # type: ignore[no-untyped-def]
+    path = segment.path
+    return Rates(
+        max(abs(path.u1 + 2 * s * path.u2), abs(path.u1 + 2 * end * path.u2)),
+        max(abs(path.v1 + 2 * s * path.v2), abs(path.v1 + 2 * end * path.v2)),
+        3 * segment.margin / segment.half,
+    )
+
+
+class Borders(NamedTuple):
+    """What gives the borders of blocks that a monotonic piece crosses.
+
+    last_u, last_v   column and row at the end of the piece
+    end_i, end_j     the cell there
+    per_u, per_v     metre per column and row; NaN where the piece is on the other branch
+    curl_u, curl_v   1 / metre, bend of columns and rows over their slope
+    past_u, past_v   blocks between the near border of a block and that at which the piece leaves it
+    """
+
+    last_u: float
+    last_v: float
+    end_i: int
+    end_j: int
+    per_u: float
+    per_v: float
+    curl_u: float
+    curl_v: float
+    past_u: int
+    past_v: int
+
+
+@kernel(forceinline=True)
+def _borders_of(path, piece):  # type: ignore[no-untyped-def]
+    last_u = _at(piece.u0, path.u1, path.u2, piece.end)
+    last_v = _at(path.v0, path.v1, path.v2, piece.end)
+    per_u = 1 / path.u1 if piece.east * path.u1 > 0 else math.nan
+    per_v = 1 / path.v1 if piece.south * path.v1 > 0 else math.nan
+    return Borders(
+        last_u, last_v, math.floor(last_u), math.floor(last_v), per_u, per_v,
+        path.u2 * per_u, path.v2 * per_v,
+        1 if piece.east > 0 else 0, 1 if piece.south > 0 else 0,
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _exits(borders, path, piece, level, j, i):  # type: ignore[no-untyped-def]
+    """Distances at which a piece leaves its block through a column and through a row.
+
+    Infinity where it ends inside the block.
+    """
+    exit_u = exit_v = math.inf
+    if (i ^ borders.end_i) >> level:
+        column = float(((i >> level) + borders.past_u) << level)
+        exit_u = _border(
+            piece.u0, path.u1, path.u2, borders.per_u, borders.curl_u, piece.east, column
+        )
+    if (j ^ borders.end_j) >> level:
+        row = float(((j >> level) + borders.past_v) << level)
+        exit_v = _border(path.v0, path.v1, path.v2, borders.per_v, borders.curl_v, piece.south, row)
+    return exit_u, exit_v
+
+
+@kernel(forceinline=True)
 def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped-def]
     """Follow a monotonic piece from `s` on through the blocks of the grid.
 
@@ -186,35 +249,18 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
     heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
     top, slots, used, horizon = surface.top, surface.slot, surface.used, surface.horizon
     path, margin = segment.path, segment.margin
-    u0, end, east, south = piece.u0, piece.end, piece.east, piece.south
-    i = _cell(_at(u0, path.u1, path.u2, s), 0, lines.columns - 1)
-    j = _cell(_at(path.v0, path.v1, path.v2, s), 0, lines.rows - 1)
-    last_u, last_v = _at(u0, path.u1, path.u2, end), _at(path.v0, path.v1, path.v2, end)
-    end_i, end_j = math.floor(last_u), math.floor(last_v)
-    per_u = 1 / path.u1 if east * path.u1 > 0 else math.nan
-    per_v = 1 / path.v1 if south * path.v1 > 0 else math.nan
-    curl_u, curl_v = path.u2 * per_u, path.v2 * per_v
-    past_u, past_v = 1 if east > 0 else 0, 1 if south > 0 else 0
-    # A rising ray cannot meet a block whose steepness times these rates is below the ray's slope.
-    rates = Rates(
-        max(abs(path.u1 + 2 * s * path.u2), abs(path.u1 + 2 * end * path.u2)),
-        max(abs(path.v1 + 2 * s * path.v2), abs(path.v1 + 2 * end * path.v2)),
-        3 * margin / segment.half,
-    )
+    u0, end = piece.u0, piece.end
+    last_i, last_j = lines.columns - 1, lines.rows - 1
+    i = _cell(_at(u0, path.u1, path.u2, s), 0, last_i)
+    j = _cell(_at(path.v0, path.v1, path.v2, s), 0, last_j)
+    borders, rates = _borders_of(path, piece), _rates_of(segment, s, end)
     slot = slots[j >> SIZE, i >> SIZE]
-    extent = max(abs(last_u - i), abs(last_v - j))
+    extent = max(abs(borders.last_u - i), abs(borders.last_v - j))
     level, sure, drop = _first_block(
         heights, maxima, steepness, used, segment, u0, rates, slot, j, i, s, extent
     )
     while True:
-        # A ray that ends in its present block does not leave it.
-        exit_u = exit_v = math.inf
-        if (i ^ end_i) >> level:
-            border = float(((i >> level) + past_u) << level)
-            exit_u = _border(u0, path.u1, path.u2, per_u, curl_u, east, border)
-        if (j ^ end_j) >> level:
-            border = float(((j >> level) + past_v) << level)
-            exit_v = _border(path.v0, path.v1, path.v2, per_v, curl_v, south, border)
+        exit_u, exit_v = _exits(borders, path, piece, level, j, i)
         leave = max(s, min(min(exit_u, exit_v), end))
         slope = path.h1 + 2 * s * path.h2
         if sure and slope > 0 and len(horizon.bound) > 0:
@@ -238,8 +284,8 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
                 spare = _at(path.h0, path.h1, path.h2, s) - bound - margin
                 if spare > 0 and slope < 0:
                     s = min(s - spare / slope, leave)
-                    i = _cell_in_block(_at(u0, path.u1, path.u2, s), i, level, lines.columns)
-                    j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, lines.rows)
+                    i = _cell_in_block(_at(u0, path.u1, path.u2, s), i, level, last_i)
+                    j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, last_j)
                 level = max(0, level - drop)
                 continue
             used[slot] = 1
@@ -257,15 +303,15 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
             return MISS, math.inf, math.inf, math.inf, 0, 0
         s = leave
         old_j, old_i = j, i
-        if exit_u <= exit_v:
-            i = _next_block(i, level, east)
-            j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, lines.rows)
-            outer = (old_i ^ i) >> (level + 1)
+        by_column = exit_u <= exit_v
+        if by_column:
+            i = _next_block(i, level, piece.east)
+            j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, last_j)
         else:
-            j = _next_block(j, level, south)
-            i = _cell_in_block(_at(u0, path.u1, path.u2, s), i, level, lines.columns)
-            outer = (old_j ^ j) >> (level + 1)
-        if i < 0 or j < 0 or i >= lines.columns or j >= lines.rows:
+            j = _next_block(j, level, piece.south)
+            i = _cell_in_block(_at(u0, path.u1, path.u2, s), i, level, last_i)
+        outer = ((old_i ^ i) if by_column else (old_j ^ j)) >> (level + 1)
+        if i < 0 or j < 0 or i > last_i or j > last_j:
             return MISS, math.inf, math.inf, math.inf, 0, 0
         if outer and level < SIZE:  # out of the next larger block, too
             level += 1
@@ -280,7 +326,7 @@ def _at(q0: float, q1: float, q2: float, s: float) -> float:
     return q0 + s * (q1 + s * q2)
 
 
-@kernel(forceinline=True)
+@kernel
 def _first_block(heights, maxima, steepness, used, segment, u0, rates, slot, j, i, s, extent):  # type: ignore[no-untyped-def]
     """Level of the first block of a piece in the cell [j, i].
 
@@ -329,10 +375,10 @@ def _highest(top, maxima, slot, level, j, i):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _cell_in_block(position, cell, level, cells):  # type: ignore[no-untyped-def]
+def _cell_in_block(position, cell, level, last):  # type: ignore[no-untyped-def]
     """Number of the cell at a position, kept inside the block of another and inside the grid."""
     first = (cell >> level) << level
-    return _cell(position, first, min(first + (1 << level) - 1, cells - 1))
+    return _cell(position, first, min(first + (1 << level) - 1, last))
 
 
 @kernel(forceinline=True)
