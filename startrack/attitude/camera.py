@@ -11,16 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Ints, Matches, Refused, Spots, non_negative, whole
 
-UNKNOWNS = (
-    "focal_length_px",
-    "principal_x",
-    "principal_y",
-    "k1",
-    "k2",
-    "p1",
-    "p2",
-    "k3",
-)
+UNKNOWNS = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 # Sigma, beyond which a residual counts linearly. Chosen by hand: a smaller one discards information
 # of normal residuals, a larger one gives false matches more weight.
 HUBER = 2.0

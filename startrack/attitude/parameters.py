@@ -8,14 +8,7 @@ from typing import Annotated
 
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Parameters,
-    Range,
-    Unit,
-)
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Unit
 
 # Pixel per axis, typical of calibrated cameras. Chosen by hand: a larger one gives all stars nearly
 # the same weight, a smaller one states too small a covariance for bright stars.

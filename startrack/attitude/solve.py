@@ -251,10 +251,7 @@ def _plane(matches: Matches, best: Refinement, used: NDArray[np.int64]) -> Float
 
 
 def _agreeing(
-    pixel: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    matches: Matches,
-    gate: float,
+    pixel: NDArray[np.float64], covariance: NDArray[np.float64], matches: Matches, gate: float
 ) -> NDArray[np.int64]:
     """Indices of the stars that agree on one attitude; all stars where fewer than 4 agree."""
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / matches.camera.focal_length_px

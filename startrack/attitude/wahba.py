@@ -28,11 +28,7 @@ def parts(b: Array) -> tuple[Array, Array, Array]:
     """Trace (...), symmetric sum B + B^T (..., 3, 3) and antisymmetric vector (..., 3) of B."""
     trace = np.trace(b, axis1=-2, axis2=-1)
     vector = np.stack(
-        [
-            b[..., 2, 1] - b[..., 1, 2],
-            b[..., 0, 2] - b[..., 2, 0],
-            b[..., 1, 0] - b[..., 0, 1],
-        ],
+        [b[..., 2, 1] - b[..., 1, 2], b[..., 0, 2] - b[..., 2, 0], b[..., 1, 0] - b[..., 0, 1]],
         axis=-1,
     )
     return trace, b + np.swapaxes(b, -1, -2), vector

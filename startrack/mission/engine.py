@@ -13,16 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Refused, require_memory
 from startrack.mission.fusion import fused_variance
-from startrack.mission.heads import (
-    Mounted,
-    Seen,
-    Shadow,
-    inside,
-    look,
-    mount,
-    shadow_of,
-    state_of,
-)
+from startrack.mission.heads import Mounted, Seen, Shadow, inside, look, mount, shadow_of, state_of
 from startrack.mission.instants import Course, Instants, course_of
 from startrack.mission.parameters import Loaded, Mission
 from startrack.mission.surrogate import (

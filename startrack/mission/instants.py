@@ -82,13 +82,9 @@ def law_of(attitude: Attitude, begin: str) -> Law:
     begin   of the mission, UTC
     Raises  ValueError where the file of attitudes cannot be used, or ends before the mission.
     """
-    law = {
-        "nadir": _nadir,
-        "inertial": _inertial,
-        "sun": _sun,
-        "target": _target,
-        "aem": _file,
-    }[attitude.law](attitude, begin)
+    law = {"nadir": _nadir, "inertial": _inertial, "sun": _sun, "target": _target, "aem": _file}[
+        attitude.law
+    ](attitude, begin)
     if attitude.scan is None:
         return law
     scan = attitude.scan

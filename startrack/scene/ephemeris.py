@@ -13,15 +13,7 @@ import numpy as np
 from startrack.core import Floats, Streams, installed_tables
 from startrack.scene.parameters import J2000 as J2000_UTC
 from startrack.scene.parameters import JULIAN_YEAR, Orbit, Scene
-from startrack.space import (
-    EARTH_RADIUS,
-    GM,
-    J2000,
-    Body,
-    barycentric,
-    orbit_direction,
-    seen_from,
-)
+from startrack.space import EARTH_RADIUS, GM, J2000, Body, barycentric, orbit_direction, seen_from
 
 
 @dataclass(frozen=True, eq=False)

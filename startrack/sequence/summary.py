@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.metrics import (
-    FALSE_ANGLE,
-    Interval,
-    fraction_interval,
-    interval_table,
-    rms_interval,
-)
+from startrack.metrics import FALSE_ANGLE, Interval, fraction_interval, interval_table, rms_interval
 from startrack.sequence.run import Mode
 
 

@@ -124,10 +124,7 @@ class Kepler:
         in_plane = (self.axis * (cosine - e), self.axis * flat * sine)
         moving = (-speed * sine, speed * flat * cosine)
         to_p, to_q = _plane(node, perigee, self.inclination)
-        return (
-            in_plane[0] * to_p + in_plane[1] * to_q,
-            moving[0] * to_p + moving[1] * to_q,
-        )
+        return (in_plane[0] * to_p + in_plane[1] * to_q, moving[0] * to_p + moving[1] * to_q)
 
 
 def _plane(node: Floats, perigee: Floats, tilt: float) -> tuple[Floats, Floats]:

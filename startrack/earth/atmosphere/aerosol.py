@@ -16,16 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    nm,
-    um,
-)
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, nm, um
 
 
 def sasktran2(part: str = "") -> Any:

@@ -77,11 +77,7 @@ class FineTable:
         height, sensor = (
             np.clip((place - start) / step, 0, size - 1)
             for place, start, step, size in zip(
-                (sight.height, sight.sensor),
-                self.start,
-                self.step,
-                values.shape,
-                strict=False,
+                (sight.height, sight.sensor), self.start, self.step, values.shape, strict=False
             )
         )
         h, v = height.astype(int), sensor.astype(int)
@@ -104,11 +100,7 @@ def refine(table: BandTable, reach: Reach) -> FineTable:
     nodes = [
         _nodes(name, axis, extent, step)
         for name, axis, extent, step in zip(
-            Reach._fields,
-            axes,
-            reach,
-            (HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP),
-            strict=True,
+            Reach._fields, axes, reach, (HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP), strict=True
         )
     ]
     ground = np.concatenate([table.direct, table.sky, table.around], 3)

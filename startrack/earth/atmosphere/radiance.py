@@ -222,6 +222,5 @@ def at_sensor(
 def _near(table: BandTable, sight: Sight) -> FineTable:
     """The part of the table that a scene needs."""
     return refine(
-        table,
-        Reach._make((float(values.min()), float(values.max())) for values in sight[:4]),
+        table, Reach._make((float(values.min()), float(values.max())) for values in sight[:4])
     )

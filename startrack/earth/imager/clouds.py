@@ -23,15 +23,7 @@ from startrack.core import (
     um,
 )
 from startrack.earth.imager.land import TEXELS, on_texture
-from startrack.earth.terrain import (
-    EQUATORIAL,
-    Chart,
-    Mosaic,
-    Raster,
-    fractal,
-    geodetic,
-    up,
-)
+from startrack.earth.terrain import EQUATORIAL, Chart, Mosaic, Raster, fractal, geodetic, up
 
 ROUGHNESS = 4 / 3  # of it: a power spectrum of |k|^(-5/3) along a line, as that of clouds
 GRAZING = 0.02  # least cosine of the zenith angle of a path through a layer; chosen by hand
