@@ -13,8 +13,17 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Refused, require_memory
 from startrack.mission.fusion import fused_variance
-from startrack.mission.heads import Mounted, Seen, Shadow, inside, look, mount, shadow_of, state_of
-from startrack.mission.instants import Course, Instants, course_of
+from startrack.mission.heads import (
+    Mounted,
+    Seen,
+    Shadow,
+    in_anomaly,
+    look,
+    mount,
+    shadow_of,
+    state_of,
+)
+from startrack.mission.instants import Instants, SpacecraftMotion, motion_of
 from startrack.mission.parameters import Loaded, Mission
 from startrack.mission.surrogate import (
     Conditions,
@@ -40,14 +49,14 @@ WORST = 10  # moments that are listed
 class Plan:
     """What is computed once for a mission, before its steps.
 
-    course      where the spacecraft is and how it points
+    motion      where the spacecraft is and how it points
     heads       with their mountings and exclusion angles
     surrogates  error of each head; empty where only the geometry is asked for
     stray       stray light of each head; None where it has no baffle
     """
 
     loaded: Loaded
-    course: Course
+    motion: SpacecraftMotion
     heads: tuple[Mounted, ...]
     surrogates: tuple[Surrogate, ...] = ()
     stray: tuple[StrayLight | None, ...] = ()
@@ -65,15 +74,15 @@ def plan_of(
             sgp4 for `orbit.tle`.
     """
     mission = loaded.mission
-    course = course_of(mission)
+    motion = motion_of(mission)
     cases = [
         state_of(design.case, head, mission.check.seed, head.age, 0.0)
         for head, design in zip(mission.heads, loaded.designs, strict=True)
     ]
     heads = tuple(mount(head, case) for head, case in zip(mission.heads, cases, strict=True))
     if not errors:
-        return Plan(loaded, course, heads)
-    rates = _ranges(course, heads)
+        return Plan(loaded, motion, heads)
+    rates = _ranges(motion, heads)
     stray = [stray_light_of(case, head) for case, head in zip(cases, heads, strict=True)]
     made = dict[int, Surrogate]()
     groups = groups_of(loaded, heads)
@@ -93,7 +102,7 @@ def plan_of(
         advance(len(same))
     return Plan(
         loaded,
-        course,
+        motion,
         heads,
         tuple(made[h] for h in range(len(heads))),
         tuple(own_light[0] if own_light else None for own_light in stray),
@@ -126,11 +135,11 @@ def _states(
     return (temperature.offset - temperature.swing, temperature.offset + temperature.swing), age
 
 
-def _ranges(course: Course, heads: tuple[Mounted, ...]) -> list[tuple[float, float]]:
+def _ranges(motion: SpacecraftMotion, heads: tuple[Mounted, ...]) -> list[tuple[float, float]]:
     """Slowest and fastest rate across each boresight, at some instants of the mission."""
-    time = course.mission.time
+    time = motion.mission.time
     every = max(time.steps // SAMPLED, 1)
-    rate = course.at(0.0, every * time.step, -(-time.steps // every)).rate
+    rate = motion.at(0.0, every * time.step, -(-time.steps // every)).rate
     ranges = []
     for head in heads:
         across = rate_across(head, rate)
@@ -218,18 +227,17 @@ def at(plan: Plan, instants: Instants, first: int = 0) -> Chunk:
     """What the heads of a mission see at some instants."""
     mission = plan.loaded.mission
     shadow = shadow_of(instants, mission.structure)
-    saa = inside(mission.radiation, instants) if mission.radiation.saa == "blind" else None
+    saa = in_anomaly(mission.radiation, instants)
     seen = tuple(look(head, instants, shadow, saa) for head in plan.heads)
     if not plan.surrogates:
         return Chunk(first, instants, shadow, seen)
     errors = tuple(_error(plan, h, instants, view, shadow) for h, view in enumerate(seen))
-    common = np.array([mission.common.x, mission.common.y, mission.common.z]) ** 2
     variance = fused_variance(
         [head.boresight for head in plan.heads],
         [error[0] for error in errors],
         [error[1] for error in errors],
         [view.blind == 0 for view in seen],
-        common,
+        mission.common.variance,
     )
     return Chunk(first, instants, shadow, seen, errors, variance)
 
@@ -296,11 +304,11 @@ def fly_part(plan: Plan, first: int, count: int) -> Flown:
     )
     before = np.zeros(heads, np.uint8)
     if first:
-        last = at(plan, plan.course.at((first - 1) * time.step, time.step, 1))
+        last = at(plan, plan.motion.at((first - 1) * time.step, time.step, 1))
         before[:] = [view.blind[0] for view in last.seen]
     for begin in range(first, first + count, CHUNK):
         size = min(CHUNK, first + count - begin)
-        chunk = at(plan, plan.course.at(begin * time.step, time.step, size), begin)
+        chunk = at(plan, plan.motion.at(begin * time.step, time.step, size), begin)
         here = slice(begin - first, begin - first + size)
         flown.eclipse[here] = chunk.shadow.sun
         for h, seen in enumerate(chunk.seen):
@@ -419,7 +427,7 @@ def _count_planets(plan: Plan, chunk: Chunk, flown: Flown) -> None:
     block = max(int(PLANET_KNOT / flown.step), 1)
     for low in range(0, len(second), block):
         part = slice(low, low + block)
-        places = plan.course.bodies.planets_at(second[part].mean(keepdims=True))[..., 0]
+        places = plan.motion.bodies.planets_at(second[part].mean(keepdims=True))[..., 0]
         # The mean aberration of the part is within 0.002 degrees.
         apparent = unit((places + chunk.instants.aberration[:, part].mean(axis=1)).T)
         for h, (head, seen) in enumerate(zip(plan.heads, chunk.seen, strict=True)):

@@ -345,8 +345,10 @@ def shadow_of(instants: Instants, structure: Sequence[Obstacle] = ()) -> Shadow:
     return Shadow(hidden[0], hidden[1], earth, faces_of(structure, instants))
 
 
-def inside(radiation: Radiation, instants: Instants) -> NDArray[np.bool_]:
-    """(n,) whether the spacecraft is above the box of the South Atlantic anomaly."""
+def in_anomaly(radiation: Radiation, instants: Instants) -> NDArray[np.bool_] | None:
+    """(n,) whether the South Atlantic anomaly, a box, blinds all heads; None: nowhere."""
+    if radiation.saa != "blind":
+        return None
     (south, north), (west, east) = radiation.latitude, radiation.longitude
     longitude = (instants.longitude - west) % math.tau
     between = (instants.latitude > south) & (instants.latitude < north)

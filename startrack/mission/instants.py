@@ -221,7 +221,7 @@ class Instants:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class SpacecraftMotion:
     """What is computed once for a mission: ephemerides, orbit and attitude law."""
 
     mission: Mission
@@ -295,7 +295,7 @@ class Course:
         )
 
 
-def course_of(mission: Mission) -> Course:
+def motion_of(mission: Mission) -> SpacecraftMotion:
     """The plan of a mission: ephemerides as tables, orbit and law.
 
     Raises  ValueError where a file or the elements cannot be used; ImportError without sgp4.
@@ -304,7 +304,7 @@ def course_of(mission: Mission) -> Course:
     # What may be refused comes first: the tables of a long mission take seconds.
     path, law = path_of(mission.orbit, begin), law_of(mission.attitude, begin)
     bodies = bodies_of(begin, mission.time.duration + mission.time.step)
-    return Course(mission, bodies, path, law)
+    return SpacecraftMotion(mission, bodies, path, law)
 
 
 def path_of(orbit: Orbit, begin: str) -> Carrier:

@@ -298,6 +298,11 @@ class SharedAlignmentError(Parameters):
     y: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
     z: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
 
+    @property
+    def variance(self) -> Floats:
+        """(3,) radian^2."""
+        return np.array([self.x, self.y, self.z]) ** 2
+
 
 @dataclass(frozen=True)
 class Check(Parameters):

@@ -14,7 +14,7 @@ from startrack.core import Floats, Refused, arcsec, deg
 from startrack.design import Case, Requirements
 from startrack.mission.engine import Plan
 from startrack.mission.fusion import fused_variance
-from startrack.mission.heads import SUN_RADIUS, Mounted, Shadow, inside, look, shadow_of
+from startrack.mission.heads import SUN_RADIUS, Mounted, Shadow, in_anomaly, look, shadow_of
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import KeepClear, Loaded, Mission, MissionRequirements, mounted
 from startrack.optimise import Search, least
@@ -89,19 +89,19 @@ class Quality:
 def sample(plan: Plan) -> Samples:
     """Orbits that lie evenly over the mission."""
     mission = plan.loaded.mission
-    first = plan.course.at(0.0, 1.0, 2)
+    first = plan.motion.at(0.0, 1.0, 2)
     place, speed = (float(np.linalg.norm(vector[:, 0])) for vector in (first.place, first.speed))
     period = math.tau * math.sqrt(1 / (2 / place - speed**2 / GM) ** 3 / GM)
     period = min(period, mission.time.duration)
     step = period / POINTS
     windows = max(min(WINDOWS, int(mission.time.duration / period)), 1)
     begin = np.linspace(0, mission.time.duration - period, windows)
-    parts = [plan.course.at(float(second), step, POINTS) for second in begin]
+    parts = [plan.motion.at(float(second), step, POINTS) for second in begin]
     instants = Instants(
         *(np.concatenate([getattr(part, field.name) for part in parts], axis=-1)
           for field in fields(Instants))
     )  # fmt: skip
-    saa = inside(mission.radiation, instants) if mission.radiation.saa == "blind" else None
+    saa = in_anomaly(mission.radiation, instants)
     return Samples(step, windows, instants, shadow_of(instants, mission.structure), saa)
 
 
@@ -195,14 +195,15 @@ def place(
     mission = plan.loaded.mission
     samples, needs = sample(plan), mission.requirements
     variances = [_mean_variances(plan, h) for h in range(len(plan.heads))]
-    common = np.array([mission.common.x, mission.common.y, mission.common.z]) ** 2
     tried = 0
 
     def worth(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> Quality:
         nonlocal tried
         tried += 1
         advance(1)
-        return quality_of(samples, lines, blind, variances, mission.keep_out, common)
+        return quality_of(
+            samples, lines, blind, variances, mission.keep_out, mission.common.variance
+        )
 
     def score(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> float:
         return worth(lines, blind).score(needs, samples.step)
@@ -392,11 +393,10 @@ def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats
     hidden = [blind_at(samples, *pair) for pair in zip(plan.heads, own, strict=True)]
     mission = plan.loaded.mission
     variances = [_mean_variances(plan, h) for h in range(len(plan.heads))]
-    common = np.array([mission.common.x, mission.common.y, mission.common.z]) ** 2
     score = [
         quality_of(
             samples, _with(own, head, line), _with(hidden, head, mask), variances,
-            mission.keep_out, common,
+            mission.keep_out, mission.common.variance,
         ).score(mission.requirements, samples.step)
         for line, mask in zip(lines, blind, strict=True)
     ]  # fmt: skip

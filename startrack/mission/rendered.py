@@ -49,7 +49,7 @@ def scenes_at(plan: Plan, second: float) -> tuple[Scene, ...]:
     second  after the begin of the mission
     """
     step = min(plan.loaded.mission.time.step, 10.0)
-    chunk = at(plan, plan.course.at(second, step, 1))
+    chunk = at(plan, plan.motion.at(second, step, 1))
     return tuple(_scene(plan, chunk, h, 0) for h in range(len(plan.heads)))
 
 
@@ -114,7 +114,7 @@ def checked(
     if not count:
         return plan, ()
     step = every * mission.time.step
-    chunk = at(plan, plan.course.at(0.0, step, -(-mission.time.steps // every)))
+    chunk = at(plan, plan.motion.at(0.0, step, -(-mission.time.steps // every)))
     surrogates, checks = list(plan.surrogates), []
     for group in groups_of(plan.loaded, plan.heads):
         correction, check = _checked(plan, chunk, group, count, advance)

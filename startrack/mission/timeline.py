@@ -39,7 +39,7 @@ def timeline(
     parts = []
     for first in range(0, count, CHUNK):
         size = min(CHUNK, count - first)
-        chunk = at(plan, plan.course.at(first * step, step, size), first)
+        chunk = at(plan, plan.motion.at(first * step, step, size), first)
         parts.append(_rows(plan, chunk))
         advance(size)
     return np.concatenate(parts)
@@ -51,7 +51,7 @@ def write_kernels(plan: Plan, every: int, orbit: Path, attitude: Path) -> None:
     Raises  ImportError without spiceypy
     """
     time = plan.loaded.mission.time
-    own = plan.course.at(0.0, time.step * every, max(-(-time.steps // every), 2))
+    own = plan.motion.at(0.0, time.step * every, max(-(-time.steps // every), 2))
     begin = to_ephemeris_time((time.begin,), "utc")[0]
     epoch = of_ephemeris_time(begin + own.second)
     write_spk(orbit, Ephemeris(epoch, "tdb", own.place.T, own.speed.T))

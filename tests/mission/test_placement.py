@@ -175,7 +175,7 @@ def test_a_head_behind_structure_is_blind(loaded):
     for obstacle, always in ((wide, True), (near, False)):
         mission = dataclasses.replace(loaded.mission, structure=(obstacle,))
         plan = plan_of(dataclasses.replace(loaded, mission=mission), errors=False)
-        chunk = at(plan, plan.course.at(0.0, 30.0, 300))
+        chunk = at(plan, plan.motion.at(0.0, 30.0, 300))
         blocked = (chunk.seen[0].blind & Blind.STRUCTURE) > 0
         assert (blocked == (always | ~chunk.shadow.sun)).all()
     with pytest.raises(ValueError, match="size must be above 0 along two axes"):

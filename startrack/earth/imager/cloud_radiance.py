@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats
-from startrack.earth.atmosphere import LayerOptics, Terms, at_sensor, layer_optics, sight_of
-from startrack.earth.imager.band import Band
+from startrack.earth.atmosphere import LayerOptics, Terms, layer_optics, sight_of
+from startrack.earth.imager.band import Band, terms_in_band
 from startrack.earth.imager.clouds import CloudLayer, Crossing, Sheet, open_sheets
 from startrack.earth.terrain import Ground, between, up
 
@@ -214,7 +214,5 @@ def _radiance(
     ground: Ground, band: Band, reflectance: Floats, surroundings: float, kelvin: float = 280.0
 ) -> Terms:
     """Terms (n,) of ground of one reflectance and temperature."""
-    warm = np.full(len(ground), kelvin)
-    around = np.array([surroundings])
-    terms = at_sensor(ground, band.table, reflectance, around, band.heat, warm)
-    return Terms(*(np.maximum(term[:, 0], np.float32(0)) for term in terms))
+    terms = terms_in_band(ground, band, reflectance, surroundings, np.full(len(ground), kelvin))
+    return Terms(*(np.maximum(term, np.float32(0)) for term in terms))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Camera, FieldPsf, Floats, Psf, Streams, deg, lagrange_weights, um
 from startrack.detector import Detector, dark, read_out, response
-from startrack.earth.atmosphere import Terms, at_sensor
+from startrack.earth.atmosphere import Terms
 from startrack.earth.geometry import (
     Carrier,
     EarthScene,
@@ -24,7 +24,7 @@ from startrack.earth.geometry import (
     ground_rate,
     observe_earth,
 )
-from startrack.earth.imager.band import Band, band_of, mean_wavelength
+from startrack.earth.imager.band import Band, band_of, mean_wavelength, terms_in_band
 from startrack.earth.imager.cloud_radiance import Deck, decks_of, with_clouds
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
 from startrack.earth.imager.lens import (
@@ -331,10 +331,8 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
     band = setting.band
     seen = reflection(land, ground, band.wavelength, band.weight)
     warm = temperature(land, ground)
-    around = np.array([setting.surroundings])
-    direct = None if seen.direct is seen.sky else seen.direct[:, None]
-    in_band = at_sensor(ground, band.table, seen.sky[:, None], around, band.heat, warm, direct)
-    terms = Terms(*(term[:, 0] for term in in_band))
+    direct = None if seen.direct is seen.sky else seen.direct
+    terms = terms_in_band(ground, band, seen.sky, setting.surroundings, warm, direct)
     if band.heat is not None and land.hot_spots:
         terms = _burning(terms, land, ground, setting, spread)
     if not setting.clouds:
@@ -344,14 +342,13 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
 
 def _burning(terms: Terms, land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
     """The same with fires."""
-    band, around = setting.band, np.array([setting.surroundings])
     fractions = [burning_fraction(spot, ground, spread) for spot in land.hot_spots]
     emitted = terms.emitted.copy()
     for spot, fraction in zip(land.hot_spots, fractions, strict=True):
         burns = np.flatnonzero(fraction > FAINT)
         flame = np.full(len(burns), spot.temperature)
-        black = at_sensor(ground[burns], band.table, BLACK, around, band.heat, flame)
-        emitted[burns] += fraction[burns] * (black.emitted[:, 0] - terms.emitted[burns])
+        black = terms_in_band(ground[burns], setting.band, BLACK, setting.surroundings, flame)
+        emitted[burns] += fraction[burns] * (black.emitted - terms.emitted[burns])
     left = np.maximum(1 - sum(fractions), 0).astype(np.float32)  # what burns reflects nothing
     return terms._replace(
         direct=terms.direct * left, indirect=terms.indirect * left, emitted=emitted
@@ -373,7 +370,7 @@ def _coarse_ground(scene: EarthScene, channel: Channel, folder: Path) -> list[Gr
 
 def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
     seen = [reflection(land, ground, band.wavelength, band.weight) for ground in glimpse]
-    values = np.concatenate([glimpse.albedo for glimpse in seen])
+    values = np.concatenate([part.albedo for part in seen])
     return float(values.mean()) if len(values) else 0.0
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Streams, um, whole
 from startrack.detector import read_out
-from startrack.earth.atmosphere import at_sensor
 from startrack.earth.imager import (
     INFRARED,
     MOST_LINES,
@@ -21,6 +20,7 @@ from startrack.earth.imager import (
     Survey,
     as_matrix,
     pixel_electrons,
+    terms_in_band,
 )
 from startrack.earth.terrain import Ground
 
@@ -252,10 +252,9 @@ def mean_reflectance(radiance: list[Floats], grounds: list[Ground], setting: Set
 
 def _air(ground: Ground, setting: Setting) -> tuple[Floats, Floats]:
     """Radiance (n,) of the air, and that of white ground, watt / m^2 / sr / m."""
-    around = np.array([setting.surroundings])
-    terms = at_sensor(ground, setting.band.table, np.ones(1), around)
+    terms = terms_in_band(ground, setting.band, np.ones(1), setting.surroundings)
     scattered, direct, indirect = (
-        term[:, 0].astype(np.float64) for term in (terms.scattered, terms.direct, terms.indirect)
+        term.astype(np.float64) for term in (terms.scattered, terms.direct, terms.indirect)
     )
     return scattered, direct + indirect
 
