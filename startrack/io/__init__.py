@@ -23,7 +23,7 @@ solution      A solved image -> FITS files as astrometry.net writes them, and va
 frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video files, and a table.
 """
 
-from startrack.io.checked_fits import open_checked, require_fits
+from startrack.io.checked_fits import open_checked, require_fits, save_checked
 from startrack.io.claim import claimed_folder
 from startrack.io.frame_files import FORMATS, FrameFiles
 from startrack.io.images import read_image, write_fits

@@ -121,57 +121,38 @@ def write_aem(path: Path, attitudes: Attitudes, name: str = "SPACECRAFT") -> Non
 
     Source: CCSDS 504.0-B-2; frames EME2000, from which ICRS differs by 0.02 arcsec, to SC_BODY_1.
     """
-    begin, end = attitudes.epoch[0], attitudes.epoch[-1]
-    head = [
-        "CCSDS_AEM_VERS = 2.0",
-        f"CREATION_DATE = {begin}",  # of the data, so that the file is the same on every day
-        "ORIGINATOR = STARTRACK",
-        "META_START",
-        f"OBJECT_NAME = {name}",
-        f"OBJECT_ID = {name}",
-        "REF_FRAME_A = ICRF",
-        "REF_FRAME_B = SC_BODY_1",
-        f"TIME_SYSTEM = {attitudes.scale.upper()}",
-        f"START_TIME = {begin}",
-        f"STOP_TIME = {end}",
-        "ATTITUDE_TYPE = QUATERNION",
-        "INTERPOLATION_METHOD = LINEAR",
-        f"INTERPOLATION_DEGREE = {attitudes.degree}",
-        "META_STOP",
-        "DATA_START",
-    ]
-    rows = [
-        " ".join([epoch, *(f"{value:.17g}" for value in row)])
-        for epoch, row in zip(attitudes.epoch, attitudes.quaternion, strict=True)
-    ]
-    save_text(path, "\n".join([*head, *rows, "DATA_STOP", ""]))
+    frames = {"REF_FRAME_A": "ICRF", "REF_FRAME_B": "SC_BODY_1"}
+    method = {"ATTITUDE_TYPE": "QUATERNION", "INTERPOLATION_METHOD": "LINEAR"}
+    lines = _message("AEM", name, attitudes, frames, method, attitudes.quaternion)
+    data = lines.index("META_STOP") + 1
+    save_text(path, "\n".join([*lines[:data], "DATA_START", *lines[data:], "DATA_STOP", ""]))
 
 
 def write_oem(path: Path, ephemeris: Ephemeris, name: str = "SPACECRAFT") -> None:
     """Write an OEM that `read_oem` reads back to the same states. Source: CCSDS 502.0-B-3."""
-    begin, end = ephemeris.epoch[0], ephemeris.epoch[-1]
-    head = [
-        "CCSDS_OEM_VERS = 2.0",
-        f"CREATION_DATE = {begin}",
-        "ORIGINATOR = STARTRACK",
-        "META_START",
-        f"OBJECT_NAME = {name}",
-        f"OBJECT_ID = {name}",
-        "CENTER_NAME = EARTH",
-        "REF_FRAME = ICRF",
-        f"TIME_SYSTEM = {ephemeris.scale.upper()}",
-        f"START_TIME = {begin}",
-        f"STOP_TIME = {end}",
-        "INTERPOLATION = LAGRANGE",
-        f"INTERPOLATION_DEGREE = {ephemeris.degree}",
-        "META_STOP",
-    ]
+    frames = {"CENTER_NAME": "EARTH", "REF_FRAME": "ICRF"}
     states = np.concatenate([ephemeris.place, ephemeris.speed], axis=1) / 1e3
+    lines = _message("OEM", name, ephemeris, frames, {"INTERPOLATION": "LAGRANGE"}, states)
+    save_text(path, "\n".join([*lines, ""]))
+
+
+def _message(
+    kind: str, name: str, table: Ephemeris | Attitudes, frames: dict[str, str],
+    method: dict[str, str], values: Floats,
+) -> list[str]:  # fmt: skip
+    """Lines of a message: keywords, and a row for each date."""
+    begin, end = table.epoch[0], table.epoch[-1]
+    # The creation date is that of the data, so that the file is the same on every day.
+    head = {f"CCSDS_{kind}_VERS": "2.0", "CREATION_DATE": begin, "ORIGINATOR": "STARTRACK"}
+    meta = {"OBJECT_NAME": name, "OBJECT_ID": name, **frames}
+    meta |= {"TIME_SYSTEM": table.scale.upper(), "START_TIME": begin, "STOP_TIME": end, **method}
+    meta["INTERPOLATION_DEGREE"] = str(table.degree)
     rows = [
         " ".join([epoch, *(f"{value:.17g}" for value in row)])
-        for epoch, row in zip(ephemeris.epoch, states, strict=True)
+        for epoch, row in zip(table.epoch, values, strict=True)
     ]
-    save_text(path, "\n".join([*head, *rows, ""]))
+    head_lines, meta_lines = ([f"{k} = {v}" for k, v in part.items()] for part in (head, meta))
+    return [*head_lines, "META_START", *meta_lines, "META_STOP", *rows]
 
 
 def _read(

@@ -16,7 +16,7 @@ from startrack.core import Floats, deg, positive, um
 from startrack.earth.atmosphere.radiance import planck
 from startrack.earth.atmosphere.spectra import sun_spectrum
 from startrack.earth.atmosphere.table import BandTable, require_response
-from startrack.io import open_checked
+from startrack.io import open_checked, save_checked
 
 FORMAT = 1  # of the file
 WARM = 300.0  # kelvin
@@ -110,15 +110,8 @@ def load_infrared(path: Path) -> InfraredTable:
 
 def save_infrared(path: Path, table: InfraredTable) -> None:
     """Write a table as FITS in single precision, with checksums; `path` is written by name."""
-    from astropy.io import fits
-
-    first = fits.PrimaryHDU()
-    first.header["INFRARED"] = (FORMAT, "format of this table of the air")
-    parts = []
-    for name in _ARRAYS:
-        values = getattr(table, name)
-        parts.append(fits.ImageHDU(values if values.ndim == 1 else np.float32(values), name=name))
-    fits.HDUList([first, *parts]).writeto(path, checksum=True)
+    cards = {"INFRARED": (FORMAT, "format of this table of the air")}
+    save_checked(path, cards, {name: getattr(table, name) for name in _ARRAYS})
 
 
 def _above(table: InfraredTable, ground: float, sensor: float, angle: Floats) -> tuple[Floats, ...]:

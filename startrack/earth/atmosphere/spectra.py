@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from startrack.core import Floats, nm
-from startrack.io import open_checked, shipped
+from startrack.io import open_checked, save_checked, shipped
 
 GASES = ("water", "mixed", "ozone")
 
@@ -73,13 +73,9 @@ def save_water(
     path: Path, wavelength: Floats, mass: Floats, column: Floats, depth: Floats
 ) -> None:  # fmt: skip
     """Write a table of water vapour (metre, 1, kilogram / m^2, (c, f, m) 1) with checksums."""
-    from astropy.io import fits
-
-    first = fits.PrimaryHDU()
-    first.header["WATER"] = (FORMAT, "format of this table of water vapour")
-    named = {"WAVELENGTH": wavelength, "MASS": mass, "COLUMN": column, "DEPTH": np.float32(depth)}
-    parts = [fits.ImageHDU(values, name=name) for name, values in named.items()]
-    fits.HDUList([first, *parts]).writeto(path, checksum=True)
+    cards = {"WATER": (FORMAT, "format of this table of water vapour")}
+    named = {"WAVELENGTH": wavelength, "MASS": mass, "COLUMN": column, "DEPTH": depth}
+    save_checked(path, cards, named)
 
 
 def _pairs(wavelength: Floats) -> Floats:
@@ -178,12 +174,5 @@ def _integral() -> tuple[Floats, Floats]:
 
 def save_sun(path: Path, wavelength: Floats, irradiance: Floats) -> None:
     """Write a spectrum (metre, watt / m^2 / m) as FITS with checksums."""
-    from astropy.io import fits
-
-    first = fits.PrimaryHDU()
-    first.header["SUN"] = (FORMAT, "format of this spectrum of the Sun")
-    parts = [
-        fits.ImageHDU(values, name=name)
-        for name, values in (("WAVELENGTH", wavelength), ("VALUE", np.float32(irradiance)))
-    ]
-    fits.HDUList([first, *parts]).writeto(path, checksum=True)
+    cards = {"SUN": (FORMAT, "format of this spectrum of the Sun")}
+    save_checked(path, cards, {"WAVELENGTH": wavelength, "VALUE": np.float32(irradiance)})

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from startrack.core import Floats, Unit, non_negative, one_of, positive, within
-from startrack.io import open_checked
+from startrack.io import open_checked, save_checked
 
 AEROSOLS = ("none", "rural", "urban")
 
@@ -93,16 +92,14 @@ def save_table(path: Path, table: AirTable) -> None:
 
     Raises  OSError where it cannot be written.
     """
-    from astropy.io import fits
-
-    first = fits.PrimaryHDU()
-    first.header["TABLE"] = (FORMAT, "format of this table of the air")
-    first.header["AEROSOL"] = table.air.aerosol
-    first.header["VISIBIL"] = (table.air.visibility, "[m] at the ground")
-    first.header["WATER"] = (table.air.water, "[kg / m2]")
-    first.header["OZONE"] = (table.air.ozone, "[m] at standard conditions")
-    parts = [fits.ImageHDU(_kept(name, getattr(table, name)), name=name) for name in ARRAYS]
-    fits.HDUList([first, *parts]).writeto(path, checksum=True)
+    cards = {
+        "TABLE": (FORMAT, "format of this table of the air"),
+        "AEROSOL": table.air.aerosol,
+        "VISIBIL": (table.air.visibility, "[m] at the ground"),
+        "WATER": (table.air.water, "[kg / m2]"),
+        "OZONE": (table.air.ozone, "[m] at standard conditions"),
+    }
+    save_checked(path, cards, {name: getattr(table, name) for name in ARRAYS})
 
 
 def load_table(path: Path) -> AirTable:
@@ -116,11 +113,6 @@ def load_table(path: Path) -> AirTable:
         air = Air(head["AEROSOL"], head["VISIBIL"], head["WATER"], head["OZONE"])
         arrays = {name: parts[name].data.astype(np.float64) for name in ARRAYS}
     return AirTable(air, **arrays)
-
-
-def _kept(name: str, values: Floats) -> NDArray[np.generic]:
-    """Axes in double precision, large arrays in single."""
-    return values if values.ndim == 1 else values.astype(np.float32)
 
 
 # Scale heights, metre, for the fraction of a gas below a height. Water: 2 km, as Bird and Riordan;
