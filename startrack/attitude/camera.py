@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Ints, Matches, Refused, Spots, non_negative, whole
+from startrack.core import (
+    NON_NEGATIVE,
+    Camera,
+    Floats,
+    Ints,
+    Matches,
+    Parameters,
+    Range,
+    Refused,
+    Spots,
+)
 
 UNKNOWNS = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 # Sigma, beyond which a residual counts linearly. Chosen by hand: a smaller one discards information
@@ -19,40 +30,28 @@ NO_MOTION = np.zeros(3)
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Parameters):
     """Prior standard deviation of each unknown about the starting camera; 0 fixes it.
-
-    focal_length  relative
-    principal     pixel, along each axis
-    k1, k2, k3    1, radial distortion
-    tangential    1, p1 and p2
-    floor         pixel, systematic error of a centroid
-    steps         of Gauss-Newton
 
     The priors are Gaussian: an unknown that the frames do not constrain keeps its value, and the
     covariance shows it. One narrow frame hardly separates principal point, attitude and distortion.
     """
 
-    focal_length: float = 0.1
-    principal: float = 20.0
-    k1: float = 1.0
-    k2: float = 0.0
-    k3: float = 0.0
-    tangential: float = 0.0
-    floor: float = 0.05
-    steps: int = 15
+    focal_length: Annotated[float, NON_NEGATIVE, "relative"] = 0.1
+    principal: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 20.0
+    k1: Annotated[float, NON_NEGATIVE, "radial distortion"] = 1.0
+    k2: Annotated[float, NON_NEGATIVE, "radial distortion"] = 0.0
+    k3: Annotated[float, NON_NEGATIVE, "radial distortion"] = 0.0
+    tangential: Annotated[float, NON_NEGATIVE, "p1 and p2"] = 0.0
+    floor: Annotated[float, NON_NEGATIVE, "pixel, systematic error of a centroid"] = 0.05
+    steps: Annotated[int, Range(1, 1000), "of Gauss-Newton"] = 15
 
-    def __post_init__(self) -> None:
-        non_negative(
-            focal_length=self.focal_length,
-            principal=self.principal,
-            k1=self.k1,
-            k2=self.k2,
-            k3=self.k3,
-            tangential=self.tangential,
-            floor=self.floor,
-        )
-        whole(1, 1000, steps=self.steps)
+    def sigma(self, camera: Camera) -> Floats:
+        """(8,) standard deviations of the priors, in the order of UNKNOWNS."""
+        return np.array([
+            self.focal_length * camera.focal_length_px, self.principal, self.principal,
+            self.k1, self.k2, self.tangential, self.tangential, self.k3,
+        ])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ def calibrate(
     if not frames:
         raise Refused(f"matches must hold a solved frame, got none in {len(matches)}")
     start = camera_vector(camera)
-    sigma = _sigma(camera, settings)
+    sigma = settings.sigma(camera)
     free = np.flatnonzero(sigma > 0)
     for _ in range(settings.steps):
         normal = np.diag(sigma[free] ** -2.0)
@@ -240,19 +239,3 @@ def moved_camera(camera: Camera, free: Ints, step: Floats) -> Camera:
     vector = camera_vector(camera)
     vector[free] += step
     return replace(camera, **dict(zip(UNKNOWNS, vector.tolist(), strict=True)))
-
-
-def _sigma(camera: Camera, settings: Calibration) -> Floats:
-    """Standard deviations of the priors, in the order of UNKNOWNS."""
-    return np.array(
-        [
-            settings.focal_length * camera.focal_length_px,
-            settings.principal,
-            settings.principal,
-            settings.k1,
-            settings.k2,
-            settings.tangential,
-            settings.tangential,
-            settings.k3,
-        ]
-    )

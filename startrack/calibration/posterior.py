@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,15 +13,17 @@ from scipy.spatial.transform import Rotation
 from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_vector, matched_pixels
 from startrack.calibration.psf_width import width_likelihood
 from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
     Camera,
     Floats,
     Frame,
     Matches,
+    Parameters,
     Refused,
     Spots,
     distort,
-    non_negative,
-    positive,
 )
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
@@ -35,28 +38,24 @@ FLOOR_SPREAD = 0.2  # of the logarithm of the floor
 
 
 @dataclass(frozen=True)
-class Prior:
+class Prior(Parameters):
     """Prior of a camera: normal about its values; 0 fixes a value.
 
-    focal_length     1, relative
-    principal        pixel, along each axis
-    k1               1
-    floor_low, high  pixel, bounds of the systematic error of centroids, whose logarithm has a
-                     uniform prior; equal ones fix it
-    width_low, high  pixel, bounds of the sigma of the PSF, whose logarithm has a uniform prior
+    The logarithms of floor and width have uniform priors.
     """
 
-    focal_length: float = 0.05
-    principal: float = 20.0
-    k1: float = 0.1
-    floor_low: float = 1e-3
-    floor_high: float = 0.3
-    width_low: float = 0.2
-    width_high: float = 4.0
+    focal_length: Annotated[float, POSITIVE, "relative"] = 0.05
+    principal: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 20.0
+    k1: Annotated[float, NON_NEGATIVE] = 0.1
+    floor_low: Annotated[float, POSITIVE,
+        "pixel, of the systematic error of centroids; both bounds equal fix it"
+    ] = 1e-3  # fmt: skip
+    floor_high: Annotated[float, FINITE, "pixel, likewise"] = 0.3
+    width_low: Annotated[float, POSITIVE, "pixel, of the sigma of the PSF"] = 0.2
+    width_high: Annotated[float, FINITE, "pixel, likewise"] = 4.0
 
     def __post_init__(self) -> None:
-        positive(focal_length=self.focal_length, floor_low=self.floor_low, width_low=self.width_low)
-        non_negative(principal=self.principal, k1=self.k1)
+        super().__post_init__()
         if not (self.floor_high >= self.floor_low and self.width_high > self.width_low):
             raise Refused("floor_high and width_high must not lie below their lows")
 

@@ -10,31 +10,31 @@ from typing import Annotated
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import Floats, Unit, non_negative, one_of, positive, within
+from startrack.core import (
+    NON_NEGATIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    positive,
+)
 from startrack.io import open_checked, save_checked
 
 AEROSOLS = ("none", "rural", "urban")
 
 
 @dataclass(frozen=True)
-class Air:
-    """One state of the atmosphere; the defaults are a clear day in mid-latitude summer.
+class Air(Parameters):
+    """One state of the atmosphere; the defaults are a clear day in mid-latitude summer."""
 
-    aerosol     type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone
-    visibility  metre, meteorological range at the ground: where contrast falls to 2 %
-    water       kilogram / square metre of water vapour above the sea
-    ozone       metre of pure ozone at standard conditions; 1e-5 m is a Dobson unit
-    """
-
-    aerosol: str = "rural"
-    visibility: Annotated[float, Unit("m", "km")] = 23e3
-    water: Annotated[float, Unit("kg / m2")] = 29.2
-    ozone: Annotated[float, Unit("m", "mm")] = 3.32e-3
-
-    def __post_init__(self) -> None:
-        one_of(AEROSOLS, aerosol=self.aerosol)
-        within(2e3, 150e3, visibility=self.visibility)
-        non_negative(water=self.water, ozone=self.ozone)
+    aerosol: Annotated[str, Range(choices=AEROSOLS),
+        'type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone'
+    ] = "rural"  # fmt: skip
+    visibility: Annotated[float, Unit("m", "km"), Range(2e3, 150e3),
+        "meteorological range at the ground: where contrast falls to 2 %"] = 23e3  # fmt: skip
+    water: Annotated[float, Unit("kg / m2"), NON_NEGATIVE, "vapour above the sea"] = 29.2
+    ozone: Annotated[float, Unit("m", "mm"), NON_NEGATIVE,
+        "pure, at standard conditions; 1e-5 m is a Dobson unit"] = 3.32e-3  # fmt: skip
 
 
 FORMAT = 1  # of the file

@@ -130,24 +130,17 @@ Jitter = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
-class Pointing:
+class Pointing(Parameters):
     """Attitude of a camera with respect to its orbit.
 
     At zero its boresight points to the Earth's centre and +y along the flight,
     so that the ground moves to smaller rows. The angles then rotate the camera about its axes,
     z first, then y, then x.
-
-    roll   radian about y, the axis along the flight: to the side
-    pitch  radian about x: forwards where positive
-    yaw    radian about z
     """
 
-    roll: Annotated[float, Unit("rad", "deg")] = 0.0
-    pitch: Annotated[float, Unit("rad", "deg")] = 0.0
-    yaw: Annotated[float, Unit("rad", "deg")] = 0.0
-
-    def __post_init__(self) -> None:
-        finite(roll=self.roll, pitch=self.pitch, yaw=self.yaw)
+    roll: Annotated[float, Unit("rad", "deg"), FINITE, "about y, along the flight"] = 0.0
+    pitch: Annotated[float, Unit("rad", "deg"), FINITE, "about x: forwards where positive"] = 0.0
+    yaw: Annotated[float, Unit("rad", "deg"), FINITE, "about z"] = 0.0
 
     def camera_to_itrs(self, flight: Flight) -> Rotation:
         """(n,) rotations."""

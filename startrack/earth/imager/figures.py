@@ -12,15 +12,15 @@ from scipy.optimize import brentq
 
 from startrack.core import (
     LIGHT_SPEED,
+    NON_NEGATIVE,
     PLANCK,
+    POSITIVE,
     FieldPsf,
+    Parameters,
+    Range,
     Unit,
     deg,
-    non_negative,
-    positive,
     um,
-    whole,
-    within,
 )
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Reach, Sight, radiance, refine
@@ -30,6 +30,7 @@ from startrack.earth.imager.lens import field_lens, image_pixels
 from startrack.earth.imager.parameters import Channel, Performance, Survey, exposure_of, smear
 from startrack.earth.terrain import geodetic
 from startrack.optics import blur_transfer, modulation, pixel_transfer, pupil_transfer
+from startrack.space import GM
 
 PLACES = 17  # along a line, whose lowest MTF is taken
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
@@ -263,8 +264,7 @@ def _noise(detector: Detector, electrons: float, dark: float) -> float:
     )
 
 
-EARTH_GRAVITY = 3.986004418e14  # m^3 / s^2, IERS conventions 2010
-EARTH_RADIUS = 6371e3  # metre, mean
+MEAN_RADIUS = 6371e3  # metre, mean
 SLOWEST, FASTEST = (
     200.0,
     0.5,
@@ -272,58 +272,37 @@ SLOWEST, FASTEST = (
 
 
 @dataclass(frozen=True)
-class Goals:
-    """Requirements on a line camera, and its detector.
+class Goals(Parameters):
+    """Requirements on a line camera, and its detector."""
 
-    gsd, swath     metre on the ground; gsd between pixels, along and across
-    height         metre of the orbit
-    wavelength, bandwidth  metre, of the band
-    radiance, snr  watt / m^2 / sr / m, and its required signal-to-noise ratio
-    mtf            1, at Nyquist along the track, pixel and smear included
-    pixel_pitch, read_noise, bits, stages  of the detector
-    efficiency     electron / photon, lens and filter included
-    smear          pixel that the ground moves in an exposure, as a fraction of the line period
-    ground_speed   metre / second; None for a circular orbit around the Earth
-    """
-
-    gsd: Annotated[float, Unit("m")]
-    swath: Annotated[float, Unit("m", "km")]
-    height: Annotated[float, Unit("m", "km")]
-    wavelength: Annotated[float, Unit("m", "nm")]
-    bandwidth: Annotated[float, Unit("m", "nm")]
-    radiance: Annotated[float, Unit("W / (m2 sr m)", "W / (m2 sr um)")]
-    snr: float
-    mtf: float = 0.1
-    pixel_pitch: Annotated[float, Unit("m", "um")] = 10e-6
-    read_noise: Annotated[float, Unit("electron")] = 30.0
-    bits: int = 12
-    stages: int = 1
-    efficiency: float = 0.4
-    smear: float = 1.0
-    ground_speed: Annotated[float | None, Unit("m / s")] = None
-
-    def __post_init__(self) -> None:
-        positive(
-            gsd=self.gsd, swath=self.swath, height=self.height, wavelength=self.wavelength,
-            bandwidth=self.bandwidth, radiance=self.radiance, snr=self.snr,
-            pixel_pitch=self.pixel_pitch,
-        )  # fmt: skip
-        non_negative(read_noise=self.read_noise)
-        within(0.001, 0.99, mtf=self.mtf)
-        within(0.001, 1, efficiency=self.efficiency)
-        within(0.001, 1, smear=self.smear)
-        whole(1, 24, bits=self.bits)
-        whole(1, 4096, stages=self.stages)
-        if self.ground_speed is not None:
-            positive(ground_speed=self.ground_speed)
+    gsd: Annotated[float, Unit("m"), POSITIVE, "between pixels, along and across"]
+    swath: Annotated[float, Unit("m", "km"), POSITIVE]
+    height: Annotated[float, Unit("m", "km"), POSITIVE, "of the orbit"]
+    wavelength: Annotated[float, Unit("m", "nm"), POSITIVE, "of the band"]
+    bandwidth: Annotated[float, Unit("m", "nm"), POSITIVE, "of the band"]
+    radiance: Annotated[float, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE]
+    snr: Annotated[float, POSITIVE, "required signal-to-noise ratio of this radiance"]
+    mtf: Annotated[float, Range(0.001, 0.99),
+        "at Nyquist along the track, pixel and smear included"] = 0.1  # fmt: skip
+    pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "of the detector"] = 10e-6
+    read_noise: Annotated[float, Unit("electron"), NON_NEGATIVE, "of the detector"] = 30.0
+    bits: Annotated[int, Range(1, 24), "of the detector"] = 12
+    stages: Annotated[int, Range(1, 4096), "of the detector"] = 1
+    efficiency: Annotated[float, Range(0.001, 1),
+        "electron / photon, lens and filter included"] = 0.4  # fmt: skip
+    smear: Annotated[float, Range(0.001, 1),
+        "pixel that the ground moves in an exposure, as a fraction of the line period"
+    ] = 1.0  # fmt: skip
+    ground_speed: Annotated[float | None, Unit("m / s"), POSITIVE,
+        "None for a circular orbit around the Earth"] = None  # fmt: skip
 
     @property
     def speed(self) -> float:
         """Metre / second over ground."""
         if self.ground_speed is not None:
             return self.ground_speed
-        axis = EARTH_RADIUS + self.height
-        return math.sqrt(EARTH_GRAVITY / axis) * EARTH_RADIUS / axis
+        axis = MEAN_RADIUS + self.height
+        return math.sqrt(GM / axis) * MEAN_RADIUS / axis
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ from startrack.core import (
     Parameters,
     Range,
     Unit,
-    positive,
     shown,
     whole,
 )
@@ -68,21 +67,16 @@ class Reference(Parameters):
 
 
 @dataclass(frozen=True)
-class Performance:
+class Performance(Parameters):
     """What is required of a channel, or was measured of it in orbit; None: unknown."""
 
-    snr: Annotated[float | None, "1, at the light of `reference`"] = None
-    nedt: Annotated[float | None, Unit("K", "mK"),
+    snr: Annotated[float | None, POSITIVE, "1, at the light of `reference`"] = None
+    nedt: Annotated[float | None, Unit("K", "mK"), POSITIVE,
         "noise-equivalent temperature difference, likewise"] = None  # fmt: skip
-    mtf: Annotated[float | None, "1, at Nyquist, the lower of both axes"] = None
-    saturation: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"),
+    mtf: Annotated[float | None, POSITIVE, "1, at Nyquist, the lower of both axes"] = None
+    saturation: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE,
         "watt / m^2 / sr / m, largest radiance that is measured"] = None  # fmt: skip
-    gsd: Annotated[float | None, Unit("m"), "metre between columns"] = None
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value is not None:
-                positive(**{name: value})
+    gsd: Annotated[float | None, Unit("m"), POSITIVE, "metre between columns"] = None
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,20 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from startrack.core import Floats, one_of, positive, require_memory
+from startrack.core import (
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    require_memory,
+)
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
 from startrack.earth.product.ortho import (
@@ -41,23 +48,13 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How a product is put on a map.
+class Settings(Parameters):
+    """How a product is put on a map."""
 
-    projection  utm or geographic
-    cell        metre; None for the pixel's size in the middle of the image
-    resampling  nearest, bilinear or cubic
-    """
-
-    projection: str = "utm"
-    cell: float | None = None
-    resampling: str = "bilinear"
-
-    def __post_init__(self) -> None:
-        one_of(PROJECTIONS, projection=self.projection)
-        one_of(tuple(RESAMPLING), resampling=self.resampling)
-        if self.cell is not None:
-            positive(cell=self.cell)
+    projection: Annotated[str, Range(choices=PROJECTIONS)] = "utm"
+    cell: Annotated[float | None, Unit("m"), POSITIVE,
+        "None for the pixel's size in the middle of the image"] = None  # fmt: skip
+    resampling: Annotated[str, Range(choices=tuple(RESAMPLING))] = "bilinear"
 
 
 class Product(NamedTuple):
