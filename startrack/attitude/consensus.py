@@ -39,7 +39,9 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
 
 
 @kernel
-def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untyped-def]
+def _search(
+    observed: Floats, reference: Floats, sigma: Floats, gate: float, chosen: NDArray[np.bool_],
+) -> None:  # fmt: skip
     count = len(sigma)
     trial, products = np.zeros(count, np.bool_), np.empty((3, 3))
     seen, known, attitude = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -91,7 +93,7 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
 
 
 @kernel
-def _apart(direction, i, j):  # type: ignore[no-untyped-def]
+def _apart(direction: Floats, i: int, j: int) -> float:
     square = 0.0
     for k in range(3):
         square += (direction[j, k] - direction[i, k]) ** 2
@@ -99,7 +101,7 @@ def _apart(direction, i, j):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _distance(seen, attitude, known):  # type: ignore[no-untyped-def]
+def _distance(seen: Floats, attitude: Floats, known: Floats) -> float:
     square = 0.0
     for k in range(3):
         turned = attitude[k, 0] * known[0] + attitude[k, 1] * known[1] + attitude[k, 2] * known[2]
@@ -108,7 +110,7 @@ def _distance(seen, attitude, known):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _frame(a, b, frame):  # type: ignore[no-untyped-def]
+def _frame(a: Floats, b: Floats, frame: Floats) -> None:
     """Columns: along the sum of two unit vectors, along their difference, and across both."""
     along = across = 0.0
     for k in range(3):

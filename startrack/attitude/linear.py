@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from startrack.core import kernel
+from startrack.core import Floats, kernel
 
 EPS = 2.0**-52
 MOST_SWEEPS = 12  # a limit: convergence is quadratic, so that a few are enough
 
 
 @kernel
-def best_rotation(b, rotation):  # type: ignore[no-untyped-def]
+def best_rotation(b: Floats, rotation: Floats) -> Floats:
     """Write the rotation R of largest trace(R^T b), and return the direction of its largest part.
 
         b = U S V^T with falling S,   R = u1 v1^T + u2 v2^T + (u1 x u2) (v1 x v2)^T
@@ -50,7 +50,7 @@ def best_rotation(b, rotation):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _make_orthogonal(b, v, i, j):  # type: ignore[no-untyped-def]
+def _make_orthogonal(b: Floats, v: Floats, i: int, j: int) -> bool:
     """Rotate columns i and j of b and of v so that those of b are orthogonal; whether needed."""
     ii = jj = ij = 0.0
     for k in range(3):
@@ -72,7 +72,7 @@ def _make_orthogonal(b, v, i, j):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _frame(first, second):  # type: ignore[no-untyped-def]
+def _frame(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Two orthogonal unit vectors: along the first, and as near as can be to the second."""
     size, least = math.sqrt(_dot(first, first)), 0
     u1, u2 = np.empty(3), np.empty(3)
@@ -95,12 +95,12 @@ def _frame(first, second):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _dot(a, b):  # type: ignore[no-untyped-def]
+def _dot(a: Floats, b: Floats) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
-def _normalise(vector):  # type: ignore[no-untyped-def]
+def _normalise(vector: Floats) -> None:
     """Make its length one."""
     length = math.sqrt(_dot(vector, vector))
     for k in range(3):
@@ -108,7 +108,7 @@ def _normalise(vector):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cross(a, b):  # type: ignore[no-untyped-def]
+def _cross(a: Floats, b: Floats) -> Floats:
     out = np.empty(3)
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
@@ -117,7 +117,7 @@ def _cross(a, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def least_squares(columns, triangle, step):  # type: ignore[no-untyped-def]
+def least_squares(columns: Floats, triangle: Floats, step: Floats) -> None:
     """Minimise |A d - t| by modified Gram-Schmidt with the target as the last column.
 
     That is as stable as Householder's method: Bjorck (1996), Numerical Methods for Least Squares
@@ -156,7 +156,7 @@ def least_squares(columns, triangle, step):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def invert(triangle, inverse):  # type: ignore[no-untyped-def]
+def invert(triangle: Floats, inverse: Floats) -> None:
     """Write the inverse of an upper triangle; infinite where there is none."""
     a, b, c = triangle[0, 0], triangle[1, 1], triangle[2, 2]
     inverse[:] = 0.0
@@ -167,7 +167,7 @@ def invert(triangle, inverse):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def largest_eigenvalue(m):  # type: ignore[no-untyped-def]
+def largest_eigenvalue(m: Floats) -> float:
     """Of a symmetric 3 x 3 matrix, to 1e-8 (Smith 1961, Comm. ACM 4, 168)."""
     mean = (m[0, 0] + m[1, 1] + m[2, 2]) / 3
     off = m[0, 1] ** 2 + m[0, 2] ** 2 + m[1, 2] ** 2

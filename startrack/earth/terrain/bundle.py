@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
-from startrack.core import kernel
+from startrack.core import Floats, kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
 from startrack.earth.terrain.march import Segment, above, entry_and_exit, segment_from
 from startrack.earth.terrain.path import Path, Ray, path_at
+from startrack.earth.terrain.surface import Lattice, Singles
 
 POLISHED = 1e-9  # metre, change at the next step of Newton's method
 NEAR = (
@@ -19,7 +20,10 @@ STEPS = 60  # of bisection in the worst case, which reduce 100 km to 1e-13 m
 
 
 @kernel(forceinline=True)
-def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
+def refine(
+    lines: Lattice, ray: Ray, guess: float, j: int, i: int,
+    corner: tuple[float, float, float, float],
+) -> tuple[bool, float, float, float, float, float, float]:  # fmt: skip
     """Three steps of Newton's method in one cell, from a good estimate.
 
     j, i     row and column of the cell
@@ -47,7 +51,10 @@ def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def settle(lines, heights, ray, slot, j, i, low, high, s):  # type: ignore[no-untyped-def]
+def settle(
+    lines: Lattice, heights: Singles, ray: Ray, slot: int, j: int, i: int, low: float, high: float,
+    s: float,
+) -> tuple[float, tuple[float, float, float, float, float]]:  # fmt: skip
     """The root between two distances, where the ray goes from above the surface to below.
 
     Newton's method, kept between its bounds, on new paths where it moves away.
@@ -80,7 +87,10 @@ def settle(lines, heights, ray, slot, j, i, low, high, s):  # type: ignore[no-un
 
 
 @kernel(forceinline=True)
-def normal_at(lines, x, y, height, sine, cosine, to_column, to_row):  # type: ignore[no-untyped-def]
+def normal_at(
+    lines: Lattice, x: float, y: float, height: float, sine: float, cosine: float, to_column: float,
+    to_row: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """The normal of the surface at a point of it, from its change with columns and rows.
 
     normal ~ up - h_lon / ((N + h) cos(lat)) east - h_lat / (M + h) north
@@ -113,7 +123,7 @@ FOUND, U, V, HEIGHT, NX, NY, NZ = range(D + WIDTH, D + 8 * WIDTH, WIDTH)
 
 
 @kernel
-def empty_bundle():  # type: ignore[no-untyped-def]
+def empty_bundle() -> Floats:
     """A bundle of equal rays that meet nothing, to be filled in."""
     bundle = np.zeros(23 * WIDTH)
     bundle[OX : OX + WIDTH] = 1e8
@@ -122,7 +132,7 @@ def empty_bundle():  # type: ignore[no-untyped-def]
 
 
 @kernel
-def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
+def lay_all(bundle: Floats, lines: Lattice, exact: bool) -> None:
     """The first path of each ray, by `entry_and_exit` and `lay`."""
     for k in range(WIDTH):
         ray, start = ray_of(bundle, k), bundle[START + k]
@@ -139,7 +149,7 @@ def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def ray_of(bundle, k):  # type: ignore[no-untyped-def]
+def ray_of(bundle: Floats, k: int) -> Ray:
     """Ray k."""
     return Ray(
         bundle[OX + k], bundle[OY + k], bundle[OZ + k],
@@ -148,7 +158,7 @@ def ray_of(bundle, k):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def segment_of(bundle, k):  # type: ignore[no-untyped-def]
+def segment_of(bundle: Floats, k: int) -> Segment:
     """The first segment of ray k."""
     path = Path(
         bundle[U0 + k], bundle[U1 + k], bundle[U2 + k],
@@ -160,7 +170,7 @@ def segment_of(bundle, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def refine_all(bundle, lines):  # type: ignore[no-untyped-def]
+def refine_all(bundle: Floats, lines: Lattice) -> None:
     """The point and the normal in each ray's cell, by `refine` and `normal_at`."""
     for k in range(WIDTH):
         ray = ray_of(bundle, k)

@@ -76,7 +76,7 @@ def _geodetic_all(point, out):  # type: ignore[no-untyped-def]
 # The functions below that are inlined by force have no branches, so that loops over rays are
 # vectorised.
 @kernel(forceinline=True)
-def vertical(x, y, z):  # type: ignore[no-untyped-def]
+def vertical(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Sine and cosine of the latitude, height, and distance from the axis of one point.
 
     Free of trigonometric functions: latitude and reduced latitude are kept as sine and cosine.
@@ -128,7 +128,9 @@ def angle(y, x):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def shell(ox, oy, oz, dx, dy, dz, height):  # type: ignore[no-untyped-def]
+def shell(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, height: float,
+) -> tuple[float, float]:  # fmt: skip
     """Distances at which a ray enters and leaves the ellipsoid whose axes are longer by `height`.
 
     It lies within 2 cm of the surface of that height up to 9 km, and 14 cm at 100 km.

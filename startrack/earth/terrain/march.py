@@ -9,10 +9,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from startrack.core import kernel
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, kernel
 from startrack.earth.terrain.ellipsoid import shell
-from startrack.earth.terrain.path import Path, crossing, path_at, reach
-from startrack.earth.terrain.surface import corners
+from startrack.earth.terrain.path import Path, Ray, crossing, path_at, reach
+from startrack.earth.terrain.surface import Horizon, Lattice, Singles, Surface, corners
 from startrack.earth.terrain.tile import CELLS, PATCH, SIZE, block, patch
 
 MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray needs a tile that is not in memory
@@ -55,7 +58,7 @@ class Piece(NamedTuple):
 
 
 @kernel(forceinline=True)
-def entry_and_exit(lines, ray, start):  # type: ignore[no-untyped-def]
+def entry_and_exit(lines: Lattice, ray: Ray, start: float) -> tuple[float, float]:
     """Distances between which a ray can meet a surface; the second is smaller if it cannot."""
     enter, end = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.highest + SHELL_MARGIN)
     below, _ = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.lowest - SHELL_MARGIN)
@@ -64,7 +67,7 @@ def entry_and_exit(lines, ray, start):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def segment_from(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
+def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool) -> Segment:
     """The Segment of a ray that begins at `begin`.
 
     ahead  whether its middle, where it is exact, lies at `begin` and not half its length farther
@@ -76,7 +79,9 @@ def segment_from(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-def]
+def march(
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float, end: float,
+) -> tuple[int, float, float, float, int, int]:  # fmt: skip
     """Follow one ray, a unit direction from a point, on its first path and those after it.
 
     Returns  MISS, HIT or ABSENT; two distances that enclose the intersection, and an estimate of
@@ -97,7 +102,9 @@ def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-
 
 
 @kernel(forceinline=True)
-def _along(lines, surface, ray, segment, begin):  # type: ignore[no-untyped-def]
+def _along(
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float,
+) -> tuple[int, float, float, float, int, int]:  # fmt: skip
     """Follow a path from `begin` to half, in pieces on which columns and rows are monotonic."""
     path, half = segment.path, segment.half
     first = _turning(path.u1, path.u2, half)
@@ -125,7 +132,7 @@ def _along(lines, surface, ray, segment, begin):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _turning(q1, q2, half):  # type: ignore[no-untyped-def]
+def _turning(q1: float, q2: float, half: float) -> float:
     """Where a quadratic turns around, if it does between -half and half; else half."""
     if abs(q1) >= 2 * abs(q2) * half:
         return half
@@ -133,7 +140,9 @@ def _turning(q1, q2, half):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def]
+def _within(
+    q0: float, q1: float, q2: float, sign: int, cells: int, begin: float, end: float,
+) -> tuple[float, float]:  # fmt: skip
     """The part of a monotonic piece on which a coordinate lies between 0 and `cells`."""
     at_begin, at_end = q0 + begin * (q1 + begin * q2), q0 + end * (q1 + end * q2)
     early, late = (0.0, float(cells)) if sign > 0 else (float(cells), 0.0)
@@ -147,7 +156,9 @@ def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def
 
 
 @kernel(forceinline=True)
-def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped-def]
+def _border(
+    q0: float, q1: float, q2: float, inverse: float, curl: float, sign: int, target: float,
+) -> float:  # fmt: skip
     """As `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
     straight = (target - q0) * inverse
     bend = straight * curl
@@ -157,7 +168,7 @@ def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped
 
 
 @kernel(forceinline=True)
-def _cell(position, low, high):  # type: ignore[no-untyped-def]
+def _cell(position: float, low: int, high: int) -> int:
     return min(max(math.floor(position), low), high)
 
 
@@ -174,7 +185,7 @@ class Rates(NamedTuple):
 
 
 @kernel(forceinline=True)
-def _rates_of(segment, s, end):  # type: ignore[no-untyped-def]
+def _rates_of(segment: Segment, s: float, end: float) -> Rates:
     path = segment.path
     return Rates(
         max(abs(path.u1 + 2 * s * path.u2), abs(path.u1 + 2 * end * path.u2)),
@@ -206,7 +217,7 @@ class Borders(NamedTuple):
 
 
 @kernel(forceinline=True)
-def _borders_of(path, piece):  # type: ignore[no-untyped-def]
+def _borders_of(path: Path, piece: Piece) -> Borders:
     last_u = _at(piece.u0, path.u1, path.u2, piece.end)
     last_v = _at(path.v0, path.v1, path.v2, piece.end)
     per_u = 1 / path.u1 if piece.east * path.u1 > 0 else math.nan
@@ -219,7 +230,9 @@ def _borders_of(path, piece):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _exits(borders, path, piece, level, j, i):  # type: ignore[no-untyped-def]
+def _exits(
+    borders: Borders, path: Path, piece: Piece, level: int, j: int, i: int,
+) -> tuple[float, float]:  # fmt: skip
     """Distances at which a piece leaves its block through a column and through a row.
 
     Infinity where it ends inside the block.
@@ -237,7 +250,9 @@ def _exits(borders, path, piece, level, j, i):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped-def]
+def _through(
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, piece: Piece, s: float,
+) -> tuple[int, float, float, float, int, int]:  # fmt: skip
     """Follow a monotonic piece from `s` on through the blocks of the grid.
 
     A block is entered, and split where the path comes below its maximum, until it is a single cell,
@@ -327,7 +342,10 @@ def _at(q0: float, q1: float, q2: float, s: float) -> float:
 
 
 @kernel
-def _first_block(heights, maxima, steepness, used, segment, u0, rates, slot, j, i, s, extent):  # type: ignore[no-untyped-def]
+def _first_block(
+    heights: Singles, maxima: Singles, steepness: Singles, used: NDArray[np.uint8],
+    segment: Segment, u0: float, rates: Rates, slot: int, j: int, i: int, s: float, extent: float,
+) -> tuple[int, bool, int]:  # fmt: skip
     """Level of the first block of a piece in the cell [j, i].
 
     extent   cells, of the piece along columns or rows
@@ -356,7 +374,7 @@ def _first_block(heights, maxima, steepness, used, segment, u0, rates, slot, j, 
 
 
 @kernel(forceinline=True)
-def _lowest(path, slope, s, leave):  # type: ignore[no-untyped-def]
+def _lowest(path: Path, slope: float, s: float, leave: float) -> float:
     """Least height of a path between two distances; `slope` is that at the first."""
     if slope < 0 < path.h1 + 2 * leave * path.h2:
         return path.h0 - 0.25 * path.h1 * path.h1 / path.h2
@@ -364,7 +382,7 @@ def _lowest(path, slope, s, leave):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _highest(top, maxima, slot, level, j, i):  # type: ignore[no-untyped-def]
+def _highest(top: Floats, maxima: Singles, slot: int, level: int, j: int, i: int) -> float:
     """Largest height of the block around the cell [j, i]; infinity of a single cell."""
     if level == SIZE:
         return top[j >> SIZE, i >> SIZE]
@@ -375,21 +393,21 @@ def _highest(top, maxima, slot, level, j, i):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _cell_in_block(position, cell, level, last):  # type: ignore[no-untyped-def]
+def _cell_in_block(position: float, cell: int, level: int, last: int) -> int:
     """Number of the cell at a position, kept inside the block of another and inside the grid."""
     first = (cell >> level) << level
     return _cell(position, first, min(first + (1 << level) - 1, last))
 
 
 @kernel(forceinline=True)
-def _next_block(cell, level, sign):  # type: ignore[no-untyped-def]
+def _next_block(cell: int, level: int, sign: int) -> int:
     """Number of the first cell beyond the block of a cell."""
     first = (cell >> level) << level
     return first + (1 << level) if sign > 0 else first - 1
 
 
 @kernel(forceinline=True)
-def _horizon_at(horizon, u, v):  # type: ignore[no-untyped-def]
+def _horizon_at(horizon: Horizon, u: float, v: float) -> float:
     """Height above which rays at a place meet nothing any more."""
     ahead, across = (v, u) if horizon.by_rows else (u, v)
     along = horizon.offset + horizon.sign * ahead
@@ -402,7 +420,10 @@ def _horizon_at(horizon, u, v):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _cell_by_parabola(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
+def _cell_by_parabola(
+    heights: Singles, segment: Segment, u0: float, s: float, leave: float, slot: int, j: int,
+    i: int,
+) -> tuple[int, float, float, float]:  # fmt: skip
     """Whether the path meets the surface of one cell between two distances, and an estimate where.
 
     A parabola through three heights above the surface decides: MISS, HIT, or ABSENT where exact
@@ -426,7 +447,9 @@ def _cell_by_parabola(heights, segment, u0, s, leave, slot, j, i):  # type: igno
 
 
 @kernel(forceinline=True)
-def _too_steep(steepness, slot, level, j, i, slope, rates):  # type: ignore[no-untyped-def]
+def _too_steep(
+    steepness: Singles, slot: int, level: int, j: int, i: int, slope: float, rates: Rates,
+) -> bool:  # fmt: skip
     """Whether a path that is above the surface rises too steeply to meet it within a block."""
     n = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
     ground = steepness[slot, n, 0] * rates.u + steepness[slot, n, 1] * rates.v
@@ -434,7 +457,10 @@ def _too_steep(steepness, slot, level, j, i, slope, rates):  # type: ignore[no-u
 
 
 @kernel(forceinline=True)
-def _start(maxima, steepness, slot, j, i, height, slope, rates):  # type: ignore[no-untyped-def]
+def _start(
+    maxima: Singles, steepness: Singles, slot: int, j: int, i: int, height: float, slope: float,
+    rates: Rates,
+) -> int:  # fmt: skip
     """Level of a block, nearly the largest, that a rising path leaves without meeting its
 
     The path is above the surface of the cell [j, i].
@@ -455,21 +481,26 @@ def _start(maxima, steepness, slot, j, i, height, slope, rates):  # type: ignore
 
 
 @kernel(forceinline=True)
-def _over(heights, path, u0, slot, j, i, s):  # type: ignore[no-untyped-def]
+def _over(heights: Singles, path: Path, u0: float, slot: int, j: int, i: int, s: float) -> bool:
     """Whether a path is above the surface of a cell; not so in a hole."""
     a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
     return _clear(path, u0 - i, path.v0 - j, a, b, c, d, s) > 0
 
 
 @kernel(forceinline=True)
-def _clear(path, u0, v0, a, b, c, d, s):  # type: ignore[no-untyped-def]
+def _clear(
+    path: Path, u0: float, v0: float, a: float, b: float, c: float, d: float, s: float,
+) -> float:  # fmt: skip
     """Height of a path above a bilinear cell."""
     u, v = u0 + s * (path.u1 + s * path.u2), v0 + s * (path.v1 + s * path.v2)
     return path.h0 + s * (path.h1 + s * path.h2) - (a + b * u + (c + d * u) * v)
 
 
 @kernel
-def _cell_exact(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
+def _cell_exact(
+    lines: Lattice, heights: Singles, ray: Ray, middle: float, piece: Piece, s: float, leave: float,
+    slot: int, j: int, i: int,
+) -> tuple[int, float, float, float]:  # fmt: skip
     """As `_cell_by_parabola`, on exact heights."""
     half = 0.5 * (leave - s)
     low, high, guess = s, leave, s + half
@@ -500,7 +531,7 @@ def _cell_exact(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # ty
 
 
 @kernel
-def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
+def _entry(lines: Lattice, path: Path, j: int, i: int, east: int, south: int) -> float:
     """Distance from the middle of an exact path to its near entry into a cell; 0 if none."""
     u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
     by_u = (i + (0 if east > 0 else 1) - u0) / path.u1
@@ -510,7 +541,7 @@ def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _parabola_minimum(first, second, third):  # type: ignore[no-untyped-def]
+def _parabola_minimum(first: float, second: float, third: float) -> tuple[float, float]:
     """Minimum of the parabola through values at -1, 0 and 1 within [-1, 1], and its position."""
     slope, bend = 0.5 * (third - first), 0.5 * (first + third) - second
     if bend > 0 and abs(slope) < 2 * bend:
@@ -521,7 +552,9 @@ def _parabola_minimum(first, second, third):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def above(lines, heights, slot, j, i, path, s):  # type: ignore[no-untyped-def]
+def above(
+    lines: Lattice, heights: Singles, slot: int, j: int, i: int, path: Path, s: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """Height of an exact path above the surface, its change with the distance, and its twist.
 
     The cell is the one near [j, i] that contains the point, so that the value is continuous.

@@ -32,7 +32,7 @@ def patch(level, j, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
+def fill(tile: Singles, maxima: Singles, steepness: Singles) -> tuple[float, float]:
     """Fill in the maxima and the steepness of a tile, in place; returns its extreme heights.
 
     NaN, a hole, is lower than all heights, so that blocks of holes are never entered, and
@@ -49,7 +49,7 @@ def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
+def _fill_steepness(tile: Singles, steepness: Singles) -> None:
     along, down = np.empty(CELLS, np.float32), np.empty(VERTICES, np.float32)
     side = 1 << PATCH
     for j in range(CELLS >> PATCH):
@@ -75,7 +75,7 @@ def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _keep_larger(largest, first, second):  # type: ignore[no-untyped-def]
+def _keep_larger(largest: Singles, first: Singles, second: Singles) -> None:
     for i in range(len(largest)):
         change = abs(first[i] - second[i])
         change = change if change == change else np.float32(np.inf)
