@@ -16,6 +16,8 @@ UNKNOWN_FLOOR = 0.015
 
 
 METHODS = ("least squares",)
+SWING = "amplitude of the thermo-elastic error, one sinusoid per orbit; a trial has a random phase"
+BIAS = "rotation vector in camera axes"
 
 
 @dataclass(frozen=True)
@@ -41,10 +43,6 @@ class SolverSettings(Parameters):
         "\"least squares\": by the residuals in the image plane; or code of one's own, see "
         "docs/extensions.md, which then also handles outliers: gate and sift are not used"
     ] = "least squares"  # fmt: skip
-
-
-SWING = "amplitude of the thermo-elastic error, one sinusoid per orbit; a trial has a random phase"
-BIAS = "rotation vector in camera axes"
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,12 @@ from startrack.core import (
 
 GROUP = "attitudes"
 EXACT = 1e-6  # largest element of R R^T - 1 of what is taken for a rotation matrix
+NO_COVARIANCE = np.full((3, 3), np.nan)
+MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
+# Probability of larger residuals by noise alone, below which the covariance is enlarged. Chosen by
+# hand: a larger one enlarges it too often, a smaller one ignores distortion and catalogue errors.
+SIGNIFICANCE = 1e-3
+FEWEST = 4  # stars that are always kept: fewer leave too few degrees of freedom to find an outlier
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +142,6 @@ def _enlarge(covariance, seen, weight, known, enlarged):  # type: ignore[no-unty
         for i in range(3):
             for j in range(3):
                 enlarged[m, i, j] = covariance[m, i, j] + mixed[i] * mixed[j] / left
-
-
-NO_COVARIANCE = np.full((3, 3), np.nan)
-MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
-# Probability of larger residuals by noise alone, below which the covariance is enlarged. Chosen by
-# hand: a larger one enlarges it too often, a smaller one ignores distortion and catalogue errors.
-SIGNIFICANCE = 1e-3
-FEWEST = 4  # stars that are always kept: fewer leave too few degrees of freedom to find an outlier
 
 
 def solve(

@@ -42,6 +42,9 @@ CONVENTION = (
     "true, with the error about the camera's axes; pairs are across (per axis) and about the "
     "boresight; SI units"
 )
+FMU_SOURCE = "startrack_fmu.c"
+IDENTIFIER = "startrack_head"
+EARLIEST = (1980, 1, 1, 0, 0, 0)  # of a file in a zip: the same bytes each day
 
 
 @dataclass(frozen=True)
@@ -194,11 +197,6 @@ def _row(values: tuple[float, ...]) -> str:
     parts = [repr(float(value)) for value in values]
     rows = [", ".join(parts[k : k + 4]) for k in range(0, len(parts), 4)]
     return "{" + ",\n     ".join(rows) + "}"
-
-
-FMU_SOURCE = "startrack_fmu.c"
-IDENTIFIER = "startrack_head"
-EARLIEST = (1980, 1, 1, 0, 0, 0)  # of a file in a zip: the same bytes each day
 
 
 class Variable(NamedTuple):

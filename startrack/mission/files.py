@@ -20,6 +20,12 @@ from startrack.io import read_bytes, regular_file, save_text, whole
 LARGEST = 2**29  # byte
 INERTIAL = ("ICRF", "EME2000", "J2000", "GCRF", "ICRF3")  # the same within 0.02 arcsec
 SCALES = {"UTC": "utc", "TAI": "tai", "TT": "tt", "TDB": "tdb", "UT1": "ut1"}
+BODY = -999  # number of the spacecraft in files that are written
+EARTH, FRAME = 399, "J2000"  # the axes of ICRS in SPICE
+TICKS = 65536  # a second, of the clock of a written CK
+ORBIT_STEP, ATTITUDE_STEP = 60.0, 1.0  # second between two states that are read
+MOST = 2_000_000  # states of a file
+DEGREE = 7  # of the interpolation of a written SPK
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,14 +222,6 @@ def _numbers(path: Path, rows: list[list[str]], count: int) -> Floats:
     if numbers.ndim != 2 or numbers.shape[1] != count or not math.isfinite(numbers.sum()):
         raise ValueError(f"{path} must hold a date and {count} finite numbers in each row")
     return numbers
-
-
-BODY = -999  # number of the spacecraft in files that are written
-EARTH, FRAME = 399, "J2000"  # the axes of ICRS in SPICE
-TICKS = 65536  # a second, of the clock of a written CK
-ORBIT_STEP, ATTITUDE_STEP = 60.0, 1.0  # second between two states that are read
-MOST = 2_000_000  # states of a file
-DEGREE = 7  # of the interpolation of a written SPK
 
 
 @contextmanager

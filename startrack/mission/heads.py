@@ -23,6 +23,15 @@ from startrack.population import unit_of
 from startrack.space import EarthSeen, angle, cross, dot, from_body, unit
 
 SIDES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # normal of a side of a box, and its two edges
+SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
+# Parts of a design that have a temperature, and its name there.
+TEMPERATURES = {
+    "instrument.detector.thermal": "temperature",
+    "instrument.thermal": "lens",
+    "instrument.residual": "temperature",
+}
+ANGLES: Floats = np.arange(0.5, 120.0, 0.5) * deg  # at which a baffle's exclusion is sought
+DESIGN_TEMPERATURE = HeadTemperature()
 
 
 def faces_of(structure: Sequence[Obstacle], instants: Instants) -> list[Floats]:
@@ -126,16 +135,6 @@ def nearest(faces: Sequence[Floats], position: Floats, boresight: Floats) -> Flo
     return least
 
 
-SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
-# Parts of a design that have a temperature, and its name there.
-TEMPERATURES = {
-    "instrument.detector.thermal": "temperature",
-    "instrument.thermal": "lens",
-    "instrument.residual": "temperature",
-}
-ANGLES: Floats = np.arange(0.5, 120.0, 0.5) * deg  # at which a baffle's exclusion is sought
-
-
 class Blind(IntFlag):
     """Why a head has no attitude."""
 
@@ -167,9 +166,6 @@ class Limits:
                 "baffle must keep out Sun, Moon and Earth at some angle below 120 deg, or the head "
                 "must give its exclusion angles"
             )
-
-
-DESIGN_TEMPERATURE = HeadTemperature()
 
 
 @dataclass(frozen=True, eq=False)

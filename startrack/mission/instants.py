@@ -11,37 +11,16 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation, Slerp
 
+from startrack import space
 from startrack.core import LIGHT_SPEED, Floats, Refused, installed_tables, utc
 from startrack.mission.files import Ephemeris, read_aem, read_ck, read_oem, read_spk, seconds_after
 from startrack.mission.parameters import Attitude, Mission, Orbit, Scan
-from startrack.space import (
-    AXES_COLUMNS,
-    EARTH_RADIUS,
-    FLATTENING,
-    GREENWICH_COLUMN,
-    MOON_COLUMNS,
-    SIDEREAL,
-    SPEED_COLUMNS,
-    SPIN,
-    SQUARED_ECCENTRICITY,
-    SUN_COLUMNS,
-    Bodies,
-    Carrier,
-    Kepler,
-    Sgp4,
-    Tabulated,
-    bodies_of,
-    cross,
-    dot,
-    lagrange_weights,
-    node_at,
-    sun_synchronous,
-    times,
-    two_line_record,
-    unit,
-)
+from startrack.space import cross, dot, times, unit
 
-BEYOND = 60.0  # second, by which a mission may exceed its file; the attitude stands still there
+# Between these times, positions follow from polynomials.
+ORBIT_KNOT = 60.0  # second; six points: 3 mm in a low orbit
+BODY_KNOT = 600.0  # second; straight lines: 0.1 arcsec for the Moon
+LONGEST_RATE_STEP = 20.0  # second between two attitudes from which a rate follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +79,7 @@ def _downwards(yaw: str, place: Place, z: Floats) -> Floats:
     if yaw == "sun":
         ahead = place.sun_place - place.place
     elif yaw == "ground":
-        ahead = place.speed - SPIN * cross(place.axes[:, 2], place.place)
+        ahead = place.speed - space.SPIN * cross(place.axes[:, 2], place.place)
     else:
         ahead = place.speed
     y = unit(cross(z, ahead))
@@ -134,9 +113,9 @@ def _triad(first: Floats, second: Floats) -> Floats:
 
 def _target(attitude: Attitude, _begin: str) -> Law:
     sine, cosine = math.sin(attitude.latitude), math.cos(attitude.latitude)
-    normal = EARTH_RADIUS / math.sqrt(1 - SQUARED_ECCENTRICITY * sine**2)
+    normal = space.EARTH_RADIUS / math.sqrt(1 - space.SQUARED_ECCENTRICITY * sine**2)
     out = (normal + attitude.height) * cosine
-    up = (normal * (1 - SQUARED_ECCENTRICITY) + attitude.height) * sine
+    up = (normal * (1 - space.SQUARED_ECCENTRICITY) + attitude.height) * sine
 
     def law(place: Place) -> Floats:
         east = place.greenwich + attitude.longitude
@@ -159,7 +138,10 @@ def _file(attitude: Attitude, begin: str) -> Law:
     course = Slerp(second, Rotation.from_quat(file.quaternion))
 
     def law(place: Place) -> Floats:
-        if place.second[0] < second[0] - BEYOND or place.second[-1] > second[-1] + BEYOND:
+        if (
+            place.second[0] < second[0] - space.BEYOND
+            or place.second[-1] > second[-1] + space.BEYOND
+        ):
             raise Refused(
                 f"attitude.aem must hold the mission's time, to {place.second[-1]:g} s after its "
                 f"begin, got {second[0]:g} to {second[-1]:g} s"
@@ -182,12 +164,6 @@ def _scanned(scan: Scan, second: Floats, body: Floats) -> Floats:
         axis[0] * body[1] - axis[1] * body[0],
     ])  # fmt: skip
     return cosine * body + sine * across + (1 - cosine) * axis[:, None, None] * along
-
-
-# Between these times, positions follow from polynomials.
-ORBIT_KNOT = 60.0  # second; six points: 3 mm in a low orbit
-BODY_KNOT = 600.0  # second; straight lines: 0.1 arcsec for the Moon
-LONGEST_RATE_STEP = 20.0  # second between two attitudes from which a rate follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,8 +201,8 @@ class SpacecraftMotion:
     """What is computed once for a mission: ephemerides, orbit and attitude law."""
 
     mission: Mission
-    bodies: Bodies
-    path: Carrier
+    bodies: space.Bodies
+    path: space.Carrier
     law: Law
 
     def at(self, first: float, step: float, count: int) -> Instants:
@@ -250,7 +226,7 @@ class SpacecraftMotion:
         sun, moon = (unit(unit(line) + aberration) for line in parallax)
         pole = place.axes[:, 2]
         z = place.fixed[2] / np.sqrt(dot(place.fixed, place.fixed))
-        flat = 1 - FLATTENING
+        flat = 1 - space.FLATTENING
         return Instants(
             place.second,
             place.place,
@@ -268,8 +244,9 @@ class SpacecraftMotion:
 
     def _place(self, first: float, step: float, count: int) -> Place:
         second = first + step * np.arange(count, dtype=float)
-        slow = spread(self.bodies.at, first, step, count, BODY_KNOT, 2)
-        axes = slow[AXES_COLUMNS].reshape(3, 3, -1)
+        columns = spread(self.bodies.at, first, step, count, BODY_KNOT, 2)
+        bodies = space.body_states(columns, second)
+        axes = bodies.teme_to_icrs
 
         def states(second: Floats) -> Floats:
             return np.concatenate(self.path.state(second))
@@ -288,10 +265,10 @@ class SpacecraftMotion:
             speed,
             fixed,
             axes,
-            slow[GREENWICH_COLUMN] + SIDEREAL * second,
-            slow[SUN_COLUMNS],
-            slow[MOON_COLUMNS],
-            slow[SPEED_COLUMNS],
+            bodies.greenwich,
+            bodies.sun,
+            bodies.moon,
+            bodies.earth_velocity,
         )
 
 
@@ -303,11 +280,11 @@ def motion_of(mission: Mission) -> SpacecraftMotion:
     begin = mission.time.begin
     # What may be refused comes first: the tables of a long mission take seconds.
     path, law = path_of(mission.orbit, begin), law_of(mission.attitude, begin)
-    bodies = bodies_of(begin, mission.time.duration + mission.time.step)
+    bodies = space.bodies_of(begin, mission.time.duration + mission.time.step)
     return SpacecraftMotion(mission, bodies, path, law)
 
 
-def path_of(orbit: Orbit, begin: str) -> Carrier:
+def path_of(orbit: Orbit, begin: str) -> space.Carrier:
     """What moves along an orbit.
 
     begin   of the mission, UTC
@@ -316,30 +293,30 @@ def path_of(orbit: Orbit, begin: str) -> Carrier:
     """
     date = utc(begin)
     if orbit.tle:
-        return Sgp4(two_line_record(orbit.tle), (float(date.jd1), float(date.jd2)))
+        return space.Sgp4(space.two_line_record(orbit.tle), (float(date.jd1), float(date.jd2)))
     if orbit.oem:
         file = Path(orbit.oem)
         return _tabulated(read_spk(file) if file.suffix == ".bsp" else read_oem(file), begin)
     assert orbit.altitude is not None
-    axis = EARTH_RADIUS + orbit.altitude
+    axis = space.EARTH_RADIUS + orbit.altitude
     start = 0.0
     if orbit.epoch is not None:
         with installed_tables():
             start = float((utc(orbit.epoch) - date).sec)
     tilt, node = orbit.inclination, orbit.node
     if orbit.local_time is not None:
-        tilt = sun_synchronous(axis, orbit.eccentricity)
-        node = node_at(orbit.epoch or begin, orbit.local_time)
+        tilt = space.sun_synchronous(axis, orbit.eccentricity)
+        node = space.node_at(orbit.epoch or begin, orbit.local_time)
     assert tilt is not None
-    return Kepler(axis, orbit.eccentricity, tilt, node, orbit.perigee, orbit.anomaly, start)
+    return space.Kepler(axis, orbit.eccentricity, tilt, node, orbit.perigee, orbit.anomaly, start)
 
 
-def _tabulated(file: Ephemeris, begin: str) -> Tabulated:
+def _tabulated(file: Ephemeris, begin: str) -> space.Tabulated:
     second = seconds_after(begin, file)
     if len(second) < 2 or (np.diff(second) <= 0).any():
         raise Refused("orbit.oem must hold two or more states at rising times")
     points = min(file.degree + 1, len(second))
-    return Tabulated(second, file.place.T, file.speed.T, points)
+    return space.Tabulated(second, file.place.T, file.speed.T, points)
 
 
 def spread(
@@ -365,7 +342,7 @@ def spread(
     wide = block * step
     values = exact(first + wide * (np.arange(blocks + points - 1, dtype=float) - behind))
     knots = np.arange(points, dtype=float)[:, None] - behind
-    weight = lagrange_weights(knots, np.arange(block) / block)
+    weight = space.lagrange_weights(knots, np.arange(block) / block)
     between = sliding_window_view(values, points, axis=1) @ weight
     return between.reshape(len(values), -1)[:, :count]
 

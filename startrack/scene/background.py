@@ -44,6 +44,20 @@ FALL = 2.3
 INNER, INNERMOST = 15 * deg, 2.5 * deg
 OBLIQUITY = 23.43928 * deg  # of the ecliptic, J2000
 POLE = np.array([0.0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)])
+# Light of the stars towards the galactic poles in each whole magnitude G, in stars of G = 10 per
+# square degree. G 4 to 10: counted in Gaia DR3 and Hipparcos beyond 70 degrees of latitude.
+# Brighter: from the counts within 5 degrees of the plane, where such stars are many. Fainter: its
+# fall from magnitude to magnitude by the disk of Bahcall and Soneira (1980), Astrophysical
+# Journal Supplement 44, 73, eq. (B1).
+FIRST, LAST = 0.0, 24.0
+COUNTED = (1.5, 2.0, 2.6, 3.0, 3.56, 4.55, 5.44, 4.90, 4.84, 4.32)
+# Sine of the latitude below which dust limits the brightness of the plane; fitted to the counts of
+# all belts of latitude.
+DUST = 0.2
+# Starlight that dust scatters, over the starlight: Leinert et al. (1998), A&A Supplement Series
+# 127, 1, section 11.2.
+SCATTERED = 0.25
+TEMPERATURE = 4800.0  # kelvin, of a blackbody with the mean star's colour
 
 
 def zodiacal(direction: Floats, sun: Floats, sun_distance: float = 1.0) -> Floats:
@@ -120,22 +134,6 @@ def _ring(turn: Floats) -> Floats:
         for a, b in near
     ]
     return np.exp(np.interp(turn, angle, np.log(value)))
-
-
-# Light of the stars towards the galactic poles in each whole magnitude G, in stars of G = 10 per
-# square degree. G 4 to 10: counted in Gaia DR3 and Hipparcos beyond 70 degrees of latitude.
-# Brighter: from the counts within 5 degrees of the plane, where such stars are many. Fainter: its
-# fall from magnitude to magnitude by the disk of Bahcall and Soneira (1980), Astrophysical
-# Journal Supplement 44, 73, eq. (B1).
-FIRST, LAST = 0.0, 24.0
-COUNTED = (1.5, 2.0, 2.6, 3.0, 3.56, 4.55, 5.44, 4.90, 4.84, 4.32)
-# Sine of the latitude below which dust limits the brightness of the plane; fitted to the counts of
-# all belts of latitude.
-DUST = 0.2
-# Starlight that dust scatters, over the starlight: Leinert et al. (1998), A&A Supplement Series
-# 127, 1, section 11.2.
-SCATTERED = 0.25
-TEMPERATURE = 4800.0  # kelvin, of a blackbody with the mean star's colour
 
 
 def starlight(direction: Floats, limit_g: float) -> Floats:

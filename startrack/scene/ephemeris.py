@@ -15,6 +15,8 @@ from startrack.scene.parameters import J2000 as J2000_UTC
 from startrack.scene.parameters import JULIAN_YEAR, Orbit, Scene
 from startrack.space import EARTH_RADIUS, GM, J2000, Body, barycentric, orbit_direction, seen_from
 
+BODIES = ("sun", "moon", "earth")
+
 
 @dataclass(frozen=True, eq=False)
 class Observer:
@@ -99,9 +101,6 @@ def _draw(streams: Streams | None, cause: str) -> float:
     if streams is None:
         raise TypeError(f"streams must be given where the {cause} is drawn, got None")
     return float(streams(cause).random())
-
-
-BODIES = ("sun", "moon", "earth")
 
 
 def body_angles(scene: Scene, seed: int, trials: Sequence[int], boresight: Floats) -> Floats:

@@ -46,6 +46,9 @@ from startrack.space import AU, EARTH_RADIUS
 
 GROUP = "lights"
 LEAST = 1e-6  # of the largest, of the terms (a spectrum times a map) that a light is made of
+NODES = 17  # of the map of diffuse light along a side of the frame: 1 % between them
+LIMB_NODES = 129  # the same where the Earth's limb is in the frame: an edge of 1/128 of it
+POINTS_PER_PIXEL = 2.0  # of a disc; chosen by hand: fewer leave gaps, more cost time
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +94,6 @@ def light_by_code(name: str, given: LightInput) -> Iterator[DiffuseLight]:
     for place, size, spectrum in zip(places.T, sizes, spectra, strict=True):
         if size > LEAST * sizes[0]:
             yield DiffuseLight(spectrum * size, place.reshape(side, side))
-
-
-NODES = 17  # of the map of diffuse light along a side of the frame: 1 % between them
-LIMB_NODES = 129  # the same where the Earth's limb is in the frame: an edge of 1/128 of it
-POINTS_PER_PIXEL = 2.0  # of a disc; chosen by hand: fewer leave gaps, more cost time
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,16 @@ from startrack.space import EARTH_RADIUS
 
 FORMAT = 1  # of the file
 DARK = 1e-12  # 1 / sr, least radiance over the Sun's irradiance: its logarithm must be finite
+RAYLEIGH = 1e10 / (4 * np.pi)  # photon / s / m^2 / sr
+HIGHEST = 300e3  # metre, of all shells
+# Night glow seen from the zenith, Leinert et al. (1998), A&A Supplement Series 127, 1, table 13:
+# 250 R of O at 557.7 nm, 30 to 100 R of Na, 60 R of O at 630 nm; 2.5 R / nm of continuum. The bands
+# of OH above 600 nm follow from the brightness of the night sky: 16 R / nm at 640 nm and 28 R / nm
+# at 800 nm, from R 20.9 and I 19.7 mag per square arcsecond (Patat 2003, A&A 400, 1183), less the
+# zodiacal light; above 900 nm they are an assumption.
+CONTINUUM = 2.5  # R / nm
+OH_AT: Floats = np.array([600.0, 640, 700, 800, 900, 1100]) * nm
+OH: Floats = np.array([0.0, 8, 12, 25, 40, 90])  # R / nm
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,19 +152,6 @@ def limb_light(
 def _table(air: str) -> Limb:
     name = "limb" if air == "molecules" else f"limb-{air}"
     return load_limb(shipped(f"atmosphere/{name}.fits"))
-
-
-RAYLEIGH = 1e10 / (4 * np.pi)  # photon / s / m^2 / sr
-HIGHEST = 300e3  # metre, of all shells
-
-# Night glow seen from the zenith, Leinert et al. (1998), A&A Supplement Series 127, 1, table 13:
-# 250 R of O at 557.7 nm, 30 to 100 R of Na, 60 R of O at 630 nm; 2.5 R / nm of continuum. The bands
-# of OH above 600 nm follow from the brightness of the night sky: 16 R / nm at 640 nm and 28 R / nm
-# at 800 nm, from R 20.9 and I 19.7 mag per square arcsecond (Patat 2003, A&A 400, 1183), less the
-# zodiacal light; above 900 nm they are an assumption.
-CONTINUUM = 2.5  # R / nm
-OH_AT: Floats = np.array([600.0, 640, 700, 800, 900, 1100]) * nm
-OH: Floats = np.array([0.0, 8, 12, 25, 40, 90])  # R / nm
 
 
 class Shell(NamedTuple):

@@ -57,6 +57,21 @@ from startrack.trial import (
 )
 
 GATE = 30.7  # chi-square of 3 degrees of freedom, exceeded once in a million by noise alone
+NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
+AXES = "xyz"
+SMEAR_STEP = 0.25  # pixel; a smear that is wrong by half of it costs nothing
+# A row of the table of a sequence: one frame.
+FRAMES: np.dtype[np.void] = np.dtype(
+    [
+        ("sequence", np.int64),
+        ("time", float),
+        ("rate", float),
+        ("mode", np.int8),
+        *typing.get_type_hints(Outcome).items(),
+        *((f"filtered_{axis}", float) for axis in AXES),
+        *((f"filtered_sigma_{axis}", float) for axis in AXES),
+    ]
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +148,6 @@ def _contradicts(state: State, estimate: Estimate) -> bool:
     return bool(innovation @ np.linalg.solve(spread, innovation) > GATE)
 
 
-NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
-AXES = "xyz"
-SMEAR_STEP = 0.25  # pixel; a smear that is wrong by half of it costs nothing
-
-
 class Mode(IntEnum):
     """How the tracker obtained its attitude after a frame."""
 
@@ -145,20 +155,6 @@ class Mode(IntEnum):
     ACQUIRED = 1  # solved without a prediction, or against it
     TRACKED = 2  # solved, as predicted
     COASTED = 3  # not solved; the prediction alone
-
-
-# A row of the table of a sequence: one frame.
-FRAMES: np.dtype[np.void] = np.dtype(
-    [
-        ("sequence", np.int64),
-        ("time", float),
-        ("rate", float),
-        ("mode", np.int8),
-        *typing.get_type_hints(Outcome).items(),
-        *((f"filtered_{axis}", float) for axis in AXES),
-        *((f"filtered_sigma_{axis}", float) for axis in AXES),
-    ]
-)
 
 
 def fly_sequences(

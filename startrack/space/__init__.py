@@ -8,21 +8,16 @@ orbit    Elements, two lines or a table of states -> position and velocity over 
 
 from startrack.space.bodies import (
     AU,
-    AXES_COLUMNS,
     DAY,
     FIRST_YEAR,
-    GREENWICH_COLUMN,
     J2000,
     LAST_YEAR,
-    MOON_COLUMNS,
     PLANETS,
-    SIDEREAL,
-    SPEED_COLUMNS,
-    SUN_COLUMNS,
     Bodies,
     Body,
     barycentric,
     bodies_of,
+    body_states,
     seen_from,
     sun_direction,
     to_itrs,
@@ -37,6 +32,7 @@ from startrack.space.earth import (
     EarthSeen,
 )
 from startrack.space.orbit import (
+    BEYOND,
     Carrier,
     Kepler,
     Sgp4,

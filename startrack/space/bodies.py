@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -115,6 +115,29 @@ class Bodies:
         return np.ascontiguousarray(self.planets(second).T).reshape(len(PLANETS), 3, -1)
 
 
+class BodyStates(NamedTuple):
+    """Sun, Moon and the Earth's axes at n instants.
+
+    sun, moon       (3, n) metre from the Earth's centre, ICRS axes
+    earth_velocity  (3, n) metre / second, barycentric
+    teme_to_icrs    (3, 3, n) matrices
+    greenwich       (n,) radian, mean sidereal time
+    """
+
+    sun: Floats
+    moon: Floats
+    earth_velocity: Floats
+    teme_to_icrs: Floats
+    greenwich: Floats
+
+
+def body_states(columns: Floats, second: Floats) -> BodyStates:
+    """The states of (19, n) columns of a table of `Bodies` at (n,) seconds."""
+    axes = columns[9:18].reshape(3, 3, -1)
+    greenwich = columns[18] + SIDEREAL * second
+    return BodyStates(columns[0:3], columns[3:6], columns[6:9], axes, greenwich)
+
+
 def bodies_of(begin: str, duration: float) -> Bodies:
     """The tables for a mission, with eight entries a day; each takes up to a millisecond."""
     from scipy.interpolate import CubicSpline  # 0.1 s; only missions need it
@@ -195,7 +218,3 @@ def _sun_in_itrs(epoch: str, second: float) -> tuple[float, ...]:
         date = utc(epoch) + second * units.s
         there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
     return tuple((there / np.linalg.norm(there)).tolist())
-
-
-SUN_COLUMNS, MOON_COLUMNS, SPEED_COLUMNS = slice(0, 3), slice(3, 6), slice(6, 9)
-AXES_COLUMNS, GREENWICH_COLUMN = slice(9, 18), 18

@@ -18,6 +18,46 @@ from numpy.typing import NDArray
 
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, nm, um
 
+REFERENCE = 550 * nm  # of visibility and extinction
+KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
+AIR_AT_GROUND = 1.16e-5  # 1 / m, Rayleigh extinction at 550 nm and sea level
+MOMENTS = 200  # of the phase function, which also sets the quadrature over its angle
+# Dry particles, dust-like and water-soluble in the fractions 0.3 and 0.7; and soot in towns.
+# Source: Shettle and Fenn (1979), AFGL-TR-79-0214, tables 1 and 2; indices of the components as
+# in WMO (1983), WCP-55.
+SIZES = {"rural": (0.027 * um, 0.43 * um), "urban": (0.025 * um, 0.40 * um)}  # median radii
+SPREADS = (0.35, 0.40)  # standard deviation of log10(radius)
+FRACTIONS = (0.999875, 0.000125)  # of the number of particles
+SOOT = {"rural": 0.0, "urban": 0.2}  # of the volume
+INDEX_AT: Floats = np.array([400, 488, 550, 633, 694, 860, 1060, 1300, 1536, 1800, 2000]) * nm
+REAL: Floats = np.array([1.53, 1.53, 1.53, 1.53, 1.53, 1.52, 1.52, 1.4785, 1.4445, 1.4048, 1.34])
+DUST: Floats = np.full(11, 8e-3)
+SOLUBLE: Floats = (
+    np.array([5.0, 5.0, 6.0, 6.0, 7.0, 12.0, 17.0, 20.0, 23.0, 17.0, 10.0], np.float64) * 1e-3
+)
+SOOT_INDEX = 1.75 - 0.44j
+# Extinction at 550 nm over height, 1 / km: columns for a visibility of 50, 23, 10, 5 and 2 km
+# in the lowest three, then spring and summer, then a background stratosphere.
+# Source: Shettle and Fenn (1979), table 4; as LOWTRAN 7 has them, AFGL-TR-88-0177.
+VISIBILITIES: Floats = np.array([50.0, 23, 10, 5, 2]) * 1e3
+LOW: Floats = np.array(
+    [
+        [6.62e-2, 1.58e-1, 3.79e-1, 7.70e-1, 1.94],
+        [4.15e-2, 9.91e-2, 3.79e-1, 7.70e-1, 1.94],
+        [2.60e-2, 6.21e-2, 6.21e-2, 6.21e-2, 6.21e-2],
+    ]
+)
+MIDDLE_HAZY = (3.46e-2, 1.85e-2)  # at 3 and 4 km for 23 km and less
+MIDDLE_CLEAR = (1.46e-2, 1.02e-2)  # for 50 km
+HIGH = (
+    *(9.31e-3, 7.71e-3, 6.23e-3, 3.37e-3, 1.82e-3, 1.14e-3, 7.99e-4, 6.41e-4, 5.17e-4),
+    *(4.42e-4, 3.95e-4, 3.82e-4, 4.25e-4, 5.20e-4, 5.81e-4, 5.89e-4, 5.02e-4, 4.20e-4),
+    *(3.00e-4, 1.98e-4, 1.31e-4, 3.32e-5, 1.64e-5, 7.99e-6, 4.01e-6, 2.10e-6, 1.60e-7),
+    9.31e-10,
+)
+SPARSE = 25e3  # metre, above which the steps are 5 km and more
+HEIGHT: Floats = np.array([*range(26), 30, 35, 40, 45, 50, 70, 100], np.float64) * 1e3
+
 
 def sasktran2(part: str = "") -> Any:
     """The package, or a module of it.
@@ -58,49 +98,6 @@ def mie(
         :, None
     ]
     return extinction, scattering, phase
-
-
-REFERENCE = 550 * nm  # of visibility and extinction
-KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
-AIR_AT_GROUND = 1.16e-5  # 1 / m, Rayleigh extinction at 550 nm and sea level
-MOMENTS = 200  # of the phase function, which also sets the quadrature over its angle
-
-# Dry particles, dust-like and water-soluble in the fractions 0.3 and 0.7; and soot in towns.
-# Source: Shettle and Fenn (1979), AFGL-TR-79-0214, tables 1 and 2; indices of the components as
-# in WMO (1983), WCP-55.
-SIZES = {"rural": (0.027 * um, 0.43 * um), "urban": (0.025 * um, 0.40 * um)}  # median radii
-SPREADS = (0.35, 0.40)  # standard deviation of log10(radius)
-FRACTIONS = (0.999875, 0.000125)  # of the number of particles
-SOOT = {"rural": 0.0, "urban": 0.2}  # of the volume
-INDEX_AT: Floats = np.array([400, 488, 550, 633, 694, 860, 1060, 1300, 1536, 1800, 2000]) * nm
-REAL: Floats = np.array([1.53, 1.53, 1.53, 1.53, 1.53, 1.52, 1.52, 1.4785, 1.4445, 1.4048, 1.34])
-DUST: Floats = np.full(11, 8e-3)
-SOLUBLE: Floats = (
-    np.array([5.0, 5.0, 6.0, 6.0, 7.0, 12.0, 17.0, 20.0, 23.0, 17.0, 10.0], np.float64) * 1e-3
-)
-SOOT_INDEX = 1.75 - 0.44j
-
-# Extinction at 550 nm over height, 1 / km: columns for a visibility of 50, 23, 10, 5 and 2 km
-# in the lowest three, then spring and summer, then a background stratosphere.
-# Source: Shettle and Fenn (1979), table 4; as LOWTRAN 7 has them, AFGL-TR-88-0177.
-VISIBILITIES: Floats = np.array([50.0, 23, 10, 5, 2]) * 1e3
-LOW: Floats = np.array(
-    [
-        [6.62e-2, 1.58e-1, 3.79e-1, 7.70e-1, 1.94],
-        [4.15e-2, 9.91e-2, 3.79e-1, 7.70e-1, 1.94],
-        [2.60e-2, 6.21e-2, 6.21e-2, 6.21e-2, 6.21e-2],
-    ]
-)
-MIDDLE_HAZY = (3.46e-2, 1.85e-2)  # at 3 and 4 km for 23 km and less
-MIDDLE_CLEAR = (1.46e-2, 1.02e-2)  # for 50 km
-HIGH = (
-    *(9.31e-3, 7.71e-3, 6.23e-3, 3.37e-3, 1.82e-3, 1.14e-3, 7.99e-4, 6.41e-4, 5.17e-4),
-    *(4.42e-4, 3.95e-4, 3.82e-4, 4.25e-4, 5.20e-4, 5.81e-4, 5.89e-4, 5.02e-4, 4.20e-4),
-    *(3.00e-4, 1.98e-4, 1.31e-4, 3.32e-5, 1.64e-5, 7.99e-6, 4.01e-6, 2.10e-6, 1.60e-7),
-    9.31e-10,
-)
-SPARSE = 25e3  # metre, above which the steps are 5 km and more
-HEIGHT: Floats = np.array([*range(26), 30, 35, 40, 45, 50, 70, 100], np.float64) * 1e3
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,14 @@ EARTH = 6371e3  # metre, mean radius
 LIMB_STEP = 1e3  # metre, between the borders of spherical layers
 ORBIT = 600e3  # metre, of the observer of the limb; any height above the air is equivalent
 SINGLE_MOMENTS = 180  # of the phase function in single scattering, enough for its forward peak
+ALBEDOS = (0.25, 0.75)  # besides black: two suffice for spherical albedo and transmittance
+REFERENCE_SUN = 0.5371  # cosine, away from the ordinates of any solver
+SPECTRUM: Floats = np.concatenate([np.arange(350, 1000, 1.0), np.arange(1000, 4001, 5.0)]) * nm
+MASS: Floats = np.array([0.0, 0.25, 0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 7, 9, 12])
+LIMB_WAVELENGTH: Floats = np.array([400.0, 450, 500, 550, 600, 700, 800, 900, 1000]) * nm
+LIMB_TANGENT: Floats = np.concatenate([np.arange(0, 40, 2.0), np.arange(40, 100, 4.0)]) * 1e3
+LIMB_SUN: Floats = np.array([0.0, 20, 40, 55, 65, 72, 78, 82, 85, 87, 89, 90]) * deg
+LIMB_AZIMUTH: Floats = np.array([0.0, 45, 90, 135, 180]) * deg
 
 
 def layers(ground: float) -> Floats:
@@ -168,10 +176,6 @@ def _aerosol(sk: Any, air: Air | Haze, heights: Floats, wavelength: Floats, stok
     return sk.constituent.Manual(extinction, np.array(albedo), np.array(phase))
 
 
-ALBEDOS = (0.25, 0.75)  # besides black: two suffice for spherical albedo and transmittance
-REFERENCE_SUN = 0.5371  # cosine, away from the ordinates of any solver
-
-
 class Grid(NamedTuple):
     """Nodes of a table; see AirTable for their units."""
 
@@ -192,8 +196,6 @@ SHIPPED = Grid(
     np.array([0.0, 10, 20, 30, 40, 50, 60, 67, 74, 80]) * deg,
     np.array([0.0, 10, 25, 45, 70, 95, 120, 145, 165, 180]) * deg,
 )
-SPECTRUM: Floats = np.concatenate([np.arange(350, 1000, 1.0), np.arange(1000, 4001, 5.0)]) * nm
-MASS: Floats = np.array([0.0, 0.25, 0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 7, 9, 12])
 
 
 def build(
@@ -309,12 +311,6 @@ def _ground(
 def _off(zenith: float) -> float:
     """The cosine of a zenith angle, off the ordinates of a solver, where it is singular."""
     return math.cos(max(zenith, 1e-4)) * (1 - 1e-9)
-
-
-LIMB_WAVELENGTH: Floats = np.array([400.0, 450, 500, 550, 600, 700, 800, 900, 1000]) * nm
-LIMB_TANGENT: Floats = np.concatenate([np.arange(0, 40, 2.0), np.arange(40, 100, 4.0)]) * 1e3
-LIMB_SUN: Floats = np.array([0.0, 20, 40, 55, 65, 72, 78, 82, 85, 87, 89, 90]) * deg
-LIMB_AZIMUTH: Floats = np.array([0.0, 45, 90, 135, 180]) * deg
 
 
 def build_limb(

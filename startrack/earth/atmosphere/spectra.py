@@ -23,6 +23,7 @@ FORMAT = 1  # of the files
 # 2.9.5 has them.
 PAIRS = ((477.0, 6.5, 5.5), (532.0, 1.4, 12.4), (577.0, 12.5, 10.6), (630.0, 7.2, 14.7))
 PAIR_COLUMN = 1.25e-3  # 1e46 / cm^5: the square of the number of O2, over the standard atmosphere
+PARTS = 4  # between two wavelengths of the table: linear interpolation of their integral
 
 
 def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozone: float) -> Floats:
@@ -127,9 +128,6 @@ def _pvlib() -> Any:
         raise ModuleNotFoundError(
             "new tables of the air need pvlib: python -m pip install 'startrack[earth]'"
         ) from missing
-
-
-PARTS = 4  # between two wavelengths of the table: linear interpolation of their integral
 
 
 def sun_spectrum(wavelength: Floats) -> Floats:

@@ -21,6 +21,13 @@ from startrack.core import (
 from startrack.io import open_checked, save_checked
 
 AEROSOLS = ("none", "rural", "urban")
+FORMAT = 1  # of the file
+AXES = ("wavelength", "height", "altitude", "sensor", "sun", "azimuth")
+# Scale heights, metre, for the fraction of a gas below a height. Water: 2 km, as Bird and Riordan;
+# mixed gases: as the air; ozone: evenly between two heights, chosen by hand.
+WATER_SCALE, AIR_SCALE = 2e3, 8e3
+OZONE_FROM, OZONE_TO = 12e3, 35e3
+WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scatters (as 6S)
 
 
 @dataclass(frozen=True)
@@ -35,10 +42,6 @@ class Air(Parameters):
     water: Annotated[float, Unit("kg / m2"), NON_NEGATIVE, "vapour above the sea"] = 29.2
     ozone: Annotated[float, Unit("m", "mm"), NON_NEGATIVE,
         "pure, at standard conditions; 1e-5 m is a Dobson unit"] = 3.32e-3  # fmt: skip
-
-
-FORMAT = 1  # of the file
-AXES = ("wavelength", "height", "altitude", "sensor", "sun", "azimuth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,13 +116,6 @@ def load_table(path: Path) -> AirTable:
         air = Air(head["AEROSOL"], head["VISIBIL"], head["WATER"], head["OZONE"])
         arrays = {name: parts[name].data.astype(np.float64) for name in ARRAYS}
     return AirTable(air, **arrays)
-
-
-# Scale heights, metre, for the fraction of a gas below a height. Water: 2 km, as Bird and Riordan;
-# mixed gases: as the air; ozone: evenly between two heights, chosen by hand.
-WATER_SCALE, AIR_SCALE = 2e3, 8e3
-OZONE_FROM, OZONE_TO = 12e3, 35e3
-WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scatters (as 6S)
 
 
 @dataclass(frozen=True, eq=False)

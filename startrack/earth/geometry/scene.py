@@ -53,6 +53,7 @@ from startrack.earth.terrain import (
 from startrack.space import sun_direction
 
 DETECTORS = ("matrix", "line", "staggered", "tdi")
+BATCH = 2**17  # rays at a time, which limit the memory; chosen by hand
 
 
 @dataclass(frozen=True)
@@ -229,9 +230,6 @@ def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
             raise FileNotFoundError(f"{folder / pattern} must name files, but there are none")
         files.update(dict.fromkeys(map(Path, paths)))
     return list(files)
-
-
-BATCH = 2**17  # rays at a time, which limit the memory; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)

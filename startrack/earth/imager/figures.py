@@ -34,6 +34,11 @@ from startrack.space import GM
 
 PLACES = 17  # along a line, whose lowest MTF is taken
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
+MEAN_RADIUS = 6371e3  # metre, mean
+SLOWEST, FASTEST = (
+    200.0,
+    0.5,
+)  # range of f-numbers of the search; f/0.5 is the limit of a lens in air
 
 
 @dataclass(frozen=True)
@@ -262,13 +267,6 @@ def _noise(detector: Detector, electrons: float, dark: float) -> float:
     return math.sqrt(
         electrons + dark + detector.noise**2 + step**2 / 12 + (detector.prnu * electrons) ** 2
     )
-
-
-MEAN_RADIUS = 6371e3  # metre, mean
-SLOWEST, FASTEST = (
-    200.0,
-    0.5,
-)  # range of f-numbers of the search; f/0.5 is the limit of a lens in air
 
 
 @dataclass(frozen=True)

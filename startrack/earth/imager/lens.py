@@ -33,6 +33,14 @@ FAINT = 1e-3  # of the light beyond the weights, at most; less costs time; chose
 SMEARED = 16  # instants of an exposure over which smear is averaged; chosen by hand
 WEIGHT_NODES = 17  # along a side of the field, where weights are computed; a spline between
 LEFT = 2e-3  # of the light of a point that the left-out kernels may have; chosen by hand
+NODES = 5, 9, 17, 33  # places along a line, tried until images between them err by the tolerance
+MOST_NODES = 9  # of a matrix
+UNMEASURED = 9  # where the tolerance is so coarse that the error is not measured
+MOST_NUMBERS = 40_000_000  # of all images at the nodes
+LARGEST_ERROR = 0.1  # of the peak, of an image between the nodes; chosen by hand
+SETTLED = 3  # rounds in which a line comes to lie at its angle; each leaves a hundredth
+LIGHT_NODES = 33  # places along a side where the illumination is computed; a spline between them
+STEP = 1.0  # pixel, over which slopes of directions are taken
 
 
 def blur_weights(psf: Psf, side: int, across: float, along: float, smear: float) -> Floats:
@@ -215,16 +223,6 @@ def _radius(psf: Psf) -> float:
         if psf.table[part, part].sum() > (1 - FAINT) * total:
             return radius / psf.oversampling
     return middle / psf.oversampling
-
-
-NODES = 5, 9, 17, 33  # places along a line, tried until images between them err by the tolerance
-MOST_NODES = 9  # of a matrix
-UNMEASURED = 9  # where the tolerance is so coarse that the error is not measured
-MOST_NUMBERS = 40_000_000  # of all images at the nodes
-LARGEST_ERROR = 0.1  # of the peak, of an image between the nodes; chosen by hand
-SETTLED = 3  # rounds in which a line comes to lie at its angle; each leaves a hundredth
-LIGHT_NODES = 33  # places along a side where the illumination is computed; a spline between them
-STEP = 1.0  # pixel, over which slopes of directions are taken
 
 
 class FieldLens(NamedTuple):

@@ -33,6 +33,19 @@ NODES = 65  # of the flight's spline over the image
 BEYOND = 0.1  # of the lines, before and after the image, in which the spline holds
 STEPS = 8  # of the search of a line, at most
 CLOSE = 1e-6  # line
+NO_DATA, SATURATED, SHADOW, STEEP, HIDDEN, CLOUD, CLOUD_SHADOW = 1, 2, 4, 8, 16, 32, 64
+QUALITY = {
+    "no data": NO_DATA, "saturated": SATURATED, "shadow": SHADOW, "steep": STEEP, "hidden": HIDDEN,
+    "cloud": CLOUD, "cloud shadow": CLOUD_SHADOW,
+}  # fmt: skip
+PROJECTIONS = "utm", "geographic"
+RESAMPLING = {"nearest": 0, "bilinear": 1, "cubic": 3}  # order of the spline
+STEEPEST = 60 * deg  # between a slope's normal and the camera; chosen by hand
+ABOVE = 20e3  # metre from which a ray looks down on each cell
+CLOUDY = 0.1  # vertical optical depth from which a layer counts as cloud; chosen by hand
+CELLS = 2**17  # at a time, which limits the memory
+SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one that is seen
+GEOGRAPHIC = "EPSG:4326"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,19 +141,6 @@ class Locator:
 
 Bytes = NDArray[np.uint8]
 
-NO_DATA, SATURATED, SHADOW, STEEP, HIDDEN, CLOUD, CLOUD_SHADOW = 1, 2, 4, 8, 16, 32, 64
-QUALITY = {
-    "no data": NO_DATA, "saturated": SATURATED, "shadow": SHADOW, "steep": STEEP, "hidden": HIDDEN,
-    "cloud": CLOUD, "cloud shadow": CLOUD_SHADOW,
-}  # fmt: skip
-PROJECTIONS = "utm", "geographic"
-RESAMPLING = {"nearest": 0, "bilinear": 1, "cubic": 3}  # order of the spline
-STEEPEST = 60 * deg  # between a slope's normal and the camera; chosen by hand
-ABOVE = 20e3  # metre from which a ray looks down on each cell
-CLOUDY = 0.1  # vertical optical depth from which a layer counts as cloud; chosen by hand
-CELLS = 2**17  # at a time, which limits the memory
-SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one that is seen
-
 
 @dataclass(frozen=True)
 class MapGrid(NorthUp):
@@ -157,9 +157,6 @@ class MapGrid(NorthUp):
         x = self.west + (np.arange(self.columns, dtype=float) + 0.5) * self.step_x
         x, y = (coordinate.ravel() for coordinate in np.meshgrid(x, y))
         return transformed(x, y, self.system, GEOGRAPHIC, 1.0, deg)
-
-
-GEOGRAPHIC = "EPSG:4326"
 
 
 def transformed(

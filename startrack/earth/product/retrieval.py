@@ -30,6 +30,9 @@ SIGMA = 4.0
 TRANSFER = 2  # the level of the photon transfer
 LINES, FRAMES = 256, 16  # by default: lines of a scanner, or frames of a matrix, that are averaged
 IN_TURN = 2**16  # exposures of one level
+ROUNDS = 6  # of the mean reflectance of the surroundings; each changes it by a tenth of the last
+FIRST = 0.2  # guess of it
+THINNED = 2**14  # pixels at most that give it
 
 
 class Calibration(NamedTuple):
@@ -154,11 +157,6 @@ def to_radiance(numbers: NDArray[np.integer], calibration: Calibration) -> Float
             below, dark = light, flat
     out[~np.isfinite(out)] = np.nan  # a dead pixel
     return out
-
-
-ROUNDS = 6  # of the mean reflectance of the surroundings; each changes it by a tenth of the last
-FIRST = 0.2  # guess of it
-THINNED = 2**14  # pixels at most that give it
 
 
 class Retrieval(NamedTuple):

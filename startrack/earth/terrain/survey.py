@@ -21,6 +21,7 @@ from startrack.earth.terrain.tile import CELLS
 from startrack.earth.terrain.trace import Hits
 
 Singles = NDArray[np.float32]
+LIFT = 1e-3  # metre towards the light, so that a point does not shade itself; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +103,6 @@ class Intersector(Protocol):
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
         """Which rays meet it beyond the distance `start` in metres, at (n,) levels."""
         ...
-
-
-LIFT = 1e-3  # metre towards the light, so that a point does not shade itself; chosen by hand
 
 
 def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> Ground:
