@@ -263,8 +263,7 @@ def _through(
     # Once, as numba counts each use of an array of a tuple.
     heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
     top, slots, used, horizon = surface.top, surface.slot, surface.used, surface.horizon
-    path, margin = segment.path, segment.margin
-    u0, end = piece.u0, piece.end
+    path, margin, u0, end = segment.path, segment.margin, piece.u0, piece.end
     last_i, last_j = lines.columns - 1, lines.rows - 1
     i = _cell(_at(u0, path.u1, path.u2, s), 0, last_i)
     j = _cell(_at(path.v0, path.v1, path.v2, s), 0, last_j)
@@ -316,9 +315,7 @@ def _through(
             sure = bound > -math.inf  # no hole, below which a ray could continue under the surface
         if leave >= end:
             return MISS, math.inf, math.inf, math.inf, 0, 0
-        s = leave
-        old_j, old_i = j, i
-        by_column = exit_u <= exit_v
+        s, old_j, old_i, by_column = leave, j, i, exit_u <= exit_v
         if by_column:
             i = _next_block(i, level, piece.east)
             j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, last_j)
