@@ -33,8 +33,8 @@ from startrack.catalog import open_sky
 from startrack.detector.collect import diffuse_electrons
 from startrack.optics import Baffle
 from startrack.scene import Scene
+from startrack.scene.background import zodiacal
 from startrack.scene.ephemeris import observer_of
-from startrack.scene.zodiacal import zodiacal
 
 DATE = "2026-03-20T12:00:00"
 ANGLES = (30, 35, 40, 45, 50, 60, 90, 135, 180)  # degree from the Sun

@@ -52,7 +52,7 @@ from startrack.mission import (
     Blind,
     Mission,
     Plan,
-    aocs,
+    exports,
     fly,
     fuse,
     head_covariance,
@@ -66,10 +66,10 @@ from startrack.mission import (
     write_model,
 )
 from startrack.mission import placement as placement_of_heads
-from startrack.mission.ccsds import Attitudes, read_aem, write_aem
 from startrack.mission.engine import at
-from startrack.mission.orbit import path_of
-from startrack.mission.parameters import Needs, Orbit, mounted
+from startrack.mission.files import Attitudes, read_aem, write_aem
+from startrack.mission.instants import path_of
+from startrack.mission.parameters import MissionRequirements, Orbit, mounted
 from startrack.montecarlo import Serial
 from startrack.optics import Baffle
 from startrack.sequence import Leg, Sequence, fly_sequences
@@ -111,7 +111,7 @@ def main() -> None:
     if chosen.quick:
         surrogate.PLACES, surrogate.RATES, surrogate.MAGNITUDE = 48, 2, 8.0
         placement_of_heads.WINDOWS, placement_of_heads.GRID = 1, 40 * deg
-        aocs.SMEARS = aocs.SMEARS[:2]
+        exports.SMEARS = exports.SMEARS[:2]
     loaded = load_mission(EXAMPLE, [f"time.duration={chosen.days} d"])
     begun = time.process_time()
     plan = plan_of(loaded)
@@ -155,7 +155,7 @@ def directions(plan: Plan, count: int) -> dict[str, float]:
     second = (
         np.sort(np.random.default_rng(1).integers(8, span.steps, count)).astype(float) * span.step
     )
-    own = [plan.course.at(float(one) - 70, 10.0, 9) for one in second]
+    own = [plan.motion.at(float(one) - 70, 10.0, 9) for one in second]
     with installed_tables():
         date = Time(span.begin, scale="utc") + second * u.s
         place, speed = path_of(plan.loaded.mission.orbit, span.begin).state(second)
@@ -188,7 +188,7 @@ def limb(plan: Plan, count: int) -> float:
     worst, flat = 0.0, 1 - 1 / 298.257223563
     turn = np.linspace(0, math.tau, 20_000)
     for second in np.random.default_rng(2).integers(0, span.steps, count) * span.step:
-        own = plan.course.at(float(second), 10.0, 2)
+        own = plan.motion.at(float(second), 10.0, 2)
         pole, place = own.pole[:, 0], own.place[:, 0] / 6378137.0
         east = np.cross(pole, [1.0, 0, 0])
         frame = np.stack([np.cross(east, pole), east, pole])
@@ -214,7 +214,7 @@ def events(days: int) -> dict[str, float]:
     count = alone = 0
     for day in range(days):
         steps = 60 if days == 1 else 4320
-        own = at(plan, plan.course.at((3 * day + 1) * 86400.0, 10.0, steps))
+        own = at(plan, plan.motion.at((3 * day + 1) * 86400.0, 10.0, steps))
         eclipse, heads = independent.blinded(
             [one.boresight for one in plan.heads],
             [one.limits for one in plan.heads],
@@ -339,7 +339,7 @@ def bench(count: int) -> dict[str, float]:
 
 def round_trip(plan: Plan) -> float:
     """Largest rotation, radian, between attitudes and the same from their file."""
-    own = plan.course.at(0.0, 10.0, 5000)
+    own = plan.motion.at(0.0, 10.0, 5000)
     turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
     epochs = tuple(
         f"2026-03-20T{k // 3600:02d}:{k // 60 % 60:02d}:{k % 60:02d}" for k in range(5000)
@@ -363,7 +363,7 @@ def placement(example: Mission, quick: bool) -> float:
         loaded.mission,
         heads=heads,
         orbit=Orbit(altitude=600e3, inclination=0.0),
-        requirements=Needs(availability_two=0.999),
+        requirements=MissionRequirements(availability_two=0.999),
     )
     if quick:
         mission = dataclasses.replace(mission, time=dataclasses.replace(mission.time, duration=7e3))

@@ -44,14 +44,14 @@ from startrack.earth.atmosphere import (
     radiance,
     refine,
 )
-from startrack.earth.atmosphere.build import SHIPPED
-from startrack.earth.atmosphere.solver import TOP
-from startrack.earth.atmosphere.solver import solve_radiance as solve
+from startrack.earth.atmosphere.build import SHIPPED, TOP
+from startrack.earth.atmosphere.build import solve_radiance as solve
 from startrack.earth.geometry import EarthScene, observe_earth
 from startrack.io.tables import from_table
 from startrack.plots import LINES, legend_below, picture, save_picture, styled
 from startrack.scene import Orbit, Scene, load_limb
-from startrack.scene.ephemeris import EARTH_RADIUS, observer_of
+from startrack.scene.ephemeris import observer_of
+from startrack.space import EARTH_RADIUS
 
 ROOT = Path(__file__).parents[1]
 GREEN: Floats = np.array([550 * nm])

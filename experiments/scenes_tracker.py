@@ -31,7 +31,8 @@ from startrack.detector import Defects, Hits, Pattern
 from startrack.motion import Broadband, Tone
 from startrack.optics import Aberration
 from startrack.scene import Orbit, Scene
-from startrack.scene.ephemeris import EARTH_RADIUS, Observer, observer_of
+from startrack.scene.ephemeris import Observer, observer_of
+from startrack.space import EARTH_RADIUS
 
 SEED = 11
 FAR = 30 * deg  # from the edges of all bodies, in a dark field

@@ -4,6 +4,7 @@ The rooms, in the order in which the light goes; each imports only rooms above i
 
 core             what all rooms share: units, values, camera, rotations, random streams, checks
 io               design tables, images, WCS, SQLite, atomic writes, shipped data
+space            orbits, Sun, Moon and planets, the Earth's limb: for scene, mission and earth
 
 catalog          which stars are there            -> Stars
 scene            what light arrives               -> Light

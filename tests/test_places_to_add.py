@@ -22,7 +22,8 @@ from startrack.detection.methods import CENTROIDS
 from startrack.detector import PIXEL_EFFECTS, Detector
 from startrack.detector.pixel_effects import PixelEffect
 from startrack.io import shipped
-from startrack.scene import LIGHTS, LightKind
+from startrack.scene import LIGHTS
+from startrack.scene.lights import LightKind
 from startrack.trial import require_fidelity, run_trials
 from startrack.trial.window import whole_frame
 

@@ -19,7 +19,7 @@ from startrack.core import Floats
 from startrack.core.units import deg, um
 from startrack.earth.atmosphere import planck
 from startrack.earth.atmosphere.infrared import DIFFUSE, InfraredTable, save_infrared
-from startrack.earth.atmosphere.sunlight import sun_spectrum
+from startrack.earth.atmosphere.spectra import sun_spectrum
 from startrack.io.saving import whole
 
 HERE = Path(__file__).parent

@@ -16,7 +16,7 @@ from build_tables import sign
 
 from startrack.core import Floats
 from startrack.core.units import nm
-from startrack.earth.atmosphere.sunlight import save_sun
+from startrack.earth.atmosphere.spectra import save_sun
 from startrack.io.saving import whole
 
 HERE = Path(__file__).parent

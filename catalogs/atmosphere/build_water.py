@@ -17,7 +17,7 @@ from build_tables import sign
 from startrack.core import Floats
 from startrack.core.units import nm
 from startrack.earth.atmosphere.build import MASS, SPECTRUM
-from startrack.earth.atmosphere.gases import WATER_TO, save_water
+from startrack.earth.atmosphere.spectra import WATER_TO, save_water
 from startrack.io.saving import whole
 
 HERE = Path(__file__).parent

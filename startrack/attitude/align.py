@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude.jacobi import best_rotation
-from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
+from startrack.attitude.linear import best_rotation, invert, largest_eigenvalue, least_squares
 from startrack.core import Floats, Refused, kernel, rotation_of
 
 EPS = 2.0**-52
@@ -66,7 +65,7 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
     Raises     ValueError where shapes differ, a number is not finite, or a weight is negative.
     Accuracy   numerical: a few eps sqrt(condition), the error from rounding the vectors.
     """
-    b, r, w = (np.ascontiguousarray(each, float) for each in (observed, reference, weight))
+    b, r, w = (np.ascontiguousarray(values, float) for values in (observed, reference, weight))
     if w.ndim != 2 or b.shape != r.shape or b.shape != (*w.shape, 3):
         raise Refused(
             "observed, reference and weight must have shapes (m, n, 3), (m, n, 3) and (m, n), "
@@ -92,10 +91,10 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
     products, triangle, inverse = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
     w, step, square = np.empty(count), np.empty(3), np.empty((3, 3))
     for k in range(len(weight)):
-        most = 0.0
+        largest = 0.0
         for i in range(count):
-            most = max(most, weight[k, i])
-        scale = most if most > 0 else 1.0
+            largest = max(largest, weight[k, i])
+        scale = largest if largest > 0 else 1.0
         for i in range(count):
             w[i] = weight[k, i] / scale
         a = matrix[k]
@@ -116,7 +115,7 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
         _product(triangle, triangle, False, square)
         condition[k] = largest_eigenvalue(square) * largest_eigenvalue(covariance[k])
         loss[k], curved = _loss(b[k], r[k], w, a, inverse)
-        loss[k] *= most
+        loss[k] *= largest
         if not condition[k] < LARGEST_CONDITION:
             status[k] = 1
         else:
@@ -125,7 +124,7 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
             condition[k] = np.inf
         for i in range(3):
             for j in range(3):
-                covariance[k, i, j] = covariance[k, i, j] / most if status[k] == 0 else np.inf
+                covariance[k, i, j] = covariance[k, i, j] / largest if status[k] == 0 else np.inf
 
 
 @kernel
@@ -148,7 +147,7 @@ def _square(matrix):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _product(one, other, rows, out):  # type: ignore[no-untyped-def]
+def _product(left, right, rows, out):  # type: ignore[no-untyped-def]
     """Write the products of the rows of two matrices (3, 3) of each other, or of their columns.
 
     Not `@`, whose last digit depends on the processor, and which takes a second to compile.
@@ -158,9 +157,9 @@ def _product(one, other, rows, out):  # type: ignore[no-untyped-def]
             out[i, j] = 0.0
             for k in range(3):
                 if rows:
-                    out[i, j] += one[i, k] * other[j, k]
+                    out[i, j] += left[i, k] * right[j, k]
                 else:
-                    out[i, j] += one[k, i] * other[k, j]
+                    out[i, j] += left[k, i] * right[k, j]
 
 
 @kernel

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Ints, Matches, Refused, Spots, non_negative, whole
-
-UNKNOWNS = (
-    "focal_length_px",
-    "principal_x",
-    "principal_y",
-    "k1",
-    "k2",
-    "p1",
-    "p2",
-    "k3",
+from startrack.core import (
+    NON_NEGATIVE,
+    Camera,
+    Floats,
+    Ints,
+    Matches,
+    Parameters,
+    Range,
+    Refused,
+    Spots,
 )
+
+UNKNOWNS = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 # Sigma, beyond which a residual counts linearly. Chosen by hand: a smaller one discards information
 # of normal residuals, a larger one gives false matches more weight.
 HUBER = 2.0
@@ -28,40 +30,28 @@ NO_MOTION = np.zeros(3)
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Parameters):
     """Prior standard deviation of each unknown about the starting camera; 0 fixes it.
-
-    focal_length  relative
-    principal     pixel, along each axis
-    k1, k2, k3    1, radial distortion
-    tangential    1, p1 and p2
-    floor         pixel, systematic error of a centroid
-    steps         of Gauss-Newton
 
     The priors are Gaussian: an unknown that the frames do not constrain keeps its value, and the
     covariance shows it. One narrow frame hardly separates principal point, attitude and distortion.
     """
 
-    focal_length: float = 0.1
-    principal: float = 20.0
-    k1: float = 1.0
-    k2: float = 0.0
-    k3: float = 0.0
-    tangential: float = 0.0
-    floor: float = 0.05
-    steps: int = 15
+    focal_length: Annotated[float, NON_NEGATIVE, "relative"] = 0.1
+    principal: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 20.0
+    k1: Annotated[float, NON_NEGATIVE, "radial distortion"] = 1.0
+    k2: Annotated[float, NON_NEGATIVE, "radial distortion"] = 0.0
+    k3: Annotated[float, NON_NEGATIVE, "radial distortion"] = 0.0
+    tangential: Annotated[float, NON_NEGATIVE, "p1 and p2"] = 0.0
+    floor: Annotated[float, NON_NEGATIVE, "pixel, systematic error of a centroid"] = 0.05
+    steps: Annotated[int, Range(1, 1000), "of Gauss-Newton"] = 15
 
-    def __post_init__(self) -> None:
-        non_negative(
-            focal_length=self.focal_length,
-            principal=self.principal,
-            k1=self.k1,
-            k2=self.k2,
-            k3=self.k3,
-            tangential=self.tangential,
-            floor=self.floor,
-        )
-        whole(1, 1000, steps=self.steps)
+    def sigma(self, camera: Camera) -> Floats:
+        """(8,) standard deviations of the priors, in the order of UNKNOWNS."""
+        return np.array([
+            self.focal_length * camera.focal_length_px, self.principal, self.principal,
+            self.k1, self.k2, self.tangential, self.tangential, self.k3,
+        ])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,16 +93,18 @@ def calibrate(
             f"matches must be as many as spots, got {len(matches)} for {len(spots)} frames"
         )
     frames = [
-        _Frame(one, match) for one, match in zip(spots, matches, strict=True) if len(match) >= 3
+        _Frame(found_spots, match)
+        for found_spots, match in zip(spots, matches, strict=True)
+        if len(match) >= 3
     ]
     if not frames:
         raise Refused(f"matches must hold a solved frame, got none in {len(matches)}")
-    start = _vector(camera)
-    sigma = _sigma(camera, settings)
+    start = camera_vector(camera)
+    sigma = settings.sigma(camera)
     free = np.flatnonzero(sigma > 0)
     for _ in range(settings.steps):
         normal = np.diag(sigma[free] ** -2.0)
-        right = (start - _vector(camera))[free] / sigma[free] ** 2
+        right = (start - camera_vector(camera))[free] / sigma[free] ** 2
         blocks = []
         for frame in frames:
             block = frame.normal(camera, free, settings.floor)
@@ -120,7 +112,7 @@ def calibrate(
             normal += block.schur
             right += block.right
         step: Floats = np.linalg.solve(normal, right).astype(np.float64)
-        camera = _moved(camera, free, step)
+        camera = moved_camera(camera, free, step)
         for frame, block in zip(frames, blocks, strict=True):
             frame.turn(block.attitude(step))
     residual = np.concatenate([frame.residual(camera).ravel() for frame in frames])
@@ -153,8 +145,7 @@ class _Frame:
 
     def __init__(self, spots: Spots, matches: Matches) -> None:
         assert matches.icrs_to_camera is not None
-        self.pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-        self.covariance = spots.covariance[matches.spot]
+        self.pixel, self.covariance = matched_pixels(spots, matches)
         self.direction = matches.direction
         self.icrs_to_camera: Rotation = matches.icrs_to_camera
 
@@ -200,9 +191,27 @@ class _Frame:
         residual = self.residual(camera)
         inverse: Floats = np.linalg.inv(self.covariance + floor**2 * np.eye(2)).astype(np.float64)
         square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
-        typical = max(1.0, float(np.median(square)) / (2 * np.log(2)))
-        weight = np.minimum(1.0, HUBER * np.sqrt(2 * typical / np.maximum(square, 1e-12)))
-        return inverse, square, weight
+        return inverse, square, huber_weights(square, max(1.0, typical_square(square)))
+
+
+def matched_pixels(spots: Spots, matches: Matches) -> tuple[Floats, Floats]:
+    """Pixels (n, 2) of the spots that are matched, and their covariances (n, 2, 2)."""
+    pixel = np.column_stack([spots.x, spots.y])[matches.spot]
+    return pixel, spots.covariance[matches.spot]
+
+
+def typical_square(square: Floats) -> float:
+    """Robust variance of an axis, from sums (n,) of two normal squares: median / (2 ln 2)."""
+    return float(np.median(square)) / (2 * np.log(2))
+
+
+def huber_weights(square: Floats, variance: float) -> Floats:
+    """Huber's weights (n,): residuals beyond HUBER typical sizes count linearly.
+
+    square    (n,) squared residuals, both axes together
+    variance  of an axis, of a typical residual
+    """
+    return np.minimum(1.0, HUBER * np.sqrt(2 * variance / np.maximum(square, 1e-300)))
 
 
 def camera_slopes(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
@@ -220,27 +229,13 @@ def camera_slopes(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
     return np.concatenate([scale, jacobian[:, :, 8:15]], axis=2), jacobian[:, :, :3]
 
 
-def _vector(camera: Camera) -> Floats:
+def camera_vector(camera: Camera) -> Floats:
+    """(8,) of UNKNOWNS."""
     return np.array([getattr(camera, name) for name in UNKNOWNS], float)
 
 
-def _moved(camera: Camera, free: Ints, step: Floats) -> Camera:
-    vector = _vector(camera)
+def moved_camera(camera: Camera, free: Ints, step: Floats) -> Camera:
+    """The camera after a step of some of UNKNOWNS, by their numbers."""
+    vector = camera_vector(camera)
     vector[free] += step
     return replace(camera, **dict(zip(UNKNOWNS, vector.tolist(), strict=True)))
-
-
-def _sigma(camera: Camera, settings: Calibration) -> Floats:
-    """Standard deviations of the priors, in the order of UNKNOWNS."""
-    return np.array(
-        [
-            settings.focal_length * camera.focal_length_px,
-            settings.principal,
-            settings.principal,
-            settings.k1,
-            settings.k2,
-            settings.tangential,
-            settings.tangential,
-            settings.k3,
-        ]
-    )

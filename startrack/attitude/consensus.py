@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.attitude.jacobi import best_rotation
+from startrack.attitude.linear import best_rotation
 from startrack.core import Floats, kernel
 
 
@@ -39,11 +39,13 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
 
 
 @kernel
-def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untyped-def]
+def _search(
+    observed: Floats, reference: Floats, sigma: Floats, gate: float, chosen: NDArray[np.bool_],
+) -> None:  # fmt: skip
     count = len(sigma)
     trial, products = np.zeros(count, np.bool_), np.empty((3, 3))
     seen, known, attitude = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    most, least = 2, np.inf
+    best_count, least = 2, np.inf
     for i in range(count):
         for j in range(i + 1, count):
             near, far = _apart(observed, i, j), _apart(reference, i, j)
@@ -67,7 +69,7 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
                 total = math.sqrt(sigma[k] ** 2 + spread**2 * (0.25 + arm**2))
                 trial[k] = _distance(observed[k], attitude, reference[k]) <= gate * total
                 agree += trial[k]
-            if agree < most:
+            if agree < best_count:
                 continue
             # The gate of a close pair is wide; so the attitude of all these stars is tested again.
             products[:] = 0.0
@@ -84,14 +86,14 @@ def _search(observed, reference, sigma, gate, chosen):  # type: ignore[no-untype
                 if trial[k]:
                     agree += 1
                     squares += ratio**2
-            if agree > most or (agree == most and squares < least):
-                most, least = agree, squares
+            if agree > best_count or (agree == best_count and squares < least):
+                best_count, least = agree, squares
                 for k in range(count):
                     chosen[k] = trial[k]
 
 
 @kernel
-def _apart(direction, i, j):  # type: ignore[no-untyped-def]
+def _apart(direction: Floats, i: int, j: int) -> float:
     square = 0.0
     for k in range(3):
         square += (direction[j, k] - direction[i, k]) ** 2
@@ -99,7 +101,7 @@ def _apart(direction, i, j):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _distance(seen, attitude, known):  # type: ignore[no-untyped-def]
+def _distance(seen: Floats, attitude: Floats, known: Floats) -> float:
     square = 0.0
     for k in range(3):
         turned = attitude[k, 0] * known[0] + attitude[k, 1] * known[1] + attitude[k, 2] * known[2]
@@ -108,7 +110,7 @@ def _distance(seen, attitude, known):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _frame(a, b, frame):  # type: ignore[no-untyped-def]
+def _frame(a: Floats, b: Floats, frame: Floats) -> None:
     """Columns: along the sum of two unit vectors, along their difference, and across both."""
     along = across = 0.0
     for k in range(3):

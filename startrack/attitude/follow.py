@@ -80,9 +80,7 @@ def predict(state: State, rate: Floats, step: float, gyroscope: Gyroscope) -> St
         np.eye(3),
     )
     return State(
-        step_rotation * state.icrs_to_camera,
-        state.bias,
-        carry @ state.covariance @ carry.T + noise,
+        step_rotation * state.icrs_to_camera, state.bias, carry @ state.covariance @ carry.T + noise
     )
 
 

@@ -1,18 +1,109 @@
-"""Estimate from Spots and Matches: attitude, covariance and status."""
+"""Estimate from Spots and Matches: attitude, covariance and status; by code of one's own."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import special
+from scipy.spatial.transform import Rotation
 
 from startrack.attitude.consensus import consensus
-from startrack.attitude.extension_method import AttitudeInput, attitude_by_code
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
-from startrack.attitude.refine import Refinement, refine
-from startrack.attitude.shared import SharedErrors, attitude_gain
+from startrack.attitude.refine import Refinement, SharedErrors, attitude_gain, refine
 from startrack.attitude.wahba import svd
-from startrack.core import Estimate, Floats, Matches, Spots, Status, is_code, kernel
+from startrack.core import (
+    POINTS,
+    Estimate,
+    Floats,
+    Matches,
+    Spots,
+    Status,
+    call_code,
+    is_code,
+    kernel,
+    returned,
+)
+
+GROUP = "attitudes"
+EXACT = 1e-6  # largest element of R R^T - 1 of what is taken for a rotation matrix
+NO_COVARIANCE = np.full((3, 3), np.nan)
+MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
+# Probability of larger residuals by noise alone, below which the covariance is enlarged. Chosen by
+# hand: a larger one enlarges it too often, a smaller one ignores distortion and catalogue errors.
+SIGNIFICANCE = 1e-3
+FEWEST = 4  # stars that are always kept: fewer leave too few degrees of freedom to find an outlier
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeInput:
+    """Matched stars, of which an attitude is estimated.
+
+    seen       (n, 3) unit vectors in camera axes, by the camera that the tracker believes
+    direction  (n, 3) unit vectors of the same stars, ICRS axes
+    sigma      (n,) radian, standard deviation of each per axis, its systematic part included
+    """
+
+    seen: Floats
+    direction: Floats
+    sigma: Floats
+
+
+class AttitudeMethod(Protocol):
+    """An estimator of one's own, which a design names in `tracker.attitude.method`.
+
+    Returns  (3, 3) the rotation matrix icrs_to_camera; then startrack computes the covariance from
+             the change of the attitude with each star. Or (6, 3): below it the covariance, radian^2
+             about the camera's axes
+    """
+
+    def __call__(self, given: AttitudeInput, /) -> ArrayLike:
+        """Estimate the attitude; outliers are its own concern."""
+
+
+def attitude_by_code(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]:
+    """The attitude icrs_to_camera and its covariance (3, 3) of a function that a design names.
+
+    Raises  ValueError where the function raises an error, or returns what it must not.
+    """
+    estimate = _estimated(name, given)
+    attitude = Rotation.from_matrix(estimate[:3])
+    if len(estimate) == 6:
+        covariance = (estimate[3:] + estimate[3:].T) / 2
+        if (np.linalg.eigvalsh(covariance) <= 0).any():
+            raise ValueError(f"{POINTS[GROUP]} {name} must return a positive definite covariance")
+        return attitude, covariance
+    return attitude, _propagated(name, given, attitude)
+
+
+def _estimated(name: str, given: AttitudeInput) -> Floats:
+    result = returned(GROUP, name, call_code(GROUP, name, given), ((3, 6), 3))
+    turn = result[:3]
+    if np.abs(turn @ turn.T - np.eye(3)).max() > EXACT or np.linalg.det(turn) < 0:
+        raise ValueError(f"{POINTS[GROUP]} {name} must return a rotation matrix, got {turn}")
+    return result
+
+
+def _propagated(name: str, given: AttitudeInput, attitude: Rotation) -> Floats:
+    """Covariance by the noise of each star along two directions, to first order.
+
+    C = sum_i r_i r_i^T,   r_i the rotation of the attitude when a direction moves by its sigma
+    """
+    total = np.zeros((3, 3))
+    for n, (direction, sigma) in enumerate(zip(given.seen, given.sigma, strict=True)):
+        least = np.eye(3)[np.abs(direction).argmin()]
+        first = np.cross(direction, least)
+        first /= np.linalg.norm(first)
+        for across in (first, np.cross(direction, first)):
+            moved = given.seen.copy()
+            moved[n] += sigma * across
+            moved[n] /= np.linalg.norm(moved[n])
+            estimate = _estimated(name, AttitudeInput(moved, given.direction, given.sigma))
+            turn = (Rotation.from_matrix(estimate[:3]) * attitude.inv()).as_rotvec()
+            total += np.outer(turn, turn)
+    return total
 
 
 def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: float) -> Floats:
@@ -53,14 +144,6 @@ def _enlarge(covariance, seen, weight, known, enlarged):  # type: ignore[no-unty
                 enlarged[m, i, j] = covariance[m, i, j] + mixed[i] * mixed[j] / left
 
 
-NO_COVARIANCE = np.full((3, 3), np.nan)
-MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
-# Probability of larger residuals by noise alone, below which the covariance is enlarged. Chosen by
-# hand: a larger one enlarges it too often, a smaller one ignores distortion and catalogue errors.
-SIGNIFICANCE = 1e-3
-FEWEST = 4  # stars that are always kept: fewer leave too few degrees of freedom to find an outlier
-
-
 def solve(
     spots: Spots,
     matches: Matches,
@@ -98,14 +181,14 @@ def solve(
     used = np.arange(len(matches))
     if settings.sift:
         used = _agreeing(pixel, covariance, matches, settings.gate)
-    most = len(used)
+    allowed = len(used)
     try:
         best = _fit(pixel, covariance, matches, used, tolerance)
         while len(used) > FEWEST:
             typical = np.median(best.chi_square) / MEDIAN_CHI_SQUARE
             gate = settings.gate**2 * max(1.0, typical)
             worst = np.argmax(best.chi_square)
-            if best.chi_square[worst] <= gate or len(used) <= most / 2:
+            if best.chi_square[worst] <= gate or len(used) <= allowed / 2:
                 break
             used = np.delete(used, worst)
             best = _fit(pixel, covariance, matches, used, tolerance)
@@ -166,10 +249,7 @@ def _plane(matches: Matches, best: Refinement, used: NDArray[np.int64]) -> Float
 
 
 def _agreeing(
-    pixel: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    matches: Matches,
-    gate: float,
+    pixel: NDArray[np.float64], covariance: NDArray[np.float64], matches: Matches, gate: float
 ) -> NDArray[np.int64]:
     """Indices of the stars that agree on one attitude; all stars where fewer than 4 agree."""
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / matches.camera.focal_length_px

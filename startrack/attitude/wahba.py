@@ -28,11 +28,7 @@ def parts(b: Array) -> tuple[Array, Array, Array]:
     """Trace (...), symmetric sum B + B^T (..., 3, 3) and antisymmetric vector (..., 3) of B."""
     trace = np.trace(b, axis1=-2, axis2=-1)
     vector = np.stack(
-        [
-            b[..., 2, 1] - b[..., 1, 2],
-            b[..., 0, 2] - b[..., 2, 0],
-            b[..., 1, 0] - b[..., 0, 1],
-        ],
+        [b[..., 2, 1] - b[..., 1, 2], b[..., 0, 2] - b[..., 2, 0], b[..., 1, 0] - b[..., 0, 1]],
         axis=-1,
     )
     return trace, b + np.swapaxes(b, -1, -2), vector
@@ -170,7 +166,9 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
         value = (largest**2 - norm) ** 2 - 8 * largest * det - 4 * minors
         slope = 4 * largest * (largest**2 - norm) - 8 * det
         largest = largest - np.divide(value, slope, out=np.zeros_like(det), where=slope > 0)
-    k, norm, largest = (each[..., None, None] for each in ((largest**2 - norm) / 2, norm, largest))
+    k, norm, largest = (
+        values[..., None, None] for values in ((largest**2 - norm) / 2, norm, largest)
+    )
     matrix = (k + norm) * b + largest * cofactors - b @ np.swapaxes(b, -1, -2) @ b
     # The divisor of the source vanishes where digits are lost; the determinant's root does not.
     scale = np.cbrt(np.linalg.det(matrix))[..., None, None]

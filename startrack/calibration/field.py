@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack.attitude import UNKNOWNS, camera_slopes, huber_weights, moved_camera, typical_square
 from startrack.calibration.star_table import StarTable, angles_of
 from startrack.core import (
     Camera,
     FieldPolynomial,
     Floats,
+    Ints,
     Refused,
     Streams,
     monomials,
@@ -28,10 +30,7 @@ OPENCV = {"none": (), "radial": ("k1",), "full": ("k1", "k2", "p1", "p2")}
 MODELS = (*OPENCV, "1", "2", "3")
 POLYNOMIAL_TERMS = {"1": 3, "2": 6, "3": 10}
 WARM_TERMS = 3  # 1, u and v grow with temperature: the boresight, and the scale along both axes
-# Robust sigma beyond which a residual counts linearly, and beyond which it is left out. Chosen by
-# hand: at 2 the estimate loses 1 % of normal residuals' information; beyond 6 noise has none.
-HUBER, OUTLIER = 2.0, 6.0
-MEDIAN_SQUARE = 2 * math.log(2)  # of two normal residuals
+OUTLIER = 6.0  # robust sigma, beyond which a residual is left out; chosen by hand: noise has none
 MOST_STEPS = 40
 SMALLEST_STEP = 1e-4  # sigma
 LEAST_RANK = 1e-12  # of the largest eigenvalue, where columns have one size
@@ -133,8 +132,8 @@ def fit_field(
 ) -> FieldFit:
     """Robust least squares of a camera and its attitude.
 
-    Residuals beyond HUBER robust sigma, from their median, count linearly; those beyond OUTLIER
-    are left out. The table must be of one attitude.
+    Residuals beyond two robust sigma, from their median, count linearly; those beyond OUTLIER are
+    left out. The table must be of one attitude.
 
     columns, rows  pixel, of the array
     first          pixel (x, y) of the table at the centre of the first pixel
@@ -188,11 +187,11 @@ def cross_validate(
         fit = fit_field(table.part(rest), order, columns, rows, first)
         angle[part], pixel[part] = residuals(fit, table.part(part), first)
     square = (pixel**2).sum(axis=1) / table.sigma**2
-    inlier = square <= OUTLIER**2 * np.median(square) / MEDIAN_SQUARE
-    each = np.array(
+    inlier = square <= OUTLIER**2 * typical_square(square)
+    by_fold = np.array(
         [np.mean(square[part][inlier[part]]) / 2 for part in parts if inlier[part].any()]
     )
-    error = float(each.std(ddof=1) / math.sqrt(len(each))) if len(each) > 1 else math.inf
+    error = float(by_fold.std(ddof=1) / math.sqrt(len(by_fold))) if len(by_fold) > 1 else math.inf
     return Unseen(order, angle, pixel, inlier, float(np.mean(square[inlier]) / 2), error)
 
 
@@ -203,27 +202,27 @@ def cross_validate_all(
 ) -> tuple[Unseen, ...]:  # fmt: skip
     """`cross_validate` of several orders, those with too many unknowns for the stars left out."""
     least = len(table) - math.ceil(len(table) / min(folds, len(table)))
-    found = []
+    results = []
     for order in orders:
         if 2 * least >= LEAST_PER_UNKNOWN * order.unknowns:
-            found.append(cross_validate(table, order, columns, rows, first, folds))
+            results.append(cross_validate(table, order, columns, rows, first, folds))
         if progress:
             progress(1)
-    if not found:
+    if not results:
         raise Refused(f"the table must have more stars for any of the orders, got {len(table)}")
-    return tuple(found)
+    return tuple(results)
 
 
-def borne(found: Sequence[Unseen]) -> Unseen:
+def borne(results: Sequence[Unseen]) -> Unseen:
     """The order of fewest unknowns whose mean square is within a standard error of the least.
 
     Source: Hastie et al. (2009), section 7.10, the one-standard-error rule.
     """
-    best = min(found, key=lambda one: one.mean_square)
+    best = min(results, key=lambda result: result.mean_square)
     limit = best.mean_square + best.standard_error
     return min(
-        (one for one in found if one.mean_square <= limit),
-        key=lambda one: (one.order.unknowns, one.mean_square),
+        (result for result in results if result.mean_square <= limit),
+        key=lambda result: (result.order.unknowns, result.mean_square),
     )
 
 
@@ -307,18 +306,24 @@ def _start(table: StarTable, columns: int, rows: int) -> _State:
 def _names(order: Order) -> tuple[str, ...]:
     names: list[str] = []
     if order.model in OPENCV:
-        names += ["rotation_x", "rotation_y", "rotation_z", "focal_length_px"]
-        names += OPENCV[order.model]
+        names += ["rotation_x", "rotation_y", "rotation_z"]
+        names += [UNKNOWNS[k] for k in _free(order)]
     for suffix, count in _tables(order):
         for axis in "xy":
             names += [f"polynomial.{axis}{suffix}[{n}]" for n in range(count)]
     return tuple(names)
 
 
+def _free(order: Order) -> Ints:
+    """Numbers of UNKNOWNS that a pinhole of this order has."""
+    names = ("focal_length_px", *OPENCV[order.model])
+    return np.array([UNKNOWNS.index(name) for name in names])
+
+
 def _tables(order: Order) -> list[tuple[str, int]]:
     """The tables of coefficients: the end of their names, and how many there are for an axis."""
     parts = [("", POLYNOMIAL_TERMS.get(order.model, 0))]
-    return [one for one in [*parts, ("_per_kelvin", WARM_TERMS * order.warm)] if one[1]]
+    return [part for part in [*parts, ("_per_kelvin", WARM_TERMS * order.warm)] if part[1]]
 
 
 def _solve(state: _State, table: StarTable, order: Order) -> tuple[_State, Floats, Floats]:
@@ -361,14 +366,13 @@ def _least_squares(rows: Floats, right: Floats, order: Order) -> tuple[Floats, F
 
 def _weights(residual: Floats, sigma: Floats, sift: bool) -> Floats:
     """Huber's weights (n,), relative to the robust sigma of all; `sift`: 0 beyond OUTLIER."""
-    size = np.linalg.norm(residual, axis=1) / sigma
-    typical = math.sqrt(float(np.median(size**2)) / MEDIAN_SQUARE)
+    square = (residual**2).sum(axis=1) / sigma**2
+    typical = typical_square(square)
     if typical == 0:
-        return np.ones(len(size))
-    limit = HUBER * math.sqrt(2) * typical
-    weight = np.minimum(1.0, limit / np.maximum(size, 1e-300))
+        return np.ones(len(square))
+    weight = huber_weights(square, typical)
     if sift:
-        weight[size > OUTLIER * typical] = 0.0
+        weight[square > OUTLIER**2 * typical] = 0.0
     return weight
 
 
@@ -388,24 +392,15 @@ def _with_polynomial(state: _State, table: StarTable, order: Order) -> _State:
     return state._replace(camera=replace(state.camera, polynomial=zero))
 
 
-STEPS = {"rotation": 1e-6, "focal_length_px": 1e-6, "k1": 1e-4, "k2": 1e-3, "p1": 1e-5, "p2": 1e-5}
-
-
 def _derivatives(state: _State, table: StarTable, order: Order) -> Floats:
-    """Of the pixels by the unknowns, (2 n, unknowns): by differences, or the monomials."""
+    """Of the pixels by the unknowns, (2 n, unknowns)."""
     columns: list[Floats] = []
-    count = len(_names(order))
+    direction = state.attitude.apply(table.direction)
     if order.model in OPENCV:
-        before = _predicted(state, table)
-        for n, name in enumerate(_names(Order(order.model))):
-            step = STEPS[name.split("_")[0] if name.startswith("rotation") else name]
-            step *= state.camera.focal_length_px if name == "focal_length_px" else 1.0
-            move = np.zeros(count)
-            move[n] = step
-            columns.append(
-                ((_predicted(_moved(state, order, move), table) - before) / step).ravel()
-            )
-    terms = monomials(_plane(state.attitude.apply(table.direction)))
+        own, turn = camera_slopes(state.camera, direction)
+        slopes = np.concatenate([turn, own[:, :, _free(order)]], axis=2)
+        columns += list(slopes.reshape(2 * len(table), -1).T)
+    terms = monomials(_plane(direction))
     terms = terms * state.camera.focal_length_px
     zero = np.zeros(len(table))
     for suffix, number in _tables(order):
@@ -426,11 +421,10 @@ def _moved(state: _State, order: Order, step: Floats) -> _State:
     """The state after a step of the unknowns, in the order of `_names`."""
     camera, attitude, at = state.camera, state.attitude, 0
     if order.model in OPENCV:
-        names = OPENCV[order.model]
+        free = _free(order)
+        at = 3 + len(free)
         attitude = Rotation.from_rotvec(step[:3]) * attitude
-        own = {name: getattr(camera, name) + float(step[4 + n]) for n, name in enumerate(names)}
-        focal = camera.focal_length_px + float(step[3])
-        camera, at = replace(camera, focal_length_px=focal, **own), 4 + len(names)
+        camera = moved_camera(camera, free, step[3:at])
     if camera.polynomial is not None:
         tables: dict[str, Any] = {}
         for suffix, number in _tables(order):
@@ -450,4 +444,4 @@ def orders_of(table: StarTable, model: str = "auto", warm: bool | None = None) -
     if warm and not has:
         raise Refused("the table must have temperatures that differ for terms of temperature")
     warms = ((False, True) if has else (False,)) if warm is None else (warm,)
-    return tuple(Order(one, hot) for hot in warms for one in models)
+    return tuple(Order(name, hot) for hot in warms for name in models)

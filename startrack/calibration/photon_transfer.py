@@ -136,21 +136,21 @@ class _Law:
     """The logarithm of the posterior at points (w, 6)."""
 
     def __init__(self, levels: list[_LevelStatistics]) -> None:
-        self.levels = sorted(levels, key=lambda one: one.lit)
-        self.unlit = sum(not one.lit for one in levels)
-        one = self.levels[0]
-        self.scale = np.array([SPREAD] * 5 + [math.sqrt(one.spatial / one.pixels)])
+        self.levels = sorted(levels, key=lambda darkest: darkest.lit)
+        self.unlit = sum(not level.lit for level in levels)
+        darkest = self.levels[0]
+        self.scale = np.array([SPREAD] * 5 + [math.sqrt(darkest.spatial / darkest.pixels)])
         # (levels, 1), the unlit ones first
         self.columns = np.array(self.levels).T[1:, :, None]
 
     def __call__(self, points: Floats) -> Floats:
-        held = np.clip(points[:, :-1], np.log(LOW), np.log(HIGH))
-        gain, read, dark, prnu, pattern = np.exp(held).T
+        clipped = np.clip(points[:, :-1], np.log(LOW), np.log(HIGH))
+        gain, read, dark, prnu, pattern = np.exp(clipped).T
         exposure, frames, pixels, mean, temporal, spatial = self.columns
         off, charge, unlit = mean - points[:, -1], dark * exposure, slice(self.unlit)
         light = gain * off - charge
         light[unlit] = 0.0
-        inside = (held == points[:, :-1]).all(axis=1) & (light >= 0).all(axis=0)
+        inside = (clipped == points[:, :-1]).all(axis=1) & (light >= 0).all(axis=0)
         light = np.maximum(light, 0)
         noise = (read**2 + charge + light) / gain**2 + ROUNDING
         spread = noise / frames + (pattern**2 + (prnu * light) ** 2) / gain**2
@@ -161,8 +161,10 @@ class _Law:
 
     def guess(self) -> Floats:
         """Estimate by classical photon transfer, from two levels for each constant."""
-        unlit = sorted((one for one in self.levels if not one.lit), key=lambda one: one.exposure)
-        lit = max((one for one in self.levels if one.lit), key=lambda one: one.mean)
+        unlit = sorted(
+            (level for level in self.levels if not level.lit), key=lambda level: level.exposure
+        )
+        lit = max((level for level in self.levels if level.lit), key=lambda level: level.mean)
         short, long = unlit[0], unlit[-1]
         gain = (lit.mean - short.mean) / max(lit.temporal - short.temporal, 1e-9)
         rate = (long.mean - short.mean) / (long.exposure - short.exposure)

@@ -5,26 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Calibration, calibrate
+from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_vector, matched_pixels
 from startrack.calibration.psf_width import width_likelihood
 from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
     Camera,
     Floats,
     Frame,
     Matches,
+    Parameters,
     Refused,
     Spots,
     distort,
-    non_negative,
-    positive,
 )
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
-CAMERA = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 LOGARITHMS = ("floor", "psf_sigma")  # sampled as their logarithms
 ROUNDS = 2  # of Gauss-Newton on the attitudes; chosen by hand: they start at solved attitudes
 # Standard deviation over that of the prior, from which a column is unconstrained. Chosen by hand: a
@@ -36,28 +38,24 @@ FLOOR_SPREAD = 0.2  # of the logarithm of the floor
 
 
 @dataclass(frozen=True)
-class Prior:
+class Prior(Parameters):
     """Prior of a camera: normal about its values; 0 fixes a value.
 
-    focal_length     1, relative
-    principal        pixel, along each axis
-    k1               1
-    floor_low, high  pixel, bounds of the systematic error of centroids, whose logarithm has a
-                     uniform prior; equal ones fix it
-    width_low, high  pixel, bounds of the sigma of the PSF, whose logarithm has a uniform prior
+    The logarithms of floor and width have uniform priors.
     """
 
-    focal_length: float = 0.05
-    principal: float = 20.0
-    k1: float = 0.1
-    floor_low: float = 1e-3
-    floor_high: float = 0.3
-    width_low: float = 0.2
-    width_high: float = 4.0
+    focal_length: Annotated[float, POSITIVE, "relative"] = 0.05
+    principal: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 20.0
+    k1: Annotated[float, NON_NEGATIVE] = 0.1
+    floor_low: Annotated[float, POSITIVE,
+        "pixel, of the systematic error of centroids; both bounds equal fix it"
+    ] = 1e-3  # fmt: skip
+    floor_high: Annotated[float, FINITE, "pixel, likewise"] = 0.3
+    width_low: Annotated[float, POSITIVE, "pixel, of the sigma of the PSF"] = 0.2
+    width_high: Annotated[float, FINITE, "pixel, likewise"] = 4.0
 
     def __post_init__(self) -> None:
-        positive(focal_length=self.focal_length, floor_low=self.floor_low, width_low=self.width_low)
-        non_negative(principal=self.principal, k1=self.k1)
+        super().__post_init__()
         if not (self.floor_high >= self.floor_low and self.width_high > self.width_low):
             raise Refused("floor_high and width_high must not lie below their lows")
 
@@ -138,7 +136,7 @@ def sample_camera(
         law.names,
         chains,
         np.atleast_2d(np.corrcoef(chains.flat.T)),
-        tuple(name for name, one in zip(law.names, wide, strict=True) if one),
+        tuple(name for name, unconstrained in zip(law.names, wide, strict=True) if unconstrained),
     )
 
 
@@ -155,12 +153,12 @@ class _Law:
         sigma = np.array([prior.focal_length * camera.focal_length_px, prior.principal,
                           prior.principal, prior.k1])  # fmt: skip
         self.free = np.flatnonzero(sigma > 0)
-        self.middle = np.array([getattr(camera, name) for name in CAMERA])
+        self.middle = camera_vector(camera)
         even = {"floor": (prior.floor_low, prior.floor_high)}
         if width:
             even["psf_sigma"] = (prior.width_low, prior.width_high)
         self.even = {name: np.log(pair) for name, pair in even.items() if pair[0] < pair[1]}
-        self.names = (*(CAMERA[i] for i in self.free), *self.even)
+        self.names = (*(UNKNOWNS[i] for i in self.free), *self.even)
         bounds = np.reshape([*self.even.values()], (-1, 2)).T
         open_end = np.full(len(self.free), np.inf)
         self.low = np.concatenate([-open_end, bounds[0]])
@@ -178,8 +176,8 @@ class _Law:
         values[:, self.free] = points[:, :count]
         inside = ((points >= self.low) & (points <= self.high)).all(axis=1) & (values[:, 0] > 0)
         values[:, 0] = np.maximum(values[:, 0], 1.0)
-        held = np.clip(points, self.low, self.high)[:, count:].T
-        log = dict(zip(self.even, held, strict=True))
+        clipped = np.clip(points, self.low, self.high)[:, count:].T
+        log = dict(zip(self.even, clipped, strict=True))
         floor = np.exp(log["floor"]) if "floor" in log else np.full(len(points), self.fixed_floor)
         off = (points[:, :count] - self.middle[self.free]) / self.sigma
         score = -0.5 * (off**2).sum(axis=1)
@@ -193,15 +191,14 @@ class _Law:
 def _frame(spots: Spots, matches: Matches) -> tuple[Floats, Floats, Floats]:
     """Pixels (n, 2), their covariance, and star directions by the first attitude (n, 3)."""
     assert matches.icrs_to_camera is not None
-    pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-    return pixel, spots.covariance[matches.spot], matches.icrs_to_camera.apply(matches.direction)
+    return *matched_pixels(spots, matches), matches.icrs_to_camera.apply(matches.direction)
 
 
 def _least_squares(
     law: _Law, spots: Sequence[Spots], matches: Sequence[Matches]
 ) -> tuple[Floats, Floats]:
     """Least-squares estimate and its standard errors, in the columns of the posterior."""
-    tight = dict(zip(CAMERA, np.zeros(len(CAMERA)), strict=True))
+    tight = dict(zip(UNKNOWNS, np.zeros(len(UNKNOWNS)), strict=True))
     tight |= dict(zip(law.names, law.sigma, strict=False))
     fitted = calibrate(
         spots,
@@ -214,7 +211,7 @@ def _least_squares(
             floor=law.likely_floor,
         ),
     )
-    middle = [getattr(fitted.camera, CAMERA[i]) for i in law.free]
+    middle = list(camera_vector(fitted.camera)[law.free])
     spread = list(np.sqrt(fitted.covariance.diagonal()[law.free]))
     if "floor" in law.even:
         middle.append(math.log(fitted.residual_rms + 1e-9))
@@ -233,7 +230,7 @@ def project(direction: Floats, values: Floats, camera: Camera) -> Floats:
     """Pixels of directions for many cameras at once; as Camera.project for each.
 
     direction  (w, n, 3) in camera axes
-    values     (w, 8) of CAMERA
+    values     (w, 8) of UNKNOWNS
     Returns    (w, n, 2) pixel
     """
     f, cx, cy, k1, k2, p1, p2, k3 = (column[:, None] for column in values.T)
@@ -260,11 +257,11 @@ def _log_likelihood(
         white[..., 1, :] -= across[..., None] * white[..., 0, :]
         white[..., 1, :] /= second[..., None]
         white = white.reshape(len(values), -1, 4)
-        whole = white.swapaxes(1, 2) @ white
-        normal, right = whole[:, :3, :3], whole[:, :3, 3]
+        products = white.swapaxes(1, 2) @ white
+        normal, right = products[:, :3, :3], products[:, :3, 3]
         step = np.linalg.solve(normal, right[..., None])[..., 0]
         turn = turn + step
-    left = whole[:, 3, 3] - (right * step).sum(axis=1)  # r^T W r after the last, linear step
+    left = products[:, 3, 3] - (right * step).sum(axis=1)  # r^T W r after the last, linear step
     width = 2 * np.log(first * second).sum(axis=1) + np.linalg.slogdet(normal)[1]
     return -0.5 * (left + width)
 

@@ -42,9 +42,9 @@ def width_likelihood(
     """
     stars = [
         (_stamp(image, *np.rint(position).astype(int)).ravel(), frame, position)
-        for frame, found in zip(frames, spots, strict=True)
+        for frame, own_spots in zip(frames, spots, strict=True)
         for image in [np.asarray(frame.image, float)]
-        for position in _alone(image, found)
+        for position in _alone(image, own_spots)
     ]
     if not stars:
         raise Refused(

@@ -122,13 +122,13 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
     bare = {_bare(name)[0]: name for name in reversed(columns)}
     used: dict[str, str] = {}
     kind, chosen = _directions(path, names, bare)
-    direction = _vectors(kind, [_angle(path, columns, one, kind) for one in chosen])
+    direction = _vectors(kind, [_angle(path, columns, name, kind) for name in chosen])
     pixels = _found(path, names.pixels, bare, PIXELS, "pixels", set(map(_alone, chosen)))
     pixel = np.column_stack([columns[_alone(name)].value for name in pixels])
     kelvin = _optional(names.temperature, bare, TEMPERATURES, path, "temperature")
     weight = _optional(names.weight, bare, (*WEIGHTS, *SIGMAS), path, "weight")
     for use, name in (
-        *((f"direction {n + 1}", _alone(one)) for n, one in enumerate(chosen)),
+        *((f"direction {n + 1}", _alone(angle)) for n, angle in enumerate(chosen)),
         *zip(("column", "row"), map(_alone, pixels), strict=True),
         ("temperature", kelvin), ("weight", weight),
     ):  # fmt: skip
@@ -168,8 +168,8 @@ def _columns(path: Path) -> dict[str, _Column]:
             for n in range(1, int(header["TFIELDS"]) + 1)
         }
         return {
-            one: _Column(values.astype(float), unit.get(one, ""))
-            for one, values in columns.items()
+            column: _Column(values.astype(float), unit.get(column, ""))
+            for column, values in columns.items()
             if values.dtype.kind in "iuf" and values.ndim == 1
         }
     if name.endswith((".vot", ".votable", ".xml")):
@@ -177,16 +177,16 @@ def _columns(path: Path) -> dict[str, _Column]:
     else:  # one star with a number that was cut is an outlier
         table = csv_table(path, ended=False)
     return {
-        one: _Column(table_numbers(path, table, one), str(table[one].unit or ""))
-        for one in table.colnames
-        if table[one].dtype.kind in "iuf"
+        column: _Column(table_numbers(path, table, column), str(table[column].unit or ""))
+        for column in table.colnames
+        if table[column].dtype.kind in "iuf"
     }
 
 
 def _bare(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit."""
-    found = SUFFIX.fullmatch(name)
-    return (found["name"], found["unit"]) if found else (name, "")
+    suffix = SUFFIX.fullmatch(name)
+    return (suffix["name"], suffix["unit"]) if suffix else (name, "")
 
 
 def _alone(name: str) -> str:
@@ -196,7 +196,7 @@ def _alone(name: str) -> str:
 
 def _directions(path: Path, names: Names, bare: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
     if names.directions:
-        plain = tuple(_bare(_alone(one))[0] for one in names.directions)
+        plain = tuple(_bare(_alone(name))[0] for name in names.directions)
         known = {pair: kind for kind, pair in DIRECTIONS}
         kind = names.kind or known.get(plain) or ("vectors" if len(plain) == 3 else None)
         if kind is None:
@@ -211,7 +211,7 @@ def _directions(path: Path, names: Names, bare: Mapping[str, str]) -> tuple[str,
         return kind, _named(path, names.directions, bare, "directions")
     for kind, pair in DIRECTIONS:
         if set(pair) <= set(bare) and names.kind in (None, kind):
-            return kind, tuple(bare[one] for one in pair)
+            return kind, tuple(bare[name] for name in pair)
     raise Refused(
         f"{path} must have columns of directions, such as ra_deg and dec_deg, y_angle_arcsec and "
         f"z_angle_arcsec, or ux, uy and uz, got {_list(bare)}"
@@ -241,8 +241,8 @@ def _found(
             raise Refused(f"{what} must be 2 columns, column and row, got {len(given)}")
         return _named(path, given, bare, what)
     for pair in known:
-        if set(pair) <= set(bare) and not taken & {bare[one] for one in pair}:
-            return tuple(bare[one] for one in pair)
+        if set(pair) <= set(bare) and not taken & {bare[name] for name in pair}:
+            return tuple(bare[name] for name in pair)
     raise Refused(
         f"{path} must have columns of {what}, such as column_px and row_px, or x and y, got "
         f"{_list(bare)}"
@@ -256,7 +256,7 @@ def _optional(
         return None
     if given is not None:
         return _named(path, (given,), bare, what)[0]
-    return next((bare[one] for one in known if one in bare), None)
+    return next((bare[name] for name in known if name in bare), None)
 
 
 def _unit(column: _Column, name: str) -> str:
@@ -296,8 +296,8 @@ def _vectors(kind: str, values: Sequence[Floats]) -> Floats:
         vector = np.column_stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
     else:
         first, second = np.tan(values[0]), np.tan(values[1])
-        one = np.ones(len(first))
-        order = (one, first, second) if kind == "yz" else (first, second, one)
+        ones = np.ones(len(first))
+        order = (ones, first, second) if kind == "yz" else (first, second, ones)
         vector = np.column_stack(order)
     with np.errstate(invalid="ignore", divide="ignore"):
         return vector / np.linalg.norm(vector, axis=1, keepdims=True)

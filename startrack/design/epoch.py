@@ -8,7 +8,8 @@ import numpy as np
 
 from startrack.catalog import Selection, earth_observer
 from startrack.core import LIGHT_SPEED, Floats, Refused, arcsec
-from startrack.scene import AU, Orbit, Scene, orbital_velocity
+from startrack.scene import Orbit, Scene, orbital_velocity
+from startrack.space import AU
 
 # What of the sky may lie beside the date. A star to G = 8 moves by 0.03 arcsec (median), 0.4 arcsec
 # (99 %) or 7 arcsec (Groombridge 1830) in a year, which is all that "2026" says of a date.

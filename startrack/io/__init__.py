@@ -25,6 +25,7 @@ from startrack.io.reading import (
     read_bytes,
     regular_file,
     require_fits,
+    save_checked,
     shipped,
     unpacked,
 )

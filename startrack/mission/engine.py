@@ -12,19 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Refused, require_memory
-from startrack.mission.bodies import PLANETS
 from startrack.mission.fusion import fused_variance
 from startrack.mission.heads import (
     Mounted,
     Seen,
     Shadow,
-    inside,
+    in_anomaly,
     look,
     mount,
     shadow_of,
     state_of,
 )
-from startrack.mission.instants import Course, Instants, course_of
+from startrack.mission.instants import Instants, SpacecraftMotion, motion_of
 from startrack.mission.parameters import Loaded, Mission
 from startrack.mission.surrogate import (
     Conditions,
@@ -34,7 +33,7 @@ from startrack.mission.surrogate import (
     stray_light_of,
     surrogate_of,
 )
-from startrack.mission.vectors import cross, dot, unit
+from startrack.space import PLANETS, cross, dot, unit
 
 CHUNK = 8192  # steps at once: their arrays fit into the cache of a core
 PART = 64 * CHUNK  # steps that are kept together on disk
@@ -50,14 +49,14 @@ WORST = 10  # moments that are listed
 class Plan:
     """What is computed once for a mission, before its steps.
 
-    course      where the spacecraft is and how it points
+    motion      where the spacecraft is and how it points
     heads       with their mountings and exclusion angles
     surrogates  error of each head; empty where only the geometry is asked for
     stray       stray light of each head; None where it has no baffle
     """
 
     loaded: Loaded
-    course: Course
+    motion: SpacecraftMotion
     heads: tuple[Mounted, ...]
     surrogates: tuple[Surrogate, ...] = ()
     stray: tuple[StrayLight | None, ...] = ()
@@ -75,77 +74,77 @@ def plan_of(
             sgp4 for `orbit.tle`.
     """
     mission = loaded.mission
-    course = course_of(mission)
+    motion = motion_of(mission)
     cases = [
         state_of(design.case, head, mission.check.seed, head.age, 0.0)
         for head, design in zip(mission.heads, loaded.designs, strict=True)
     ]
     heads = tuple(mount(head, case) for head, case in zip(mission.heads, cases, strict=True))
     if not errors:
-        return Plan(loaded, course, heads)
-    rates = _ranges(course, heads)
+        return Plan(loaded, motion, heads)
+    rates = _ranges(motion, heads)
     stray = [stray_light_of(case, head) for case, head in zip(cases, heads, strict=True)]
     made = dict[int, Surrogate]()
     groups = groups_of(loaded, heads)
     for same in groups:
         case = cases[same[0]]
-        light = [case.scene.sky_g, *(one[1] for k in same if (one := stray[k]))]
+        light = [case.scene.sky_g, *(light[1] for k in same if (light := stray[k]))]
         span = min(rates[k][0] for k in same), max(rates[k][1] for k in same)
         ranges = Ranges(span, min(light), *_states(mission, heads[same[0]]))
         state = partial(
             state_of, loaded.designs[same[0]].case, mission.heads[same[0]], mission.check.seed
         )
         try:
-            found = surrogate_of(case, ranges, state)
+            surrogate = surrogate_of(case, ranges, state)
         except Refused as error:
             raise Refused(f"head {heads[same[0]].name}: {error}") from None
-        made |= dict.fromkeys(same, found)
+        made |= dict.fromkeys(same, surrogate)
         advance(len(same))
     return Plan(
         loaded,
-        course,
+        motion,
         heads,
         tuple(made[h] for h in range(len(heads))),
-        tuple(one[0] if one else None for one in stray),
+        tuple(own_light[0] if own_light else None for own_light in stray),
     )
 
 
 def groups_of(loaded: Loaded, heads: Sequence[Mounted]) -> list[list[int]]:
     """Numbers of the heads of the same design, unit, age and temperature, which share an error."""
-    found = list[list[int]]()
+    groups = list[list[int]]()
     for h, (head, design) in enumerate(zip(heads, loaded.designs, strict=True)):
-        own = (head.age, head.warmth, loaded.mission.heads[h].unit)
-        for group in found:
+        own = (head.age, head.temperature, loaded.mission.heads[h].unit)
+        for group in groups:
             other, k = heads[group[0]], group[0]
-            if (other.age, other.warmth, loaded.mission.heads[k].unit) == own and (
+            if (other.age, other.temperature, loaded.mission.heads[k].unit) == own and (
                 loaded.designs[k].case == design.case
             ):
                 group.append(h)
                 break
         else:
-            found.append([h])
-    return found
+            groups.append([h])
+    return groups
 
 
 def _states(
     mission: Mission, head: Mounted
 ) -> tuple[tuple[float, float], tuple[float, float] | None]:
     """Temperatures and ages of a head in the mission."""
-    warmth = head.warmth
+    temperature = head.temperature
     age = None if head.age is None else (head.age, head.age + mission.time.duration)
-    return (warmth.offset - warmth.swing, warmth.offset + warmth.swing), age
+    return (temperature.offset - temperature.swing, temperature.offset + temperature.swing), age
 
 
-def _ranges(course: Course, heads: tuple[Mounted, ...]) -> list[tuple[float, float]]:
+def _ranges(motion: SpacecraftMotion, heads: tuple[Mounted, ...]) -> list[tuple[float, float]]:
     """Slowest and fastest rate across each boresight, at some instants of the mission."""
-    time = course.mission.time
+    time = motion.mission.time
     every = max(time.steps // SAMPLED, 1)
-    rate = course.at(0.0, every * time.step, -(-time.steps // every)).rate
-    found = []
+    rate = motion.at(0.0, every * time.step, -(-time.steps // every)).rate
+    ranges = []
     for head in heads:
         across = rate_across(head, rate)
-        found.append(((1 - MARGIN) * float(across.min()), (1 + MARGIN) * float(across.max())))
-    return found
+        ranges.append(((1 - MARGIN) * float(across.min()), (1 + MARGIN) * float(across.max())))
+    return ranges
 
 
 def rate_across(head: Mounted, rate: Floats) -> Floats:
@@ -228,18 +227,17 @@ def at(plan: Plan, instants: Instants, first: int = 0) -> Chunk:
     """What the heads of a mission see at some instants."""
     mission = plan.loaded.mission
     shadow = shadow_of(instants, mission.structure)
-    saa = inside(mission.radiation, instants) if mission.radiation.saa == "blind" else None
+    saa = in_anomaly(mission.radiation, instants)
     seen = tuple(look(head, instants, shadow, saa) for head in plan.heads)
     if not plan.surrogates:
         return Chunk(first, instants, shadow, seen)
-    errors = tuple(_error(plan, h, instants, one, shadow) for h, one in enumerate(seen))
-    common = np.array([mission.common.x, mission.common.y, mission.common.z]) ** 2
+    errors = tuple(_error(plan, h, instants, view, shadow) for h, view in enumerate(seen))
     variance = fused_variance(
         [head.boresight for head in plan.heads],
-        [one[0] for one in errors],
-        [one[1] for one in errors],
-        [one.blind == 0 for one in seen],
-        common,
+        [error[0] for error in errors],
+        [error[1] for error in errors],
+        [view.blind == 0 for view in seen],
+        mission.common.variance,
     )
     return Chunk(first, instants, shadow, seen, errors, variance)
 
@@ -270,11 +268,11 @@ def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:
 
     advance  called with the number of steps after each part
     """
-    found = []
+    parts = []
     for first, count in parts_of(plan.loaded.mission.time.steps):
-        found.append(fly_part(plan, first, count))
+        parts.append(fly_part(plan, first, count))
         advance(count)
-    return merged(found)
+    return merged(parts)
 
 
 def parts_of(steps: int) -> list[tuple[int, int]]:
@@ -306,11 +304,11 @@ def fly_part(plan: Plan, first: int, count: int) -> Flown:
     )
     before = np.zeros(heads, np.uint8)
     if first:
-        last = at(plan, plan.course.at((first - 1) * time.step, time.step, 1))
-        before[:] = [one.blind[0] for one in last.seen]
+        last = at(plan, plan.motion.at((first - 1) * time.step, time.step, 1))
+        before[:] = [view.blind[0] for view in last.seen]
     for begin in range(first, first + count, CHUNK):
         size = min(CHUNK, first + count - begin)
-        chunk = at(plan, plan.course.at(begin * time.step, time.step, size), begin)
+        chunk = at(plan, plan.motion.at(begin * time.step, time.step, size), begin)
         here = slice(begin - first, begin - first + size)
         flown.eclipse[here] = chunk.shadow.sun
         for h, seen in enumerate(chunk.seen):
@@ -322,7 +320,7 @@ def fly_part(plan: Plan, first: int, count: int) -> Flown:
         if plan.surrogates:
             _add_errors(chunk, flown)
             _add_chances(chunk, flown, before)
-        before[:] = [one.blind[-1] for one in chunk.seen]
+        before[:] = [view.blind[-1] for view in chunk.seen]
     return flown
 
 
@@ -330,7 +328,7 @@ def merged(parts: Sequence[Flown]) -> Flown:
     """A mission of its parts in their order."""
 
     def each(name: str) -> Floats:
-        return np.array([getattr(one, name) for one in parts])
+        return np.array([getattr(part, name) for part in parts])
 
     summed: dict[str, Any] = {
         name: each(name).sum(axis=0)
@@ -338,16 +336,18 @@ def merged(parts: Sequence[Flown]) -> Flown:
             "planets", "count", "valid_sum", "known", "square_sum", "head_sum", "exactly", "by_beta"
         )
     }  # fmt: skip
-    worst = sorted((moment for one in parts for moment in one.worst), key=lambda one: -one[1])
+    worst = sorted(
+        (moment for part in parts for moment in part.worst), key=lambda moment: -moment[1]
+    )
     return replace(
         parts[0],
-        blind=np.concatenate([one.blind for one in parts], axis=1),
-        eclipse=np.concatenate([one.eclipse for one in parts]),
+        blind=np.concatenate([part.blind for part in parts], axis=1),
+        eclipse=np.concatenate([part.eclipse for part in parts]),
         closest=each("closest").min(axis=0),
         rate=each("rate").max(axis=0),
         worst=worst[:WORST],
         chances=tuple(
-            [chance for one in parts for chance in one.chances[h]]
+            [chance for part in parts for chance in part.chances[h]]
             for h in range(len(parts[0].chances))
         ),
         **summed,
@@ -362,7 +362,7 @@ def _add_to_maps(chunk: Chunk, flown: Flown, steps: int) -> None:
     beta = (np.arcsin(np.clip(sine, -1, 1)) / math.pi + 0.5) * BETAS
     other = np.minimum(beta.astype(np.intp), BETAS - 1) * PHASES + phase
     cell, size = season * PHASES + phase, SEASONS * PHASES
-    valid = np.sum([one.blind == 0 for one in chunk.seen], axis=0)
+    valid = np.sum([view.blind == 0 for view in chunk.seen], axis=0)
     known = valid > 0
 
     def add(total: Floats, values: Floats) -> None:
@@ -373,12 +373,12 @@ def _add_to_maps(chunk: Chunk, flown: Flown, steps: int) -> None:
     add(flown.known, known)
     sums = [np.ones(len(cell)), known, valid > 1, valid]
     if chunk.variance is not None:
-        squares = [np.where(known, one, 0.0) for one in chunk.variance]
-        for total, one in zip(flown.square_sum, squares, strict=True):
-            add(total, one)
+        squares = [np.where(known, variance, 0.0) for variance in chunk.variance]
+        for total, square in zip(flown.square_sum, squares, strict=True):
+            add(total, square)
         sums += squares
-    for total, one in zip(flown.by_beta, sums, strict=False):
-        total += np.bincount(other, one, minlength=BETAS * PHASES).reshape(total.shape)
+    for total, values in zip(flown.by_beta, sums, strict=False):
+        total += np.bincount(other, values, minlength=BETAS * PHASES).reshape(total.shape)
 
 
 def _add_errors(chunk: Chunk, flown: Flown) -> None:
@@ -391,10 +391,10 @@ def _add_errors(chunk: Chunk, flown: Flown) -> None:
         valid = seen.blind == 0
         total += [valid.sum(), across @ valid, about @ valid, solved @ valid]
         chance = solved * valid
-        lost = [one * (1 - chance) for one in exactly] + [np.zeros(1)]
-        won = [np.zeros(1)] + [one * chance for one in exactly]
+        lost = [probability * (1 - chance) for probability in exactly] + [np.zeros(1)]
+        won = [np.zeros(1)] + [probability * chance for probability in exactly]
         exactly = [a + b for a, b in zip(lost, won, strict=True)]
-    flown.exactly[:] += [one.sum() for one in exactly]
+    flown.exactly[:] += [probability.sum() for probability in exactly]
     size = np.where(np.isfinite(chunk.variance[0]), chunk.variance.max(axis=0), -1.0)
     worst = int(size.argmax())
     if size[worst] > 0:
@@ -406,11 +406,11 @@ def _add_chances(chunk: Chunk, flown: Flown, before: NDArray[np.uint8]) -> None:
 
     before  (h,) Blind of each head at the step before the chunk
     """
-    for found, last, seen, errors in zip(
+    for chances, last, seen, errors in zip(
         flown.chances, before, chunk.seen, chunk.errors, strict=True
     ):
         ends = np.flatnonzero((np.append(last, seen.blind[:-1]) > 0) & (seen.blind == 0))
-        found.extend(errors[2][ends].tolist())
+        chances.extend(errors[2][ends].tolist())
 
 
 def _closest(seen: Seen, shadow: Shadow) -> tuple[float, float, float]:
@@ -427,7 +427,7 @@ def _count_planets(plan: Plan, chunk: Chunk, flown: Flown) -> None:
     block = max(int(PLANET_KNOT / flown.step), 1)
     for low in range(0, len(second), block):
         part = slice(low, low + block)
-        places = plan.course.bodies.planets_at(second[part].mean(keepdims=True))[..., 0]
+        places = plan.motion.bodies.planets_at(second[part].mean(keepdims=True))[..., 0]
         # The mean aberration of the part is within 0.002 degrees.
         apparent = unit((places + chunk.instants.aberration[:, part].mean(axis=1)).T)
         for h, (head, seen) in enumerate(zip(plan.heads, chunk.seen, strict=True)):

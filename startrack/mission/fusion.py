@@ -1,8 +1,9 @@
-"""Errors of several heads -> covariance of their fused attitude; fusion of quaternions."""
+"""Errors of several heads -> covariance of their fused attitude; their relative alignment."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +34,9 @@ def fused_variance(
     Accuracy       model: small errors, of the same size about all axes across a boresight.
     """
     xx, yy, zz, xy, xz, yz = (np.zeros(len(valid[0])) for _ in range(6))
-    for b, one, other, here in zip(boresights, across, about, valid, strict=True):
-        plane = here / one
-        along = here / other - plane
+    for b, square, square_about, here in zip(boresights, across, about, valid, strict=True):
+        plane = here / square
+        along = here / square_about - plane
         for total, value in (
             (xx, plane + b[0] * b[0] * along), (yy, plane + b[1] * b[1] * along),
             (zz, plane + b[2] * b[2] * along), (xy, b[0] * b[1] * along),
@@ -45,8 +46,8 @@ def fused_variance(
     minors = np.stack([yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy])
     with np.errstate(divide="ignore", invalid="ignore"):
         size = xx * minors[0] - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
-        found = minors / size + common[:, None]
-    return np.where(np.any(valid, axis=0), found, np.inf)
+        fused = minors / size + common[:, None]
+    return np.where(np.any(valid, axis=0), fused, np.inf)
 
 
 def fuse(
@@ -72,13 +73,13 @@ def fuse(
             "attitudes and covariances must be one or more, and as many, got "
             f"{len(attitudes)} and {len(covariances)}"
         )
-    weight = [np.linalg.inv(one) for one in covariances]
+    weight = [np.linalg.inv(covariance) for covariance in covariances]
     covariance = np.linalg.inv(np.sum(np.broadcast_arrays(*weight), axis=0))
     best = attitudes[0]
     for _ in range(3):
         pull = sum(
-            np.einsum("...ij,...j->...i", one, (attitude * best.inv()).as_rotvec())
-            for one, attitude in zip(weight, attitudes, strict=True)
+            np.einsum("...ij,...j->...i", inverse, (attitude * best.inv()).as_rotvec())
+            for inverse, attitude in zip(weight, attitudes, strict=True)
         )
         best = Rotation.from_rotvec(np.einsum("...ij,...j->...i", covariance, pull)) * best
     return best, covariance if common is None else covariance + common
@@ -88,3 +89,60 @@ def head_covariance(camera_to_body: Rotation, across: float, about: float) -> Fl
     """(3, 3) radian^2 about the body's axes, of a head with variances across and about."""
     axes = camera_to_body.as_matrix()
     return axes @ np.diag([across, across, about]) @ axes.T
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeAlignment:
+    """Alignment of a second head against a first, as a linear model of what it depends on.
+
+        rotation vector = sum_k features_k coefficient_k,   about the body's axes
+
+    coefficient  (k, 3) radian per unit of each feature
+    covariance   (k, k) of the coefficients about each axis, over `noise`
+    noise        (3, 3) radian^2, of what the model leaves of a single pair of attitudes
+    """
+
+    coefficient: Floats
+    covariance: Floats
+    noise: Floats
+
+    def __call__(self, features: Floats) -> tuple[Floats, Floats]:
+        """Rotation vectors (n, 3) in radian at (n, k) features, and their covariance (n, 3, 3)."""
+        spread = np.einsum("nk,kj,nj->n", features, self.covariance, features)
+        return features @ self.coefficient, spread[:, None, None] * self.noise
+
+    def corrected(self, second: Rotation, features: Floats) -> Rotation:
+        """Attitudes (n,) of the second head as the first would see them."""
+        return Rotation.from_rotvec(-self(features)[0]) * second
+
+
+def relative_alignment(first: Rotation, second: Rotation, features: Floats) -> RelativeAlignment:
+    """Fit how two heads differ, by least squares over simultaneous attitudes.
+
+    The part of a drift that both heads share is not seen, and stays in the fused attitude.
+    Features such as a temperature, its change, or sine and cosine of the orbit's phase describe a
+    thermo-elastic drift; a column of ones is its bias.
+
+    first, second  (n,) icrs_to_body by each head, with its assumed mounting
+    features       (n, k), n > k
+    Raises         ValueError where there are too few attitudes, or features that depend on each
+                   other.
+    Accuracy       model: rotations of arcseconds, whose noise does not depend on time; what the
+                   features do not describe counts as white noise.
+    """
+    features = np.atleast_2d(np.asarray(features, float))
+    count, parts = features.shape
+    if len(first) != count or len(second) != count or count <= parts:
+        raise Refused(
+            f"features must have a row for each of the attitudes, more than their {parts} columns, "
+            f"got {count} for {len(first)} and {len(second)} attitudes"
+        )
+    scale = np.sqrt((features**2).mean(axis=0))
+    if (scale == 0).any() or np.linalg.cond(features / np.where(scale, scale, 1)) > 1e8:
+        raise Refused("features must not depend on each other, nor be zero")
+    apart = (second * first.inv()).as_rotvec()
+    coefficient = np.linalg.lstsq(features / scale, apart, rcond=None)[0] / scale[:, None]
+    rest = apart - features @ coefficient
+    noise = rest.T @ rest / (count - parts)
+    inverse = np.linalg.inv((features / scale).T @ (features / scale))
+    return RelativeAlignment(coefficient, inverse / np.outer(scale, scale), noise)

@@ -1,7 +1,8 @@
-"""Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind."""
+"""Heads and instants -> angles to Sun, Moon, Earth and structure, and what makes a head blind."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,12 +18,11 @@ from startrack.budget import exclusions
 from startrack.core import Floats, Refused, deg
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
-from startrack.mission.limb import EarthSeen
-from startrack.mission.parameters import Head, Obstacle, Radiation, Warmth
-from startrack.mission.structure import faces_of, nearest
-from startrack.mission.vectors import angle, dot, from_body
+from startrack.mission.parameters import Head, HeadTemperature, Obstacle, Radiation
 from startrack.population import unit_of
+from startrack.space import EarthSeen, angle, cross, dot, from_body, unit
 
+SIDES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # normal of a side of a box, and its two edges
 SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
 # Parts of a design that have a temperature, and its name there.
 TEMPERATURES = {
@@ -31,6 +31,108 @@ TEMPERATURES = {
     "instrument.residual": "temperature",
 }
 ANGLES: Floats = np.arange(0.5, 120.0, 0.5) * deg  # at which a baffle's exclusion is sought
+DESIGN_TEMPERATURE = HeadTemperature()
+
+
+def faces_of(structure: Sequence[Obstacle], instants: Instants) -> list[Floats]:
+    """Rectangles of the structure in body axes, (4, 3, n) metre, or (4, 3, 1) where they stand.
+
+    A panel that follows the Sun turns about its hinge until its normal is as near to the Sun as
+    that allows; a side of a box never turns.
+    """
+    faces = []
+    for obstacle in structure:
+        corners = [np.array(rectangle) for rectangle in _rectangles(obstacle)]
+        if obstacle.hinge is None:
+            faces += [rectangle[..., None] for rectangle in corners]
+            continue
+        turn, origin = _turn(obstacle, instants), np.array(obstacle.centre)
+        axis = np.array(obstacle.hinge) / np.linalg.norm(obstacle.hinge)
+        faces += [
+            np.stack(
+                [origin[:, None] + _turned(axis, corner - origin, turn) for corner in rectangle]
+            )
+            for rectangle in corners
+        ]
+    return faces
+
+
+def _rectangles(obstacle: Obstacle) -> list[Floats]:
+    """(4, 3) corners in order around each rectangle; a size of zero leaves one."""
+    centre, half = np.array(obstacle.centre), np.array(obstacle.size) / 2
+    rectangles = []
+    for n, a, b in SIDES:
+        if not (half[a] and half[b]):
+            continue
+        for side in (-1, 1) if half[n] else (1,):
+            middle = centre.copy()
+            middle[n] += side * half[n]
+            corners = []
+            for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+                corner = middle.copy()
+                corner[a] += u * half[a]
+                corner[b] += v * half[b]
+                corners.append(corner)
+            rectangles.append(np.array(corners))
+    return rectangles
+
+
+def _turn(obstacle: Obstacle, instants: Instants) -> Floats:
+    """(n,) radian about the hinge that bring the thinnest side's normal nearest to the Sun."""
+    assert obstacle.hinge is not None
+    axis = np.array(obstacle.hinge) / np.linalg.norm(obstacle.hinge)
+    normal = np.zeros(3)
+    normal[int(np.argmin(obstacle.size))] = 1.0
+    normal -= axis * (axis @ normal)
+    normal /= np.linalg.norm(normal)
+    sun = np.stack([dot(row, instants.sun) for row in instants.body])
+    return np.arctan2(np.cross(axis, normal) @ sun, normal @ sun)
+
+
+def _turned(axis: Floats, arm: Floats, turn: Floats) -> Floats:
+    """(3, n) a vector turned about an axis by angles (n,), by Rodrigues' formula."""
+    along = axis * (axis @ arm)
+    return (
+        along[:, None]
+        + np.outer(arm - along, np.cos(turn))
+        + np.outer(np.cross(axis, arm), np.sin(turn))
+    )
+
+
+def nearest(faces: Sequence[Floats], position: Floats, boresight: Floats) -> Floats:
+    """Angle from a line of sight to the nearest point of the structure.
+
+    The angle to a rectangle is zero where the line meets it; else that to the nearest of its four
+    edges, which are arcs of great circles as seen from the head.
+
+    faces      of `faces_of`
+    position   (3,) metre, of the head's aperture;  boresight  (3,) in body axes
+    Returns    (n,) or (1,) radian
+    """
+    least: Floats = np.full(1, math.pi)
+    for corners in faces:
+        seen = corners - position[None, :, None]
+        line = np.broadcast_to(boresight[:, None], seen.shape[1:])
+        rays = [unit(corner) for corner in seen]
+        sides, best = [], np.full(seen.shape[-1], math.pi)
+        for a, b in itertools.pairwise([*rays, rays[0]]):
+            normal = cross(a, b)
+            size = np.sqrt(dot(normal, normal))
+            normal = normal / np.maximum(size, 1e-12)
+            height = dot(line, normal)
+            ahead, behind = dot(cross(normal, a), line), dot(cross(b, normal), line)
+            between = (ahead >= 0) & (behind >= 0) & (size > 1e-9)
+            ends = np.minimum(angle(dot(a, line)), angle(dot(b, line)))
+            best = np.minimum(
+                best, np.where(between, np.abs(np.arcsin(np.clip(height, -1, 1))), ends)
+            )
+            sides.append(height)
+        middle = dot(np.sum(rays, axis=0), line) > 0
+        inside = (
+            np.all(np.array(sides) >= 0, axis=0) | np.all(np.array(sides) <= 0, axis=0)
+        ) & middle
+        least = np.minimum(least, np.where(inside, 0.0, best))
+    return least
 
 
 class Blind(IntFlag):
@@ -59,14 +161,11 @@ class Limits:
     structure: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(one) for one in (self.sun, self.moon, self.earth)):
+        if not all(math.isfinite(angle) for angle in (self.sun, self.moon, self.earth)):
             raise Refused(
                 "baffle must keep out Sun, Moon and Earth at some angle below 120 deg, or the head "
                 "must give its exclusion angles"
             )
-
-
-NO_WARMTH = Warmth()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +180,7 @@ class Mounted:
     position  (3,) metre in body axes
     age       second in orbit at the begin of the mission; None: its design has no law of age, or
               is as it is at all times
-    warmth    its temperature over the orbit
+    temperature    its temperature over the orbit
     """
 
     name: str
@@ -91,7 +190,7 @@ class Mounted:
     field: float
     position: Floats
     age: float | None = None
-    warmth: Warmth = NO_WARMTH
+    temperature: HeadTemperature = DESIGN_TEMPERATURE
 
     def aged(self, second: Floats) -> Floats | None:
         """(n,) second in orbit, at times after the begin of the mission."""
@@ -99,10 +198,10 @@ class Mounted:
 
     def warmer(self, phase: Floats) -> Floats | None:
         """(n,) kelvin above the design's temperature, at phases of the orbit (radian)."""
-        warmth = self.warmth
-        if not warmth.swing:
+        temperature = self.temperature
+        if not temperature.swing:
             return None
-        return warmth.offset + warmth.swing * np.sin(phase + warmth.ahead)
+        return temperature.offset + temperature.swing * np.sin(phase + temperature.ahead)
 
     @property
     def boresight(self) -> Floats:
@@ -121,7 +220,7 @@ def mount(head: Head, case: Case) -> Mounted:
     except Refused as error:
         raise Refused(f"head {head.name}: {error}") from None
     age = head.age if ages(case, head) else None
-    warmth = head.temperature if warms(case) else Warmth()
+    temperature = head.temperature if warms(case) else HeadTemperature()
     return Mounted(
         head.name,
         head.mounting.as_matrix(),
@@ -130,13 +229,15 @@ def mount(head: Head, case: Case) -> Mounted:
         half,
         np.array(head.position),
         age,
-        warmth,
+        temperature,
     )
 
 
 def ages(case: Case, head: Head) -> bool:
     """Whether the design of a head has a law of age: of its detector, or of the unit's numbers."""
-    drifts = head.unit is not None and any(one.per is Scope.LIFE for one in case.variation)
+    drifts = head.unit is not None and any(
+        variation.per is Scope.LIFE for variation in case.variation
+    )
     return case.instrument.detector.age is not None or drifts
 
 
@@ -168,8 +269,8 @@ def state_of(case: Case, head: Head, seed: int, age: float | None, warmer: float
 @lru_cache(maxsize=8)
 def _of_baffle(case: Case, altitude: float) -> dict[str, float]:
     """The exclusion angles of a design with a baffle, radian."""
-    found = exclusions(case, ANGLES, altitude)
-    return {name: one.least() for name, one in found.items()}
+    exclusion_of = exclusions(case, ANGLES, altitude)
+    return {name: exclusion.least() for name, exclusion in exclusion_of.items()}
 
 
 def _drift(mounting: Mounting) -> tuple[float, float]:
@@ -189,8 +290,8 @@ def limits_of(head: Head, case: Case) -> Limits:
     least = {"sun": half + SUN_RADIUS, "moon": half + MOON_RADIUS, "earth": half}
     missing = [name for name in least if getattr(given, name) is None]
     if missing and case.instrument.baffle is not None:
-        found = _of_baffle(case, given.altitude)
-        least |= {name: max(found[name], least[name]) for name in missing}
+        of_baffle = _of_baffle(case, given.altitude)
+        least |= {name: max(of_baffle[name], least[name]) for name in missing}
     least |= given.angles
     clear = least["earth"] if head.clear is None else max(head.clear, half)
     return Limits(least["sun"], least["moon"], least["earth"], half, clear)
@@ -240,12 +341,14 @@ def shadow_of(instants: Instants, structure: Sequence[Obstacle] = ()) -> Shadow:
     return Shadow(hidden[0], hidden[1], earth, faces_of(structure, instants))
 
 
-def inside(radiation: Radiation, instants: Instants) -> NDArray[np.bool_]:
-    """(n,) whether the spacecraft is above the box of the South Atlantic anomaly."""
+def in_anomaly(radiation: Radiation, instants: Instants) -> NDArray[np.bool_] | None:
+    """(n,) whether the South Atlantic anomaly, a box, blinds all heads; None: nowhere."""
+    if radiation.saa != "blind":
+        return None
     (south, north), (west, east) = radiation.latitude, radiation.longitude
     longitude = (instants.longitude - west) % math.tau
-    found = (instants.latitude > south) & (instants.latitude < north)
-    return np.asarray(found & (longitude < east - west))
+    between = (instants.latitude > south) & (instants.latitude < north)
+    return np.asarray(between & (longitude < east - west))
 
 
 def look(head: Mounted, instants: Instants, shadow: Shadow, saa: NDArray[np.bool_] | None) -> Seen:

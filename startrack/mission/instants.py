@@ -4,31 +4,166 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.spatial.transform import Rotation, Slerp
 
-from startrack.core import LIGHT_SPEED, Floats
-from startrack.mission.bodies import (
-    AXES_COLUMNS,
-    GREENWICH_COLUMN,
-    MOON_COLUMNS,
-    SIDEREAL,
-    SPEED_COLUMNS,
-    SUN_COLUMNS,
-    Bodies,
-    bodies_of,
-)
-from startrack.mission.law import Law, Place, law_of
-from startrack.mission.orbit import Path6, path_of
-from startrack.mission.parameters import Mission
-from startrack.mission.vectors import dot, times, unit
+from startrack import space
+from startrack.core import LIGHT_SPEED, Floats, Refused, installed_tables, utc
+from startrack.mission.files import Ephemeris, read_aem, read_ck, read_oem, read_spk, seconds_after
+from startrack.mission.parameters import Attitude, Mission, Orbit, Scan
+from startrack.space import cross, dot, times, unit
 
 # Between these times, positions follow from polynomials.
 ORBIT_KNOT = 60.0  # second; six points: 3 mm in a low orbit
 BODY_KNOT = 600.0  # second; straight lines: 0.1 arcsec for the Moon
 LONGEST_RATE_STEP = 20.0  # second between two attitudes from which a rate follows
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where the spacecraft is at n instants; vectors (3, n) in ICRS axes.
+
+    second       (n,) after the begin of the mission
+    place        metre from the Earth's centre
+    speed        metre / second
+    fixed        metre, `place` in the true equator of date (TEME)
+    axes         (3, 3, n) matrix teme_to_icrs
+    greenwich    (n,) radian, mean sidereal time
+    sun_place, moon_place  metre from the Earth's centre
+    earth_speed  metre / second, barycentric
+    """
+
+    second: Floats
+    place: Floats
+    speed: Floats
+    fixed: Floats
+    axes: Floats
+    greenwich: Floats
+    sun_place: Floats
+    moon_place: Floats
+    earth_speed: Floats
+
+    def cut(self, count: int) -> Place:
+        """The first of them."""
+        return Place(*(getattr(self, field.name)[..., :count] for field in fields(self)))
+
+
+Law = Callable[[Place], Floats]
+
+
+def law_of(attitude: Attitude, begin: str) -> Law:
+    """A function of Place whose result is (3, 3, n), the matrices icrs_to_body.
+
+    begin   of the mission, UTC
+    Raises  ValueError where the file of attitudes cannot be used, or ends before the mission.
+    """
+    law = {"nadir": _nadir, "inertial": _inertial, "sun": _sun, "target": _target, "aem": _file}[
+        attitude.law
+    ](attitude, begin)
+    if attitude.scan is None:
+        return law
+    scan = attitude.scan
+    return lambda place: _scanned(scan, place.second, law(place))
+
+
+def _nadir(attitude: Attitude, _begin: str) -> Law:
+    return lambda place: _downwards(attitude.yaw, place, -unit(place.place))
+
+
+def _downwards(yaw: str, place: Place, z: Floats) -> Floats:
+    """Axes with z as given, and x as near as possible to where the yaw wants it."""
+    if yaw == "sun":
+        ahead = place.sun_place - place.place
+    elif yaw == "ground":
+        ahead = place.speed - space.SPIN * cross(place.axes[:, 2], place.place)
+    else:
+        ahead = place.speed
+    y = unit(cross(z, ahead))
+    return np.stack([cross(y, z), y, z])
+
+
+def _inertial(attitude: Attitude, _begin: str) -> Law:
+    fixed = Rotation.from_quat(attitude.quaternion).as_matrix()[..., None]
+    return lambda place: np.repeat(fixed, len(place.second), axis=2)
+
+
+def _sun(attitude: Attitude, _begin: str) -> Law:
+    first = np.array(attitude.axis) / np.linalg.norm(attitude.axis)
+    second = np.array([1.0, 0, 0]) if abs(first[0]) < 0.999 else np.array([0, 0, 1.0])
+    in_body = _triad(first[:, None], second[:, None])[..., 0]
+
+    def law(place: Place) -> Floats:
+        sun = unit(place.sun_place - place.place)
+        north = np.zeros_like(sun)
+        north[2] = 1.0
+        return np.einsum("ki,kjn->ijn", in_body, _triad(sun, north))
+
+    return law
+
+
+def _triad(first: Floats, second: Floats) -> Floats:
+    """(3, 3, n) orthonormal rows, the first of which is given."""
+    third = unit(cross(first, second))
+    return np.stack([first, cross(third, first), third])
+
+
+def _target(attitude: Attitude, _begin: str) -> Law:
+    sine, cosine = math.sin(attitude.latitude), math.cos(attitude.latitude)
+    normal = space.EARTH_RADIUS / math.sqrt(1 - space.SQUARED_ECCENTRICITY * sine**2)
+    out = (normal + attitude.height) * cosine
+    up = (normal * (1 - space.SQUARED_ECCENTRICITY) + attitude.height) * sine
+
+    def law(place: Place) -> Floats:
+        east = place.greenwich + attitude.longitude
+        ce, se, ones = np.cos(east), np.sin(east), np.ones_like(east)
+        line = times(place.axes, np.stack([out * ce, out * se, up * ones])) - place.place
+        vertical = times(place.axes, np.stack([cosine * ce, cosine * se, sine * ones]))
+        z = unit(np.where(dot(vertical, line) < 0, line, -place.place))
+        return _downwards(attitude.yaw, place, z)
+
+    return law
+
+
+def _file(attitude: Attitude, begin: str) -> Law:
+    assert attitude.aem is not None
+    path = Path(attitude.aem)
+    file = read_ck(path) if path.suffix == ".bc" else read_aem(path)
+    second = seconds_after(begin, file)
+    if len(second) < 2 or (np.diff(second) <= 0).any():
+        raise Refused("attitude.aem must hold two or more attitudes at rising times")
+    course = Slerp(second, Rotation.from_quat(file.quaternion))
+
+    def law(place: Place) -> Floats:
+        if (
+            place.second[0] < second[0] - space.BEYOND
+            or place.second[-1] > second[-1] + space.BEYOND
+        ):
+            raise Refused(
+                f"attitude.aem must hold the mission's time, to {place.second[-1]:g} s after its "
+                f"begin, got {second[0]:g} to {second[-1]:g} s"
+            )
+        at = np.clip(place.second, second[0], second[-1])
+        return np.ascontiguousarray(course(at).as_matrix().transpose(1, 2, 0))
+
+    return law
+
+
+def _scanned(scan: Scan, second: Floats, body: Floats) -> Floats:
+    """The body turned about its own axis, by Rodrigues' formula on the columns of its matrix."""
+    axis = np.array(scan.axis) / np.linalg.norm(scan.axis)
+    turn = scan.amplitude * np.sin(math.tau / scan.period * second) + scan.rate * second
+    sine, cosine = np.sin(-turn), np.cos(turn)
+    along = np.einsum("i,ijn->jn", axis, body)
+    across = np.stack([
+        axis[1] * body[2] - axis[2] * body[1],
+        axis[2] * body[0] - axis[0] * body[2],
+        axis[0] * body[1] - axis[1] * body[0],
+    ])  # fmt: skip
+    return cosine * body + sine * across + (1 - cosine) * axis[:, None, None] * along
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +197,12 @@ class Instants:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class SpacecraftMotion:
     """What is computed once for a mission: ephemerides, orbit and attitude law."""
 
     mission: Mission
-    bodies: Bodies
-    path: Path6
+    bodies: space.Bodies
+    path: space.Carrier
     law: Law
 
     def at(self, first: float, step: float, count: int) -> Instants:
@@ -91,7 +226,7 @@ class Course:
         sun, moon = (unit(unit(line) + aberration) for line in parallax)
         pole = place.axes[:, 2]
         z = place.fixed[2] / np.sqrt(dot(place.fixed, place.fixed))
-        flat = 1 - FLATTENING
+        flat = 1 - space.FLATTENING
         return Instants(
             place.second,
             place.place,
@@ -109,8 +244,9 @@ class Course:
 
     def _place(self, first: float, step: float, count: int) -> Place:
         second = first + step * np.arange(count, dtype=float)
-        slow = spread(self.bodies.at, first, step, count, BODY_KNOT, 2)
-        axes = slow[AXES_COLUMNS].reshape(3, 3, -1)
+        columns = spread(self.bodies.at, first, step, count, BODY_KNOT, 2)
+        bodies = space.body_states(columns, second)
+        axes = bodies.teme_to_icrs
 
         def states(second: Floats) -> Floats:
             return np.concatenate(self.path.state(second))
@@ -129,17 +265,14 @@ class Course:
             speed,
             fixed,
             axes,
-            slow[GREENWICH_COLUMN] + SIDEREAL * second,
-            slow[SUN_COLUMNS],
-            slow[MOON_COLUMNS],
-            slow[SPEED_COLUMNS],
+            bodies.greenwich,
+            bodies.sun,
+            bodies.moon,
+            bodies.earth_velocity,
         )
 
 
-FLATTENING = 1 / 298.257223563  # WGS 84
-
-
-def course_of(mission: Mission) -> Course:
+def motion_of(mission: Mission) -> SpacecraftMotion:
     """The plan of a mission: ephemerides as tables, orbit and law.
 
     Raises  ValueError where a file or the elements cannot be used; ImportError without sgp4.
@@ -147,8 +280,43 @@ def course_of(mission: Mission) -> Course:
     begin = mission.time.begin
     # What may be refused comes first: the tables of a long mission take seconds.
     path, law = path_of(mission.orbit, begin), law_of(mission.attitude, begin)
-    bodies = bodies_of(begin, mission.time.duration + mission.time.step)
-    return Course(mission, bodies, path, law)
+    bodies = space.bodies_of(begin, mission.time.duration + mission.time.step)
+    return SpacecraftMotion(mission, bodies, path, law)
+
+
+def path_of(orbit: Orbit, begin: str) -> space.Carrier:
+    """What moves along an orbit.
+
+    begin   of the mission, UTC
+    Raises  ValueError where the elements contradict each other or a file cannot be used;
+            ImportError without sgp4.
+    """
+    date = utc(begin)
+    if orbit.tle:
+        return space.Sgp4(space.two_line_record(orbit.tle), (float(date.jd1), float(date.jd2)))
+    if orbit.oem:
+        file = Path(orbit.oem)
+        return _tabulated(read_spk(file) if file.suffix == ".bsp" else read_oem(file), begin)
+    assert orbit.altitude is not None
+    axis = space.EARTH_RADIUS + orbit.altitude
+    start = 0.0
+    if orbit.epoch is not None:
+        with installed_tables():
+            start = float((utc(orbit.epoch) - date).sec)
+    tilt, node = orbit.inclination, orbit.node
+    if orbit.local_time is not None:
+        tilt = space.sun_synchronous(axis, orbit.eccentricity)
+        node = space.node_at(orbit.epoch or begin, orbit.local_time)
+    assert tilt is not None
+    return space.Kepler(axis, orbit.eccentricity, tilt, node, orbit.perigee, orbit.anomaly, start)
+
+
+def _tabulated(file: Ephemeris, begin: str) -> space.Tabulated:
+    second = seconds_after(begin, file)
+    if len(second) < 2 or (np.diff(second) <= 0).any():
+        raise Refused("orbit.oem must hold two or more states at rising times")
+    points = min(file.degree + 1, len(second))
+    return space.Tabulated(second, file.place.T, file.speed.T, points)
 
 
 def spread(
@@ -173,15 +341,10 @@ def spread(
     behind = points // 2 - 1
     wide = block * step
     values = exact(first + wide * (np.arange(blocks + points - 1, dtype=float) - behind))
-    where = np.arange(block) / block
-    at = np.arange(points) - behind
-    weight = np.ones((points, block))
-    for i in range(points):
-        for j in range(points):
-            if i != j:
-                weight[i] *= (where - at[j]) / (at[i] - at[j])
-    found = sliding_window_view(values, points, axis=1) @ weight
-    return found.reshape(len(values), -1)[:, :count]
+    knots = np.arange(points, dtype=float)[:, None] - behind
+    weight = space.lagrange_weights(knots, np.arange(block) / block)
+    between = sliding_window_view(values, points, axis=1) @ weight
+    return between.reshape(len(values), -1)[:, :count]
 
 
 def _rate(now: Floats, later: Floats, step: float) -> Floats:

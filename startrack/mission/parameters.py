@@ -26,20 +26,17 @@ from startrack.core import (
     finite,
     non_negative,
     positive,
-    shown,
     utc,
     whole,
     within,
 )
 from startrack.design import Design, Fidelity, KeepOut, load_design
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
-from startrack.scene import EARTH_RADIUS
+from startrack.space import FIRST_YEAR, LAST_YEAR, require_perigee, require_two_lines
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
-LOWEST = 80e3  # metre, of a perigee: below it no orbit lasts
 MOST_STEPS = 10**8
-FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 JULIAN_YEAR = 365.25 * 86400.0  # second
 LEAST_TRIALS = 20  # of which half fit a correction and half check it
 OLDEST = 100 * JULIAN_YEAR  # second, of a head
@@ -72,7 +69,7 @@ class Orbit:
         if (self.altitude is not None) + bool(self.tle) + (self.oem is not None) != 1:
             raise Refused("exactly one of altitude, tle and oem must be given")
         if self.tle:
-            _check_lines(self.tle)
+            require_two_lines(self.tle)
         if self.altitude is not None:
             self._check_elements(self.altitude)
 
@@ -80,11 +77,7 @@ class Orbit:
         finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
         within(0, 0.9, eccentricity=self.eccentricity)
         positive(altitude=altitude)
-        if (EARTH_RADIUS + altitude) * (1 - self.eccentricity) < EARTH_RADIUS + LOWEST:
-            raise Refused(
-                "altitude and eccentricity must keep the perigee above 80 km, got "
-                f"{altitude / 1e3:g} km and {self.eccentricity:g}"
-            )
+        require_perigee(altitude, self.eccentricity)
         if (self.inclination is None) == (self.local_time is None):
             raise Refused("exactly one of inclination and local_time must be given")
         if self.inclination is not None:
@@ -93,20 +86,6 @@ class Orbit:
             within(0, 86400, local_time=self.local_time)
         if self.epoch is not None:
             utc(self.epoch)
-
-
-def _check_lines(lines: tuple[str, ...]) -> None:
-    if len(lines) != 2:
-        raise Refused(f"tle must be two lines, got {len(lines)}")
-    for number, line in enumerate(lines, 1):
-        if len(line) != 69 or not line.startswith(f"{number} "):
-            raise Refused(
-                f"line {number} of tle must have 69 characters and begin with {number}, got "
-                f"{shown(line)}"
-            )
-        total = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10
-        if line[68] != str(total):
-            raise Refused(f"line {number} of tle must end in its checksum {total}, got {line!r}")
 
 
 @dataclass(frozen=True)
@@ -166,7 +145,7 @@ class Attitude(Parameters):
 
 
 @dataclass(frozen=True)
-class Warmth(Parameters):
+class HeadTemperature(Parameters):
     """Temperature of a head over the orbit, above that of its design.
 
         offset + swing sin(phase of the orbit from the ascending node + ahead)
@@ -209,8 +188,9 @@ class Head(Parameters):
         "in orbit at the begin of the mission; it grows with the mission by the laws of the "
         "design (`instrument.detector.age`, [[variation]] per life of a unit). None: the design "
         "as it is, at all times"] = None  # fmt: skip
-    temperature: Annotated[Warmth,
-        "over the orbit, above that of the design"] = field(default_factory=Warmth)  # fmt: skip
+    temperature: Annotated[HeadTemperature, "over the orbit, above that of the design"] = field(
+        default_factory=HeadTemperature
+    )
     unit: Annotated[int | None, Range(0, 10**6),
         "number of a unit that is drawn from the [[variation]] tables of the design; None: the "
         "unit as designed"] = None  # fmt: skip
@@ -248,7 +228,7 @@ def mounted(azimuth: float, elevation: float, roll: float = 0.0) -> Rotation:
 
 
 @dataclass(frozen=True)
-class Span(Parameters):
+class TimeSpan(Parameters):
     """The time of a mission: SI seconds after its begin."""
 
     begin: Annotated[str, 'UTC, as "2026-03-20T12:00:00"']
@@ -291,7 +271,7 @@ class Radiation(Parameters):
 
 
 @dataclass(frozen=True)
-class Needs(Parameters):
+class MissionRequirements(Parameters):
     """What the mission asks of its heads together; None: not asked."""
 
     max_blind: Annotated[float | None, Unit("s"), NON_NEGATIVE,
@@ -311,12 +291,17 @@ class Needs(Parameters):
 
 
 @dataclass(frozen=True)
-class Common(Parameters):
+class SharedAlignmentError(Parameters):
     """Errors about the body's axes that all heads share, as of the structure that carries them."""
 
     x: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
     y: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
     z: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
+
+    @property
+    def variance(self) -> Floats:
+        """(3,) radian^2."""
+        return np.array([self.x, self.y, self.z]) ** 2
 
 
 @dataclass(frozen=True)
@@ -374,10 +359,10 @@ class Obstacle:
             value = getattr(self, name)
             if len(value) != 3:
                 raise Refused(f"{name} must be three lengths, got {len(value)}")
-            for one in value:
-                finite(**{name: one})
+            for length in value:
+                finite(**{name: length})
         non_negative(size=min(self.size))
-        if sum(one > 0 for one in self.size) < 2:
+        if sum(length > 0 for length in self.size) < 2:
             raise Refused(f"size must be above 0 along two axes or three, got {self.size}")
         if self.hinge is not None:
             axis = _vector("hinge", self.hinge, 3) / np.linalg.norm(self.hinge)
@@ -389,14 +374,17 @@ class Obstacle:
 class Mission:
     """What a mission file holds; see the tables."""
 
-    time: Annotated[Span, "begin, duration and step"]
+    time: Annotated[TimeSpan, "begin, duration and step"]
     orbit: Annotated[Orbit, "of the spacecraft"]
     heads: Annotated[tuple[Head, ...], "its star trackers"]
     attitude: Annotated[Attitude, "its attitude law"] = field(default_factory=Attitude)
     radiation: Annotated[Radiation, "the South Atlantic anomaly"] = field(default_factory=Radiation)
-    common: Annotated[Common,
-        "errors that all heads share; they count once"] = field(default_factory=Common)  # fmt: skip
-    requirements: Annotated[Needs, "on the heads together"] = field(default_factory=Needs)
+    common: Annotated[SharedAlignmentError, "errors that all heads share; they count once"] = field(
+        default_factory=SharedAlignmentError
+    )
+    requirements: Annotated[MissionRequirements, "on the heads together"] = field(
+        default_factory=MissionRequirements
+    )
     keep_out: Annotated[tuple[KeepClear, ...], "cones in which no boresight may be placed"] = ()
     check: Annotated[Check,
         "trials that check and correct the errors of the heads"
@@ -459,7 +447,9 @@ def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
         mission,
         orbit=replace(orbit, oem=_from(folder, orbit.oem)) if orbit.oem else orbit,
         attitude=replace(law, aem=_from(folder, law.aem)) if law.aem else law,
-        heads=tuple(replace(one, design=_shipped_as(one.design, folder)) for one in mission.heads),
+        heads=tuple(
+            replace(head_, design=_shipped_as(head_.design, folder)) for head_ in mission.heads
+        ),
     )
     save_text(path, head + tomli_w.dumps(to_table(named)))
 
@@ -487,7 +477,7 @@ def _resolved(mission: Mission, folder: Path) -> Mission:
         mission,
         orbit=replace(orbit, oem=str(folder / orbit.oem)) if orbit.oem else orbit,
         attitude=replace(law, aem=str(folder / law.aem)) if law.aem else law,
-        heads=tuple(replace(one, design=_found(one.design, folder)) for one in mission.heads),
+        heads=tuple(replace(head, design=_found(head.design, folder)) for head in mission.heads),
     )
 
 

@@ -14,11 +14,11 @@ from startrack.core import Floats, Refused, arcsec, deg
 from startrack.design import Case, Requirements
 from startrack.mission.engine import Plan
 from startrack.mission.fusion import fused_variance
-from startrack.mission.heads import SUN_RADIUS, Mounted, Shadow, inside, look, shadow_of
+from startrack.mission.heads import SUN_RADIUS, Mounted, Shadow, in_anomaly, look, shadow_of
 from startrack.mission.instants import Instants
-from startrack.mission.orbit import GM
-from startrack.mission.parameters import KeepClear, Loaded, Mission, Needs, mounted
+from startrack.mission.parameters import KeepClear, Loaded, Mission, MissionRequirements, mounted
 from startrack.optimise import Search, least
+from startrack.space import GM
 
 WINDOWS, POINTS = 96, 100  # orbits over the mission, and instants in each
 GRID = 10 * deg  # between the directions that are tried for each head in turn
@@ -64,7 +64,7 @@ class Quality:
     error: float
     keep_out: float
 
-    def score(self, needs: Needs, step: float) -> float:
+    def score(self, needs: MissionRequirements, step: float) -> float:
         """The less, the better: requirements that are missed first, then the error.
 
         sum over requirements of MISSED * excess + MET * ratio, with the ratio of what is asked to
@@ -80,7 +80,7 @@ class Quality:
             if limit is not None:
                 ratios.append((1 - value) / max(1 - limit, 1e-6))
         size = self.error / (needs.max_error or arcsec)
-        missed = sum(max(one - 1, 0.0) for one in ratios) + max(size - 1, 0.0) * bool(
+        missed = sum(max(ratio - 1, 0.0) for ratio in ratios) + max(size - 1, 0.0) * bool(
             needs.max_error
         )
         return MISSED * missed + MET * sum(ratios) + size + FORBIDDEN * self.keep_out
@@ -89,19 +89,19 @@ class Quality:
 def sample(plan: Plan) -> Samples:
     """Orbits that lie evenly over the mission."""
     mission = plan.loaded.mission
-    first = plan.course.at(0.0, 1.0, 2)
-    place, speed = (float(np.linalg.norm(one[:, 0])) for one in (first.place, first.speed))
+    first = plan.motion.at(0.0, 1.0, 2)
+    place, speed = (float(np.linalg.norm(vector[:, 0])) for vector in (first.place, first.speed))
     period = math.tau * math.sqrt(1 / (2 / place - speed**2 / GM) ** 3 / GM)
     period = min(period, mission.time.duration)
     step = period / POINTS
     windows = max(min(WINDOWS, int(mission.time.duration / period)), 1)
     begin = np.linspace(0, mission.time.duration - period, windows)
-    parts = [plan.course.at(float(one), step, POINTS) for one in begin]
+    parts = [plan.motion.at(float(second), step, POINTS) for second in begin]
     instants = Instants(
-        *(np.concatenate([getattr(one, each.name) for one in parts], axis=-1)
-          for each in fields(Instants))
+        *(np.concatenate([getattr(part, field.name) for part in parts], axis=-1)
+          for field in fields(Instants))
     )  # fmt: skip
-    saa = inside(mission.radiation, instants) if mission.radiation.saa == "blind" else None
+    saa = in_anomaly(mission.radiation, instants)
     return Samples(step, windows, instants, shadow_of(instants, mission.structure), saa)
 
 
@@ -127,19 +127,19 @@ def quality_of(
     variances   radian^2 of each head, across and about, the same at all times
     common      (3,) radian^2 that all heads share
     """
-    valid = [~one for one in blind]
+    valid = [~hidden for hidden in blind]
     many = np.sum(valid, axis=0)
     size = len(many)
     variance = fused_variance(
         boresights,
-        [np.full(size, one[0]) for one in variances],
-        [np.full(size, one[1]) for one in variances],
+        [np.full(size, variance[0]) for variance in variances],
+        [np.full(size, variance[1]) for variance in variances],
         valid,
         np.zeros(3) if common is None else common,
     )
     known = many > 0
     error = math.sqrt(float(variance[:, known].mean(axis=1).max())) if known.any() else math.inf
-    inside_cones = sum(one.depth(line) for one in keep_out for line in boresights)
+    inside_cones = sum(cone.depth(line) for cone in keep_out for line in boresights)
     return Quality(
         _longest(many == 0, samples.windows) * samples.step,
         float(known.mean()),
@@ -195,14 +195,15 @@ def place(
     mission = plan.loaded.mission
     samples, needs = sample(plan), mission.requirements
     variances = [_mean_variances(plan, h) for h in range(len(plan.heads))]
-    common = np.array([mission.common.x, mission.common.y, mission.common.z]) ** 2
     tried = 0
 
     def worth(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> Quality:
         nonlocal tried
         tried += 1
         advance(1)
-        return quality_of(samples, lines, blind, variances, mission.keep_out, common)
+        return quality_of(
+            samples, lines, blind, variances, mission.keep_out, mission.common.variance
+        )
 
     def score(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> float:
         return worth(lines, blind).score(needs, samples.step)
@@ -230,19 +231,19 @@ def place(
             line + a * math.tan(u) + b * math.tan(v)
             for line, (a, b), (u, v) in zip(lines, middle, offset, strict=True)
         ]
-        return [one / np.linalg.norm(one) for one in turned]
+        return [line_ / np.linalg.norm(line_) for line_ in turned]
 
     def of(coordinates: Floats) -> float:
         there = moved(coordinates)
-        hidden = [blind_at(samples, *one) for one in zip(plan.heads, there, strict=True)]
+        hidden = [blind_at(samples, *pair) for pair in zip(plan.heads, there, strict=True)]
         return score(there, hidden)
 
-    ending, most = "the best of the grid", EVALUATIONS if evaluations is None else evaluations
-    if most:
-        search = Search(evaluations=most, first_step=0.1, last_step=1e-3)
-        found = least(of, np.full(2 * len(lines), 0.5), search)
-        lines, ending = moved(found.coordinates), found.ending
-    hidden = [blind_at(samples, *one) for one in zip(plan.heads, lines, strict=True)]
+    ending, limit = "the best of the grid", EVALUATIONS if evaluations is None else evaluations
+    if limit:
+        search = Search(evaluations=limit, first_step=0.1, last_step=1e-3)
+        least_score = least(of, np.full(2 * len(lines), 0.5), search)
+        lines, ending = moved(least_score.coordinates), least_score.ending
+    hidden = [blind_at(samples, *pair) for pair in zip(plan.heads, lines, strict=True)]
     heads = tuple(
         replace(head, azimuth=float(a), elevation=float(e), roll=0.0, camera_to_body=None)
         for head, (a, e) in zip(mission.heads, map(angles_of, lines), strict=True)
@@ -253,8 +254,8 @@ def place(
 def moved_plan(plan: Plan, mission: Mission) -> Plan:
     """The plan with the mountings of another mission, and all else as it was."""
     heads = tuple(
-        replace(head, axes=one.mounting.as_matrix())
-        for head, one in zip(plan.heads, mission.heads, strict=True)
+        replace(head, axes=moved.mounting.as_matrix())
+        for head, moved in zip(plan.heads, mission.heads, strict=True)
     )
     return replace(plan, loaded=Loaded(mission, plan.loaded.designs), heads=heads)
 
@@ -293,21 +294,21 @@ def trades(
     advance  called with 1 after each of them
     Raises   ValueError where an angle lies in the field of a head.
     """
-    found = []
+    results = []
     for count in counts:
         for angle in angles:
-            one = _with_heads(plan, count, angle)
-            quality = place(one, grid_step=COARSE, evaluations=0).after
+            changed = _with_heads(plan, count, angle)
+            quality = place(changed, grid_step=COARSE, evaluations=0).after
             length, mass = 0.0, 0.0
-            for design in one.loaded.designs:
+            for design in changed.loaded.designs:
                 needs = design.campaign.requirements if design.campaign else Requirements()
                 needs = replace(needs, baffle_angle=angle, density=needs.density or DENSITY)
                 length = max(length, _baffle_length(design.case, angle))
                 mass += needs.mass(design.case)
-            met = _meets(quality, one.loaded.mission.requirements)
-            found.append(Trade(count, angle, length, mass, quality, met))
+            met = _meets(quality, changed.loaded.mission.requirements)
+            results.append(Trade(count, angle, length, mass, quality, met))
             advance(1)
-    return found
+    return results
 
 
 def _with_heads(plan: Plan, count: int, angle: float) -> Plan:
@@ -346,7 +347,7 @@ def _baffle_length(case: Case, angle: float) -> float:
     return case.instrument.optics.aperture / (math.tan(angle) - field)
 
 
-def _meets(quality: Quality, needs: Needs) -> bool:
+def _meets(quality: Quality, needs: MissionRequirements) -> bool:
     return not (
         (needs.max_blind is not None and quality.longest > needs.max_blind)
         or (needs.availability_one is not None and quality.one < needs.availability_one)
@@ -387,35 +388,37 @@ def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats
     """
     samples, lines = sample(plan), sphere(step)
     blind = [blind_at(samples, plan.heads[head], line) for line in lines]
-    longest = [_longest(one, samples.windows) * samples.step for one in blind]
-    own = [one.boresight for one in plan.heads]
-    hidden = [blind_at(samples, each, line) for each, line in zip(plan.heads, own, strict=True)]
+    longest = [_longest(hidden_, samples.windows) * samples.step for hidden_ in blind]
+    own = [head_.boresight for head_ in plan.heads]
+    hidden = [blind_at(samples, *pair) for pair in zip(plan.heads, own, strict=True)]
     mission = plan.loaded.mission
     variances = [_mean_variances(plan, h) for h in range(len(plan.heads))]
-    common = np.array([mission.common.x, mission.common.y, mission.common.z]) ** 2
     score = [
         quality_of(
-            samples, _with(own, head, line), _with(hidden, head, one), variances,
-            mission.keep_out, common,
+            samples, _with(own, head, line), _with(hidden, head, mask), variances,
+            mission.keep_out, mission.common.variance,
         ).score(mission.requirements, samples.step)
-        for line, one in zip(lines, blind, strict=True)
+        for line, mask in zip(lines, blind, strict=True)
     ]  # fmt: skip
-    return lines, np.array([one.mean() for one in blind]), np.array(longest), np.array(score)
+    return lines, np.array([mask.mean() for mask in blind]), np.array(longest), np.array(score)
 
 
 def _masks(
     samples: Samples, heads: Sequence[Mounted], grid: Floats
 ) -> list[NDArray[np.bool_]]:  # fmt: skip
     """(directions, n) whether each head is blind there; once for heads with the same limits."""
-    found = dict[tuple[float, ...], NDArray[np.bool_]]()
+    masks = dict[tuple[float, ...], NDArray[np.bool_]]()
     keys = [
-        (*(getattr(one.limits, each.name) for each in fields(one.limits)), *one.position.tolist())
-        for one in heads
+        (
+            *(getattr(head_.limits, field.name) for field in fields(head_.limits)),
+            *head_.position.tolist(),
+        )
+        for head_ in heads
     ]
     for key, head in zip(keys, heads, strict=True):
-        if key not in found:
-            found[key] = np.array([blind_at(samples, head, line) for line in grid])
-    return [found[key] for key in keys]
+        if key not in masks:
+            masks[key] = np.array([blind_at(samples, head, line) for line in grid])
+    return [masks[key] for key in keys]
 
 
 def _with(items: Sequence[Any], at: int, item: Any) -> list[Any]:

@@ -49,7 +49,7 @@ def scenes_at(plan: Plan, second: float) -> tuple[Scene, ...]:
     second  after the begin of the mission
     """
     step = min(plan.loaded.mission.time.step, 10.0)
-    chunk = at(plan, plan.course.at(second, step, 1))
+    chunk = at(plan, plan.motion.at(second, step, 1))
     return tuple(_scene(plan, chunk, h, 0) for h in range(len(plan.heads)))
 
 
@@ -60,14 +60,14 @@ def _scene(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
     stray = plan.stray[h]
     now = conditions_of(head, stray, instants, seen, chunk.shadow)
     age = None if now.age is None else float(now.age[k])
-    warmer = head.warmth.offset if now.warmer is None else float(now.warmer[k])
+    warmer = head.temperature.offset if now.warmer is None else float(now.warmer[k])
     case = state_of(design.case, mission.heads[h], mission.check.seed, age, warmer)
-    x, y, z = (round(float(one), DIGITS) for one in head.axes.T @ instants.rate[:, k])
+    x, y, z = (round(float(rate), DIGITS) for rate in head.axes.T @ instants.rate[:, k])
     motion = replace(case.instrument.motion, rate_x=x, rate_y=y, rate_z=z)
     case = replace(case, instrument=replace(case.instrument, motion=motion))
     if now.background is not None:
         case = replace(case, scene=replace(case.scene, background_g=float(now.background[k])))
-    across, about, solved = (float(one[k]) for one in chunk.errors[h])
+    across, about, solved = (float(values[k]) for values in chunk.errors[h])
     to_camera = Rotation.from_matrix(head.axes.T)
     body = Rotation.from_matrix(instants.body[..., k])
     return Scene(case, to_camera * body, int(seen.blind[k]), across**0.5, about**0.5, solved)
@@ -114,14 +114,14 @@ def checked(
     if not count:
         return plan, ()
     step = every * mission.time.step
-    chunk = at(plan, plan.course.at(0.0, step, -(-mission.time.steps // every)))
-    surrogates, found = list(plan.surrogates), []
+    chunk = at(plan, plan.motion.at(0.0, step, -(-mission.time.steps // every)))
+    surrogates, checks = list(plan.surrogates), []
     for group in groups_of(plan.loaded, plan.heads):
-        correction, one = _checked(plan, chunk, group, count, advance)
-        found.append(one)
+        correction, check = _checked(plan, chunk, group, count, advance)
+        checks.append(check)
         for h in group:
             surrogates[h] = replace(surrogates[h], correction=correction)
-    return replace(plan, surrogates=tuple(surrogates)), tuple(found)
+    return replace(plan, surrogates=tuple(surrogates)), tuple(checks)
 
 
 def _checked(
@@ -187,7 +187,7 @@ def _places(
     names = ", ".join(plan.heads[h].name for h in group)
     if not len(every):
         raise Refused(f"head {names}: must be valid at some time to be checked by trials")
-    values = {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
+    values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     draw = Streams(plan.loaded.mission.check.seed, 0)("instants of the check of a mission")
     chosen = []
     for n in range(count):
@@ -209,7 +209,7 @@ def fitted(ratio: Floats, values: dict[str, Floats]) -> Correction:
     ratio   (n, 2) squared errors over their expected values, across and about
     values  each (n,), of `Surrogate.values`
     """
-    ends = [(float(one.min()), float(one.max())) for one in values.values()]
+    ends = [(float(value.min()), float(value.max())) for value in values.values()]
     used = [(name, low, high) for name, (low, high) in zip(values, ends, strict=True) if high > low]
     scale = [(0.0, 1.0), *(((low + high) / 2, (high - low) / 2) for _, low, high in used)]
     shape = Correction(

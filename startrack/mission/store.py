@@ -14,8 +14,8 @@ import numpy as np
 
 import startrack
 from startrack.io import Database, FileKind, read_bytes, to_table
-from startrack.mission.ccsds import LARGEST
 from startrack.mission.engine import Flown, Plan, fly_part, merged, parts_of
+from startrack.mission.files import LARGEST
 from startrack.mission.parameters import Loaded
 from startrack.mission.rendered import Checked, checked
 from startrack.mission.surrogate import Correction
@@ -41,18 +41,18 @@ def key_of(loaded: Loaded) -> str:
     mission = loaded.mission
     orbit, law = mission.orbit, mission.attitude
     files = [
-        read_bytes(Path(one), "a file of the mission", LARGEST)
-        for one in (orbit.oem, law.aem)
-        if one
+        read_bytes(Path(file), "a file of the mission", LARGEST)
+        for file in (orbit.oem, law.aem)
+        if file
     ]
     bare = replace(
         mission,
         orbit=replace(orbit, oem=orbit.oem and "oem"),
         attitude=replace(law, aem=law.aem and "aem"),
-        heads=tuple(replace(one, design="design") for one in mission.heads),
+        heads=tuple(replace(head, design="design") for head in mission.heads),
     )
     content = [startrack.__version__, to_table(bare)]
-    content += [to_table(one.case) for one in loaded.designs]
+    content += [to_table(design.case) for design in loaded.designs]
     text = json.dumps(content, sort_keys=True, default=str).encode()
     return hashlib.blake2b(b"\0".join([text, *files]), digest_size=16).hexdigest()
 
@@ -81,20 +81,20 @@ def flown_from(
                 execute("DELETE FROM parts")
                 execute("INSERT INTO about VALUES ('key', ?)", (key,))
         plan, checks = _checked(plan, database, advance)
-        found = []
+        parts = []
         for first, count in parts_of(plan.loaded.mission.time.steps):
             rows = database.read("SELECT flown, checksum FROM parts WHERE first = ?", first)
             if rows:
-                found.append(_read(path, *rows[0]))
+                parts.append(_read(path, *rows[0]))
             else:
-                found.append(fly_part(plan, first, count))
-                data = _written(found[-1])
+                parts.append(fly_part(plan, first, count))
+                data = _written(parts[-1])
                 with database.transaction() as execute:
                     execute("INSERT INTO parts VALUES (?, ?, ?)", (first, data, _sum(data)))
             advance(count)
     finally:
         database.close()
-    return plan, checks, merged(found)
+    return plan, checks, merged(parts)
 
 
 def _checked(
@@ -104,29 +104,32 @@ def _checked(
     if not rows:
         plan, checks = checked(plan, advance)
         kept = [
-            {"check": asdict(one), "correction": _plain(plan.surrogates[one.heads[0]].correction)}
-            for one in checks
+            {
+                "check": asdict(check),
+                "correction": _plain(plan.surrogates[check.heads[0]].correction),
+            }
+            for check in checks
         ]
         with database.transaction() as execute:
             execute("INSERT INTO about VALUES ('checks', ?)", (json.dumps(kept),))
         return plan, checks
-    surrogates, told = list(plan.surrogates), []
-    for one in json.loads(rows[0][0]):
+    surrogates, checks_ = list(plan.surrogates), []
+    for entry in json.loads(rows[0][0]):
         check: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in one["check"].items()
+            k: tuple(v) if isinstance(v, list) else v for k, v in entry["check"].items()
         }
-        told.append(Checked(**check))
-        names, *numbers = (one["correction"][each.name] for each in fields(Correction))
+        checks_.append(Checked(**check))
+        names, *numbers = (entry["correction"][field.name] for field in fields(Correction))
         correction = Correction(tuple(names), *map(np.array, numbers))
-        for h in told[-1].heads:
+        for h in checks_[-1].heads:
             surrogates[h] = replace(surrogates[h], correction=correction)
-        advance(told[-1].trials)
-    return replace(plan, surrogates=tuple(surrogates)), tuple(told)
+        advance(checks_[-1].trials)
+    return replace(plan, surrogates=tuple(surrogates)), tuple(checks_)
 
 
 def _plain(correction: Correction | None) -> dict[str, Any]:
     assert correction is not None
-    values = {each.name: getattr(correction, each.name) for each in fields(correction)}
+    values = {field.name: getattr(correction, field.name) for field in fields(correction)}
     return {k: v.tolist() if isinstance(v, np.ndarray) else list(v) for k, v in values.items()}
 
 
@@ -136,10 +139,10 @@ def _sum(data: bytes) -> bytes:
 
 def _written(flown: Flown) -> bytes:
     """All arrays of a part; lists as arrays, the chances of the heads one after the other."""
-    values = {each.name: getattr(flown, each.name) for each in fields(flown)}
+    values = {field.name: getattr(flown, field.name) for field in fields(flown)}
     values["worst"] = np.array(flown.worst, float).reshape(-1, 2)
     values["chances"] = np.concatenate([np.zeros(0), *flown.chances])
-    values["ends"] = np.cumsum([len(one) for one in flown.chances])
+    values["ends"] = np.cumsum([len(chances) for chances in flown.chances])
     file = io.BytesIO()
     np.savez_compressed(file, **values)
     return file.getvalue()
@@ -153,5 +156,7 @@ def _read(path: Path | None, data: bytes, known: bytes) -> Flown:
     ends = values.pop("ends")
     values["step"] = float(values["step"])
     values["worst"] = [(float(a), float(b)) for a, b in values["worst"]]
-    values["chances"] = tuple(one.tolist() for one in np.split(values["chances"], ends[:-1]))
+    values["chances"] = tuple(
+        chances.tolist() for chances in np.split(values["chances"], ends[:-1])
+    )
     return Flown(**values)

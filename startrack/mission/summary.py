@@ -14,7 +14,7 @@ from startrack.core import Floats, Ints
 from startrack.design import Case
 from startrack.mission.engine import Flown
 from startrack.mission.heads import Blind
-from startrack.mission.parameters import Needs
+from startrack.mission.parameters import MissionRequirements
 
 EDGES = (0.0, 10.0, 30.0, 60.0, 300.0, 900.0, 3600.0, np.inf)  # second, of the histogram
 
@@ -84,11 +84,11 @@ def availability_of(flown: Flown) -> Availability:
     exactly = np.bincount(valid, minlength=len(flown.blind) + 1) / len(valid)
     return Availability(
         exactly,
-        {one: ((flown.blind & one) > 0).mean(axis=1) for one in Blind},
+        {cause: ((flown.blind & cause) > 0).mean(axis=1) for cause in Blind},
         (flown.blind == 0).mean(axis=1),
         flown.exactly / len(valid) if flown.exactly.any() else exactly,
         spells(valid == 0, flown.step),
-        tuple(spells(one > 0, flown.step) for one in flown.blind),
+        tuple(spells(blind > 0, flown.step) for blind in flown.blind),
     )
 
 
@@ -128,8 +128,8 @@ def reacquisition_of(case: Case, chances: Sequence[float]) -> Reacquisition:
     def later(time: float) -> float:
         """Fraction of the reacquisitions that take longer."""
         frames = max((time - latency) / period, 0.0)
-        whole = math.floor(frames)
-        rest = (1 - chance) ** whole * (1 - (frames - whole) * chance)
+        full = math.floor(frames)
+        rest = (1 - chance) ** full * (1 - (frames - full) * chance)
         return float(rest.mean()) - 0.01
 
     high = latency + period
@@ -197,21 +197,23 @@ class Verdict:
     met: bool
 
 
-def verdicts(needs: Needs, found: Availability, error: float | None = None) -> list[Verdict]:
+def verdicts(
+    needs: MissionRequirements, availability: Availability, error: float | None = None
+) -> list[Verdict]:
     """The requirements that the mission file gives, in their order.
 
     error  radian, rms of the fused attitude about its worst axis; None: not known
     """
     values = {
-        "max_blind": found.none.longest,
-        "availability_one": found.at_least(1),
-        "availability_two": found.at_least(2) if len(found.heads) > 2 else None,
+        "max_blind": availability.none.longest,
+        "availability_one": availability.at_least(1),
+        "availability_two": availability.at_least(2) if len(availability.heads) > 2 else None,
         "max_error": error,
     }
-    told = []
+    results = []
     for name, value in values.items():
         limit = getattr(needs, name)
         if limit is not None and value is not None:
             met = value >= limit if name.startswith("availability") else value <= limit
-            told.append(Verdict(name, limit, value, bool(met)))
-    return told
+            results.append(Verdict(name, limit, value, bool(met)))
+    return results

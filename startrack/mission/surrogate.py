@@ -117,28 +117,28 @@ class Surrogate:
                 for index, weight in corners
                 for k, share in enumerate((1 - part, part))
             ]
-        found = np.zeros((3, len(cell)))
+        values = np.zeros((3, len(cell)))
         for index, weight in corners:
             here = self.table[(slice(None), low_rate, *index, cell)]
             if part_rate is not None:
                 above = self.table[(slice(None), low_rate + 1, *index, cell)]
                 here = here + part_rate * (above - here)
-            found += here if weight is None else weight * here
+            values += here if weight is None else weight * here
         if self.correction is not None:
             used = self.correction.features(self.values(at, cell))
-            found[:2] += self.correction.coefficient @ used.T
-        return np.exp(found[0]), np.exp(found[1]), found[2]
+            values[:2] += self.correction.coefficient @ used.T
+        return np.exp(values[0]), np.exp(values[1]), values[2]
 
     def values(self, at: Conditions, cell: NDArray[np.intp] | None = None) -> dict[str, Floats]:
         """What a correction may depend on, each (n,); only what differs."""
-        found = {"stars": self.stars[cell_of(at.line) if cell is None else cell]}
+        values = {"stars": self.stars[cell_of(at.line) if cell is None else cell]}
         for name, grid, value in (
             ("rate", self.rate, at.rate), ("background", self.background, at.background),
             ("temperature", self.warmer, at.warmer), ("age", self.age, at.age),
         ):  # fmt: skip
             if len(grid) > 1 and value is not None:
-                found[name] = np.clip(value, grid[0], grid[-1])
-        return found
+                values[name] = np.clip(value, grid[0], grid[-1])
+        return values
 
 
 def _between(grid: Floats, value: Floats):  # type: ignore[no-untyped-def]
@@ -223,16 +223,16 @@ def _survey(case: Case, rate: float, background: float, lit: bool) -> tuple[Floa
     case = turning(case, rate)
     if lit:
         case = replace(case, scene=replace(case.scene, background_g=background))
-    found = survey(case, PLACES)
-    _, nearest = cKDTree(found.direction).query(middles())
-    known = np.isfinite(found.across)
-    worst = [float(one[known].max()) for one in (found.across, found.about)]
+    places = survey(case, PLACES)
+    _, nearest = cKDTree(places.direction).query(middles())
+    known = np.isfinite(places.across)
+    worst = [float(error[known].max()) for error in (places.across, places.about)]
     across, about = (
-        np.log(np.where(known, one, most) ** 2)
-        for one, most in zip((found.across, found.about), worst, strict=True)
+        np.log(np.where(known, error, largest) ** 2)
+        for error, largest in zip((places.across, places.about), worst, strict=True)
     )
-    stars = np.log(np.maximum(found.stars, 1.0))
-    return np.stack([across, about, found.solved])[:, nearest], stars[nearest]
+    stars = np.log(np.maximum(places.stars, 1.0))
+    return np.stack([across, about, places.solved])[:, nearest], stars[nearest]
 
 
 @dataclass(frozen=True, eq=False)

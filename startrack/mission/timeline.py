@@ -11,9 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import arcsec, deg
 from startrack.io import save_netcdf
-from startrack.mission.ccsds import Attitudes, Ephemeris
 from startrack.mission.engine import CHUNK, Chunk, Plan, at
-from startrack.mission.spice import of_ephemeris_time, to_ephemeris_time, write_ck, write_spk
+from startrack.mission.files import (
+    Attitudes,
+    Ephemeris,
+    of_ephemeris_time,
+    to_ephemeris_time,
+    write_ck,
+    write_spk,
+)
 
 DECIMALS = 5  # of a degree: 0.04 arcsec
 
@@ -33,7 +39,7 @@ def timeline(
     parts = []
     for first in range(0, count, CHUNK):
         size = min(CHUNK, count - first)
-        chunk = at(plan, plan.course.at(first * step, step, size), first)
+        chunk = at(plan, plan.motion.at(first * step, step, size), first)
         parts.append(_rows(plan, chunk))
         advance(size)
     return np.concatenate(parts)
@@ -45,7 +51,7 @@ def write_kernels(plan: Plan, every: int, orbit: Path, attitude: Path) -> None:
     Raises  ImportError without spiceypy
     """
     time = plan.loaded.mission.time
-    own = plan.course.at(0.0, time.step * every, max(-(-time.steps // every), 2))
+    own = plan.motion.at(0.0, time.step * every, max(-(-time.steps // every), 2))
     begin = to_ephemeris_time((time.begin,), "utc")[0]
     epoch = of_ephemeris_time(begin + own.second)
     write_spk(orbit, Ephemeris(epoch, "tdb", own.place.T, own.speed.T))
@@ -82,7 +88,7 @@ def _rows(plan: Plan, chunk: Chunk) -> NDArray[np.void]:
         "longitude_deg": own.longitude / deg,
         "orbit_phase_deg": own.phase / deg,
         "eclipse": chunk.shadow.sun,
-        "valid_heads": np.sum([one.blind == 0 for one in chunk.seen], axis=0),
+        "valid_heads": np.sum([view.blind == 0 for view in chunk.seen], axis=0),
     }
     for head, seen in zip(plan.heads, chunk.seen, strict=True):
         columns |= {
@@ -98,9 +104,9 @@ def _rows(plan: Plan, chunk: Chunk) -> NDArray[np.void]:
         for head, (across, about, _) in zip(plan.heads, chunk.errors, strict=True):
             columns[f"{head.name}_across_arcsec"] = np.sqrt(across) / arcsec
             columns[f"{head.name}_about_arcsec"] = np.sqrt(about) / arcsec
-        for axis, one in zip("xyz", chunk.variance, strict=True):
-            columns[f"fused_{axis}_arcsec"] = np.sqrt(one) / arcsec
-    table = np.empty(len(own.second), [(name, one.dtype) for name, one in columns.items()])
-    for name, one in columns.items():
-        table[name] = one.round(DECIMALS) if one.dtype.kind == "f" else one
+        for axis, square in zip("xyz", chunk.variance, strict=True):
+            columns[f"fused_{axis}_arcsec"] = np.sqrt(square) / arcsec
+    table = np.empty(len(own.second), [(name, values.dtype) for name, values in columns.items()])
+    for name, values in columns.items():
+        table[name] = values.round(DECIMALS) if values.dtype.kind == "f" else values
     return table

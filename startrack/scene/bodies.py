@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Refused, StrayLightSource, deg
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, Body, Observer
+from startrack.scene.ephemeris import Observer
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_irradiance
+from startrack.space import AU, EARTH_RADIUS, Body
 
 SUN_G = -26.90  # at one astronomical unit: Casagrande & VandenBerg (2018), MNRAS 479, L102
 SUN_RADIUS = 6.957e8  # metre, IAU 2015 nominal
@@ -203,7 +204,7 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
 def _lit_points(disc: Disc, count: int) -> tuple[Floats, Floats, Floats]:
     """Lit points (x, y) of a grid, `count` to the radius, and their fractions."""
     step = (np.arange(-count, count) + 0.5) / count
-    x, y = (each.ravel() for each in np.meshgrid(step, step))
+    x, y = (grid.ravel() for grid in np.meshgrid(step, step))
     inside = x**2 + y**2 < 1
     x, y = x[inside], y[inside]
     if disc.sun is None:

@@ -9,8 +9,9 @@ import numpy as np
 
 from startrack.core import GOLDEN_ANGLE, Floats, deg, nm
 from startrack.scene.bodies import Earth
-from startrack.scene.ephemeris import EARTH_RADIUS, J2000, Observer
+from startrack.scene.ephemeris import Observer
 from startrack.scene.photometry import BIN, WAVELENGTH, blackbody_photons
+from startrack.space import EARTH_RADIUS, J2000
 
 # Million inhabitants, latitude and longitude in degree: the urban agglomerations of ten million
 # and more, and some of the brightest below. Source: United Nations, World Urbanization Prospects

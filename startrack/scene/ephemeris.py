@@ -1,48 +1,21 @@
-"""Scene, Streams -> observer, and positions of the bodies of the solar system seen from there."""
+"""Scene, Streams -> the observer, and angles from boresights to Sun, Moon and the Earth's limb."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import LIGHT_SPEED, Floats, Streams, installed_tables
+from startrack.core import Floats, Streams, installed_tables
 from startrack.scene.parameters import J2000 as J2000_UTC
 from startrack.scene.parameters import JULIAN_YEAR, Orbit, Scene
+from startrack.space import EARTH_RADIUS, GM, J2000, Body, barycentric, orbit_direction, seen_from
 
-AU = 149_597_870_700.0  # metre, IAU 2012
-EARTH_RADIUS = 6_378_137.0  # metre, WGS 84 at the equator
-EARTH_GM = 3.986004418e14  # m^3 / s^2, WGS 84
-DAY = 86400.0  # second
-J2000 = 2451545.0  # Julian day
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A body, seen by the observer.
-
-    direction  (3,) unit vector, ICRS axes
-    distance   metre from the observer
-    sun        (3,) metre from the body to the Sun
-    """
-
-    direction: Floats
-    distance: float
-    sun: Floats
-
-    @property
-    def sun_distance(self) -> float:
-        """Metre from the Sun."""
-        return float(np.linalg.norm(self.sun))
-
-    @property
-    def phase_angle(self) -> float:
-        """Radian, angle between the Sun and the observer, seen from the body."""
-        cosine = float(-self.direction @ self.sun) / self.sun_distance
-        return math.acos(min(max(cosine, -1.0), 1.0))
+BODIES = ("sun", "moon", "earth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +37,8 @@ class Observer:
         return 2000 + (self.day - J2000) / 365.25
 
     def see(self, name: str) -> Body:
-        """A body, or the Sun, at the time when its light was emitted.
-
-        name      "sun", "moon", or a planet
-        Accuracy  model: no aberration (21 arcsec), no light deflection. numerical: astropy's
-                  built-in ephemeris: Sun 1 arcsec, Moon 10 arcsec, planets 40 arcsec between 1900
-                  and 2100.
-        """
-        late = 0.0
-        for _ in range(2):
-            there = _barycentric(name, self.day - late / DAY)
-            line = there - self.position
-            late = float(np.linalg.norm(line)) / LIGHT_SPEED
-        distance = float(np.linalg.norm(line))
-        sun = _barycentric("sun", self.day - late / DAY) - there
-        return Body(line / distance, distance, sun)
+        """A body, or the Sun, by its name; see `startrack.space.seen_from`."""
+        return seen_from(self.position, self.day, name)
 
 
 def observer_of(scene: Scene, streams: Streams | None) -> Observer:
@@ -90,7 +50,7 @@ def observer_of(scene: Scene, streams: Streams | None) -> Observer:
     day = _start_day(scene)
     if scene.days:
         day += scene.days * _draw(streams, "date")
-    earth = _barycentric("earth", day)
+    earth = barycentric("earth", day)
     if scene.place is not None:
         position = np.array(scene.place)
     elif scene.orbit:
@@ -104,7 +64,8 @@ def observer_of(scene: Scene, streams: Streams | None) -> Observer:
 
 def on_orbit(orbit: Orbit, phase: float) -> Floats:
     """(3,) metre from the Earth's centre, ICRS axes."""
-    return (EARTH_RADIUS + orbit.altitude) * _on_unit_orbit(orbit, phase)
+    radius = EARTH_RADIUS + orbit.altitude
+    return radius * orbit_direction(orbit.node, orbit.inclination, phase)
 
 
 def orbital_velocity(orbit: Orbit, phase: float) -> Floats:
@@ -112,21 +73,8 @@ def orbital_velocity(orbit: Orbit, phase: float) -> Floats:
 
     Accuracy  model: a circular orbit of two bodies, 0.1 % of the speed of a low one.
     """
-    speed = math.sqrt(EARTH_GM / (EARTH_RADIUS + orbit.altitude))
-    return speed * _on_unit_orbit(orbit, phase + math.pi / 2)
-
-
-def _on_unit_orbit(orbit: Orbit, phase: float) -> Floats:
-    """(3,) unit vector from the Earth's centre."""
-    along, across = math.cos(phase), math.sin(phase)
-    node, tilt = orbit.node, orbit.inclination
-    return np.array(
-        [
-            along * math.cos(node) - across * math.cos(tilt) * math.sin(node),
-            along * math.sin(node) + across * math.cos(tilt) * math.cos(node),
-            across * math.sin(tilt),
-        ]
-    )
+    speed = math.sqrt(GM / (EARTH_RADIUS + orbit.altitude))
+    return speed * orbit_direction(orbit.node, orbit.inclination, phase + math.pi / 2)
 
 
 @lru_cache(maxsize=64)
@@ -149,22 +97,37 @@ def date_of(scene: Scene, year: float, streams: Streams | None = None) -> dateti
     return scene.start + timedelta(days=days)
 
 
-@lru_cache(maxsize=256)
-def _barycentric(name: str, day: float) -> Floats:
-    """(3,) metre, ICRS axes, read-only."""
-    from astropy import units
-    from astropy.coordinates import get_body_barycentric
-    from astropy.time import Time
-
-    with installed_tables():
-        date = Time(day, format="jd", scale="tdb")
-        position = get_body_barycentric(name, date, ephemeris="builtin")
-    metre = np.array(position.xyz.to_value(units.m))
-    metre.flags.writeable = False
-    return metre
-
-
 def _draw(streams: Streams | None, cause: str) -> float:
     if streams is None:
         raise TypeError(f"streams must be given where the {cause} is drawn, got None")
     return float(streams(cause).random())
+
+
+def body_angles(scene: Scene, seed: int, trials: Sequence[int], boresight: Floats) -> Floats:
+    """Radian from the boresight to the centres of Sun and Moon, and to the Earth's limb.
+
+    Whether or not the scene has the light of these bodies; negative in front of the Earth.
+
+    seed, trials  (n,) that date and orbit are drawn by, where each trial draws them
+    boresight     (n, 3) unit vectors, ICRS axes
+    Returns       (n, 3) in the order of BODIES; NaN without a date, or without an orbit
+    Accuracy      model: that of `Observer.see`; a spherical Earth.
+    """
+    angles = np.full((len(trials), len(BODIES)), math.nan)
+    if scene.date is None:
+        return angles
+    drawn = scene.days > 0 or (scene.orbit is not None and scene.orbit.phase is None)
+    parts = [slice(n, n + 1) for n in range(len(trials))] if drawn else [slice(None)]
+    for part in parts if len(trials) else []:
+        observer = observer_of(scene, Streams(seed, trials[part.start or 0]))
+        for k, name in enumerate(("sun", "moon")):
+            angles[part, k] = _between(boresight[part], observer.see(name).direction)
+        if scene.orbit is not None:
+            distance = float(np.linalg.norm(observer.earth))
+            limb = math.asin(min(EARTH_RADIUS / distance, 1.0))
+            angles[part, 2] = _between(boresight[part], observer.earth / distance) - limb
+    return angles
+
+
+def _between(lines: Floats, direction: Floats) -> Floats:
+    return 2 * np.arcsin(np.minimum(np.linalg.norm(lines - direction, axis=1) / 2, 1.0))

@@ -1,4 +1,4 @@
-"""Stars -> Light: photons at the entrance pupil."""
+"""Stars -> Light: photons at the entrance pupil; diffuse light by code of one's own."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from startrack.core import (
+    POINTS,
     Camera,
     DiffuseLight,
     Floats,
@@ -19,15 +22,16 @@ from startrack.core import (
     StrayLightSource,
     Streams,
     arcsec,
+    call_code,
     is_code,
+    returned,
 )
-from startrack.scene.airglow import HIGHEST, airglow
+from startrack.scene.background import starlight, starlight_spectrum, zodiacal, zodiacal_spectrum
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
-from startrack.scene.extension_light import LightInput, light_by_code
+from startrack.scene.ephemeris import Observer, observer_of
 from startrack.scene.lights import LIGHTS
-from startrack.scene.limb import limb_light
+from startrack.scene.limb import HIGHEST, airglow, limb_light
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import (
     BIN,
@@ -38,12 +42,58 @@ from startrack.scene.photometry import (
     photon_irradiance,
 )
 from startrack.scene.planets import PLANETS, magnitude_v
-from startrack.scene.starlight import starlight, starlight_spectrum
-from startrack.scene.zodiacal import zodiacal, zodiacal_spectrum
+from startrack.space import AU, EARTH_RADIUS
 
+GROUP = "lights"
+LEAST = 1e-6  # of the largest, of the terms (a spectrum times a map) that a light is made of
 NODES = 17  # of the map of diffuse light along a side of the frame: 1 % between them
 LIMB_NODES = 129  # the same where the Earth's limb is in the frame: an edge of 1/128 of it
 POINTS_PER_PIXEL = 2.0  # of a disc; chosen by hand: fewer leave gaps, more cost time
+
+
+@dataclass(frozen=True, eq=False)
+class LightInput:
+    """Where light is asked for.
+
+    direction   (m, 3) unit vectors, ICRS axes, of points evenly spaced over the frame, row by row
+    wavelength  (k,) metre, middle of each spectral bin
+    width       metre, of each bin
+    scene       date, orbit and background of the design
+    generator   random numbers of this trial for this light alone
+    """
+
+    direction: Floats
+    wavelength: Floats
+    width: float
+    scene: Scene
+    generator: np.random.Generator
+
+
+class DiffuseSource(Protocol):
+    """A diffuse light of one's own, which a design lists in `scene.lights`.
+
+    Returns  (m, k) photon / s / m^2 / sr at the entrance pupil, in each direction and spectral bin
+    """
+
+    def __call__(self, given: LightInput, /) -> ArrayLike:
+        """Compute the light; it is linear between the points."""
+
+
+def light_by_code(name: str, given: LightInput) -> Iterator[DiffuseLight]:
+    """The light of a function that a design names, as sums of a spectrum times a map.
+
+    Raises    ValueError where the function raises an error, or returns what it must not.
+    Accuracy  numerical: 1e-6 of the largest term, by singular values.
+    """
+    shape = len(given.direction), len(given.wavelength)
+    light = returned(GROUP, name, call_code(GROUP, name, given), shape)
+    if (light < 0).any():
+        raise ValueError(f"{POINTS[GROUP]} {name} must return no negative light, got {light.min()}")
+    side = round(len(light) ** 0.5)
+    places, sizes, spectra = np.linalg.svd(light, full_matrices=False)
+    for place, size, spectrum in zip(places.T, sizes, spectra, strict=True):
+        if size > LEAST * sizes[0]:
+            yield DiffuseLight(spectrum * size, place.reshape(side, side))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The Earth's bright limb: table of radiance over tangent height and Sun, and its light."""
+"""Light of the Earth's air: its bright limb by day, its airglow by night."""
 
 from __future__ import annotations
 
@@ -6,17 +6,28 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, Refused
+from startrack.core import Floats, Refused, nm
 from startrack.io import open_checked, shipped
 from startrack.scene.bodies import EARTH_ALBEDO, Earth
-from startrack.scene.ephemeris import EARTH_RADIUS
-from startrack.scene.photometry import WAVELENGTH
+from startrack.scene.photometry import BIN, WAVELENGTH
+from startrack.space import EARTH_RADIUS
 
 FORMAT = 1  # of the file
 DARK = 1e-12  # 1 / sr, least radiance over the Sun's irradiance: its logarithm must be finite
+RAYLEIGH = 1e10 / (4 * np.pi)  # photon / s / m^2 / sr
+HIGHEST = 300e3  # metre, of all shells
+# Night glow seen from the zenith, Leinert et al. (1998), A&A Supplement Series 127, 1, table 13:
+# 250 R of O at 557.7 nm, 30 to 100 R of Na, 60 R of O at 630 nm; 2.5 R / nm of continuum. The bands
+# of OH above 600 nm follow from the brightness of the night sky: 16 R / nm at 640 nm and 28 R / nm
+# at 800 nm, from R 20.9 and I 19.7 mag per square arcsecond (Patat 2003, A&A 400, 1183), less the
+# zodiacal light; above 900 nm they are an assumption.
+CONTINUUM = 2.5  # R / nm
+OH_AT: Floats = np.array([600.0, 640, 700, 800, 900, 1100]) * nm
+OH: Floats = np.array([0.0, 8, 12, 25, 40, 90])  # R / nm
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +74,19 @@ class Limb:
             np.clip(sun, *self.sun[[0, -1]]),
             np.clip(turned, *self.azimuth[[0, -1]]),
         )
-        found = np.stack(
+        radiance = np.stack(
             [
-                np.exp(logarithm(np.stack([np.full(len(tangent), one), *nodes], -1)))
-                for one in np.log(wavelength)
+                np.exp(
+                    logarithm(
+                        np.stack([np.full(len(tangent), logarithm_of_wavelength), *nodes], -1)
+                    )
+                )
+                for logarithm_of_wavelength in np.log(wavelength)
             ],
             -1,
         )
         dark = (tangent > self.tangent[-1]) | (sun > self.sun[-1])
-        return np.where(dark[:, None], 0.0, found)
+        return np.where(dark[:, None], 0.0, radiance)
 
 
 def save_limb(path: Path, limb: Limb) -> None:
@@ -124,12 +139,12 @@ def limb_light(
     level = earth.sun - cosine[:, None] * zenith
     towards = np.einsum("ij,ij->i", line[through], level)
     azimuth = np.arccos(np.clip(towards / np.maximum(np.linalg.norm(level, axis=1), 1e-12), -1, 1))
-    found = table(table.wavelength, height[through], np.arccos(cosine), azimuth)
+    radiance = table(table.wavelength, height[through], np.arccos(cosine), azimuth)
     sunlight = earth.light * np.pi / EARTH_ALBEDO
     nearest_wavelength = np.argmin(np.abs(WAVELENGTH - table.wavelength[:, None]), axis=0)
     for i in range(len(table.wavelength)):
         fraction = np.zeros(len(line))
-        fraction[through] = found[:, i]
+        fraction[through] = radiance[:, i]
         yield np.where(nearest_wavelength == i, sunlight, 0.0), fraction
 
 
@@ -137,3 +152,55 @@ def limb_light(
 def _table(air: str) -> Limb:
     name = "limb" if air == "molecules" else f"limb-{air}"
     return load_limb(shipped(f"atmosphere/{name}.fits"))
+
+
+class Shell(NamedTuple):
+    """Air of uniform emission between two heights, metre; lines are (wavelength, rayleigh)."""
+
+    low: float
+    high: float
+    lines: tuple[tuple[float, float], ...]
+    bands: bool
+
+
+SHELLS = (
+    Shell(82e3, 98e3, ((557.7 * nm, 250.0), (589.3 * nm, 60.0)), True),
+    Shell(200e3, HIGHEST, ((630.0 * nm, 60.0),), False),
+)
+
+
+def airglow(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """The shells' light.
+
+        brightness = zenith brightness * path inside the shell / its thickness
+
+    line     (n, 3) unit vectors, ICRS axes
+    Yields   (k,) photon / s / m^2 / sr in each bin and (n,) 1, of which the products add up
+    Accuracy  model: a factor of two from night to night; the same by day, when the limb is much
+              brighter; no structure; the Earth is a sphere.
+    """
+    for shell in SHELLS:
+        outer, inner = (_path(earth, line, height) for height in (shell.high, shell.low))
+        yield spectrum(shell), (outer - inner) / (shell.high - shell.low)
+
+
+@lru_cache(maxsize=4)
+def spectrum(shell: Shell) -> Floats:
+    """(k,) photon / s / m^2 / sr in each bin, of the shell seen in the zenith."""
+    rayleigh = np.zeros_like(WAVELENGTH)
+    if shell.bands:
+        rayleigh += (CONTINUUM + np.interp(WAVELENGTH, OH_AT, OH)) * (BIN / nm)
+    for wavelength, strength in shell.lines:
+        rayleigh[np.argmin(np.abs(WAVELENGTH - wavelength))] += strength
+    return rayleigh * RAYLEIGH
+
+
+def _path(earth: Earth, line: Floats, height: float) -> Floats:
+    """(n,) metre of each line of sight inside a sphere around the Earth, up to the ground."""
+    along = line @ earth.centre
+    aside = earth.centre @ earth.centre - along**2  # squared distance of the line from the centre
+    half = np.sqrt(np.maximum((EARTH_RADIUS + height) ** 2 - aside, 0))
+    ground = np.sqrt(np.maximum(EARTH_RADIUS**2 - aside, 0))
+    hits = (aside < EARTH_RADIUS**2) & (along > 0)
+    end = np.where(hits, along - ground, along + half)
+    return np.maximum(end - np.maximum(along - half, 0), 0) * (half > 0)

@@ -18,9 +18,9 @@ from startrack.core import (
     within,
 )
 from startrack.scene.lights import LIGHTS
+from startrack.space import FIRST_YEAR, LAST_YEAR
 
 LIMBS = ("molecules", "rural")  # air of the Earth's bright limb
-FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 DARK = 40.0  # magnitude per square arcsecond, below any sky: stands for no background
 J2000 = datetime(2000, 1, 1, 12, tzinfo=UTC)
 JULIAN_YEAR = timedelta(days=365.25)
@@ -98,8 +98,8 @@ class Scene(Parameters):
         if self.place is not None:
             if len(self.place) != 3:
                 raise Refused(f"place must have three coordinates, got {len(self.place)}")
-            for each in self.place:
-                finite(place=each)
+            for coordinate in self.place:
+                finite(place=coordinate)
 
     @property
     def dated(self) -> list[str]:

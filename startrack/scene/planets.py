@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from startrack.core import deg
-from startrack.scene.ephemeris import AU, Body
+from startrack.space import AU, Body
 
 PLANETS = ("mercury", "venus", "mars", "jupiter", "saturn", "uranus", "neptune")
 
@@ -38,8 +38,7 @@ def magnitude_v(name: str, body: Body, year: float) -> float:
 def _mercury(phase: float, body: Body, year: float) -> float:
     return float(
         polyval(
-            phase,
-            [-0.613, 6.3280e-2, -1.6336e-3, 3.3644e-5, -3.4265e-7, 1.6893e-9, -3.0334e-12],
+            phase, [-0.613, 6.3280e-2, -1.6336e-3, 3.3644e-5, -3.4265e-7, 1.6893e-9, -3.0334e-12]
         )
     )
 

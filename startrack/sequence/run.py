@@ -6,7 +6,7 @@ import math
 import typing
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import State
+from startrack.attitude import Gyroscope, State, correct, predict, start
 from startrack.catalog import open_sky
 from startrack.core import (
     Camera,
@@ -39,7 +39,6 @@ from startrack.metrics import Outcome, judge
 from startrack.motion import trace
 from startrack.scene import date_of
 from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
-from startrack.sequence.follow import TrackerState, known_rate, predict_state, update_state
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
     agreeing,
@@ -57,20 +56,10 @@ from startrack.trial import (
     throughput,
 )
 
+GATE = 30.7  # chi-square of 3 degrees of freedom, exceeded once in a million by noise alone
 NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
 AXES = "xyz"
 SMEAR_STEP = 0.25  # pixel; a smear that is wrong by half of it costs nothing
-
-
-class Mode(IntEnum):
-    """How the tracker obtained its attitude after a frame."""
-
-    SEARCHING = 0  # no prediction, not solved
-    ACQUIRED = 1  # solved without a prediction, or against it
-    TRACKED = 2  # solved, as predicted
-    COASTED = 3  # not solved; the prediction alone
-
-
 # A row of the table of a sequence: one frame.
 FRAMES: np.dtype[np.void] = np.dtype(
     [
@@ -83,6 +72,89 @@ FRAMES: np.dtype[np.void] = np.dtype(
         *((f"filtered_sigma_{axis}", float) for axis in AXES),
     ]
 )
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerState:
+    """State of the tracker between two frames.
+
+    state   of the filter, None without any attitude yet, or after a loss
+    missed  frames without attitude since the last one
+    fresh   whether the last frame started the filter
+    """
+
+    state: State | None = None
+    missed: int = 0
+    fresh: bool = False
+
+
+def predict_state(
+    known: TrackerState, shown: Floats | None, step: float, sequence: Sequence
+) -> TrackerState:
+    """Predict the state at the next frame.
+
+    Without a gyroscope the filter assumes one that reads zero: its bias is then minus the rate of
+    the camera, and its random walk the angular acceleration.
+
+    shown  (3,) radian / second, output of the gyroscope; None without one
+    step   second
+    """
+    if known.state is None:
+        return known
+    gyro = sequence.gyro
+    believed = (
+        Gyroscope(0.0, sequence.angular_acceleration_psd)
+        if gyro is None
+        else Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
+    )
+    rate = np.zeros(3) if shown is None else shown
+    return replace(known, state=predict(known.state, rate, step, believed))
+
+
+def known_rate(state: State | None, shown: Floats | None) -> Floats:
+    """Rate of the camera (3,), radian / second, that the tracker knows in an exposure.
+
+    That of its gyroscope less the estimated bias, or of its filter; zero where it has neither.
+
+    shown  (3,) radian / second, of the gyroscope; None without one
+    """
+    rate = np.zeros(3) if shown is None else shown
+    return rate if state is None else rate - state.bias
+
+
+def update_state(known: TrackerState, estimate: Estimate, sequence: Sequence) -> TrackerState:
+    """Update with the attitude of a frame, or coast for at most `max_coasted_frames` frames.
+
+    An attitude that contradicts the prediction restarts the filter, because stars were measured
+    and the prediction was not.
+    """
+    if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
+        missed = known.missed + 1
+        return (
+            TrackerState()
+            if missed > sequence.max_coasted_frames
+            else replace(known, missed=missed, fresh=False)
+        )
+    if known.state is None or _contradicts(known.state, estimate):
+        sigma = sequence.initial_rate_sigma if sequence.gyro is None else sequence.gyro.bias
+        return TrackerState(start(estimate.icrs_to_camera, estimate.covariance, sigma), fresh=True)
+    return TrackerState(correct(known.state, estimate.icrs_to_camera, estimate.covariance))
+
+
+def _contradicts(state: State, estimate: Estimate) -> bool:
+    assert estimate.icrs_to_camera is not None
+    innovation = (estimate.icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
+    spread = state.covariance[:3, :3] + estimate.covariance
+    return bool(innovation @ np.linalg.solve(spread, innovation) > GATE)
+
+
+class Mode(IntEnum):
+    """How the tracker obtained its attitude after a frame."""
+
+    SEARCHING = 0  # no prediction, not solved
+    ACQUIRED = 1  # solved without a prediction, or against it
+    TRACKED = 2  # solved, as predicted
+    COASTED = 3  # not solved; the prediction alone
 
 
 def fly_sequences(
@@ -101,8 +173,8 @@ def fly_sequences(
     """
     whole(1, 10**6, sequences=sequences)
     tables = []
-    one = partial(run, case, sequence, seed, recording=recording)
-    for table in executor.map(one, range(sequences)):
+    fly = partial(run, case, sequence, seed, recording=recording)
+    for table in executor.map(fly, range(sequences)):
         tables.append(table)
         if progress:
             progress(1)
@@ -217,7 +289,7 @@ def _see(
     """What the flight software does with a frame, with a prediction or without."""
     tracker = case.tracker
     # In steps, so that frames at nearly the same rate share a plan.
-    x, y = (SMEAR_STEP * round(one / SMEAR_STEP) for one in smear_of(case, rate[0], rate[1]))
+    x, y = (SMEAR_STEP * round(smear / SMEAR_STEP) for smear in smear_of(case, rate[0], rate[1]))
     if boxed(case) and predicted is not None:
         plan = detection_plan(case, smear=(x, y))
         spots, matches = take_boxes(case, frame, camera, predicted.icrs_to_camera, plan)

@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.metrics import (
-    FALSE_ANGLE,
-    Interval,
-    fraction_interval,
-    interval_table,
-    rms_interval,
-)
+from startrack.metrics import FALSE_ANGLE, Interval, fraction_interval, interval_table, rms_interval
 from startrack.sequence.run import Mode
 
 
@@ -50,10 +44,10 @@ class Tracking:
 
 def summarise_sequences(table: NDArray[np.void]) -> Tracking:
     """Statistics of a table as `run` and `fly_sequences` make it."""
-    apart = [table[table["sequence"] == one] for one in np.unique(table["sequence"])]
-    hours = sum(float(_span(one)) for one in apart) / 3600
-    lost = [_losses(one) for one in apart]
-    waits = np.array([wait for one in lost for wait in one])
+    apart = [table[table["sequence"] == number] for number in np.unique(table["sequence"])]
+    hours = sum(float(_span(sequence)) for sequence in apart) / 3600
+    lost = [_losses(sequence) for sequence in apart]
+    waits = np.array([wait for sequence in lost for wait in sequence])
     count = len(waits)
     return Tracking(
         rms_interval(_means(apart, "filtered_x", "filtered_y")),
@@ -69,43 +63,43 @@ def summarise_sequences(table: NDArray[np.void]) -> Tracking:
 def _means(apart: list[NDArray[np.void]], *names: str) -> NDArray[np.float64]:
     """Mean square over the known frames of each sequence that has any."""
     squares = []
-    for one in apart:
-        square = np.mean([one[name] ** 2 for name in names], axis=0)
-        good = np.isfinite(square) & _known(one) & ~one["false"]
+    for sequence in apart:
+        square = np.mean([sequence[name] ** 2 for name in names], axis=0)
+        good = np.isfinite(square) & _known(sequence) & ~sequence["false"]
         if good.any():
             squares.append(float(square[good].mean()))
     return np.array(squares)
 
 
-def _span(one: NDArray[np.void]) -> float:
+def _span(sequence: NDArray[np.void]) -> float:
     """Second that a sequence lasts, its last frame as long as the others."""
-    time = one["time"]
+    time = sequence["time"]
     return float((time[-1] - time[0]) * len(time) / max(len(time) - 1, 1))
 
 
-def _losses(one: NDArray[np.void]) -> list[float]:
+def _losses(sequence: NDArray[np.void]) -> list[float]:
     """For each loss of a known attitude, the time to the next one; infinite where none comes."""
-    waits, mode, time = [], one["mode"], one["time"]
+    waits, mode, time = [], sequence["mode"], sequence["time"]
     for k in range(1, len(mode)):
         if mode[k - 1] == Mode.SEARCHING or mode[k] in (Mode.TRACKED, Mode.COASTED):
             continue
         # The loss counts from the last frame that agreed with its prediction.
         seen = np.flatnonzero(np.isin(mode[:k], (Mode.ACQUIRED, Mode.TRACKED)))[-1]
-        found = np.flatnonzero(mode[k:] == Mode.ACQUIRED)
-        waits.append(float(time[k + found[0]] - time[seen]) if len(found) else np.inf)
+        acquired = np.flatnonzero(mode[k:] == Mode.ACQUIRED)
+        waits.append(float(time[k + acquired[0]] - time[seen]) if len(acquired) else np.inf)
     return waits
 
 
 def _known_fraction(apart: list[NDArray[np.void]]) -> Interval:
     """Mean fraction of frames after which the attitude is known."""
-    good = np.array([float(_known(one).mean()) for one in apart])
+    good = np.array([float(_known(sequence).mean()) for sequence in apart])
     if good.min() == 1 or good.max() == 0:  # no scatter to estimate from: count the sequences
         return fraction_interval(int(good.sum()), len(good))
     return _mean(good)
 
 
-def _known(one: NDArray[np.void]) -> NDArray[np.bool_]:
-    error = np.sqrt(sum(one[f"filtered_{axis}"] ** 2 for axis in "xyz"))
+def _known(sequence: NDArray[np.void]) -> NDArray[np.bool_]:
+    error = np.sqrt(sum(sequence[f"filtered_{axis}"] ** 2 for axis in "xyz"))
     return np.asarray(error <= FALSE_ANGLE)  # NaN without an attitude
 
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import SolverSettings, consensus, solve
+from startrack.attitude import SolverSettings, solve
+from startrack.attitude.consensus import consensus
 from startrack.core.camera import Camera
 from startrack.core.units import arcsec
 from startrack.core.values import Matches, Spots, Status

@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.align import _loss
-from startrack.attitude.jacobi import best_rotation
-from startrack.attitude.least_squares import invert, largest_eigenvalue, least_squares
+from startrack.attitude.linear import best_rotation, invert, largest_eigenvalue, least_squares
 
 pytestmark = pytest.mark.usefixtures("in_python")
 

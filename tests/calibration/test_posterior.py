@@ -5,8 +5,9 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from startrack.attitude.camera import UNKNOWNS
 from startrack.calibration import Calibration, calibrate
-from startrack.calibration.posterior import CAMERA, Prior, project, sample_camera
+from startrack.calibration.posterior import Prior, project, sample_camera
 from startrack.core.camera import Camera
 from startrack.core.values import Matches, Spots, Status
 from startrack.optimise.ensemble import Ensembles
@@ -50,7 +51,7 @@ def test_many_cameras_project_as_each():
         for _ in range(4)
     ]
     direction = CAMERA_0.unproject(rng.uniform(0, 1023, (30, 2)))
-    values = np.array([[getattr(one, name) for name in CAMERA] for one in cameras])
+    values = np.array([[getattr(one, name) for name in UNKNOWNS] for one in cameras])
     found = project(np.tile(direction, (4, 1, 1)), values, CAMERA_0)
     for one, pixel in zip(cameras, found, strict=True):
         np.testing.assert_allclose(pixel, one.project(direction), atol=1e-9)
@@ -69,7 +70,7 @@ def test_it_agrees_with_least_squares_where_that_is_right():
     )
     sigma = np.sqrt(np.diag(fitted.covariance)[:4])
     flat = posterior.chains.flat
-    best = [getattr(fitted.camera, name) for name in CAMERA[:4]]
+    best = [getattr(fitted.camera, name) for name in UNKNOWNS[:4]]
     np.testing.assert_allclose(flat.mean(axis=0), best, atol=0.25 * sigma.max(), rtol=0)
     np.testing.assert_allclose((flat.mean(axis=0) - best) / sigma, 0, atol=0.25)
     np.testing.assert_allclose(flat.std(axis=0), sigma, rtol=0.2)
@@ -104,7 +105,7 @@ def test_the_ranks_of_the_truth_are_uniform():
         posterior = sample_camera(
             *zip(frame(camera, CAMERA_0, rng), strict=True), CAMERA_0, PRIOR, number, SHORT
         )
-        truth = [getattr(camera, name) for name in CAMERA[:4]]
+        truth = [getattr(camera, name) for name in UNKNOWNS[:4]]
         ranks.append((posterior.chains.flat < truth).mean(axis=0))
     counts = np.array([np.histogram(column, 10, (0, 1))[0] for column in np.transpose(ranks)])
     assert (stats.chisquare(counts, axis=1).pvalue > 2.5e-4).all()

@@ -9,7 +9,8 @@ from scipy.io import netcdf_file
 
 from startrack.cli.earth import read_scene
 from startrack.cli.main import main
-from startrack.earth.geometry import image, observe_earth
+from startrack.earth.geometry import observe_earth
+from startrack.earth.geometry import scene as scene_of_files
 from startrack.io import shipped
 
 pytest.importorskip("sgp4")
@@ -82,7 +83,7 @@ def test_a_matrix_is_the_same_in_one_piece_and_row_by_row(tmp_path, monkeypatch)
     """Three rays a side: rows, columns and rays keep their order."""
     path = scene(tmp_path, ('"line"', '"matrix"'), ("columns = 40", "columns = 40\nrays = 3"))
     whole = list(observe_earth(read_scene(path)[0], tmp_path))
-    monkeypatch.setattr(image, "BATCH", 1)
+    monkeypatch.setattr(scene_of_files, "BATCH", 1)
     rows = list(observe_earth(read_scene(path)[0], tmp_path))
     assert [len(whole), len(rows)] == [1, 40]
     for name in PLACE:

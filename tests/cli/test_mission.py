@@ -14,7 +14,7 @@ from scipy.io import netcdf_file
 
 from startrack import shipped
 from startrack.cli.main import main
-from startrack.mission import aocs, load_mission, placement, save_timeline, surrogate
+from startrack.mission import exports, load_mission, placement, save_timeline, surrogate
 
 DAY = ["--set", "time.duration=1 d"]
 
@@ -141,7 +141,7 @@ def test_the_frame_of_an_instant_is_rendered(flown, capsys, tmp_path, monkeypatc
 
 
 def test_a_design_is_exported(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(aocs, "SMEARS", (1.0,))
+    monkeypatch.setattr(exports, "SMEARS", (1.0,))
     out = tmp_path / "export"
     assert main(["export", "aocs", "--out", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)

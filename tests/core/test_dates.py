@@ -13,7 +13,8 @@ from astropy.utils import iers
 from scipy.spatial.transform import Rotation
 
 from startrack.core.units import arcsec, deg, installed_tables, utc
-from startrack.earth.geometry import Aircraft, TwoLines, fly, sun_direction
+from startrack.earth.geometry import Aircraft, TwoLines, fly
+from startrack.space import sun_direction
 from tests.cli import every_command
 from tests.cli.test_cli import COMMANDS
 

@@ -10,8 +10,9 @@ from startrack.core import arcsec, deg
 from startrack.design.case import Case
 from startrack.design.files import Design, load_design, save_design
 from startrack.io import shipped
-from startrack.scene import AU, Orbit, Scene
-from startrack.scene.ephemeris import EARTH_RADIUS, observer_of, on_orbit, orbital_velocity
+from startrack.scene import Orbit, Scene
+from startrack.scene.ephemeris import observer_of, on_orbit, orbital_velocity
+from startrack.space import AU, EARTH_RADIUS
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 DATE = "2026-03-20T12:00:00"

@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Fidelity, load_design, run_trials, shipped
 from startrack.design import turning
-from startrack.mission.aocs import head_model, write_model
-from startrack.mission.simulators import write_42, write_basilisk, write_fmu
+from startrack.mission.exports import head_model, write_42, write_basilisk, write_fmu, write_model
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 CASE = load_design(shipped("designs/noise_only.toml")).case

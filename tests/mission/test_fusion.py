@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.core import arcsec
-from startrack.mission.alignment import relative_alignment
-from startrack.mission.fusion import fuse, fused_variance, head_covariance
+from startrack.mission.fusion import fuse, fused_variance, head_covariance, relative_alignment
 from startrack.mission.parameters import mounted
 
 COUNT = 20_000  # one standard deviation of the mean of 3 is 0.017: false alarms below 1e-8

@@ -24,7 +24,7 @@ from startrack import shipped
 from startrack.core import LIGHT_SPEED, arcsec, deg, installed_tables
 from startrack.mission.engine import at, plan_of
 from startrack.mission.heads import Blind
-from startrack.mission.instants import course_of
+from startrack.mission.instants import motion_of
 from startrack.mission.parameters import Attitude, Orbit, Scan, load_mission, save_mission
 from tests.mission import independent
 
@@ -43,7 +43,7 @@ def mission():
 @pytest.fixture(scope="module")
 def flight(mission):
     """Instants, and the same by astropy: place and speed (n, 3) in GCRS, and the times."""
-    course = course_of(mission)
+    course = motion_of(mission)
     second = np.sort(np.random.default_rng(1).uniform(0, 86400 * 20, INSTANTS))
     own = [course.at(one - 70, 10.0, 40) for one in second]  # interpolated, the eighth is asked
     with installed_tables():
@@ -143,7 +143,7 @@ def test_laws_point_where_they_say(mission):
     }
     day = dataclasses.replace(mission.time, duration=86400.0)
     for name, law in laws.items():
-        course = course_of(dataclasses.replace(mission, attitude=law, time=day))
+        course = motion_of(dataclasses.replace(mission, attitude=law, time=day))
         own = course.at(1000.0, 1.0, 700)
         body = own.body
         product = np.einsum("ikn,jkn->ijn", body, body) - np.eye(3)[..., None]
@@ -165,7 +165,7 @@ def test_a_ground_target_is_in_the_middle():
     """By astropy: the place on the ground, in GCRS, is on the z axis."""
     loaded = load_mission(EXAMPLE, ["time.duration=1 d"])
     law = Attitude(law="target", latitude=0.5, longitude=-1.0, height=300.0)
-    course = course_of(dataclasses.replace(loaded.mission, attitude=law))
+    course = motion_of(dataclasses.replace(loaded.mission, attitude=law))
     own = course.at(0.0, 30.0, 2880)
     with installed_tables():
         date = Time(loaded.mission.time.begin, scale="utc") + own.second * u.s
@@ -181,7 +181,7 @@ def test_eclipses_of_a_circular_orbit():
     """Their length at a known beta angle, for a round Earth: the textbook's closed form."""
     loaded = load_mission(EXAMPLE, ["time.duration=2 d", "time.step=5 s"])
     plan = plan_of(loaded, errors=False)
-    own = plan.course.at(0.0, 5.0, 30000)
+    own = plan.motion.at(0.0, 5.0, 30000)
     chunk = at(plan, own)
     normal = np.cross(own.place[:, 0], own.speed[:, 0])
     beta = np.pi / 2 - apart(normal[None], own.sun[:, 0][None])[0]
@@ -196,7 +196,7 @@ def test_a_head_near_the_sun_is_blind(mission):
     law = Attitude(law="sun", axis=tuple(loaded.mission.heads[0].mounting.as_matrix()[:, 2]))
     turned = dataclasses.replace(loaded.mission, attitude=law)
     plan = plan_of(dataclasses.replace(loaded, mission=turned), errors=False)
-    chunk = at(plan, plan.course.at(0.0, 20.0, 4000))
+    chunk = at(plan, plan.motion.at(0.0, 20.0, 4000))
     sun = (chunk.seen[0].blind & Blind.SUN) > 0
     assert (sun == ~chunk.shadow.sun).all()
     assert sun.any()
@@ -246,7 +246,7 @@ def test_files_of_missions_are_refused_by_name(tmp_path):
 def test_eclipses_and_blindings_begin_and_end_as_in_another_program():
     """Each begin and end within one step of astropy and sgp4 with geometry of their own."""
     plan, total = independent.low_heads(), 0
-    own = at(plan, plan.course.at(11 * 86400.0, 10.0, 1000))
+    own = at(plan, plan.motion.at(11 * 86400.0, 10.0, 1000))
     eclipse, heads = independent.blinded(
         [one.boresight for one in plan.heads], [one.limits for one in plan.heads],
         own.instants.second,

@@ -12,12 +12,23 @@ from scipy.spatial.transform import Rotation
 
 from startrack import shipped
 from startrack.core import deg, installed_tables
-from startrack.mission import load_mission, read_aem, read_oem, write_aem, write_oem
-from startrack.mission.ccsds import Attitudes, Ephemeris
-from startrack.mission.instants import course_of, spread
-from startrack.mission.orbit import Kepler, path_of, sun_synchronous
+from startrack.mission import load_mission
+from startrack.mission.files import (
+    Attitudes,
+    Ephemeris,
+    read_aem,
+    read_ck,
+    read_oem,
+    read_spk,
+    to_ephemeris_time,
+    write_aem,
+    write_ck,
+    write_oem,
+    write_spk,
+)
+from startrack.mission.instants import motion_of, path_of, spread
 from startrack.mission.parameters import Attitude, Orbit
-from startrack.mission.spice import read_ck, read_spk, to_ephemeris_time, write_ck, write_spk
+from startrack.space import Kepler, sun_synchronous
 
 MISSION = load_mission(shipped("missions/sun-synchronous.toml"), ["time.duration=6 h"]).mission
 BEGIN = MISSION.time.begin
@@ -80,7 +91,7 @@ def test_places_between_times_are_interpolated():
 
 
 def test_an_orbit_file_moves_the_spacecraft_as_its_elements_do(tmp_path):
-    course = course_of(MISSION)
+    course = motion_of(MISSION)
     own = course.at(-60.0, 60.0, 400)
     with installed_tables():
         epochs = tuple((Time(BEGIN, scale="utc") + own.second * u.s).isot)
@@ -89,7 +100,7 @@ def test_an_orbit_file_moves_the_spacecraft_as_its_elements_do(tmp_path):
     back = read_oem(tmp_path / "a.oem")
     assert np.abs(back.place - own.place.T).max() < 1e-8
     assert back.epoch == epochs
-    flown = course_of(dataclasses.replace(MISSION, orbit=Orbit(oem=str(tmp_path / "a.oem"))))
+    flown = motion_of(dataclasses.replace(MISSION, orbit=Orbit(oem=str(tmp_path / "a.oem"))))
     a, b = (one.at(0.0, 10.0, 2000) for one in (course, flown))
     assert np.abs(a.place - b.place).max() < 0.05  # epochs in milliseconds: 7 m / ms, exact here
     assert np.abs(a.body - b.body).max() < 1e-6
@@ -98,7 +109,7 @@ def test_an_orbit_file_moves_the_spacecraft_as_its_elements_do(tmp_path):
 
 def test_attitude_files_come_back(tmp_path):
     """To 1e-12, with both orders of the scalar and both directions, and as an attitude law."""
-    own = course_of(MISSION).at(0.0, 5.0, 4400)
+    own = motion_of(MISSION).at(0.0, 5.0, 4400)
     turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
     with installed_tables():
         epochs = tuple((Time(BEGIN, scale="utc") + own.second * u.s).isot)
@@ -117,8 +128,8 @@ def test_attitude_files_come_back(tmp_path):
 
     path.write_text(text)
     law = Attitude(law="aem", aem=str(path))
-    flown = course_of(dataclasses.replace(MISSION, attitude=law)).at(0.0, 2.0, 4000)
-    reference = course_of(MISSION).at(0.0, 2.0, 4000)
+    flown = motion_of(dataclasses.replace(MISSION, attitude=law)).at(0.0, 2.0, 4000)
+    reference = motion_of(MISSION).at(0.0, 2.0, 4000)
     assert np.abs(flown.body - reference.body).max() < 1e-6
 
 

@@ -10,11 +10,10 @@ from startrack.core import deg
 from startrack.design import KeepOut
 from startrack.mission import load_mission, placement, plan_of, surrogate
 from startrack.mission.engine import at, fly
-from startrack.mission.heads import Blind
+from startrack.mission.heads import Blind, faces_of, nearest
 from startrack.mission.instants import Instants
-from startrack.mission.parameters import KeepClear, Needs, Obstacle, Orbit
+from startrack.mission.parameters import KeepClear, MissionRequirements, Obstacle, Orbit
 from startrack.mission.placement import angles_of, map_of, moved_plan, place, sphere, trades
-from startrack.mission.structure import faces_of, nearest
 from startrack.mission.summary import availability_of
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
@@ -46,7 +45,7 @@ def test_three_heads_above_the_earth(loaded):
         loaded.mission,
         heads=tuple(heads),
         orbit=Orbit(altitude=600e3, inclination=0.0),
-        requirements=Needs(availability_two=0.999),
+        requirements=MissionRequirements(availability_two=0.999),
     )
     found = place(plan_of(dataclasses.replace(loaded, mission=mission)))
     lines = np.array([head.mounting.as_matrix()[:, 2] for head in found.mission.heads])
@@ -176,7 +175,7 @@ def test_a_head_behind_structure_is_blind(loaded):
     for obstacle, always in ((wide, True), (near, False)):
         mission = dataclasses.replace(loaded.mission, structure=(obstacle,))
         plan = plan_of(dataclasses.replace(loaded, mission=mission), errors=False)
-        chunk = at(plan, plan.course.at(0.0, 30.0, 300))
+        chunk = at(plan, plan.motion.at(0.0, 30.0, 300))
         blocked = (chunk.seen[0].blind & Blind.STRUCTURE) > 0
         assert (blocked == (always | ~chunk.shadow.sun)).all()
     with pytest.raises(ValueError, match="size must be above 0 along two axes"):

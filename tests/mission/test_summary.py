@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from startrack import load_design, shipped
-from startrack.mission import engine, flown_from, key_of, load_mission, plan_of, store, surrogate
+from startrack.mission import engine, flown_from, load_mission, plan_of, store, surrogate
 from startrack.mission.engine import Flown
 from startrack.mission.heads import Blind
-from startrack.mission.parameters import Needs
+from startrack.mission.parameters import MissionRequirements
+from startrack.mission.store import key_of
 from startrack.mission.summary import availability_of, reacquisition_of, spells, verdicts
 
 
@@ -41,13 +42,15 @@ def test_availability_is_counted_as_by_hand():
     assert found.causes[Blind.MOON].tolist() == [0.25, 0.25, 0]
     assert found.alone.tolist() == [0.5, 0.5, 0.75]
     assert found.none.longest == 10
-    told = verdicts(Needs(max_blind=5.0, availability_one=0.7, availability_two=0.8), found)
+    told = verdicts(
+        MissionRequirements(max_blind=5.0, availability_one=0.7, availability_two=0.8), found
+    )
     assert [one.met for one in told] == [False, True, False]
 
 
 def test_needs_are_refused_by_name():
     with pytest.raises(ValueError, match="availability_one must lie in"):
-        Needs(availability_one=1.5)
+        MissionRequirements(availability_one=1.5)
 
 
 def test_reacquisition_is_that_of_drawn_frames():

@@ -10,9 +10,9 @@ from startrack import Fidelity, run_trials, shipped
 from startrack.core import deg
 from startrack.design import KeepOut
 from startrack.detector import Age, Thermal
-from startrack.mission import checked, load_mission, plan_of, surrogate, timeline
-from startrack.mission.parameters import Check, Needs, Warmth
-from startrack.mission.rendered import fitted, scenes_at
+from startrack.mission import load_mission, plan_of, surrogate, timeline
+from startrack.mission.parameters import Check, HeadTemperature, MissionRequirements
+from startrack.mission.rendered import checked, fitted, scenes_at
 from startrack.mission.surrogate import cell_of, middles
 from startrack.optics import Baffle
 
@@ -81,10 +81,13 @@ def old_and_warm(trials):
         case, instrument=dataclasses.replace(case.instrument, detector=detector)
     )
     head = dataclasses.replace(
-        loaded.mission.heads[0], age=0.0, temperature=Warmth(swing=12.0, ahead=1.0)
+        loaded.mission.heads[0], age=0.0, temperature=HeadTemperature(swing=12.0, ahead=1.0)
     )
     mission = dataclasses.replace(
-        loaded.mission, heads=(head,), check=Check(trials, Fidelity.WINDOW), requirements=Needs()
+        loaded.mission,
+        heads=(head,),
+        check=Check(trials, Fidelity.WINDOW),
+        requirements=MissionRequirements(),
     )
     design = dataclasses.replace(loaded.designs[0], case=case)
     return plan_of(dataclasses.replace(loaded, mission=mission, designs=(design,)))

@@ -265,7 +265,7 @@ def test_an_own_attitude_is_as_accurate_and_states_its_covariance(others):
 def test_an_own_attitude_is_exact_for_exact_stars_and_not_for_covariance(others):
     from scipy.spatial.transform import Rotation
 
-    from startrack.attitude.extension_method import AttitudeInput, attitude_by_code
+    from startrack.attitude.solve import AttitudeInput, attitude_by_code
 
     case = others("tracker.attitude.method=mylab.others:wahba").case
     rng = np.random.default_rng(1)

@@ -33,7 +33,8 @@ from startrack.plots import (
     style,
 )
 from startrack.plots.frames import stretch
-from startrack.sequence import FRAMES, Mode
+from startrack.sequence import Mode
+from startrack.sequence.run import FRAMES
 from startrack.trial import OUTCOMES
 
 PHONE = 400  # pixel, the width of a phone

@@ -7,11 +7,12 @@ import pytest
 
 from startrack.core.units import deg, nm
 from startrack.scene import Orbit, Scene, illuminate
-from startrack.scene.airglow import RAYLEIGH, SHELLS, airglow, spectrum
 from startrack.scene.bodies import Disc, Earth, earth_of
 from startrack.scene.cities import CITIES, cities
-from startrack.scene.ephemeris import EARTH_RADIUS, J2000, Observer, observer_of
+from startrack.scene.ephemeris import Observer, observer_of
+from startrack.scene.limb import RAYLEIGH, SHELLS, airglow, spectrum
 from startrack.scene.photometry import WAVELENGTH
+from startrack.space import EARTH_RADIUS, J2000
 
 from .test_illuminate import sight_of, stars_at
 

@@ -12,9 +12,10 @@ from startrack.scene.bodies import (
     sun_of,
     sunlight,
 )
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, Observer, observer_of
+from startrack.scene.ephemeris import Observer, observer_of
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import WAVELENGTH
+from startrack.space import AU, EARTH_RADIUS
 
 ENERGY = PLANCK * LIGHT_SPEED / WAVELENGTH  # joule of a photon
 

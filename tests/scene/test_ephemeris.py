@@ -5,9 +5,10 @@ import pytest
 
 from startrack.core.streams import Streams
 from startrack.core.units import deg, installed_tables
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, observer_of, on_orbit
+from startrack.scene.ephemeris import observer_of, on_orbit
 from startrack.scene.parameters import Orbit, Scene
 from startrack.scene.planets import magnitude_v
+from startrack.space import AU, EARTH_RADIUS
 
 
 def at(date: str, **changes):

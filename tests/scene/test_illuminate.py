@@ -8,10 +8,11 @@ from startrack.core.streams import Streams
 from startrack.core.units import deg
 from startrack.core.values import Stars
 from startrack.scene import Orbit, Scene, Sight, illuminate
+from startrack.scene.background import zodiacal
 from startrack.scene.bodies import MOON_RADIUS, SUN_RADIUS
-from startrack.scene.ephemeris import AU, EARTH_RADIUS, observer_of
+from startrack.scene.ephemeris import observer_of
 from startrack.scene.planets import PLANETS
-from startrack.scene.zodiacal import zodiacal
+from startrack.space import AU, EARTH_RADIUS
 
 DATE = "2026-03-25T12:00:00"
 CAMERA = Camera.from_field_of_view(400, 300, 20 * deg)

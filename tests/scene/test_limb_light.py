@@ -7,9 +7,9 @@ from startrack.core.units import deg, nm
 from startrack.io import shipped
 from startrack.scene import load_limb
 from startrack.scene.bodies import Disc, Earth, sunlight
-from startrack.scene.ephemeris import AU, EARTH_RADIUS
 from startrack.scene.limb import limb_light
 from startrack.scene.photometry import WAVELENGTH
+from startrack.space import AU, EARTH_RADIUS
 
 FAR = 2800e3  # metre from the observer to the limb
 

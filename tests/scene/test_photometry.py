@@ -3,8 +3,14 @@ import pytest
 
 from startrack.core.units import arcsec
 from startrack.core.values import Stars
-from startrack.scene import WAVELENGTH, Scene, colour_temperature, illuminate
-from startrack.scene.photometry import GAIA_APERTURE, ZERO_POINT, passband, photon_irradiance
+from startrack.scene import WAVELENGTH, Scene, illuminate
+from startrack.scene.photometry import (
+    GAIA_APERTURE,
+    ZERO_POINT,
+    colour_temperature,
+    passband,
+    photon_irradiance,
+)
 
 TEMPERATURES = [3500, 4000, 5000, 5800, 7000, 9600, 10000, 20000]
 

@@ -5,8 +5,8 @@ import pytest
 
 from startrack.catalog import Selection, open_sky
 from startrack.core.units import GALACTIC_POLE, deg
+from startrack.scene.background import starlight, starlight_spectrum
 from startrack.scene.photometry import photon_irradiance
-from startrack.scene.starlight import starlight, starlight_spectrum
 
 BELTS = [(0, 5), (5, 10), (10, 20), (20, 30), (30, 40), (40, 50), (50, 60), (60, 90)]
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from startrack.core.units import arcsec, deg
+from startrack.scene.background import OBLIQUITY, zodiacal, zodiacal_spectrum
 from startrack.scene.photometry import GAIA_APERTURE, ZERO_POINT, passband
-from startrack.scene.zodiacal import OBLIQUITY, zodiacal, zodiacal_spectrum
 
 
 def ecliptic(longitude, latitude):

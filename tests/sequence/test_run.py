@@ -16,7 +16,6 @@ from startrack.io import to_qtable
 from startrack.montecarlo.workers import Serial
 from startrack.motion import Motion
 from startrack.sequence import (
-    FRAMES,
     Gyro,
     Leg,
     Mode,
@@ -26,6 +25,7 @@ from startrack.sequence import (
     run,
     summarise_sequences,
 )
+from startrack.sequence.run import FRAMES
 from startrack.trial.chain import run_random_trial
 
 GYRO = Gyro(2 * arcsec, 0.05 * arcsec, 5 * arcsec)

@@ -1,33 +1,27 @@
-"""Extinction over height, and scattering by particles, from type of aerosol and visibility."""
+"""Extinction over height, and scattering by particles, from type of aerosol and visibility.
+
+The one file that imports sasktran2.
+"""
 
 from __future__ import annotations
 
+import importlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    nm,
-    um,
-)
-from startrack.earth.atmosphere.sasktran import mie
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, nm, um
 
 REFERENCE = 550 * nm  # of visibility and extinction
 KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
 AIR_AT_GROUND = 1.16e-5  # 1 / m, Rayleigh extinction at 550 nm and sea level
 MOMENTS = 200  # of the phase function, which also sets the quadrature over its angle
-
 # Dry particles, dust-like and water-soluble in the fractions 0.3 and 0.7; and soot in towns.
 # Source: Shettle and Fenn (1979), AFGL-TR-79-0214, tables 1 and 2; indices of the components as
 # in WMO (1983), WCP-55.
@@ -42,7 +36,6 @@ SOLUBLE: Floats = (
     np.array([5.0, 5.0, 6.0, 6.0, 7.0, 12.0, 17.0, 20.0, 23.0, 17.0, 10.0], np.float64) * 1e-3
 )
 SOOT_INDEX = 1.75 - 0.44j
-
 # Extinction at 550 nm over height, 1 / km: columns for a visibility of 50, 23, 10, 5 and 2 km
 # in the lowest three, then spring and summer, then a background stratosphere.
 # Source: Shettle and Fenn (1979), table 4; as LOWTRAN 7 has them, AFGL-TR-88-0177.
@@ -64,6 +57,47 @@ HIGH = (
 )
 SPARSE = 25e3  # metre, above which the steps are 5 km and more
 HEIGHT: Floats = np.array([*range(26), 30, 35, 40, 45, 50, 70, 100], np.float64) * 1e3
+
+
+def sasktran2(part: str = "") -> Any:
+    """The package, or a module of it.
+
+    part    of its name, such as "mie.distribution"
+    Raises  ModuleNotFoundError where it is missing.
+    """
+    try:
+        package = importlib.import_module("sasktran2")
+    except ModuleNotFoundError as missing:
+        raise ModuleNotFoundError(
+            "new tables of the air need sasktran2: python -m pip install 'startrack[earth]'"
+        ) from missing
+    return importlib.import_module(f"sasktran2.{part}") if part else package
+
+
+def mie(
+    modes: Sequence[Any], fractions: Sequence[float], wavelength: Floats, index: Any, moments: int
+) -> tuple[Floats, Floats, Floats]:
+    """Extinction, scattering and Legendre moments of a mixture of particles.
+
+    modes       frozen distributions of scipy over the radius in nanometre
+    shares      of their numbers
+    wavelength  (k,) metre
+    index       (k,) refractive index
+    Returns     (k,) square metre, (k,) square metre, (k, moments) 1
+    Raises      ModuleNotFoundError where sasktran2 is missing.
+    """
+    at = dict(zip(wavelength / nm, index, strict=True))
+    by_mode_and_wavelength = sasktran2("mie.distribution").integrate_mie_cpp(
+        list(modes), lambda nanometres: at[float(nanometres)], wavelength / nm, num_coeffs=moments
+    )
+    weights = np.asarray(fractions)
+    extinction = by_mode_and_wavelength["xs_total"].to_numpy() @ weights
+    by_mode = by_mode_and_wavelength["xs_scattering"].to_numpy() * weights
+    scattering = by_mode.sum(-1)
+    phase = (by_mode_and_wavelength["lm_a1"].to_numpy() * by_mode[:, :, None]).sum(1) / scattering[
+        :, None
+    ]
+    return extinction, scattering, phase
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,13 +152,13 @@ class Haze(Parameters):
         ones = np.ones(len(wavelength))
         extinction = (wavelength / REFERENCE) ** -self.angstrom
         order = np.arange(moments)
-        found = (2 * order + 1) * self.asymmetry**order
+        legendre_moments = (2 * order + 1) * self.asymmetry**order
         if self.phase:
             nodes, weights = np.polynomial.legendre.leggauss(2 * moments)
             weighted = np.interp(np.arccos(nodes), self.angles, self.phase) * weights
             legendre = np.polynomial.legendre.legvander(nodes, moments - 1)
-            found = (2 * order + 1) * (weighted @ legendre) / weighted.sum()
-        return Particles(extinction, self.albedo * ones, ones[:, None] * found)
+            legendre_moments = (2 * order + 1) * (weighted @ legendre) / weighted.sum()
+        return Particles(extinction, self.albedo * ones, ones[:, None] * legendre_moments)
 
 
 def profile(visibility: float, height: Floats) -> Floats:

@@ -153,7 +153,7 @@ def layer_optics(albedo: float, asymmetry: float) -> LayerOptics:
     ]
     fluxes = _refined(np.concatenate([0 * fluxes[:1], fluxes]), depths[0], cosine, (1,))
     multiple = _refined(np.concatenate([0 * multiple[:1], multiple]), depths[1], cosine, (1, 2))
-    few, fewer = (_stretched(each) for each in depths)
+    few, fewer = (_stretched(depth) for depth in depths)
     return LayerOptics(
         albedo,
         asymmetry,
@@ -185,7 +185,7 @@ def _double(
 
     Both such that radiance = 2 sum_j R_ij weight_j cosine_j times radiance that comes in.
     """
-    flux, one = 2 * cosine * weight, np.eye(len(cosine))
+    flux, identity = 2 * cosine * weight, np.eye(len(cosine))
     straight = np.exp(-THINNEST / cosine)
     r = backwards * _single(THINNEST, cosine[:, None], cosine) * flux
     apart = 1 / cosine[:, None] - 1 / cosine
@@ -195,7 +195,7 @@ def _double(
     t = t + np.diag(straight)
     reflected, transmitted = [r / flux], [(t[0] - np.diag(straight)) / flux]
     for _ in range(DOUBLINGS):
-        between = np.linalg.solve(one - r @ r, t)
+        between = np.linalg.solve(identity - r @ r, t)
         r, t = r + t @ r @ between, t @ between
         straight = straight**2
         reflected.append(r / flux)
@@ -212,8 +212,8 @@ def _refined(values: Floats, depth: Floats, cosine: Floats, along: tuple[int, ..
     parity = (-1.0) ** np.arange(values.shape[-1]) if len(along) > 1 else 1.0
     for axis in along:
         right = np.flip(values, axis)
-        whole = np.concatenate([parity * values, right], axis)
-        values = CubicSpline(np.concatenate([-angle[::-1], angle]), whole, axis)(ANGLES)
+        around = np.concatenate([parity * values, right], axis)
+        values = CubicSpline(np.concatenate([-angle[::-1], angle]), around, axis)(ANGLES)
     return CubicSpline(_stretched(np.append(0.0, DEPTHS)), values, 0)(_stretched(depth))
 
 

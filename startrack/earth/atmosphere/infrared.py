@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from startrack.core import Floats, deg, positive, um
-from startrack.earth.atmosphere.bands import BandTable, require_response
 from startrack.earth.atmosphere.radiance import planck
-from startrack.earth.atmosphere.sunlight import sun_spectrum
-from startrack.io import open_checked
+from startrack.earth.atmosphere.spectra import sun_spectrum
+from startrack.earth.atmosphere.table import BandTable, require_response
+from startrack.io import open_checked, save_checked
 
 FORMAT = 1  # of the file
 WARM = 300.0  # kelvin
@@ -110,25 +110,18 @@ def load_infrared(path: Path) -> InfraredTable:
 
 def save_infrared(path: Path, table: InfraredTable) -> None:
     """Write a table as FITS in single precision, with checksums; `path` is written by name."""
-    from astropy.io import fits
-
-    first = fits.PrimaryHDU()
-    first.header["INFRARED"] = (FORMAT, "format of this table of the air")
-    parts = []
-    for name in _ARRAYS:
-        values = getattr(table, name)
-        parts.append(fits.ImageHDU(values if values.ndim == 1 else np.float32(values), name=name))
-    fits.HDUList([first, *parts]).writeto(path, checksum=True)
+    cards = {"INFRARED": (FORMAT, "format of this table of the air")}
+    save_checked(path, cards, {name: getattr(table, name) for name in _ARRAYS})
 
 
 def _above(table: InfraredTable, ground: float, sensor: float, angle: Floats) -> tuple[Floats, ...]:
     """Transmittance and thermal radiance (v, f) of the air between two heights above the sea."""
-    whole = _from_sea(table, sensor, angle)
+    from_sea = _from_sea(table, sensor, angle)
     if ground <= 0:
-        return whole
+        return from_sea
     below = _from_sea(table, ground, angle)
-    through = np.minimum(whole[0] / np.maximum(below[0], 1e-6), 1.0)
-    return through, np.maximum(whole[1] - through * below[1], 0.0)
+    through = np.minimum(from_sea[0] / np.maximum(below[0], 1e-6), 1.0)
+    return through, np.maximum(from_sea[1] - through * below[1], 0.0)
 
 
 def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Floats, ...]:
@@ -140,19 +133,19 @@ def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Float
     position = np.interp(1 / np.cos(angle), secant, np.arange(len(secant)))
     left = np.minimum(position.astype(int), len(secant) - 2)
     right = (position - left)[:, None]
-    found = []
+    between = []
     for values in (np.log(np.maximum(table.through, 1e-12)), table.rise):
         layer = (1 - fraction) * values[low] + fraction * values[low + 1]
-        found.append(layer[left] * (1 - right) + layer[left + 1] * right)
+        between.append(layer[left] * (1 - right) + layer[left + 1] * right)
     thin = min(height / table.altitude[0], 1.0)  # under the lowest sensor, in proportion
-    return np.exp(thin * found[0]), thin * found[1]
+    return np.exp(thin * between[0]), thin * between[1]
 
 
 def _fraction_above(table: InfraredTable, ground: float) -> Floats:
     """(f,) thermal radiance of the sky at a height over that at sea level, by its emissivity."""
     angle, top = np.array([DIFFUSE]), float(table.altitude[-1])
-    whole = 1 - _above(table, 0.0, top, angle)[0][0]
-    return (1 - _above(table, ground, top, angle)[0][0]) / np.maximum(whole, 1e-12)
+    emissivity = 1 - _above(table, 0.0, top, angle)[0][0]
+    return (1 - _above(table, ground, top, angle)[0][0]) / np.maximum(emissivity, 1e-12)
 
 
 _ARRAYS = tuple(field.name for field in fields(InfraredTable))

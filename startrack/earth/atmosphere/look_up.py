@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from startrack.core import Floats, deg, kernel, read_only
-from startrack.earth.atmosphere.bands import BandTable
+from startrack.earth.atmosphere.table import BandTable
 
 Singles = NDArray[np.float32]
 Reals = NDArray[np.floating[Any]]
@@ -77,11 +77,7 @@ class FineTable:
         height, sensor = (
             np.clip((place - start) / step, 0, size - 1)
             for place, start, step, size in zip(
-                (sight.height, sight.sensor),
-                self.start,
-                self.step,
-                values.shape,
-                strict=False,
+                (sight.height, sight.sensor), self.start, self.step, values.shape, strict=False
             )
         )
         h, v = height.astype(int), sensor.astype(int)
@@ -104,11 +100,7 @@ def refine(table: BandTable, reach: Reach) -> FineTable:
     nodes = [
         _nodes(name, axis, extent, step)
         for name, axis, extent, step in zip(
-            Reach._fields,
-            axes,
-            reach,
-            (HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP),
-            strict=True,
+            Reach._fields, axes, reach, (HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP), strict=True
         )
     ]
     ground = np.concatenate([table.direct, table.sky, table.around], 3)
@@ -119,10 +111,10 @@ def refine(table: BandTable, reach: Reach) -> FineTable:
             ground = _spline(axis, ground, i, at)
     backscatter = _spline(table.height, backscatter, 0, nodes[0])
     heat = [
-        None if one is None else _single(
-            _spline(table.sensor, _spline(table.height, one, 0, nodes[0]), 1, nodes[1])
+        None if term is None else _single(
+            _spline(table.sensor, _spline(table.height, term, 0, nodes[0]), 1, nodes[1])
         )
-        for one in (table.through, table.rise, table.fall)
+        for term in (table.through, table.rise, table.fall)
     ]  # fmt: skip
     return FineTable(
         np.array([at[0] for at in nodes]),

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats
-from startrack.earth.atmosphere.bands import BandTable
 from startrack.earth.atmosphere.look_up import (
     FineTable,
     Reach,
@@ -20,6 +19,7 @@ from startrack.earth.atmosphere.look_up import (
     look_up,
     refine,
 )
+from startrack.earth.atmosphere.table import BandTable
 from startrack.earth.terrain import Ground, up
 
 COLDEST, HOTTEST = 50.0, 3000.0  # kelvin, of the spline
@@ -166,7 +166,7 @@ def sight_of(ground: Ground) -> Sight:
     high, low = np.einsum("ij,ij->i", camera, zenith), zenith @ sun
     # Both without their components along the zenith.
     level, shone = camera - high[:, None] * zenith, sun - low[:, None] * zenith
-    apart, about = (np.sqrt(np.einsum("ij,ij->i", one, one)) for one in (level, shone))
+    apart, about = (np.sqrt(np.einsum("ij,ij->i", vector, vector)) for vector in (level, shone))
     turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
     return Sight(
         ground.height[seen],
@@ -212,16 +212,15 @@ def at_sensor(
     here = np.broadcast_to(reflectance, (len(ground), bands))[ground.hit]
     warm = None if temperature is None else temperature[ground.hit]
     beam = None if direct is None else direct[ground.hit]
-    found = radiance(_near(table, sight), sight, here, surroundings, heat, warm, direct=beam)
-    for name, whole, part in zip(Terms._fields, out, found, strict=True):
+    seen_terms = radiance(_near(table, sight), sight, here, surroundings, heat, warm, direct=beam)
+    for name, all_rays, part in zip(Terms._fields, out, seen_terms, strict=True):
         lit_by_air = name in ("indirect", "scattered")
-        whole[ground.hit] = part * weak[:, None] if lit_by_air else part
+        all_rays[ground.hit] = part * weak[:, None] if lit_by_air else part
     return out
 
 
 def _near(table: BandTable, sight: Sight) -> FineTable:
     """The part of the table that a scene needs."""
     return refine(
-        table,
-        Reach._make((float(values.min()), float(values.max())) for values in sight[:4]),
+        table, Reach._make((float(values.min()), float(values.max())) for values in sight[:4])
     )

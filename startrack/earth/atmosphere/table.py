@@ -1,43 +1,47 @@
-"""AirTable: radiance and transmission over wavelength and geometry, and its file."""
+"""AirTable: radiation over wavelength and geometry, and its file; BandTable: the same in bands."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from startrack.core import Floats, Unit, non_negative, one_of, within
-from startrack.io import open_checked
+from startrack.core import (
+    NON_NEGATIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    positive,
+)
+from startrack.io import open_checked, save_checked
 
 AEROSOLS = ("none", "rural", "urban")
+FORMAT = 1  # of the file
+AXES = ("wavelength", "height", "altitude", "sensor", "sun", "azimuth")
+# Scale heights, metre, for the fraction of a gas below a height. Water: 2 km, as Bird and Riordan;
+# mixed gases: as the air; ozone: evenly between two heights, chosen by hand.
+WATER_SCALE, AIR_SCALE = 2e3, 8e3
+OZONE_FROM, OZONE_TO = 12e3, 35e3
+WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scatters (as 6S)
 
 
 @dataclass(frozen=True)
-class Air:
-    """One state of the atmosphere; the defaults are a clear day in mid-latitude summer.
+class Air(Parameters):
+    """One state of the atmosphere; the defaults are a clear day in mid-latitude summer."""
 
-    aerosol     type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone
-    visibility  metre, meteorological range at the ground: where contrast falls to 2 %
-    water       kilogram / square metre of water vapour above the sea
-    ozone       metre of pure ozone at standard conditions; 1e-5 m is a Dobson unit
-    """
-
-    aerosol: str = "rural"
-    visibility: Annotated[float, Unit("m", "km")] = 23e3
-    water: Annotated[float, Unit("kg / m2")] = 29.2
-    ozone: Annotated[float, Unit("m", "mm")] = 3.32e-3
-
-    def __post_init__(self) -> None:
-        one_of(AEROSOLS, aerosol=self.aerosol)
-        within(2e3, 150e3, visibility=self.visibility)
-        non_negative(water=self.water, ozone=self.ozone)
-
-
-FORMAT = 1  # of the file
-AXES = ("wavelength", "height", "altitude", "sensor", "sun", "azimuth")
+    aerosol: Annotated[str, Range(choices=AEROSOLS),
+        'type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone'
+    ] = "rural"  # fmt: skip
+    visibility: Annotated[float, Unit("m", "km"), Range(2e3, 150e3),
+        "meteorological range at the ground: where contrast falls to 2 %"] = 23e3  # fmt: skip
+    water: Annotated[float, Unit("kg / m2"), NON_NEGATIVE, "vapour above the sea"] = 29.2
+    ozone: Annotated[float, Unit("m", "mm"), NON_NEGATIVE,
+        "pure, at standard conditions; 1e-5 m is a Dobson unit"] = 3.32e-3  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +95,14 @@ def save_table(path: Path, table: AirTable) -> None:
 
     Raises  OSError where it cannot be written.
     """
-    from astropy.io import fits
-
-    first = fits.PrimaryHDU()
-    first.header["TABLE"] = (FORMAT, "format of this table of the air")
-    first.header["AEROSOL"] = table.air.aerosol
-    first.header["VISIBIL"] = (table.air.visibility, "[m] at the ground")
-    first.header["WATER"] = (table.air.water, "[kg / m2]")
-    first.header["OZONE"] = (table.air.ozone, "[m] at standard conditions")
-    parts = [fits.ImageHDU(_kept(name, getattr(table, name)), name=name) for name in ARRAYS]
-    fits.HDUList([first, *parts]).writeto(path, checksum=True)
+    cards = {
+        "TABLE": (FORMAT, "format of this table of the air"),
+        "AEROSOL": table.air.aerosol,
+        "VISIBIL": (table.air.visibility, "[m] at the ground"),
+        "WATER": (table.air.water, "[kg / m2]"),
+        "OZONE": (table.air.ozone, "[m] at standard conditions"),
+    }
+    save_checked(path, cards, {name: getattr(table, name) for name in ARRAYS})
 
 
 def load_table(path: Path) -> AirTable:
@@ -116,6 +118,159 @@ def load_table(path: Path) -> AirTable:
     return AirTable(air, **arrays)
 
 
-def _kept(name: str, values: Floats) -> NDArray[np.generic]:
-    """Axes in double precision, large arrays in single."""
-    return values if values.ndim == 1 else values.astype(np.float32)
+@dataclass(frozen=True, eq=False)
+class BandTable:
+    """Terms of the radiance in bands, over geometry, for one altitude of the sensor.
+
+    height, sensor, sun, azimuth  as in AirTable
+    path         (h, v, s, p, b) watt / m^2 / sr, of the air alone
+    direct       (h, v, s, b) watt / m^2 / sr, from white horizontal ground in the direct beam alone
+    sky          (h, v, s, b) watt / m^2 / sr, from it in the diffuse light alone
+    around       (h, v, s, b) watt / m^2 / sr, from white ground around, in both
+    backscatter  (h, b) 1, spherical albedo
+    through      (h, v, b) 1, direct transmittance from ground to sensor, lines of gases
+                 included
+    rise         (h, v, b) watt / m^2 / sr, thermal radiance of the air towards the sensor
+    fall         (h, v, b) watt / m^2 / sr, thermal radiance of the sky that white ground reflects
+                 to the sensor; both None where `radiance` assumes isothermal air
+    """
+
+    height: Floats
+    sensor: Floats
+    sun: Floats
+    azimuth: Floats
+    path: Floats
+    direct: Floats
+    sky: Floats
+    around: Floats
+    backscatter: Floats
+    through: Floats
+    rise: Floats | None = None
+    fall: Floats | None = None
+
+
+def in_bands(
+    table: AirTable, response: Floats, altitude: float, distance: float = 1.0
+) -> BandTable:
+    """Weight the spectrum with the response of each band.
+
+    Products of transmittances are taken before they are averaged over a band, so that lines and
+    slopes inside it are kept.
+
+    response  (b, f) 1 / metre or 1 over table.spectrum: the band's radiance is the integral of
+              response times spectral radiance
+    altitude  metre, of the sensor above the ground
+    distance  astronomical unit, of the Sun
+    Returns   BandTable; its unit is watt / m^2 / sr times that of `response` times metre
+    Raises    ValueError where no response lies inside the table's spectrum, or the sensor on the
+              ground.
+    Accuracy  model: below the table's lowest altitude the air below the sensor is reduced in
+              proportion; at 500 m of 2 km its light is 10 to 20 % low, as haze is densest there.
+              numerical: a cubic spline over the logarithm of wavelength and altitude.
+    """
+    positive(altitude=altitude, distance=distance)
+    flat = response * np.gradient(table.spectrum)
+    weights = flat * table.irradiance / distance**2
+    require_response(weights, table.spectrum)
+    used = np.flatnonzero(weights.any(0))
+    weights, flat, at = weights[:, used], flat[:, used], np.log(table.spectrum[used])
+    position = np.log(np.clip(altitude, *table.altitude[[0, -1]]))
+    thin = min(altitude / float(table.altitude[0]), 1.0)
+
+    across = _spline(np.log(table.wavelength), at)  # (f, k)
+    here = _spline(np.log(table.altitude), np.array([position]))[0]  # (a,)
+
+    def fine(values: Floats, has_altitude: bool) -> Floats:
+        """(k, h, [a,] ...) -> (h, ..., f), at the altitude of the sensor."""
+        if has_altitude:
+            values = np.tensordot(values, here, (2, 0))
+        return np.tensordot(values, across, (0, 1))
+
+    gas = np.log(np.maximum(table.gas[:, used], 1e-12))
+    seen, around = fine(table.seen, True) ** thin, fine(table.around, True) * thin
+    beam, skylight = fine(table.beam, False), fine(table.skylight, False)
+    cosine = np.cos(table.sun)
+    shape = len(table.height), len(table.sensor), len(table.sun)
+    direct, sky, spread = np.empty((3, *shape, len(weights)))
+    path = np.empty((*shape, len(table.azimuth), len(weights)))
+    spectral_path = np.tensordot(table.path, here, (2, 0)) * thin
+    for h, v, s in np.ndindex(shape):
+        through, halfway = _gases(table, gas, h, v, s, altitude)
+        lit = weights * through / math.pi
+        direct[h, v, s] = lit @ (cosine[s] * beam[h, s] * seen[h, v])
+        sky[h, v, s] = lit @ (skylight[h, s] * seen[h, v])
+        spread[h, v, s] = lit @ ((cosine[s] * beam[h, s] + skylight[h, s]) * around[h, v])
+        path[h, v, s] = (((weights * halfway) @ across) @ spectral_path[:, h, v, s]).T
+    transmittance = np.empty((*shape[:2], len(weights)))
+    for h, v in np.ndindex(shape[:2]):
+        masses = _masses(table, h, v, altitude)
+        transmittance[h, v] = flat @ (seen[h, v] * _transmitted(table, gas, masses)) / flat.sum(-1)
+    total = weights.sum(-1)
+    backscatter = fine(table.backscatter, False) @ weights.T / total
+    return BandTable(
+        table.height,
+        table.sensor,
+        table.sun,
+        table.azimuth,
+        path,
+        direct,
+        sky,
+        spread,
+        backscatter,
+        transmittance,
+    )
+
+
+def require_response(weights: Floats, spectrum: Floats) -> None:
+    """Refuse bands (b, f) without response in a spectrum (f,) in metre."""
+    if not (weights.any(-1).all() and np.isfinite(weights).all()):
+        low, high = spectrum[[0, -1]]
+        raise ValueError(
+            f"every band must have a response between {low * 1e9:.0f} and {high * 1e9:.0f} nm"
+        )
+
+
+def _spline(nodes: Floats, at: Floats) -> Floats:
+    """(f, k): the values at k nodes to those of their cubic spline, or the one node's constant."""
+    if len(nodes) == 1:
+        return np.ones((len(at), 1))
+    return CubicSpline(nodes, np.eye(len(nodes)))(at)
+
+
+def _gases(
+    table: AirTable, gas: Floats, h: int, v: int, s: int, altitude: float
+) -> tuple[Floats, Floats]:
+    """Transmittance of all gases for light from the ground, and for light of the air alone."""
+    air_mass = 1 / math.cos(table.sun[s])
+    down = np.array([_below(table.height[h], 1e6, gas) for gas in range(3)]) * air_mass
+    masses = _masses(table, h, v, altitude) + down
+    through = _transmitted(table, gas, masses)
+    masses[0] *= WATER_ABOVE_SCATTERING
+    return through, _transmitted(table, gas, masses)
+
+
+def _masses(table: AirTable, h: int, v: int, altitude: float) -> Floats:
+    """(3,) air masses of each gas between ground and sensor."""
+    ground = table.height[h]
+    return np.array([_below(ground, ground + altitude, gas) for gas in range(3)]) / math.cos(
+        table.sensor[v]
+    )
+
+
+def _below(low: float, high: float, gas: int) -> float:
+    """Fraction of a gas, in the order of GASES, between two heights above the sea."""
+    if gas < 2:
+        scale = (WATER_SCALE, AIR_SCALE)[gas]
+        return math.exp(-low / scale) - math.exp(-high / scale)
+    edges = np.clip((np.array([low, high]) - OZONE_FROM) / (OZONE_TO - OZONE_FROM), 0, 1)
+    return float(edges[1] - edges[0])
+
+
+def _transmitted(table: AirTable, gas: Floats, masses: Floats) -> Floats:
+    """Of all gases, from their logarithms (3, f, m); strong lines go with the root of the mass."""
+    root, total = np.sqrt(table.mass), np.zeros(gas.shape[1])
+    for values, at in zip(gas, masses, strict=True):
+        i = int(np.clip(np.searchsorted(table.mass, at) - 1, 0, len(root) - 2))
+        fraction = (math.sqrt(min(at, table.mass[-1])) - root[i]) / (root[i + 1] - root[i])
+        total += (1 - fraction) * values[:, i] + fraction * values[:, i + 1]
+    return np.exp(total)

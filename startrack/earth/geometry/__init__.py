@@ -1,14 +1,11 @@
 """A camera in flight: orbit or aircraft, sensor and pointing; what each pixel sees.
 
-orbit       Position and velocity of a satellite or an aircraft over the rotating Earth, and
-            direction of the Sun.
-sensor      Elements of a detector, and the times of its lines.
-sight       The line of sight of each pixel of a camera in flight, at its own time.
-parameters  EarthScene: a camera in flight over terrain, as a scene file gives it.
-image       Ground line by line from an EarthScene: what each ray of an image meets.
+orbit  Position and velocity of a satellite or an aircraft over the rotating Earth.
+sight  Elements of a detector, the times of its lines, and the line of sight of each pixel.
+scene  EarthScene: a camera in flight over terrain, as a scene file gives it; the ground, line by
+       line, that it sees.
 """
 
-from startrack.earth.geometry.image import Strip, observe_earth
 from startrack.earth.geometry.orbit import (
     Aircraft,
     Carrier,
@@ -17,28 +14,24 @@ from startrack.earth.geometry.orbit import (
     TwoLines,
     choose_carrier,
     fly,
-    sun_direction,
 )
-from startrack.earth.geometry.parameters import EarthScene, Fractal, MapFile, Sensor, Terrain, find
-from startrack.earth.geometry.sensor import (
-    Dating,
-    Elements,
-    inside_pixel,
-    line_elements,
-    matrix_elements,
-    staggered_elements,
-    tdi_elements,
+from startrack.earth.geometry.scene import (
+    EarthScene,
+    Fractal,
+    MapFile,
+    Sensor,
+    Strip,
+    Terrain,
+    find,
+    observe_earth,
 )
-from startrack.earth.geometry.sight import Fixed, Jitter, Pointing, ground_rate, scan_lines, sight
+from startrack.earth.geometry.sight import Elements, Jitter, Pointing, ground_rate, inside_pixel
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Aircraft",
     "Carrier",
-    "Dating",
     "EarthScene",
-    "Elements",
-    "Fixed",
     "Flight",
     "Fractal",
     "MapFile",
@@ -50,12 +43,5 @@ __all__ = [
     "TwoLines",
     "fly",
     "ground_rate",
-    "line_elements",
-    "matrix_elements",
     "observe_earth",
-    "scan_lines",
-    "sight",
-    "staggered_elements",
-    "sun_direction",
-    "tdi_elements",
 ]

@@ -1,22 +1,29 @@
-"""Position and velocity of a satellite or an aircraft over the Earth; direction of the Sun."""
+"""Position and velocity of a satellite or an aircraft over the rotating Earth."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Unit, installed_tables, utc
-from startrack.earth.terrain import EQUATORIAL, cartesian, up
+from startrack.earth.terrain import cartesian, up
+from startrack.space import (
+    DAY,
+    EARTH_RADIUS,
+    SPIN,
+    element_record,
+    propagate,
+    require_perigee,
+    require_two_lines,
+    to_itrs,
+    two_line_record,
+)
 
-GRAVITY = 398600.8e9  # m^3 / s^2, WGS72, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
-DAY = 86400.0
-SPIN: Floats = np.array([0.0, 0.0, 7.292115146706979e-5])  # rad / s, IERS conventions 2010
-EPOCH_1949 = 2433281.5  # Julian date from which SGP4 counts its days
+SPIN_VECTOR: Floats = np.array([0.0, 0.0, SPIN])  # rad / s
 
 
 @dataclass(frozen=True)
@@ -36,25 +43,13 @@ class Orbit(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (EQUATORIAL + self.altitude) * (1 - self.eccentricity) < EQUATORIAL + 80e3:
-            raise ValueError(
-                "altitude and eccentricity must keep the perigee above 80 km, got "
-                f"{self.altitude / 1e3:g} km and {self.eccentricity:g}"
-            )
+        require_perigee(self.altitude, self.eccentricity)
         utc(self.epoch)
 
     def satellite(self) -> Any:
         """The record that SGP4 moves."""
-        from sgp4.api import WGS72, Satrec
-
-        axis = EQUATORIAL + self.altitude
-        record, date = Satrec(), utc(self.epoch)
-        record.sgp4init(
-            WGS72, "i", 1, (date.jd1 - EPOCH_1949) + date.jd2, 0.0, 0.0, 0.0, self.eccentricity,
-            self.perigee % math.tau, self.inclination, self.anomaly % math.tau,
-            60 * math.sqrt(GRAVITY / axis**3), self.node % math.tau,
-        )  # fmt: skip
-        return record
+        angles = self.inclination, self.node, self.perigee, self.anomaly
+        return element_record(self.epoch, EARTH_RADIUS + self.altitude, self.eccentricity, angles)
 
 
 @dataclass(frozen=True)
@@ -65,13 +60,7 @@ class TwoLines:
     second: str
 
     def __post_init__(self) -> None:
-        for number, line in ((1, self.first), (2, self.second)):
-            if len(line) != 69 or not line.startswith(f"{number} "):
-                raise ValueError(f"line {number} must be 69 characters long, got {line!r}")
-            if _checksum(line) != line[-1]:
-                raise ValueError(
-                    f"line {number} must end in its checksum {_checksum(line)}, got {line!r}"
-                )
+        require_two_lines((self.first, self.second))
 
     @property
     def epoch(self) -> str:
@@ -87,9 +76,7 @@ class TwoLines:
 
     def satellite(self) -> Any:
         """The record that SGP4 moves."""
-        from sgp4.api import WGS72, Satrec
-
-        return Satrec.twoline2rv(self.first, self.second, WGS72)
+        return two_line_record((self.first, self.second))
 
 
 @dataclass(frozen=True)
@@ -165,66 +152,14 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
     second = np.asarray(second, float)
     if isinstance(orbit, Aircraft):
         where, velocity = orbit.state(second)
-        inertial = velocity + np.cross(SPIN, where)
-        (icrs_to_itrs,) = _to_itrs(("GCRS",), orbit.epoch, second)
+        inertial = velocity + np.cross(SPIN_VECTOR, where)
+        (icrs_to_itrs,) = to_itrs(("GCRS",), orbit.epoch, second)
         return Flight(second, where, velocity, inertial, velocity, icrs_to_itrs)
-    _need_sgp4()
-    from sgp4.api import SGP4_ERRORS
-
-    teme_to_itrs, icrs_to_itrs = _to_itrs(("TEME", "GCRS"), orbit.epoch, second)
+    teme_to_itrs, icrs_to_itrs = to_itrs(("TEME", "GCRS"), orbit.epoch, second)
     date = utc(orbit.epoch)
-    code, position, velocity = orbit.satellite().sgp4_array(
-        np.full(len(second), date.jd1), date.jd2 + second / DAY
+    dates = np.full(len(second), date.jd1), date.jd2 + second / DAY
+    state = propagate(orbit.satellite(), dates, "the orbit")
+    where, inertial = (teme_to_itrs.apply(values) for values in state)
+    return Flight(
+        second, where, inertial - np.cross(SPIN_VECTOR, where), inertial, inertial, icrs_to_itrs
     )
-    if code.any():
-        raise ValueError(f"the orbit must last, got {SGP4_ERRORS[int(code[code > 0][0])]}")
-    where, inertial = (teme_to_itrs.apply(1e3 * one) for one in (position, velocity))
-    return Flight(second, where, inertial - np.cross(SPIN, where), inertial, inertial, icrs_to_itrs)
-
-
-def sun_direction(epoch: str, second: float = 0.0) -> Floats:
-    """Unit vector (3,) towards the Sun in ITRS, seen from the Earth's centre.
-
-    Accuracy  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are neglected.
-    """
-    return np.array(_sun(epoch, second))
-
-
-@lru_cache(maxsize=64)  # all channels of a scene ask for the same
-def _sun(epoch: str, second: float) -> tuple[float, ...]:
-    from astropy import units
-    from astropy.coordinates import ITRS, get_body
-
-    with installed_tables():
-        date = utc(epoch) + second * units.s
-        there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
-    return tuple((there / np.linalg.norm(there)).tolist())
-
-
-def _to_itrs(frames: tuple[str, ...], epoch: str, second: Floats) -> list[Rotation]:
-    """Rotations of astropy's frames to ITRS, each at (n,) seconds after an epoch."""
-    from astropy import coordinates, units
-
-    with installed_tables():
-        date = utc(epoch) + np.repeat(second, 3) * units.s
-        axes = np.tile(np.eye(3), len(second)) * units.m
-        unit, itrs = coordinates.CartesianRepresentation(axes), coordinates.ITRS(obstime=date)
-        turned = [
-            getattr(coordinates, frame)(unit, obstime=date).transform_to(itrs).cartesian.xyz.value
-            for frame in frames
-        ]
-    # The columns of each matrix are the images of the three axes.
-    return [Rotation.from_matrix(one.reshape(3, -1, 3).transpose(1, 0, 2)) for one in turned]
-
-
-def _checksum(line: str) -> str:
-    return str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
-
-
-def _need_sgp4() -> None:
-    try:
-        import sgp4.api  # noqa: F401
-    except ImportError:
-        raise ImportError(
-            "sgp4 must be installed to fly an orbit: pip install 'startrack[earth]'"
-        ) from None

@@ -1,40 +1,37 @@
 """Images of Earth cameras: radiance, PSF, detector, digital numbers.
 
-brdf        Reflectance of land, water and snow from the directions of Sun and camera.
-land        Reflectance and temperature of ground: covers by height, maps, texture, slopes, hot
-            spots.
-parameters  Imager, its channels, and Survey (camera, land and air of an Earth image), and their
-            files.
-band        BandTable and thermal radiance of one channel, weighted with its response.
-blur        Weights of the rays around a pixel, from optics, motion and pixel.
-lens        The lens of a channel over its field: where it looks, its images of points, its
-            illumination.
-clouds      Cloud layers of a scene, and their optical depth over the ground.
+brdf            Reflectance of land, water and snow from the directions of Sun and camera.
+land            Reflectance and temperature of ground: covers by height, maps, texture, slopes, hot
+                spots.
+parameters      Imager, its channels, and Survey (camera, land and air of an Earth image), and
+                their files.
+band            BandTable and thermal radiance of one channel, weighted with its response.
+lens            The lens of a channel over its field: where it looks, its images of points, its
+                illumination; weights of the rays around a pixel.
+clouds          Cloud layers of a scene, and their optical depth over the ground.
 cloud_radiance  Radiance of ground and air under cloud layers, of the layers, and their shadows.
-figures     Ground resolution, swath, MTF, SNR, dynamic range and data rate of a channel at a
-            height and speed.
-first       First parameters of a camera from goals: focal length, aperture, pixel rate.
-render      An image from Survey and Channel: radiance at the sensor in five terms, and digital
-            numbers.
-files       FITS that is filled while an image is rendered; GeoTIFF with ground control points.
+figures         Resolution, swath, MTF, SNR and data rate of a channel; first parameters from goals.
+render          An image from Survey and Channel: radiance at the sensor in five terms, and digital
+                numbers.
+files           FITS that is filled while an image is rendered; GeoTIFF with ground control points.
 """
 
-from startrack.earth.imager.band import INFRARED, Band, band_of
+from startrack.earth.imager.band import INFRARED, Band, band_of, terms_in_band
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
-from startrack.earth.imager.cloud_radiance import Deck
-from startrack.earth.imager.clouds import CloudLayer, Crossing, Field, Sheet, open_sheets
+from startrack.earth.imager.clouds import CloudLayer, Sheet, open_sheets
 from startrack.earth.imager.figures import (
     Figures,
+    First,
+    Goals,
     figures,
     figures_of,
+    first_parameters,
     known,
     margins_of,
-    reference,
 )
 from startrack.earth.imager.files import ABOUT, RADIANCE, open_fits, thinned, write_geotiff
-from startrack.earth.imager.first import First, Goals, first_parameters
 from startrack.earth.imager.land import Cover, HotSpot, Land, ReflectanceMap
-from startrack.earth.imager.lens import FieldLens, field_lens, lens_registration
+from startrack.earth.imager.lens import lens_registration
 from startrack.earth.imager.parameters import (
     Channel,
     Imager,
@@ -59,16 +56,10 @@ from startrack.earth.imager.render import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "ABOUT",
-    "Angles",
     "Band",
     "Channel",
     "CloudLayer",
     "Cover",
-    "Crossing",
-    "Deck",
-    "Field",
-    "FieldLens",
     "Figures",
     "First",
     "Goals",
@@ -81,29 +72,16 @@ __all__ = [
     "ReflectanceMap",
     "RossLi",
     "Setting",
-    "Sheet",
     "Snow",
     "Spectrometer",
     "Survey",
     "Water",
     "band_of",
-    "cameras",
-    "field_lens",
     "figures",
-    "figures_of",
     "first_parameters",
-    "known",
-    "lens_registration",
     "load_imager",
     "load_survey",
     "margins_of",
     "misregistration",
-    "open_fits",
-    "open_sheets",
-    "pixel_electrons",
-    "prepare",
-    "reference",
     "render",
-    "thinned",
-    "write_geotiff",
 ]

@@ -14,6 +14,8 @@ from startrack.earth.atmosphere import (
     BandTable,
     Heat,
     InfraredTable,
+    Terms,
+    at_sensor,
     heat_of,
     in_bands,
     infrared_bands,
@@ -23,6 +25,7 @@ from startrack.earth.atmosphere import (
     vacuum,
 )
 from startrack.earth.imager.parameters import Channel
+from startrack.earth.terrain import Ground
 from startrack.io import shipped
 
 INFRARED = 3 * um  # a band beyond is infrared: thermal radiance exceeds scattered light there
@@ -82,6 +85,23 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
     weight = flat[0] * step
     irradiance = float(weight @ sun) / sun_distance**2
     return Band(table.spectrum, weight, electrons, bands, warm, irradiance)
+
+
+def terms_in_band(
+    ground: Ground, band: Band, reflectance: Floats, surroundings: float,
+    temperature: Floats | None = None, direct: Floats | None = None,
+) -> Terms:  # fmt: skip
+    """Radiance (n,) of n rays in one band, watt / m^2 / sr / m, as `at_sensor`.
+
+    reflectance   (n,) 1, or (1,) of all
+    surroundings  1
+    temperature   (n,) kelvin; None: without thermal radiance
+    direct        (n,) 1, reflectance factor for sunlight; None: `reflectance`
+    """
+    heat = None if temperature is None else band.heat
+    around, beam = np.array([surroundings]), None if direct is None else direct[:, None]
+    terms = at_sensor(ground, band.table, reflectance[:, None], around, heat, temperature, beam)
+    return Terms(*(term[:, 0] for term in terms))
 
 
 def mean_wavelength(channel: Channel) -> float:

@@ -127,7 +127,7 @@ def sky_factor(
         return np.clip(rho + (1 - law.foam) * mirror + law.foam * FOAM, 0.0, 1.0)
     if isinstance(law, Snow):
         return rho if camera is None else rho ** _escape(camera)
-    volumetric, geometric = (_at(one, camera) for one in kernel_albedos())
+    volumetric, geometric = (_at(albedo, camera) for albedo in kernel_albedos())
     return np.minimum(_ross_li(rho, weights, volumetric, geometric), 1.0)
 
 

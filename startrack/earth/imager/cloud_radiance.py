@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats
-from startrack.earth.atmosphere import LayerOptics, Terms, at_sensor, layer_optics, sight_of
-from startrack.earth.imager.band import Band
+from startrack.earth.atmosphere import LayerOptics, Terms, layer_optics, sight_of
+from startrack.earth.imager.band import Band, terms_in_band
 from startrack.earth.imager.clouds import CloudLayer, Crossing, Sheet, open_sheets
 from startrack.earth.terrain import Ground, between, up
 
@@ -29,11 +29,11 @@ class Deck(NamedTuple):
 
 def decks_of(layers: Sequence[CloudLayer], band: Band, folder: Path) -> tuple[Deck, ...]:
     """The layers in one band, the lowest first."""
-    found = []
+    decks = []
     for sheet in open_sheets(layers, folder):
         albedo = float(np.clip(sheet.layer.spectrum(band.wavelength) @ band.weight, 0.0, 1.0))
-        found.append(Deck(sheet, layer_optics(albedo, sheet.layer.asymmetry)))
-    return tuple(found)
+        decks.append(Deck(sheet, layer_optics(albedo, sheet.layer.asymmetry)))
+    return tuple(decks)
 
 
 class Passed(NamedTuple):
@@ -101,8 +101,8 @@ def with_clouds(
     if not len(cloudy):
         return terms
     some, here = hit[cloudy], here[cloudy]
-    seen, lit = (Passed(*(each[cloudy] for each in one)) for one in (seen, lit))
-    old = Terms(*(each[some] for each in terms))
+    seen, lit = (Passed(*(values[cloudy] for values in light)) for light in (seen, lit))
+    old = Terms(*(term[some] for term in terms))
     rho = reflectance[some]
     level = _level(here, here.point, here.longitude, here.latitude, here.height)
     white = _radiance(level, band, WHITE, surroundings)
@@ -120,7 +120,7 @@ def with_clouds(
         old.direct * seen.direct * lit.direct, indirect * seen.direct,
         of_layers[0] + spread, old.emitted * seen.total, of_layers[1],
     )  # fmt: skip
-    out = Terms(*(each.copy() for each in terms))
+    out = Terms(*(term.copy() for term in terms))
     for all_rays, part in zip(out, new, strict=True):
         all_rays[some] = part
     return out
@@ -134,9 +134,9 @@ def _layers(
     lit  sunlight that reaches the air below the lowest layer
     """
     scattered, thermal = np.zeros((2, len(here)))
-    lit = Passed(*(each.copy() for each in lit))
+    lit = Passed(*(values.copy() for values in lit))
     # Above the last surface, the ground at first.
-    air, warm = (each.astype(np.float64) for each in (old.scattered, old.thermal))
+    air, warm = (values.astype(np.float64) for values in (old.scattered, old.thermal))
     below = _backscatter(band, here.height)
     for k, deck in enumerate(decks):
         layer, crossing = deck.sheet.layer, deck.sheet.cross(here.point, -here.direction)
@@ -144,7 +144,7 @@ def _layers(
         mine = np.flatnonzero(between_them)
         if not len(mine):
             continue
-        crossing = Crossing(*(each[mine] for each in crossing))
+        crossing = Crossing(*(values[mine] for values in crossing))
         ray = here[mine]
         top = np.full(len(mine), min(layer.height, float(band.table.height[-1])))
         place = _level(ray, crossing.point, crossing.longitude, crossing.latitude, top)
@@ -181,8 +181,8 @@ def _layers(
             light.emissivity * bare.emitted + light.reflected * (white.thermal - bare.thermal)
         )
         air[mine], warm[mine], below[mine] = above, heat, back
-        for each, part in zip(lit, sunny, strict=True):
-            each[mine] = part
+        for values, part in zip(lit, sunny, strict=True):
+            values[mine] = part
     return scattered + air, thermal + warm
 
 
@@ -214,7 +214,5 @@ def _radiance(
     ground: Ground, band: Band, reflectance: Floats, surroundings: float, kelvin: float = 280.0
 ) -> Terms:
     """Terms (n,) of ground of one reflectance and temperature."""
-    warm = np.full(len(ground), kelvin)
-    around = np.array([surroundings])
-    found = at_sensor(ground, band.table, reflectance, around, band.heat, warm)
-    return Terms(*(np.maximum(each[:, 0], np.float32(0)) for each in found))
+    terms = terms_in_band(ground, band, reflectance, surroundings, np.full(len(ground), kelvin))
+    return Terms(*(np.maximum(term, np.float32(0)) for term in terms))

@@ -23,15 +23,7 @@ from startrack.core import (
     um,
 )
 from startrack.earth.imager.land import TEXELS, on_texture
-from startrack.earth.terrain import (
-    EQUATORIAL,
-    Chart,
-    Mosaic,
-    Raster,
-    fractal,
-    geodetic,
-    up,
-)
+from startrack.earth.terrain import EQUATORIAL, Chart, Mosaic, Raster, fractal, geodetic, up
 
 ROUGHNESS = 4 / 3  # of it: a power spectrum of |k|^(-5/3) along a line, as that of clouds
 GRAZING = 0.02  # least cosine of the zenith angle of a path through a layer; chosen by hand
@@ -132,8 +124,8 @@ class _Mapped(NamedTuple):
     factor: float
 
     def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
-        found = self.chart.at(longitude, latitude, np.full(len(longitude), self.cell))
-        return np.maximum(found * self.factor, 0.0)
+        depth = self.chart.at(longitude, latitude, np.full(len(longitude), self.cell))
+        return np.maximum(depth * self.factor, 0.0)
 
 
 class _Generated(NamedTuple):
@@ -145,12 +137,12 @@ class _Generated(NamedTuple):
         x, y = on_texture(longitude, latitude, self.layer.cell)
         i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
         u, v = x - i, y - j
-        found = np.zeros(len(x))
+        depth = np.zeros(len(x))
         for down, across, weight in (
             (0, 0, (1 - v) * (1 - u)), (0, 1, (1 - v) * u), (1, 0, v * (1 - u)), (1, 1, v * u),
         ):  # fmt: skip
-            found += weight * texels[(j + down) % TEXELS, (i + across) % TEXELS]
-        return found * self.layer.optical_depth
+            depth += weight * texels[(j + down) % TEXELS, (i + across) % TEXELS]
+        return depth * self.layer.optical_depth
 
 
 @lru_cache(maxsize=4)
@@ -212,4 +204,4 @@ class Crossing(NamedTuple):
 
 def open_sheets(layers: Sequence[CloudLayer], folder: Path) -> tuple[Sheet, ...]:
     """The layers with their fields, the lowest first."""
-    return tuple(one.open(folder) for one in sorted(layers, key=lambda layer: layer.height))
+    return tuple(layer.open(folder) for layer in sorted(layers, key=lambda layer: layer.height))

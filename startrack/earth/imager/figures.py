@@ -1,14 +1,27 @@
-"""Ground resolution, swath, MTF, SNR, dynamic range and data rate of a channel in flight."""
+"""Resolution, swath, MTF, SNR and data rate of a channel in flight; first parameters from goals."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from scipy.optimize import brentq
 
-from startrack.core import FieldPsf, deg, um
+from startrack.core import (
+    LIGHT_SPEED,
+    NON_NEGATIVE,
+    PLANCK,
+    POSITIVE,
+    FieldPsf,
+    Parameters,
+    Range,
+    Unit,
+    deg,
+    um,
+)
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Reach, Sight, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
@@ -17,9 +30,15 @@ from startrack.earth.imager.lens import field_lens, image_pixels
 from startrack.earth.imager.parameters import Channel, Performance, Survey, exposure_of, smear
 from startrack.earth.terrain import geodetic
 from startrack.optics import blur_transfer, modulation, pixel_transfer, pupil_transfer
+from startrack.space import GM
 
 PLACES = 17  # along a line, whose lowest MTF is taken
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
+MEAN_RADIUS = 6371e3  # metre, mean
+SLOWEST, FASTEST = (
+    200.0,
+    0.5,
+)  # range of f-numbers of the search; f/0.5 is the limit of a lens in air
 
 
 @dataclass(frozen=True)
@@ -136,17 +155,17 @@ def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:
         yield channel, height, figures(channel, band, height, rate)
 
 
-def margins_of(channel: Channel, found: Figures) -> dict[str, float]:
+def margins_of(channel: Channel, predicted_figures: Figures) -> dict[str, float]:
     """Margin of each requirement of a channel, over the requirement; met where it is 0 or more.
 
     Those of GSD and NEdT are limits from above.
     """
     predicted = {
-        "snr": found.snr,
-        "nedt": found.nedt,
-        "mtf": min(found.mtf_across, found.mtf_along),
-        "saturation": found.saturation,
-        "gsd": found.sampling_across,
+        "snr": predicted_figures.snr,
+        "nedt": predicted_figures.nedt,
+        "mtf": min(predicted_figures.mtf_across, predicted_figures.mtf_along),
+        "saturation": predicted_figures.saturation,
+        "gsd": predicted_figures.sampling_across,
     }
     margins = {}
     for name, limit in known(channel.required).items():
@@ -187,13 +206,13 @@ def _lens_over_field(
     assert lens.light is not None
     columns, rows = image_pixels(channel, sensor)
     nyquist = np.array([0.5 / channel.average])
-    colour, found = float(lens.images.colour[0]), []
+    colour, modulations = float(lens.images.colour[0]), []
     for y in np.unique(rows[[0, len(rows) // 2, -1]]).tolist():
         for x in np.linspace(columns[0], columns[-1], PLACES).tolist():
             image = lens.images.image(x, y, colour)[0]
             values = [modulation(image, nyquist, turn)[0] for turn in (0.0, math.pi / 2)]
-            found.append(np.array(values) / image.energy)
-    across, along = np.min(found, axis=0)
+            modulations.append(np.array(values) / image.energy)
+    across, along = np.min(modulations, axis=0)
     along *= abs(pixel_transfer(nyquist / channel.detector.pitch, drift)[0])
     middle = lens.light[len(rows) // 2, channel.columns // 2]
     return float(across * _merged(channel)), float(along), float(lens.light.min() / middle)
@@ -212,8 +231,8 @@ def reference(band: Band) -> float:
     """
     ones = np.ones(1)
     geometry = 0.0, 0.0, SUN, math.pi / 2
-    fine = refine(band.table, Reach(*((one, one) for one in geometry)))
-    sight = Sight(*(one * ones for one in (*geometry, math.cos(SUN), 1.0, 1.0)))
+    fine = refine(band.table, Reach(*((angle, angle) for angle in geometry)))
+    sight = Sight(*(value * ones for value in (*geometry, math.cos(SUN), 1.0, 1.0)))
     grey = np.full(1, GREY)
     return float(radiance(fine, sight, grey, grey, band.heat, WARM * ones).total[0, 0])
 
@@ -248,3 +267,137 @@ def _noise(detector: Detector, electrons: float, dark: float) -> float:
     return math.sqrt(
         electrons + dark + detector.noise**2 + step**2 / 12 + (detector.prnu * electrons) ** 2
     )
+
+
+@dataclass(frozen=True)
+class Goals(Parameters):
+    """Requirements on a line camera, and its detector."""
+
+    gsd: Annotated[float, Unit("m"), POSITIVE, "between pixels, along and across"]
+    swath: Annotated[float, Unit("m", "km"), POSITIVE]
+    height: Annotated[float, Unit("m", "km"), POSITIVE, "of the orbit"]
+    wavelength: Annotated[float, Unit("m", "nm"), POSITIVE, "of the band"]
+    bandwidth: Annotated[float, Unit("m", "nm"), POSITIVE, "of the band"]
+    radiance: Annotated[float, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE]
+    snr: Annotated[float, POSITIVE, "required signal-to-noise ratio of this radiance"]
+    mtf: Annotated[float, Range(0.001, 0.99),
+        "at Nyquist along the track, pixel and smear included"] = 0.1  # fmt: skip
+    pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "of the detector"] = 10e-6
+    read_noise: Annotated[float, Unit("electron"), NON_NEGATIVE, "of the detector"] = 30.0
+    bits: Annotated[int, Range(1, 24), "of the detector"] = 12
+    stages: Annotated[int, Range(1, 4096), "of the detector"] = 1
+    efficiency: Annotated[float, Range(0.001, 1),
+        "electron / photon, lens and filter included"] = 0.4  # fmt: skip
+    smear: Annotated[float, Range(0.001, 1),
+        "pixel that the ground moves in an exposure, as a fraction of the line period"
+    ] = 1.0  # fmt: skip
+    ground_speed: Annotated[float | None, Unit("m / s"), POSITIVE,
+        "None for a circular orbit around the Earth"] = None  # fmt: skip
+
+    @property
+    def speed(self) -> float:
+        """Metre / second over ground."""
+        if self.ground_speed is not None:
+            return self.ground_speed
+        axis = MEAN_RADIUS + self.height
+        return math.sqrt(GM / axis) * MEAN_RADIUS / axis
+
+
+@dataclass(frozen=True)
+class First:
+    """First parameters of a camera.
+
+    focal_length  metre
+    aperture      metre, the largest of the three below
+    for_rayleigh, for_mtf, for_snr  metre, aperture that each requires
+    f_number      1
+    columns       pixel of a line
+    period        second between lines
+    exposure      second of a line
+    clock         pixel / second
+    data_rate     bit / second
+    electrons     electron of the radiance at this aperture
+    """
+
+    focal_length: float
+    aperture: float
+    for_rayleigh: float
+    for_mtf: float
+    for_snr: float
+    f_number: float
+    columns: int
+    period: float
+    exposure: float
+    clock: float
+    data_rate: float
+    electrons: float
+
+
+def first_parameters(goals: Goals) -> First:
+    """The smallest camera that meets its goals.
+
+        f = p H / GSD,   D >= 1.22 lambda H / GSD  (Rayleigh)
+        MTF(lens) 2 / pi sinc(smear / 2) >= goal
+        N / sqrt(N + stages read^2) >= SNR,  N by eq. (4)
+
+    Source: Krutz et al. (2011), section 2.1, and eq. (4).
+
+    Raises    ValueError where no lens meets the MTF, or the SNR needs one faster than f/0.5.
+    Accuracy  model: one wavelength, a lens without aberrations, a fill factor of 1.
+    """
+    focal = goals.pixel_pitch * goals.height / goals.gsd
+    period = goals.gsd / goals.speed
+    exposure = goals.smear * period
+    wanted = _electrons_for(goals)
+    per_area = _electrons(goals, focal, 1.0, exposure)
+    apertures = (
+        1.22 * goals.wavelength * goals.height / goals.gsd,
+        focal / _slowest_sharp(goals),
+        math.sqrt(wanted / per_area),
+    )
+    aperture = max(apertures)
+    if focal / aperture < FASTEST:
+        raise ValueError(
+            f"the goals must leave a lens of f/{FASTEST:g} or slower, got f/{focal / aperture:.2f} "
+            f"for a focal length of {focal:.4g} m"
+        )
+    columns = math.ceil(goals.swath / goals.gsd)
+    clock = columns / period
+    return First(
+        focal, aperture, *apertures, focal / aperture, columns, period, exposure, clock,
+        clock * goals.bits, per_area * aperture**2,
+    )  # fmt: skip
+
+
+def _electrons(goals: Goals, focal: float, aperture: float, exposure: float) -> float:
+    """Equation (4) at one wavelength, summed over all stages."""
+    etendue = math.pi / 4 * (aperture / focal) ** 2 * goals.pixel_pitch**2
+    photons = goals.radiance * goals.bandwidth * goals.wavelength / (PLANCK * LIGHT_SPEED)
+    return etendue * photons * goals.efficiency * exposure * goals.stages
+
+
+def _electrons_for(goals: Goals) -> float:
+    """The root of N = SNR sqrt(N + stages read^2)."""
+    square = goals.snr**2
+    read = goals.stages * goals.read_noise**2
+    return (square + math.sqrt(square**2 + 4 * square * read)) / 2
+
+
+def _slowest_sharp(goals: Goals) -> float:
+    """The largest f-number that meets the MTF."""
+    nyquist = np.array([0.5 / goals.pixel_pitch])
+    fixed = pixel_transfer(nyquist, goals.pixel_pitch)
+    fixed = fixed * pixel_transfer(nyquist, goals.smear * goals.pixel_pitch)
+
+    def surplus(f_number: float) -> float:
+        lens = pupil_transfer(nyquist, goals.wavelength, f_number)
+        return float((lens * fixed)[0]) - goals.mtf
+
+    if surplus(FASTEST) < 0:
+        raise ValueError(
+            f"mtf must be at most {float(fixed[0]):.3f}, which pixel and smear leave, "
+            f"got {goals.mtf:g}"
+        )
+    if surplus(SLOWEST) > 0:
+        return SLOWEST
+    return float(brentq(surplus, FASTEST, SLOWEST, xtol=1e-9))

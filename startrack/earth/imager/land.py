@@ -125,7 +125,7 @@ class Land(Parameters):
         heights = [cover.above for cover in self.covers]
         if heights != sorted(heights):
             raise ValueError(f"covers must rise in their heights above, got {heights}")
-        lengths = [one.wavelength for one in self.maps]
+        lengths = [map_.wavelength for map_ in self.maps]
         if any(b <= a for a, b in pairwise(lengths)):
             raise ValueError(f"maps must rise in their wavelengths, got {lengths}")
 
@@ -167,13 +167,16 @@ def reflection(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -
         return out
     out = Reflection(*(rho.copy() for _ in range(3)))
     cover, angles = _cover(land, ground), angles_of(ground)
-    for n, each in enumerate(land.covers):
+    for n, kind in enumerate(land.covers):
         mine = np.flatnonzero(ground.hit & (cover == n))
-        if each.law and len(mine):
-            seen, weights = Angles(*(one[mine] for one in angles)), each.weights(wavelength, weight)
-            out.direct[mine] = direct_factor(each.law, rho[mine], weights, seen)
-            out.sky[mine] = sky_factor(each.law, rho[mine], weights, seen.camera)
-            out.albedo[mine] = sky_factor(each.law, rho[mine], weights, None)
+        if kind.law and len(mine):
+            seen, weights = (
+                Angles(*(cosines[mine] for cosines in angles)),
+                kind.weights(wavelength, weight),
+            )
+            out.direct[mine] = direct_factor(kind.law, rho[mine], weights, seen)
+            out.sky[mine] = sky_factor(kind.law, rho[mine], weights, seen.camera)
+            out.albedo[mine] = sky_factor(kind.law, rho[mine], weights, None)
     return out
 
 
@@ -208,21 +211,21 @@ def burning_fraction(spot: HotSpot, ground: Ground, spread: float) -> Floats:
 
 def _cover(land: Land, ground: Ground) -> NDArray[np.int64]:
     heights = np.array([cover.above for cover in land.covers])
-    found = np.searchsorted(heights, np.nan_to_num(ground.height, nan=DEPTHS), side="right") - 1
-    return np.maximum(found, 0)
+    number = np.searchsorted(heights, np.nan_to_num(ground.height, nan=DEPTHS), side="right") - 1
+    return np.maximum(number, 0)
 
 
 def _mapped(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Floats:
     """(n,) reflectance of maps in a band; NaN where one has none."""
-    at = [one.wavelength for one in land.maps]
+    at = [map_.wavelength for map_ in land.maps]
     out = np.zeros(len(ground))
-    for n, one in enumerate(land.maps):
-        if one.map not in ground.maps:
+    for n, map_ in enumerate(land.maps):
+        if map_.map not in ground.maps:
             known = ", ".join(ground.maps) or "none"
-            raise ValueError(f"land.maps must name maps of the terrain, {known}, got {one.map!r}")
+            raise ValueError(f"land.maps must name maps of the terrain, {known}, got {map_.map!r}")
         share = np.interp(wavelength, at, np.eye(len(at))[n]) @ weight
         if share:
-            out += share * (ground.maps[one.map] * one.factor + one.offset)
+            out += share * (ground.maps[map_.map] * map_.factor + map_.offset)
     return out
 
 

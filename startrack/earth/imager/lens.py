@@ -1,16 +1,19 @@
-"""The lens of a channel over its field: where it looks, its images of points, its illumination."""
+"""The lens of a channel over its field: its camera, its images of points, weights of rays."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 
 from startrack.core import Camera, Displacement, FieldPsf, Floats, Psf, node_places
-from startrack.earth.geometry import Sensor
+from startrack.earth.geometry import Sensor, inside_pixel
 from startrack.earth.imager.parameters import Channel
 from startrack.optics import (
     ROOM,
@@ -24,14 +27,202 @@ from startrack.optics import (
     pixel_psf,
 )
 
+Singles = NDArray[np.float32]
+
+FAINT = 1e-3  # of the light beyond the weights, at most; less costs time; chosen by hand
+SMEARED = 16  # instants of an exposure over which smear is averaged; chosen by hand
+WEIGHT_NODES = 17  # along a side of the field, where weights are computed; a spline between
+LEFT = 2e-3  # of the light of a point that the left-out kernels may have; chosen by hand
 NODES = 5, 9, 17, 33  # places along a line, tried until images between them err by the tolerance
 MOST_NODES = 9  # of a matrix
 UNMEASURED = 9  # where the tolerance is so coarse that the error is not measured
 MOST_NUMBERS = 40_000_000  # of all images at the nodes
 LARGEST_ERROR = 0.1  # of the peak, of an image between the nodes; chosen by hand
 SETTLED = 3  # rounds in which a line comes to lie at its angle; each leaves a hundredth
-LATTICE = 33  # places along a side where the illumination is computed; a spline between them
+LIGHT_NODES = 33  # places along a side where the illumination is computed; a spline between them
 STEP = 1.0  # pixel, over which slopes of directions are taken
+
+
+def blur_weights(psf: Psf, side: int, across: float, along: float, smear: float) -> Floats:
+    """Weights of the rays of a pixel and of the pixels around it.
+
+    The rays at the same position in all pixels form a lattice; the weights have the same sum over
+    each lattice, and the sum one over all, so that an even scene is not changed.
+
+    psf      of the pixels, the pixel's square included
+    side     rays along each side of a pixel
+    across   pixel between columns of the image: 1, or 1/2 for staggered lines
+    along    pixel between its lines
+    smear    pixel that the ground moves along the track in an exposure
+    Returns  (side^2, k, k) 1, k odd; lines first
+    Accuracy  model: light beyond the table of the PSF and beyond the weights is distributed over
+              the rest: 1e-3 of the light and haze. numerical: 1 % of the modulation at Nyquist
+              with two rays a side, 0.3 % with four.
+    """
+    reach = _reach(psf, across, along, smear)
+    at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
+    psf_at = RegularGridInterpolator((at, at), psf.table, bounds_error=False, fill_value=0.0)
+    return _even(_samples(psf_at, side, across, along, smear, reach))
+
+
+def _reach(psf: Psf, across: float, along: float, smear: float) -> int:
+    """Pixels of the image from the middle of the weights to their edge."""
+    last = psf.table.shape[0] // 2 / psf.oversampling
+    return int(np.ceil(min(_radius(psf) + smear / 2, last) / min(across, along, 1.0)))
+
+
+def _spline(table: Floats, oversampling: int) -> Callable[[Floats], Floats]:
+    """A table at places (..., 2) pixel, rows first; tables of lenses may be coarse."""
+    half = table.shape[0] // 2 / oversampling
+    at = np.linspace(-half, half, table.shape[0])
+    spline = RectBivariateSpline(at, at, table)
+
+    def psf_at(place: Floats) -> Floats:
+        inside = (np.abs(place) <= half).all(-1)
+        return np.where(inside, spline.ev(place[..., 0], place[..., 1]), 0.0)
+
+    return psf_at
+
+
+def _samples(
+    psf_at: Callable[[Floats], Floats], side: int, across: float, along: float, smear: float,
+    reach: int,
+) -> Floats:  # fmt: skip
+    """A table at the places of rays, (side^2, k, k)."""
+    late = ((np.arange(SMEARED) + 0.5) / SMEARED - 0.5) * smear
+    step = np.arange(-reach, reach + 1)
+    out = np.empty((side**2, len(step), len(step)))
+    for n, (x, y) in enumerate(inside_pixel(side)):
+        down, right = np.meshgrid(step * along + y, step * across + x, indexing="ij")
+        # The table goes from the point's image to the pixel, the weights from the pixel to the ray.
+        out[n] = sum(psf_at(np.stack([-down - delay, -right], -1)) for delay in late)
+    return out
+
+
+def _even(samples: Floats) -> Floats:
+    """Samples (..., side^2, k, k) as weights of the same sum over each lattice."""
+    out = np.maximum(samples, 0)
+    return out / out.sum((-2, -1), keepdims=True) / out.shape[-3]
+
+
+class FieldBlur(NamedTuple):
+    """Weights of rays that change over the field.
+
+        image = weights_0 * scene + sum_k weights_k * (part_k scene),   * a convolution
+
+    The first are the mean over the field; the others have the sum zero over each lattice, so that
+    an even scene is not changed by them.
+
+    weights  (1 + k, side^2, s, s)
+    parts    of each k, over lines and columns of the image
+    lines    whether the parts change from line to line: of a matrix
+    left     1, bound of the light of a point that is put into wrong pixels, since only so many
+             kernels are used
+    """
+
+    weights: Floats
+    parts: tuple[RectBivariateSpline, ...]
+    lines: bool
+    left: float
+
+    def strips(self, strips: Iterator[Singles]) -> Iterator[Singles]:
+        """Strips (lines, columns, rays) with their parts behind each other as further rays."""
+        first = 0
+        for strip in strips:
+            lines, columns, _ = strip.shape
+            down = np.arange(first, first + lines) if self.lines else np.zeros(1)
+            parts = [weights(down, np.arange(columns))[..., None] for weights in self.parts]
+            yield np.concatenate([strip, *(strip * part.astype(np.float32) for part in parts)], 2)
+            first += lines
+
+    def blurred(self, strips: Iterator[Singles]) -> Iterator[Singles]:
+        """As `blur_strips`."""
+        return blur_strips(self.strips(strips), self.weights.reshape(-1, *self.weights.shape[2:]))
+
+
+def field_blur(
+    psf: FieldPsf, columns: Floats, rows: Floats, side: int, across: float, along: float,
+    smear: float,
+) -> FieldBlur:  # fmt: skip
+    """Weights of rays by images that change over the field.
+
+    Those of each place of a lattice, as for `blur_weights`, are written as their mean and principal
+    components; as many are kept as the weights of every place need to within 2e-3, summed over
+    their sizes: no scene with radiance in [0, 1] then changes by more.
+
+    columns, rows  (n,), (m,) pixel of the camera's grid at which the image has its columns and its
+                   lines; one row for a scanner
+    """
+    many = 1 if len(rows) == 1 else WEIGHT_NODES
+    x, y = np.linspace(columns[0], columns[-1], WEIGHT_NODES), np.linspace(rows[0], rows[-1], many)
+    place = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+    colour = float(psf.colour[0])
+    coefficients = psf.at(place[:, 0], place[:, 1], np.full(len(place), colour))[:, 3:]
+    some = place[:: max(1, len(place) // WEIGHT_NODES)].tolist()
+    images = (psf.image(right, down, colour)[0] for right, down in [*some, place[-1].tolist()])
+    reach = max(_reach(image, across, along, smear) for image in images)
+    splines = (_spline(image, psf.oversampling) for image in psf.table)
+    given = [_samples(spline, side, across, along, smear, reach) for spline in splines]
+    weights = _even(np.tensordot(coefficients, np.array(given), 1))
+    mean = weights.mean(0)
+    off = (weights - mean).reshape(len(place), -1)
+    vector = np.linalg.eigh(off @ off.T)[1][:, ::-1]
+    count, left = 0, float(np.abs(off).sum(1).max())
+    while left > LEFT:
+        count += 1
+        rest = off - vector[:, :count] @ (vector[:, :count].T @ off)
+        left = float(np.abs(rest).sum(1).max())
+    kernels = (vector[:, :count].T @ off).reshape(count, *mean.shape)
+    # Over places of the image, whose first column and line are zero.
+    right = np.linspace(0, len(columns) - 1, WEIGHT_NODES)
+    down = np.linspace(0, len(rows) - 1, many)
+    parts = tuple(_over_image(down, right, column.reshape(many, -1)) for column in vector.T[:count])
+    return FieldBlur(np.concatenate([mean[None], kernels]), parts, many > 1, left)
+
+
+def _over_image(down: Floats, right: Floats, values: Floats) -> RectBivariateSpline:
+    """A spline over lines and columns; the same in all lines where there is one."""
+    if len(down) == 1:
+        down, values = np.arange(2.0), np.repeat(values, 2, 0)
+    return RectBivariateSpline(down, right, values, kx=min(3, len(down) - 1))
+
+
+def blur_strips(strips: Iterator[Singles], weights: Floats) -> Iterator[Singles]:
+    """The blurred image of an unblurred one that arrives in strips.
+
+    strips  (lines, columns, rays of a pixel) each
+    Yields  (lines, columns); in all as many lines as arrive. Beyond its edges the scene continues
+            with its last line and column.
+    """
+    reach = weights.shape[1] // 2
+    buffer: Singles | None = None
+    for strip in strips:
+        ahead = np.repeat(strip[:1], reach, 0) if buffer is None else buffer
+        buffer = np.concatenate([ahead, strip])
+        if len(buffer) > 2 * reach:
+            yield _sum(buffer, weights)
+            buffer = buffer[len(buffer) - 2 * reach :]
+    if buffer is not None and reach:
+        yield _sum(np.concatenate([buffer, np.repeat(buffer[-1:], reach, 0)]), weights)
+
+
+def _sum(strip: Singles, weights: Floats) -> Singles:
+    reach = weights.shape[1] // 2
+    total: Any = 0.0
+    for n, row in enumerate(weights):
+        rays = np.ascontiguousarray(strip[:, :, n])
+        total = total + cv2.filter2D(rays, cv2.CV_32F, row, borderType=cv2.BORDER_REPLICATE)
+    return total[reach : len(strip) - reach]
+
+
+def _radius(psf: Psf) -> float:
+    """Pixel, of the box that holds all of the table's light except FAINT."""
+    middle, total = psf.table.shape[0] // 2, psf.table.sum()
+    for radius in range(psf.oversampling, middle, psf.oversampling):
+        part = slice(middle - radius, middle + radius + 1)
+        if psf.table[part, part].sum() > (1 - FAINT) * total:
+            return radius / psf.oversampling
+    return middle / psf.oversampling
 
 
 class FieldLens(NamedTuple):
@@ -128,11 +319,11 @@ def _ahead(
     for _ in range(SETTLED if ahead else 1):
         frame = columns, rows, pitch, (0.0, down), wavelength, weight
         if traced:
-            found = fit_camera(open_optics(optics, ROOM), *frame)
+            fitted = fit_camera(open_optics(optics, ROOM), *frame)
         else:
-            found = camera_of_cube(optics, *frame)
-        down -= float(found.project(np.array([[0.0, ahead, 1.0]]))[0, 1]) - row
-    return found
+            fitted = camera_of_cube(optics, *frame)
+        down -= float(fitted.project(np.array([[0.0, ahead, 1.0]]))[0, 1]) - row
+    return fitted
 
 
 def _images(
@@ -142,38 +333,38 @@ def _images(
     detector = channel.detector
     colour = np.array([weight @ wavelength / weight.sum()])
     light = weight[None], colour, detector.fill_factor, detector.diffusion
-    most = MOST_NODES if channel.kind == "matrix" else NODES[-1]
-    for count in (each for each in NODES if each <= most):
+    largest = MOST_NODES if channel.kind == "matrix" else NODES[-1]
+    for count in (nodes for nodes in NODES if nodes <= largest):
         if optics.traced:
             lens = open_optics(optics, ROOM)
-            found = field_psf(lens, camera, detector.pitch, wavelength, *light, count)
+            images = field_psf(lens, camera, detector.pitch, wavelength, *light, count)
         else:
-            found = cube_psf(optics, camera, detector.pitch, wavelength, *light, count)
-        numbers = 4 * len(found.x) * len(found.y) * found.table[0].size
-        measured = math.isfinite(found.error)  # not with a coarse tolerance
-        good = found.error <= optics.psf_tolerance if measured else count >= UNMEASURED
+            images = cube_psf(optics, camera, detector.pitch, wavelength, *light, count)
+        numbers = 4 * len(images.x) * len(images.y) * images.table[0].size
+        measured = math.isfinite(images.error)  # not with a coarse tolerance
+        good = images.error <= optics.psf_tolerance if measured else count >= UNMEASURED
         if good or numbers > MOST_NUMBERS:
             break
-    if found.error > LARGEST_ERROR:
+    if images.error > LARGEST_ERROR:
         raise ValueError(
             f"the images of the lens must change so slowly over the field that those between "
-            f"{len(found.x)} places err by at most {LARGEST_ERROR:g} of the peak, got "
-            f"{found.error:.2g}; stop the lens down, or use a smaller field"
+            f"{len(images.x)} places err by at most {LARGEST_ERROR:g} of the peak, got "
+            f"{images.error:.2g}; stop the lens down, or use a smaller field"
         )
-    return found if optics.lens_field else found.of_one_place(float(colour[0]))
+    return images if optics.lens_field else images.of_one_place(float(colour[0]))
 
 
 def _illumination(channel: Channel, camera: Camera, images: FieldPsf, sensor: Sensor) -> Floats:
     """Relative illumination of the pixels of an image."""
-    x = np.linspace(-0.5, camera.columns - 0.5, LATTICE)
-    y = np.linspace(-0.5, camera.rows - 0.5, LATTICE)
+    x = np.linspace(-0.5, camera.columns - 0.5, LIGHT_NODES)
+    y = np.linspace(-0.5, camera.rows - 0.5, LIGHT_NODES)
     place = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     step = np.array([[STEP / 2, 0.0], [0.0, STEP / 2]])
     right, down = (camera.unproject(place + d) - camera.unproject(place - d) for d in step)
     solid = np.linalg.norm(np.cross(right, down), axis=1) / STEP**2
     flux = images.at(place[:, 0], place[:, 1], np.full(len(place), images.colour[0]))[:, 2]
     nominal_angle = (channel.detector.pitch / channel.optics.image_distance) ** 2
-    over = (flux * solid / nominal_angle).reshape(LATTICE, LATTICE)
+    over = (flux * solid / nominal_angle).reshape(LIGHT_NODES, LIGHT_NODES)
     columns, rows = image_pixels(channel, sensor)
     return np.asarray(RectBivariateSpline(y, x, over)(rows, columns))
 
@@ -198,8 +389,8 @@ def lens_registration(
     Returns        pixel of the channel, the largest over its field: along columns, along lines
     Accuracy       model: flat ground straight below.
     """
-    x = np.linspace(0, camera.columns - 1, LATTICE)
-    rows = np.linspace(0, camera.rows - 1, LATTICE) if channel.kind == "matrix" else None
+    x = np.linspace(0, camera.columns - 1, LIGHT_NODES)
+    rows = np.linspace(0, camera.rows - 1, LIGHT_NODES) if channel.kind == "matrix" else None
     y = np.array([(camera.rows - 1) / 2]) if rows is None else rows
     place = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     direction = camera.unproject(place)
@@ -207,9 +398,9 @@ def lens_registration(
     plane[:, 1] += math.tan(first.forwards) - math.tan(channel.forwards)
     there = other.project(np.column_stack([plane, np.ones(len(plane))]))
 
-    def metre(one: Channel, grid: Camera, at: Floats) -> Floats:
+    def metre(whole_line: Channel, grid: Camera, at: Floats) -> Floats:
         middle = np.array([(grid.columns - 1) / 2, (grid.rows - 1) / 2])
-        return (at - middle) * (one.detector.pitch / one.optics.image_distance)
+        return (at - middle) * (whole_line.detector.pitch / whole_line.optics.image_distance)
 
     away = metre(channel, camera, place) - metre(first, other, there)
     across, along = np.abs(away).max(0) * channel.optics.image_distance / channel.detector.pitch

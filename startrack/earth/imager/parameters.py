@@ -22,7 +22,6 @@ from startrack.core import (
     Parameters,
     Range,
     Unit,
-    positive,
     shown,
     whole,
 )
@@ -62,27 +61,22 @@ class Reference(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = [each for each in (self.radiance, self.temperature) if each is not None]
+        given = [value for value in (self.radiance, self.temperature) if value is not None]
         if len(given) != 1:
             raise ValueError(f"either radiance or temperature must be given, got {len(given)}")
 
 
 @dataclass(frozen=True)
-class Performance:
+class Performance(Parameters):
     """What is required of a channel, or was measured of it in orbit; None: unknown."""
 
-    snr: Annotated[float | None, "1, at the light of `reference`"] = None
-    nedt: Annotated[float | None, Unit("K", "mK"),
+    snr: Annotated[float | None, POSITIVE, "1, at the light of `reference`"] = None
+    nedt: Annotated[float | None, Unit("K", "mK"), POSITIVE,
         "noise-equivalent temperature difference, likewise"] = None  # fmt: skip
-    mtf: Annotated[float | None, "1, at Nyquist, the lower of both axes"] = None
-    saturation: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"),
+    mtf: Annotated[float | None, POSITIVE, "1, at Nyquist, the lower of both axes"] = None
+    saturation: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE,
         "watt / m^2 / sr / m, largest radiance that is measured"] = None  # fmt: skip
-    gsd: Annotated[float | None, Unit("m"), "metre between columns"] = None
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value is not None:
-                positive(**{name: value})
+    gsd: Annotated[float | None, Unit("m"), POSITIVE, "metre between columns"] = None
 
 
 @dataclass(frozen=True)
@@ -196,7 +190,7 @@ class Channel(Parameters):
         key = "band" if self.response is None else "response"
         curve = getattr(self, key)
         return replace(
-            self, **{key: replace(curve, wavelength=tuple(one + by for one in curve.wavelength))}
+            self, **{key: replace(curve, wavelength=tuple(node + by for node in curve.wavelength))}
         )
 
     def cropped(self, columns: int | None, lines: int | None) -> Channel:
@@ -247,14 +241,14 @@ class Imager:
     def _refuse_other_than_spectra(self, spectrometer: Spectrometer) -> None:
         if spectrometer.keystone and len(self.channels) < 2:
             raise ValueError("spectrometer.keystone must be left out of a camera with one channel")
-        for each in self.channels:
-            if each.kind == "matrix":
+        for channel in self.channels:
+            if channel.kind == "matrix":
                 raise ValueError(
-                    f"spectrometer must be left out where a channel is no line, got {each.name}"
+                    f"spectrometer must be left out where a channel is no line, got {channel.name}"
                 )
-            if spectrometer.smile and each.response is None and not each.band.wavelength:
+            if spectrometer.smile and channel.response is None and not channel.band.wavelength:
                 raise ValueError(
-                    f"channel {each.name} must have band or response where spectrometer.smile "
+                    f"channel {channel.name} must have band or response where spectrometer.smile "
                     "moves it"
                 )
 
@@ -300,11 +294,11 @@ class Survey(Parameters):
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Those of the camera, cropped to the size of the image."""
-        return tuple(each.cropped(self.columns, self.lines) for each in self.camera.channels)
+        return tuple(channel.cropped(self.columns, self.lines) for channel in self.camera.channels)
 
     def whole(self, channel: Channel) -> Channel:
         """A channel of `channels` with all columns of its detector."""
-        return next(each for each in self.camera.channels if each.name == channel.name)
+        return next(own for own in self.camera.channels if own.name == channel.name)
 
     def scene(self, channel: Channel) -> EarthScene:
         """The geometry of one channel's image, whose camera is `nominal` or `field_lens`."""
@@ -362,7 +356,9 @@ def load_survey(path: Path) -> Survey:
 def _covers(table: dict[str, Any]) -> list[dict[str, Any]]:
     land = table.get("land")
     covers = land.get("covers") if isinstance(land, dict) else None
-    return [one for one in covers if isinstance(one, dict)] if isinstance(covers, list) else []
+    return (
+        [cover for cover in covers if isinstance(cover, dict)] if isinstance(covers, list) else []
+    )
 
 
 def _read_spectra(table: dict[str, Any], folder: Path, place: str) -> None:
@@ -395,7 +391,7 @@ class SpectrumFile(Parameters):
         """
         path = folder / self.file
         regular_file(path, "a table of a spectrum")
-        found = {}
+        curve = {}
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
             words = re.split(r"[,;\s]+", line.strip())[:2]
             try:
@@ -403,15 +399,15 @@ class SpectrumFile(Parameters):
             except ValueError:
                 continue
             if math.isfinite(value) and value >= -1:
-                found[wavelength] = min(max(value * self.factor, 0.0), 1.0)
-        if len(found) < 2:
+                curve[wavelength] = min(max(value * self.factor, 0.0), 1.0)
+        if len(curve) < 2:
             raise ValueError(
                 f"{path} must hold a wavelength and a value in each of two lines or more, got "
-                f"{len(found)}"
+                f"{len(curve)}"
             )
         return {
-            "wavelength": [f"{each!r} {self.unit}" for each in sorted(found)],
-            "value": [found[each] for each in sorted(found)],
+            "wavelength": [f"{node!r} {self.unit}" for node in sorted(curve)],
+            "value": [curve[node] for node in sorted(curve)],
         }
 
 
@@ -451,12 +447,12 @@ def _unshared(table: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(shared, dict):
         raise ValueError(f"shared must be a table, got {shown(shared)}")
     own = []
-    for each in channels:
+    for channel in channels:
         layers = Layers()
         layers.lay(shared, "")
-        if isinstance(each, dict):
-            layers.lay(each, "")
-        own.append(layers.table if isinstance(each, dict) else each)
+        if isinstance(channel, dict):
+            layers.lay(channel, "")
+        own.append(layers.table if isinstance(channel, dict) else channel)
     return {**{key: value for key, value in table.items() if key != "shared"}, "channels": own}
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Camera, FieldPsf, Floats, Psf, Streams, deg, lagrange_weights, um
 from startrack.detector import Detector, dark, read_out, response
-from startrack.earth.atmosphere import Terms, at_sensor
+from startrack.earth.atmosphere import Terms
 from startrack.earth.geometry import (
     Carrier,
     EarthScene,
@@ -24,11 +24,17 @@ from startrack.earth.geometry import (
     ground_rate,
     observe_earth,
 )
-from startrack.earth.imager.band import Band, band_of, mean_wavelength
-from startrack.earth.imager.blur import blur_strips, blur_weights, field_blur
+from startrack.earth.imager.band import Band, band_of, mean_wavelength, terms_in_band
 from startrack.earth.imager.cloud_radiance import Deck, decks_of, with_clouds
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
-from startrack.earth.imager.lens import field_lens, image_pixels, nominal
+from startrack.earth.imager.lens import (
+    blur_strips,
+    blur_weights,
+    field_blur,
+    field_lens,
+    image_pixels,
+    nominal,
+)
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.earth.terrain import Ground, geodetic
 from startrack.motion import Motion, realise_motion
@@ -133,18 +139,20 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
 
 def _keystone(survey: Survey, channel: Channel) -> tuple[float, float]:
     """Metre by which a channel's image lies farther out at the end of its line, and half of it."""
-    whole = survey.whole(channel)
-    half = whole.detector.columns / 2 * whole.detector.pitch
+    detector_line = survey.whole(channel)
+    half = detector_line.detector.columns / 2 * detector_line.detector.pitch
     spectrometer = survey.camera.spectrometer
     if spectrometer is None or not spectrometer.keystone:
         return 0.0, half
-    means = [mean_wavelength(each) for each in survey.camera.channels]
+    means = [mean_wavelength(band) for band in survey.camera.channels]
     low, high = min(means), max(means)
     if low == high:
         raise ValueError(
             "spectrometer.keystone must be left out of a camera whose channels have one wavelength"
         )
-    return spectrometer.keystone * (2 * mean_wavelength(whole) - low - high) / (high - low), half
+    return spectrometer.keystone * (2 * mean_wavelength(detector_line) - low - high) / (
+        high - low
+    ), half
 
 
 def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float) -> Setting:
@@ -158,8 +166,8 @@ def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float
     nodes = np.unique(np.linspace(shift.min(), shift.max(), SMILES))
     share = lagrange_weights(nodes, np.asarray(shift, float)).T
     bands = [
-        band_of(channel.shifted(one), survey.air, above, survey.sun_distance)
-        for one in nodes.tolist()
+        band_of(channel.shifted(node), survey.air, above, survey.sun_distance)
+        for node in nodes.tolist()
     ]
     answers = np.array([band.electrons for band in bands]) @ share / setting.band.electrons
     light = answers[None] if setting.light is None else setting.light * answers
@@ -191,7 +199,7 @@ def render(
     setting = prepare(survey, channel, folder)
     turn = turn_of(survey, seed)
     strips = _strips(survey, channel, folder, setting, picture, advance, turn)
-    names = [each.name for each in survey.camera.channels]
+    names = [own.name for own in survey.camera.channels]
     first, offset = 0, names.index(channel.name) * MOST_LINES
     for light in _blurred(survey, channel, setting, strips):
         electrons = pixel_electrons(channel, setting, light, first)
@@ -220,7 +228,9 @@ def turn_of(survey: Survey, seed: int) -> Jitter | None:
     if survey.motion == Motion():
         return None
     scenes = [survey.scene(channel) for channel in survey.channels]
-    longest = max((one.sensor.lines - 1) * one.sensor.dating(one.carrier).period for one in scenes)
+    longest = max(
+        (scene.sensor.lines - 1) * scene.sensor.dating(scene.carrier).period for scene in scenes
+    )
     exposures = [channel.detector.exposure for channel in survey.channels]
     return realise_motion(survey.motion, max(longest, *exposures), Streams(seed, 0)).at
 
@@ -236,7 +246,7 @@ def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float,
     turn = turn_of(survey, seed)
     if turn is None:
         return 0.0, 0.0
-    mine, first = (survey.scene(each).sensor for each in (channel, survey.channels[0]))
+    mine, first = (survey.scene(own).sensor for own in (channel, survey.channels[0]))
     time = mine.dating(survey.carrier).at(np.arange(float(mine.lines)))
     away = turn(time) - turn(time - mine.delay + first.delay)
     scale = channel.optics.image_distance / channel.detector.pitch
@@ -289,8 +299,8 @@ def _strips(
         lines, columns, rays = strip.shape
         here = slice(strip.first, strip.first + lines)
         terms = _along_smile(survey.land, strip, setting, spread)
-        for whole, part in zip(picture.terms, terms, strict=True):
-            whole[here] = part.reshape(strip.shape).mean(2) * um
+        for term, part in zip(picture.terms, terms, strict=True):
+            term[here] = part.reshape(strip.shape).mean(2) * um
         longitude, latitude = _place(strip)
         picture.longitude[here], picture.latitude[here] = longitude / deg, latitude / deg
         stages = rays // survey.rays**2
@@ -305,12 +315,12 @@ def _along_smile(land: Land, strip: Strip, setting: Setting, spread: float) -> T
         return radiance_terms(land, strip.ground, setting, spread)
     parts = [
         [
-            np.broadcast_to(share[:, None].astype(np.float32), strip.shape).ravel() * each
-            for each in radiance_terms(land, strip.ground, setting._replace(band=band), spread)
+            np.broadcast_to(share[:, None].astype(np.float32), strip.shape).ravel() * term
+            for term in radiance_terms(land, strip.ground, setting._replace(band=band), spread)
         ]
         for band, share in setting.smile
     ]
-    return Terms(*(np.sum(each, axis=0) for each in zip(*parts, strict=True)))
+    return Terms(*(np.sum(shares, axis=0) for shares in zip(*parts, strict=True)))
 
 
 def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
@@ -321,10 +331,8 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
     band = setting.band
     seen = reflection(land, ground, band.wavelength, band.weight)
     warm = temperature(land, ground)
-    around = np.array([setting.surroundings])
-    direct = None if seen.direct is seen.sky else seen.direct[:, None]
-    found = at_sensor(ground, band.table, seen.sky[:, None], around, band.heat, warm, direct)
-    terms = Terms(*(each[:, 0] for each in found))
+    direct = None if seen.direct is seen.sky else seen.direct
+    terms = terms_in_band(ground, band, seen.sky, setting.surroundings, warm, direct)
     if band.heat is not None and land.hot_spots:
         terms = _burning(terms, land, ground, setting, spread)
     if not setting.clouds:
@@ -334,14 +342,13 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
 
 def _burning(terms: Terms, land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
     """The same with fires."""
-    band, around = setting.band, np.array([setting.surroundings])
     fractions = [burning_fraction(spot, ground, spread) for spot in land.hot_spots]
     emitted = terms.emitted.copy()
     for spot, fraction in zip(land.hot_spots, fractions, strict=True):
         burns = np.flatnonzero(fraction > FAINT)
         flame = np.full(len(burns), spot.temperature)
-        black = at_sensor(ground[burns], band.table, BLACK, around, band.heat, flame)
-        emitted[burns] += fraction[burns] * (black.emitted[:, 0] - terms.emitted[burns])
+        black = terms_in_band(ground[burns], setting.band, BLACK, setting.surroundings, flame)
+        emitted[burns] += fraction[burns] * (black.emitted - terms.emitted[burns])
     left = np.maximum(1 - sum(fractions), 0).astype(np.float32)  # what burns reflects nothing
     return terms._replace(
         direct=terms.direct * left, indirect=terms.indirect * left, emitted=emitted
@@ -363,7 +370,7 @@ def _coarse_ground(scene: EarthScene, channel: Channel, folder: Path) -> list[Gr
 
 def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
     seen = [reflection(land, ground, band.wavelength, band.weight) for ground in glimpse]
-    values = np.concatenate([each.albedo for each in seen])
+    values = np.concatenate([part.albedo for part in seen])
     return float(values.mean()) if len(values) else 0.0
 
 

@@ -6,16 +6,22 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from startrack.core import Floats, one_of, positive, require_memory
+from startrack.core import (
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    require_memory,
+)
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
-from startrack.earth.product.calibration import Calibration, to_radiance
 from startrack.earth.product.ortho import (
     NO_DATA,
     PROJECTIONS,
@@ -28,7 +34,7 @@ from startrack.earth.product.ortho import (
     resample,
     touched,
 )
-from startrack.earth.product.retrieval import mean_reflectance, retrieve
+from startrack.earth.product.retrieval import Calibration, mean_reflectance, retrieve, to_radiance
 from startrack.earth.terrain import Ground
 
 PIXEL_BYTES = 400  # of geometry and layers
@@ -42,23 +48,13 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How a product is put on a map.
+class Settings(Parameters):
+    """How a product is put on a map."""
 
-    projection  utm or geographic
-    cell        metre; None for the pixel's size in the middle of the image
-    resampling  nearest, bilinear or cubic
-    """
-
-    projection: str = "utm"
-    cell: float | None = None
-    resampling: str = "bilinear"
-
-    def __post_init__(self) -> None:
-        one_of(PROJECTIONS, projection=self.projection)
-        one_of(tuple(RESAMPLING), resampling=self.resampling)
-        if self.cell is not None:
-            positive(cell=self.cell)
+    projection: Annotated[str, Range(choices=PROJECTIONS)] = "utm"
+    cell: Annotated[float | None, Unit("m"), POSITIVE,
+        "None for the pixel's size in the middle of the image"] = None  # fmt: skip
+    resampling: Annotated[str, Range(choices=tuple(RESAMPLING))] = "bilinear"
 
 
 class Product(NamedTuple):
@@ -114,12 +110,12 @@ def make_product(
         which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
         grounds.append(strip.ground[which.ravel()])
         advance(0.3 * strip.shape[0] / lines)
-    if not any(one.hit.any() for one in grounds):
+    if not any(ground.hit.any() for ground in grounds):
         raise ValueError("an image must show the ground to be put on a map, but shows only sky")
     image, around = _layers(radiance, grounds, setting)
-    distance = np.concatenate([one.distance for one in grounds]).reshape(lines, columns)
+    distance = np.concatenate([ground.distance for ground in grounds]).reshape(lines, columns)
     longitude, latitude = (
-        np.concatenate([getattr(one, name) for one in grounds])
+        np.concatenate([getattr(ground, name) for ground in grounds])
         for name in ("longitude", "latitude")
     )
     size = float(np.nanmedian(distance)) * channel.detector.pitch / channel.optics.image_distance
@@ -133,8 +129,8 @@ def make_product(
     ):  # fmt: skip
         bits = part.quality | np.where(touched(saturated, part.pixel), SATURATED, 0)
         for name, values in image.items():
-            found = resample(values, part.pixel, settings.resampling)
-            layers[name][part.rows] = np.where(bits & NO_DATA, math.nan, found)
+            resampled = resample(values, part.pixel, settings.resampling)
+            layers[name][part.rows] = np.where(bits & NO_DATA, math.nan, resampled)
         lost = np.isnan(layers["radiance"][part.rows])
         quality[part.rows] = np.where(lost, NO_DATA, bits)
         advance(0.7 * (part.rows.stop - part.rows.start) / grid.rows)
@@ -145,15 +141,15 @@ def _layers(
     radiance: Floats, grounds: list[Ground], setting: Setting
 ) -> tuple[dict[str, Floats], float]:
     """Layers (lines, columns) in the image, and the mean reflectance of the ground."""
-    ends = np.cumsum([len(one) for one in grounds])[:-1]
+    ends = np.cumsum([len(ground) for ground in grounds])[:-1]
     parts = np.split(radiance.ravel(), ends)
     around = mean_reflectance(parts, grounds, setting)
     here = setting._replace(surroundings=0.0 if math.isnan(around) else around)
-    found = [retrieve(one, ground, here) for one, ground in zip(parts, grounds, strict=True)]
+    retrievals = [retrieve(part, ground, here) for part, ground in zip(parts, grounds, strict=True)]
     image = {"radiance": radiance}
     for name, values in zip(
         ("reflectance", "surface reflectance", "brightness temperature"),
-        zip(*found, strict=True), strict=True,
+        zip(*retrievals, strict=True), strict=True,
     ):  # fmt: skip
         if values[0] is not None:
             image[name] = np.concatenate(values).reshape(radiance.shape)

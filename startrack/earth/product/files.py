@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance
-from startrack.earth.product.calibration import Calibration
 from startrack.earth.product.ortho import QUALITY, Bytes, MapGrid
+from startrack.earth.product.retrieval import Calibration
 from startrack.earth.terrain import require_rasterio
 from startrack.io import open_checked, regular_file, whole
 
@@ -53,10 +53,10 @@ def read_raw(path: Path, channel: Channel) -> RawImage:
         _require_camera(path, first.header, channel)
         shape = channel.detector.rows, channel.columns
         if first.data is None or first.data.shape != shape:
-            found = None if first.data is None else first.data.shape
+            sides = None if first.data is None else first.data.shape
             raise ValueError(
                 f"{path} must have {shape[1]} x {shape[0]} pixel, as the scene says, got "
-                f"{'none' if found is None else ' x '.join(map(str, found[::-1]))}"
+                f"{'none' if sides is None else ' x '.join(map(str, sides[::-1]))}"
             )
         names = {part.name.lower() for part in parts}
         truth = None
@@ -113,12 +113,12 @@ def read_calibration(path: Path, channel: Channel) -> Calibration:
 
 
 def _require_camera(path: Path, header: Any, channel: Channel) -> None:
-    wanted, found = camera_id(channel), header.get("CAMERA")
+    wanted, camera = camera_id(channel), header.get("CAMERA")
     name = header.get("CHANNEL", "no channel")
-    if name != channel.name or found != wanted:
+    if name != channel.name or camera != wanted:
         raise ValueError(
             f"{path} must be of channel {channel.name} with the parameters in the scene "
-            f"({wanted}), got {name} ({found or 'no parameters: rendered by an earlier version'})"
+            f"({wanted}), got {name} ({camera or 'no parameters: rendered by an earlier version'})"
         )
 
 

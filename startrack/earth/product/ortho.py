@@ -1,21 +1,21 @@
-"""An image on a grid of a map projection, with the quality of each cell."""
+"""Where a camera in flight sees points of the ground; an image on a grid of a map projection."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import map_coordinates, maximum_filter
 
-from startrack.core import Camera, Floats, deg, one_of, positive
-from startrack.earth.geometry import EarthScene, sun_direction
+from startrack.core import LIGHT_SPEED, Camera, Floats, deg, one_of, positive
+from startrack.earth.geometry import EarthScene, Elements, fly
 from startrack.earth.imager import Sheet
-from startrack.earth.product.locate import Locator
 from startrack.earth.terrain import (
     EQUATORIAL,
     Ground,
@@ -27,9 +27,12 @@ from startrack.earth.terrain import (
     survey,
     up,
 )
+from startrack.space import sun_direction
 
-Bytes = NDArray[np.uint8]
-
+NODES = 65  # of the flight's spline over the image
+BEYOND = 0.1  # of the lines, before and after the image, in which the spline holds
+STEPS = 8  # of the search of a line, at most
+CLOSE = 1e-6  # line
 NO_DATA, SATURATED, SHADOW, STEEP, HIDDEN, CLOUD, CLOUD_SHADOW = 1, 2, 4, 8, 16, 32, 64
 QUALITY = {
     "no data": NO_DATA, "saturated": SATURATED, "shadow": SHADOW, "steep": STEEP, "hidden": HIDDEN,
@@ -42,6 +45,101 @@ ABOVE = 20e3  # metre from which a ray looks down on each cell
 CLOUDY = 0.1  # vertical optical depth from which a layer counts as cloud; chosen by hand
 CELLS = 2**17  # at a time, which limits the memory
 SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one that is seen
+GEOGRAPHIC = "EPSG:4326"
+
+
+@dataclass(frozen=True, eq=False)
+class Locator:
+    """The inverse of a sight: from points to the image.
+
+    A line camera sees a point when it crosses the plane of the line; its time is searched by
+    Newton's method on splines of position, velocity and attitude.
+
+    scene  with its sensor
+    lens   camera of the sensor's pixels, with its distortion; None: the sensor's own, without
+    """
+
+    scene: EarthScene
+    lens: Camera | None = None
+    _flight: CubicSpline = field(init=False)
+    _row: Elements = field(init=False)
+    _at_once: bool = field(init=False)  # a matrix
+
+    def __post_init__(self) -> None:
+        sensor, carrier = self.scene.sensor, self.scene.carrier
+        dating = sensor.dating(carrier)
+        margin = BEYOND * sensor.lines + 2 * sensor.stages
+        at = np.linspace(-margin, sensor.lines - 1 + margin, NODES)
+        if not dating.period:
+            at = np.linspace(-1.0, 1.0, 4)
+        flight = fly(carrier, dating.at(at))
+        turn = self.scene.pointing.camera_to_itrs(flight).as_matrix().reshape(-1, 9)
+        values = np.concatenate([flight.position, flight.velocity, turn], 1)
+        object.__setattr__(self, "_flight", CubicSpline(at, values))
+        object.__setattr__(self, "_row", sensor.elements(carrier)[0])
+        object.__setattr__(self, "_at_once", not dating.period)
+
+    def locate(self, point: Floats) -> Floats:
+        """Where points are seen.
+
+        point     (n, 3) metre, in the Earth's fixed axes
+        Returns   (n, 2) column and line of the image, whole at the middle of a pixel; far outside,
+                  or NaN, where the image does not show them
+        Accuracy  numerical: 1e-6 pixel. Staggered rows, and the stages of TDI, count as one row in
+                  their middle: even and odd columns lie to both sides of it by what the Earth turns
+                  in between, 0.09 pixel for the camera `hsrs`.
+        """
+        sensor = self.scene.sensor
+        row = self._row
+        if self._at_once:
+            return self._project(point, np.zeros(len(point)))
+        first, last = row.x.mean(1)[[0, -1]]
+        step = (last - first) / (len(row.x) - 1)
+        y, late = float(row.y.mean()), float(row.delay.mean())
+        line = np.full(len(point), (sensor.lines - 1) / 2)
+        pace = self._pace(point, y, late)
+        low, high = self._flight.x[[0, -1]]
+        seen = self._project(point, line + late)
+        for _ in range(STEPS):
+            change = (seen[:, 1] - y) / pace
+            line = np.clip(line - change, low - late, high - late)
+            seen = self._project(point, line + late)
+            if not (np.abs(change) > CLOSE).any():
+                break
+        return np.stack([(seen[:, 0] - first) / step, line], 1)
+
+    def camera(self, line: Floats) -> Floats:
+        """Position (n, 3) metre of the camera at lines (n,)."""
+        return self._at(line)[:, :3]
+
+    def _pace(self, point: Floats, y: float, late: float) -> float:
+        """Rows by which the ground moves from line to line, near the image's middle."""
+        middle = (self.scene.sensor.lines - 1) / 2 + late
+        some = point[:: max(1, len(point) // 16)]
+        before, after = (self._project(some, np.full(len(some), middle + d)) for d in (-0.5, 0.5))
+        moved = (after - before)[:, 1]
+        moved = moved[np.isfinite(moved)]
+        return float(moved.mean()) if len(moved) and moved.mean() else -1.0
+
+    def _at(self, line: Floats) -> Floats:
+        return np.asarray(self._flight(np.zeros_like(line) if self._at_once else line))
+
+    def _project(self, point: Floats, line: Floats) -> Floats:
+        """Pixel (n, 2) of the camera's grid at which it would see points at the time of lines."""
+        flight = self._at(line)
+        sight = point - flight[:, :3]
+        sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+        # The camera's direction a has a - v / c along the sight: see `sight`.
+        drift = flight[:, 3:6] / LIGHT_SPEED
+        along = np.einsum("ij,ij->i", sight, drift)
+        square = np.einsum("ij,ij->i", drift, drift)
+        sight = (np.sqrt(along**2 + 1 - square) - along)[:, None] * sight + drift
+        turn = flight[:, 6:].reshape(-1, 3, 3)
+        camera = self.lens or self.scene.sensor.camera
+        return camera.project(np.einsum("nij,ni->nj", turn, sight))
+
+
+Bytes = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -57,11 +155,8 @@ class MapGrid(NorthUp):
         """Longitude and latitude (n,) radian of the middles of the cells of some rows."""
         y = self.north - (np.arange(rows.start, rows.stop, dtype=float) + 0.5) * self.step_y
         x = self.west + (np.arange(self.columns, dtype=float) + 0.5) * self.step_x
-        x, y = (each.ravel() for each in np.meshgrid(x, y))
+        x, y = (coordinate.ravel() for coordinate in np.meshgrid(x, y))
         return transformed(x, y, self.system, GEOGRAPHIC, 1.0, deg)
-
-
-GEOGRAPHIC = "EPSG:4326"
 
 
 def transformed(
@@ -71,8 +166,8 @@ def transformed(
     if system == other:
         return x * (other_unit / unit), y * (other_unit / unit)
     warp = require_rasterio("to project maps").warp
-    found = warp.transform(system, other, x / unit, y / unit)
-    return np.array(found[0]) * other_unit, np.array(found[1]) * other_unit
+    coordinates = warp.transform(system, other, x / unit, y / unit)
+    return np.array(coordinates[0]) * other_unit, np.array(coordinates[1]) * other_unit
 
 
 def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -> MapGrid:
@@ -89,7 +184,7 @@ def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -
     longitude, latitude = longitude[known], latitude[known]
     # Around the first point, so that no image ends at the date line.
     longitude = longitude[0] + (longitude - longitude[0] + math.pi) % (2 * math.pi) - math.pi
-    east, north = (float(np.median(each)) / deg for each in (longitude, latitude))
+    east, north = (float(np.median(angle)) / deg for angle in (longitude, latitude))
     if projection == "utm":
         zone = int((east + 180) % 360 // 6) + 1
         system = f"EPSG:{(32600 if north >= 0 else 32700) + zone}"
@@ -195,9 +290,9 @@ def resample(values: Floats, pixel: Floats, method: str) -> Floats:
     # Half a pixel beyond the middles of the outermost ones, which are repeated there.
     at = np.clip(pixel[inside], 0, np.array([lines - 1, columns - 1])).T
     filled = np.where(known, values, values[known].mean())
-    found = map_coordinates(filled, at, order=order, mode="nearest")
+    interpolated = map_coordinates(filled, at, order=order, mode="nearest")
     lost = map_coordinates((~known).astype(float), at, order=min(order, 1), mode="nearest")
-    out[inside] = np.where(lost > 1e-6, math.nan, found)
+    out[inside] = np.where(lost > 1e-6, math.nan, interpolated)
     return out
 
 

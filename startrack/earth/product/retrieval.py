@@ -1,20 +1,162 @@
-"""Reflectance or temperature of the ground from radiance at the sensor."""
+"""Calibration frames; raw numbers -> radiance -> reflectance or temperature of the ground."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from startrack.core import Floats, um
-from startrack.earth.atmosphere import at_sensor
-from startrack.earth.imager import INFRARED, Band, Setting
+from startrack.core import Floats, Streams, um, whole
+from startrack.detector import read_out
+from startrack.earth.imager import (
+    INFRARED,
+    MOST_LINES,
+    Band,
+    Channel,
+    Setting,
+    Survey,
+    as_matrix,
+    pixel_electrons,
+    terms_in_band,
+)
 from startrack.earth.terrain import Ground
 
+FRACTIONS = 0.1, 0.3, 0.6, 0.9  # of the largest signal, of the flat frames; chosen by hand
+TOO_MUCH = 3.0  # of it, which saturates every pixel that answers to light
+SIGMA = 4.0
+TRANSFER = 2  # the level of the photon transfer
+LINES, FRAMES = 256, 16  # by default: lines of a scanner, or frames of a matrix, that are averaged
+IN_TURN = 2**16  # exposures of one level
 ROUNDS = 6  # of the mean reflectance of the surroundings; each changes it by a tenth of the last
 FIRST = 0.2  # guess of it
 THINNED = 2**14  # pixels at most that give it
+
+
+class Calibration(NamedTuple):
+    """Mean frames of one channel; lines of a scanner are averaged into one.
+
+    dark       (r, columns) digital number, r = 1 for a scanner
+    flat       (k, r, columns) digital number, of even light
+    radiance   (k,) watt / m^2 / sr / um of the flats, rising
+    gain       (r, columns) digital number for 1 watt / m^2 / sr / um, at the middle flat
+    electrons  electron / digital number, measured by photon transfer
+    saturation  (r, columns) digital number from which a pixel may be full: four sigma below the
+               mean of exposures to too much light
+    exposures  in each mean
+    """
+
+    dark: Floats
+    flat: Floats
+    radiance: Floats
+    gain: Floats
+    electrons: float
+    saturation: Floats
+    exposures: int
+
+
+def calibrate(
+    survey: Survey,
+    channel: Channel,
+    setting: Setting,
+    seed: int,
+    count: int | None = None,
+    advance: Callable[[int], None] = lambda frames: None,
+) -> Calibration:
+    """Simulate dark frames, and flat frames of known radiance, with the detector's own noise.
+
+    setting  of the channel's images
+    seed     of the noise, which is not that of an image with the same seed
+    count    exposures in each mean; None for 256 lines or 16 frames
+    advance  called after each level, with 1
+    Accuracy model: the calibration lamp is even and known exactly. numerical: the mean of `count`
+             exposures has 1 / sqrt(count) of the noise of one, in each pixel.
+    """
+    scanner = bool(channel.detector.scan)
+    count = (LINES if scanner else FRAMES) if count is None else count
+    whole(2, IN_TURN, frames=count)
+    detector = channel.detector
+    largest = 2**detector.bits - 1
+    full = (largest - detector.offset) * detector.full_well / largest / detector.gain
+    full = min(full, detector.full_well)
+    light = np.array([0.0, *FRACTIONS, TOO_MUCH]) * full / setting.electrons
+    names = [own.name for own in survey.camera.channels]
+    first = (len(names) + names.index(channel.name)) * MOST_LINES
+    mean, variance = [], []
+    for level, radiance_of_level in enumerate(light):
+        turn = first + level * IN_TURN
+        expose = _lines if scanner else _frames
+        average, spread = expose(channel, setting, radiance_of_level, count, seed, turn)
+        mean.append(average)
+        variance.append(spread)
+        advance(1)
+    signal = mean[1 + TRANSFER] - mean[0]
+    noise = float((variance[1 + TRANSFER] - variance[0]).mean())
+    radiance = light[1:-1] * um
+    saturation = np.round(mean[-1] - SIGMA * np.sqrt(variance[-1]))
+    return Calibration(
+        mean[0], np.stack(mean[1:-1]), radiance, signal / radiance[TRANSFER],
+        float(signal.mean()) / noise if noise > 0 else 0.0, saturation, count,
+    )  # fmt: skip
+
+
+def _lines(
+    channel: Channel, setting: Setting, light: float, count: int, seed: int, turn: int
+) -> tuple[Floats, Floats]:
+    """Mean and variance (1, columns) of lines in even light, watt / m^2 / sr / m."""
+    even = np.full((count, channel.columns), light)
+    electrons = pixel_electrons(channel, setting, even)
+    numbers = read_out(electrons, as_matrix(channel, count), Streams(seed, turn)).astype(float)
+    return numbers.mean(0, keepdims=True), numbers.var(0, ddof=1, keepdims=True)
+
+
+def _frames(
+    channel: Channel, setting: Setting, light: float, count: int, seed: int, turn: int
+) -> tuple[Floats, Floats]:
+    """Mean and variance (rows, columns) of frames, likewise."""
+    rows = channel.detector.rows
+    electrons = pixel_electrons(channel, setting, np.full((rows, channel.columns), light))
+    total, squares = np.zeros((2, rows, channel.columns))
+    start = np.zeros((rows, channel.columns))
+    for n in range(count):
+        numbers = read_out(electrons, as_matrix(channel, rows), Streams(seed, turn + n))
+        values = numbers.astype(float)
+        if n == 0:
+            start = values  # squares of differences lose no digits
+        total += values - start
+        squares += (values - start) ** 2
+    return start + total / count, (squares - total**2 / count) / (count - 1)
+
+
+def to_radiance(numbers: NDArray[np.integer], calibration: Calibration) -> Floats:
+    """Radiance of raw numbers, watt / m^2 / sr / um.
+
+    Straight lines of each pixel through its dark frame and its flats, beyond the last one as
+    between the last two: one number of each pixel for dark, gain and non-linearity together.
+
+    numbers  (lines, columns)
+    Returns  (lines, columns); saturated pixels have the radiance of their number, too
+    Raises   ValueError where the frames are of another size, or a pixel answers to no light.
+    """
+    lines, columns = numbers.shape
+    rows, wide = calibration.dark.shape
+    if columns != wide or rows not in (1, lines):
+        raise ValueError(
+            f"the calibration frames must have the {columns} columns of the image and one line or "
+            f"its {lines}, got {wide} x {rows}"
+        )
+    out = np.zeros(numbers.shape)
+    below, dark, last = 0.0, calibration.dark, len(calibration.flat) - 1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for n, (flat, light) in enumerate(zip(calibration.flat, calibration.radiance, strict=True)):
+            part = (numbers - dark) / (flat - dark)
+            part = np.clip(part, 0 if n else -np.inf, np.inf if n == last else 1)
+            out += part * (light - below)
+            below, dark = light, flat
+    out[~np.isfinite(out)] = np.nan  # a dead pixel
+    return out
 
 
 class Retrieval(NamedTuple):
@@ -61,8 +203,8 @@ def apparent_reflectance(radiance: Floats, sun_zenith: Floats, band: Band) -> Fl
     """
     cosine = np.cos(sun_zenith)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = math.pi * radiance / um / (band.irradiance * cosine)
-    return np.where(cosine > 0, found, math.nan)
+        apparent = math.pi * radiance / um / (band.irradiance * cosine)
+    return np.where(cosine > 0, apparent, math.nan)
 
 
 def surface_reflectance(radiance: Floats, ground: Ground, setting: Setting) -> Floats:
@@ -93,23 +235,24 @@ def mean_reflectance(radiance: list[Floats], grounds: list[Ground], setting: Set
     """
     if is_thermal(setting.band):
         return math.nan
-    step = max(1, sum(len(one) for one in grounds) // THINNED)
-    some = [(one[::step], ground[::step]) for one, ground in zip(radiance, grounds, strict=True)]
+    step = max(1, sum(len(values) for values in grounds) // THINNED)
+    some = [
+        (values[::step], ground[::step]) for values, ground in zip(radiance, grounds, strict=True)
+    ]
     around = FIRST
     for _ in range(ROUNDS):
         here = setting._replace(surroundings=around)
-        found = np.concatenate([surface_reflectance(*one, here) for one in some])
-        found = found[np.isfinite(found)]
-        around = float(np.clip(found.mean(), 0, 1)) if len(found) else 0.0
+        reflectance = np.concatenate([surface_reflectance(*part, here) for part in some])
+        reflectance = reflectance[np.isfinite(reflectance)]
+        around = float(np.clip(reflectance.mean(), 0, 1)) if len(reflectance) else 0.0
     return around
 
 
 def _air(ground: Ground, setting: Setting) -> tuple[Floats, Floats]:
     """Radiance (n,) of the air, and that of white ground, watt / m^2 / sr / m."""
-    around = np.array([setting.surroundings])
-    found = at_sensor(ground, setting.band.table, np.ones(1), around)
+    terms = terms_in_band(ground, setting.band, np.ones(1), setting.surroundings)
     scattered, direct, indirect = (
-        each[:, 0].astype(np.float64) for each in (found.scattered, found.direct, found.indirect)
+        term.astype(np.float64) for term in (terms.scattered, terms.direct, terms.indirect)
     )
     return scattered, direct + indirect
 
@@ -125,7 +268,7 @@ def brightness_temperature(radiance: Floats, band: Band) -> Floats:
     temperature = 1 / np.linspace(1 / 50.0, 1 / 3000.0, 4000)
     table = np.log(band.heat(temperature)[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.interp(
+        inverse = np.interp(
             np.log(radiance / um), table, 1 / temperature, left=math.nan, right=math.nan
         )
-        return 1 / found
+        return 1 / inverse

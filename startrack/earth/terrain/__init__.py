@@ -22,12 +22,10 @@ constant_height  Where rays meet a surface of constant height above the ellipsoi
 scan             Where rays meet a surface, by a search of every cell: slow, simple, the reference.
 pyramid          Terrain of one surface, or of any size: each ray on the level that its resolution
                  needs.
-chart            Values on the ground of the maps that accompany the terrain: albedo, temperature,
-                 land cover.
-survey           Ground from rays: what each ray meets, its illumination by the Sun, and shadows.
+survey           Ground from rays: what each ray meets, its illumination by the Sun, shadows, and
+                 the values of the maps that accompany the terrain.
 """
 
-from startrack.earth.terrain.chart import Chart, read_charts
 from startrack.earth.terrain.constant_height import ConstantHeight
 from startrack.earth.terrain.ellipsoid import EQUATORIAL, cartesian, geodetic, up
 from startrack.earth.terrain.ground import Ground, Rays, between
@@ -35,32 +33,24 @@ from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.pyramid import Pyramid, Relief
 from startrack.earth.terrain.scan import Scan
 from startrack.earth.terrain.sources import Array, Raster, Source, fractal, require_rasterio
-from startrack.earth.terrain.surface import Grid, Horizon, NorthUp, Surface, index
-from startrack.earth.terrain.survey import Intersector, survey
+from startrack.earth.terrain.surface import Grid, NorthUp, Surface, index
+from startrack.earth.terrain.survey import Chart, Intersector, read_charts, survey
 from startrack.earth.terrain.trace import trace
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Array",
-    "Chart",
     "ConstantHeight",
     "Grid",
     "Ground",
-    "Horizon",
     "Intersector",
     "Mosaic",
     "Pyramid",
     "Raster",
     "Rays",
-    "Relief",
-    "Scan",
     "Source",
-    "Surface",
     "cartesian",
     "fractal",
     "geodetic",
-    "index",
-    "read_charts",
     "survey",
-    "up",
 ]

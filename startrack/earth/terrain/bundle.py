@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
-from startrack.core import kernel
+from startrack.core import Floats, kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
-from startrack.earth.terrain.march import Segment, above, lay, onset
+from startrack.earth.terrain.march import Segment, above, entry_and_exit, segment_from
 from startrack.earth.terrain.path import Path, Ray, path_at
+from startrack.earth.terrain.surface import Lattice, Singles
 
 POLISHED = 1e-9  # metre, change at the next step of Newton's method
 NEAR = (
@@ -19,7 +20,10 @@ STEPS = 60  # of bisection in the worst case, which reduce 100 km to 1e-13 m
 
 
 @kernel(forceinline=True)
-def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
+def refine(
+    lines: Lattice, ray: Ray, guess: float, j: int, i: int,
+    corner: tuple[float, float, float, float],
+) -> tuple[bool, float, float, float, float, float, float]:  # fmt: skip
     """Three steps of Newton's method in one cell, from a good estimate.
 
     j, i     row and column of the cell
@@ -41,13 +45,16 @@ def refine(lines, ray, guess, j, i, corner):  # type: ignore[no-untyped-def]
         t = t + step
     u, v = u0 + t * (path.u1 + t * path.u2), v0 + t * (path.v1 + t * path.v2)
     height = path.h0 + t * (path.h1 + t * path.h2)
-    found = (abs(step) < POLISHED) & (abs(t) < NEAR) & (change < 0)
-    found = found & (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
-    return found, guess + t, u + i, v + j, height, path.sine, path.cosine
+    converged = (abs(step) < POLISHED) & (abs(t) < NEAR) & (change < 0)
+    converged = converged & (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    return converged, guess + t, u + i, v + j, height, path.sine, path.cosine
 
 
 @kernel
-def settle(lines, heights, ray, slot, j, i, low, high, s):  # type: ignore[no-untyped-def]
+def settle(
+    lines: Lattice, heights: Singles, ray: Ray, slot: int, j: int, i: int, low: float, high: float,
+    s: float,
+) -> tuple[float, tuple[float, float, float, float, float]]:  # fmt: skip
     """The root between two distances, where the ray goes from above the surface to below.
 
     Newton's method, kept between its bounds, on new paths where it moves away.
@@ -80,7 +87,10 @@ def settle(lines, heights, ray, slot, j, i, low, high, s):  # type: ignore[no-un
 
 
 @kernel(forceinline=True)
-def normal_at(lines, x, y, height, sine, cosine, to_column, to_row):  # type: ignore[no-untyped-def]
+def normal_at(
+    lines: Lattice, x: float, y: float, height: float, sine: float, cosine: float, to_column: float,
+    to_row: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """The normal of the surface at a point of it, from its change with columns and rows.
 
     normal ~ up - h_lon / ((N + h) cos(lat)) east - h_lat / (M + h) north
@@ -113,7 +123,7 @@ FOUND, U, V, HEIGHT, NX, NY, NZ = range(D + WIDTH, D + 8 * WIDTH, WIDTH)
 
 
 @kernel
-def empty_bundle():  # type: ignore[no-untyped-def]
+def empty_bundle() -> Floats:
     """A bundle of equal rays that meet nothing, to be filled in."""
     bundle = np.zeros(23 * WIDTH)
     bundle[OX : OX + WIDTH] = 1e8
@@ -122,14 +132,14 @@ def empty_bundle():  # type: ignore[no-untyped-def]
 
 
 @kernel
-def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
-    """The first path of each ray, by `onset` and `lay`."""
+def lay_all(bundle: Floats, lines: Lattice, exact: bool) -> None:
+    """The first path of each ray, by `entry_and_exit` and `lay`."""
     for k in range(WIDTH):
         ray, start = ray_of(bundle, k), bundle[START + k]
-        begin, end = onset(lines, ray, start)
+        begin, end = entry_and_exit(lines, ray, start)
         # A shadow begins on the surface, where its path must be best.
         ahead = (not exact) & (begin <= start)
-        middle, half, margin, path = lay(lines, ray, begin, end, ahead)
+        middle, half, margin, path = segment_from(lines, ray, begin, end, ahead)
         bundle[BEGIN + k], bundle[END + k] = begin, end
         bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k] = middle, half, margin
         bundle[U0 + k], bundle[U1 + k], bundle[U2 + k] = path.u0, path.u1, path.u2
@@ -139,7 +149,7 @@ def lay_all(bundle, lines, exact):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def ray_of(bundle, k):  # type: ignore[no-untyped-def]
+def ray_of(bundle: Floats, k: int) -> Ray:
     """Ray k."""
     return Ray(
         bundle[OX + k], bundle[OY + k], bundle[OZ + k],
@@ -148,7 +158,7 @@ def ray_of(bundle, k):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def segment_of(bundle, k):  # type: ignore[no-untyped-def]
+def segment_of(bundle: Floats, k: int) -> Segment:
     """The first segment of ray k."""
     path = Path(
         bundle[U0 + k], bundle[U1 + k], bundle[U2 + k],
@@ -160,19 +170,19 @@ def segment_of(bundle, k):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def refine_all(bundle, lines):  # type: ignore[no-untyped-def]
+def refine_all(bundle: Floats, lines: Lattice) -> None:
     """The point and the normal in each ray's cell, by `refine` and `normal_at`."""
     for k in range(WIDTH):
         ray = ray_of(bundle, k)
         i, j = bundle[COLUMN + k], bundle[ROW + k]
         b, c, d = bundle[B + k], bundle[C + k], bundle[D + k]
-        found, s, u, v, height, sine, cosine = refine(
+        converged, s, u, v, height, sine, cosine = refine(
             lines, ray, bundle[GUESS + k], j, i, (bundle[A + k], b, c, d)
         )
         nx, ny, nz = normal_at(
             lines, ray.x + s * ray.dx, ray.y + s * ray.dy, height, sine, cosine,
             b + d * (v - j), c + d * (u - i),
         )  # fmt: skip
-        bundle[FOUND + k] = s if found else np.nan
+        bundle[FOUND + k] = s if converged else np.nan
         bundle[U + k], bundle[V + k], bundle[HEIGHT + k] = u, v, height
         bundle[NX + k], bundle[NY + k], bundle[NZ + k] = nx, ny, nz

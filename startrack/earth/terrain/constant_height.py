@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from startrack.core import finite, kernel
+from startrack.core import Floats, finite, kernel
 from startrack.earth.terrain.ellipsoid import shell, vertical
 from startrack.earth.terrain.ground import Flags, Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
@@ -51,7 +52,10 @@ def meet_constant_height(rays: Rays, height: float) -> Hits:
 
 
 @kernel
-def _meet(origin, direction, height, status, distance, place, normal):  # type: ignore[no-untyped-def]
+def _meet(
+    origin: Floats, direction: Floats, height: float, status: NDArray[np.uint8], distance: Floats,
+    place: Floats, normal: Floats,
+) -> None:  # fmt: skip
     for n in range(len(origin)):
         ox, oy, oz = origin[n]
         dx, dy, dz = direction[n]
@@ -84,7 +88,7 @@ def tangent_height(rays: Rays) -> np.ndarray:
 
 
 @kernel
-def _tangent(origin, direction, out):  # type: ignore[no-untyped-def]
+def _tangent(origin: Floats, direction: Floats, out: Floats) -> None:
     """Newton's method on the slope of the height; its slope is cos^2(e) / r, nearly constant."""
     for n in range(len(origin)):
         ox, oy, oz = origin[n]

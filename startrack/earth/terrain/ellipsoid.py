@@ -8,12 +8,11 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from startrack.core import Floats, kernel
+from startrack.space import EARTH_RADIUS as EQUATORIAL
+from startrack.space import FLATTENING
+from startrack.space import POLAR_RADIUS as POLAR
+from startrack.space import SQUARED_ECCENTRICITY as ECCENTRICITY_2
 
-# NIMA TR8350.2 (2000), table 3.1: WGS84's two defining lengths, and derived values.
-EQUATORIAL = 6378137.0  # metre
-FLATTENING = 1 / 298.257223563
-POLAR = EQUATORIAL * (1 - FLATTENING)  # metre
-ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
 SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1 - ECCENTRICITY_2)
 
 
@@ -77,7 +76,7 @@ def _geodetic_all(point, out):  # type: ignore[no-untyped-def]
 # The functions below that are inlined by force have no branches, so that loops over rays are
 # vectorised.
 @kernel(forceinline=True)
-def vertical(x, y, z):  # type: ignore[no-untyped-def]
+def vertical(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Sine and cosine of the latitude, height, and distance from the axis of one point.
 
     Free of trigonometric functions: latitude and reduced latitude are kept as sine and cosine.
@@ -129,7 +128,9 @@ def angle(y, x):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def shell(ox, oy, oz, dx, dy, dz, height):  # type: ignore[no-untyped-def]
+def shell(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, height: float,
+) -> tuple[float, float]:  # fmt: skip
     """Distances at which a ray enters and leaves the ellipsoid whose axes are longer by `height`.
 
     It lies within 2 cm of the surface of that height up to 9 km, and 14 cm at 100 km.

@@ -83,9 +83,9 @@ class Ground:
         maps = {name: values[choice] for name, values in self.maps.items()}
         apart = ("sun", "maps")
         of_rays = {
-            one.name: getattr(self, one.name)[choice]
-            for one in fields(self)
-            if one.name not in apart
+            field.name: getattr(self, field.name)[choice]
+            for field in fields(self)
+            if field.name not in apart
         }
         return replace(self, **of_rays, maps=maps)
 
@@ -100,8 +100,8 @@ class Ground:
         return between(up(self.longitude, self.latitude), self.sun)
 
 
-def between(one: Floats, other: Floats) -> Floats:
+def between(first: Floats, second: Floats) -> Floats:
     """Angle between unit vectors, radian, accurate near 0 and pi, too."""
-    other = np.broadcast_to(other, one.shape)
-    across = np.linalg.norm(np.cross(one, other), axis=-1)
-    return np.arctan2(across, np.einsum("...i,...i", one, other))
+    second = np.broadcast_to(second, first.shape)
+    across = np.linalg.norm(np.cross(first, second), axis=-1)
+    return np.arctan2(across, np.einsum("...i,...i", first, second))

@@ -90,14 +90,14 @@ def with_horizon(surface: Surface, rays: Rays) -> Surface:
         low, high = max(-first, 0), min(wide - first, len(under))
         if low < high:
             under[low:high] = maxima[column, first + low : first + high]
-        most = under[:strips]
+        highest = under[:strips]
         for n in range(1, count):
-            most = np.maximum(most, under[n : n + strips])
-        bound[column] = np.maximum(most, enter) + ROUNDING
-        enter = np.maximum(most, enter - rise * side)
+            highest = np.maximum(highest, under[n : n + strips])
+        bound[column] = np.maximum(highest, enter) + ROUNDING
+        enter = np.maximum(highest, enter - rise * side)
     offset = 0.0 if sign > 0 else float(many * side)
-    found = Horizon(bound, int(by_rows), sign, offset, shear, begin, 1 / side)
-    return surface._replace(horizon=found)
+    horizon = Horizon(bound, int(by_rows), sign, offset, shear, begin, 1 / side)
+    return surface._replace(horizon=horizon)
 
 
 def _slopes(surface: Surface, direction: Floats) -> _Slopes | None:

@@ -9,10 +9,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from startrack.core import kernel
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats, kernel
 from startrack.earth.terrain.ellipsoid import shell
-from startrack.earth.terrain.path import Path, crossing, path_at, reach
-from startrack.earth.terrain.surface import corners
+from startrack.earth.terrain.path import Path, Ray, crossing, path_at, reach
+from startrack.earth.terrain.surface import Horizon, Lattice, Singles, Surface, corners
 from startrack.earth.terrain.tile import CELLS, PATCH, SIZE, block, patch
 
 MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray needs a tile that is not in memory
@@ -55,7 +58,7 @@ class Piece(NamedTuple):
 
 
 @kernel(forceinline=True)
-def onset(lines, ray, start):  # type: ignore[no-untyped-def]
+def entry_and_exit(lines: Lattice, ray: Ray, start: float) -> tuple[float, float]:
     """Distances between which a ray can meet a surface; the second is smaller if it cannot."""
     enter, end = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.highest + SHELL_MARGIN)
     below, _ = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.lowest - SHELL_MARGIN)
@@ -64,7 +67,7 @@ def onset(lines, ray, start):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def lay(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
+def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool) -> Segment:
     """The Segment of a ray that begins at `begin`.
 
     ahead  whether its middle, where it is exact, lies at `begin` and not half its length farther
@@ -76,7 +79,9 @@ def lay(lines, ray, begin, end, ahead):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-def]
+def march(
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float, end: float,
+) -> tuple[int, float, float, float, int, int]:  # fmt: skip
     """Follow one ray, a unit direction from a point, on its first path and those after it.
 
     Returns  MISS, HIT or ABSENT; two distances that enclose the intersection, and an estimate of
@@ -93,11 +98,13 @@ def march(lines, surface, ray, segment, begin, end):  # type: ignore[no-untyped-
         if not begin < middle + half < end:
             return MISS, math.inf, math.inf, math.inf, 0, 0
         begin = middle + half
-        segment = lay(lines, ray, begin, end, False)
+        segment = segment_from(lines, ray, begin, end, False)
 
 
 @kernel(forceinline=True)
-def _along(lines, surface, ray, segment, begin):  # type: ignore[no-untyped-def]
+def _along(
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float,
+) -> tuple[int, float, float, float, int, int]:  # fmt: skip
     """Follow a path from `begin` to half, in pieces on which columns and rows are monotonic."""
     path, half = segment.path, segment.half
     first = _turning(path.u1, path.u2, half)
@@ -117,15 +124,15 @@ def _along(lines, surface, ray, segment, begin):  # type: ignore[no-untyped-def]
                 from_, to = _within(path.v0, path.v1, path.v2, south, lines.rows, from_, to)
             if from_ < to:
                 piece = Piece(u0, begin, to, east, south)
-                found = _through(lines, surface, ray, segment, piece, from_)
-                if found[0] != MISS:
-                    return found
+                status = _through(lines, surface, ray, segment, piece, from_)
+                if status[0] != MISS:
+                    return status
         begin = end
     return MISS, math.inf, math.inf, math.inf, 0, 0
 
 
 @kernel
-def _turning(q1, q2, half):  # type: ignore[no-untyped-def]
+def _turning(q1: float, q2: float, half: float) -> float:
     """Where a quadratic turns around, if it does between -half and half; else half."""
     if abs(q1) >= 2 * abs(q2) * half:
         return half
@@ -133,7 +140,9 @@ def _turning(q1, q2, half):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def]
+def _within(
+    q0: float, q1: float, q2: float, sign: int, cells: int, begin: float, end: float,
+) -> tuple[float, float]:  # fmt: skip
     """The part of a monotonic piece on which a coordinate lies between 0 and `cells`."""
     at_begin, at_end = q0 + begin * (q1 + begin * q2), q0 + end * (q1 + end * q2)
     early, late = (0.0, float(cells)) if sign > 0 else (float(cells), 0.0)
@@ -147,7 +156,9 @@ def _within(q0, q1, q2, sign, cells, begin, end):  # type: ignore[no-untyped-def
 
 
 @kernel(forceinline=True)
-def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped-def]
+def _border(
+    q0: float, q1: float, q2: float, inverse: float, curl: float, sign: int, target: float,
+) -> float:  # fmt: skip
     """As `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
     straight = (target - q0) * inverse
     bend = straight * curl
@@ -157,87 +168,126 @@ def _border(q0, q1, q2, inverse, curl, sign, target):  # type: ignore[no-untyped
 
 
 @kernel(forceinline=True)
-def _cell(position, low, high):  # type: ignore[no-untyped-def]
+def _cell(position: float, low: int, high: int) -> int:
     return min(max(math.floor(position), low), high)
 
 
-# Long, because each step needs nearly all of the state: position, block, tile.
+class Rates(NamedTuple):
+    """Bounds of a monotonic piece from where it is followed on.
+
+    u, v   largest columns and rows per metre
+    slack  1, by which the error of the path's slope may grow
+    """
+
+    u: float
+    v: float
+    slack: float
+
+
 @kernel(forceinline=True)
-def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped-def]
-    """Follow a monotonic piece from `s` on through the blocks of the grid."""
+def _rates_of(segment: Segment, s: float, end: float) -> Rates:
+    path = segment.path
+    return Rates(
+        max(abs(path.u1 + 2 * s * path.u2), abs(path.u1 + 2 * end * path.u2)),
+        max(abs(path.v1 + 2 * s * path.v2), abs(path.v1 + 2 * end * path.v2)),
+        3 * segment.margin / segment.half,
+    )
+
+
+class Borders(NamedTuple):
+    """What gives the borders of blocks that a monotonic piece crosses.
+
+    last_u, last_v   column and row at the end of the piece
+    end_i, end_j     the cell there
+    per_u, per_v     metre per column and row; NaN where the piece is on the other branch
+    curl_u, curl_v   1 / metre, bend of columns and rows over their slope
+    past_u, past_v   blocks between the near border of a block and that at which the piece leaves it
+    """
+
+    last_u: float
+    last_v: float
+    end_i: int
+    end_j: int
+    per_u: float
+    per_v: float
+    curl_u: float
+    curl_v: float
+    past_u: int
+    past_v: int
+
+
+@kernel(forceinline=True)
+def _borders_of(path: Path, piece: Piece) -> Borders:
+    last_u = _at(piece.u0, path.u1, path.u2, piece.end)
+    last_v = _at(path.v0, path.v1, path.v2, piece.end)
+    per_u = 1 / path.u1 if piece.east * path.u1 > 0 else math.nan
+    per_v = 1 / path.v1 if piece.south * path.v1 > 0 else math.nan
+    return Borders(
+        last_u, last_v, math.floor(last_u), math.floor(last_v), per_u, per_v,
+        path.u2 * per_u, path.v2 * per_v,
+        1 if piece.east > 0 else 0, 1 if piece.south > 0 else 0,
+    )  # fmt: skip
+
+
+@kernel(forceinline=True)
+def _exits(
+    borders: Borders, path: Path, piece: Piece, level: int, j: int, i: int,
+) -> tuple[float, float]:  # fmt: skip
+    """Distances at which a piece leaves its block through a column and through a row.
+
+    Infinity where it ends inside the block.
+    """
+    exit_u = exit_v = math.inf
+    if (i ^ borders.end_i) >> level:
+        column = float(((i >> level) + borders.past_u) << level)
+        exit_u = _border(
+            piece.u0, path.u1, path.u2, borders.per_u, borders.curl_u, piece.east, column
+        )
+    if (j ^ borders.end_j) >> level:
+        row = float(((j >> level) + borders.past_v) << level)
+        exit_v = _border(path.v0, path.v1, path.v2, borders.per_v, borders.curl_v, piece.south, row)
+    return exit_u, exit_v
+
+
+@kernel(forceinline=True)
+def _through(
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, piece: Piece, s: float,
+) -> tuple[int, float, float, float, int, int]:  # fmt: skip
+    """Follow a monotonic piece from `s` on through the blocks of the grid.
+
+    A block is entered, and split where the path comes below its maximum, until it is a single cell,
+    where `_cell_by_parabola` or `_cell_exact` decides; then the path leaves for the next block.
+
+    Returns  as `march`, distances from the middle of the path; CLEAR where nothing lies ahead
+    """
+    # Once, as numba counts each use of an array of a tuple.
     heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
     top, slots, used, horizon = surface.top, surface.slot, surface.used, surface.horizon
-    path, margin, half = segment.path, segment.margin, segment.half
-    u0, end, east, south = piece.u0, piece.end, piece.east, piece.south
-    u1, u2 = path.u1, path.u2
-    v0, v1, v2 = path.v0, path.v1, path.v2
-    h0, h1, h2 = path.h0, path.h1, path.h2
-    per_u = 1 / u1 if east * u1 > 0 else math.nan
-    per_v = 1 / v1 if south * v1 > 0 else math.nan
-    curl_u, curl_v = u2 * per_u, v2 * per_v
-    past_u, past_v = 1 if east > 0 else 0, 1 if south > 0 else 0
+    path, margin, u0, end = segment.path, segment.margin, piece.u0, piece.end
     last_i, last_j = lines.columns - 1, lines.rows - 1
-    i, j = _cell(u0 + s * (u1 + s * u2), 0, last_i), _cell(v0 + s * (v1 + s * v2), 0, last_j)
-    last_u, last_v = u0 + end * (u1 + end * u2), v0 + end * (v1 + end * v2)
-    end_i, end_j = math.floor(last_u), math.floor(last_v)
-    # A rising ray cannot meet a block whose steepness times these rates is below the ray's slope;
-    # the path's error grows by no more than the last term.
-    fast_u = max(abs(u1 + 2 * s * u2), abs(u1 + 2 * end * u2))
-    fast_v = max(abs(v1 + 2 * s * v2), abs(v1 + 2 * end * v2))
-    slack = 3 * margin / half
-    slope = h1 + 2 * s * h2
+    i = _cell(_at(u0, path.u1, path.u2, s), 0, last_i)
+    j = _cell(_at(path.v0, path.v1, path.v2, s), 0, last_j)
+    borders, rates = _borders_of(path, piece), _rates_of(segment, s, end)
     slot = slots[j >> SIZE, i >> SIZE]
-    level, sure, drop = SIZE, False, 1
-    if slot >= 0 and slope > 0:
-        used[slot] = 1
-        sure = _over(heights, path, u0, slot, j, i, s)
-        level = 0
-        if sure:
-            height = h0 + s * (h1 + s * h2) - margin
-            level = _start(maxima, steepness, slot, j, i, height, slope - slack, fast_u, fast_v)
-    elif slot >= 0:  # begin with blocks about as large as the piece is long
-        level = 0
-        extent = max(abs(last_u - i), abs(last_v - j))
-        while level < SIZE and extent > (1 << level):
-            level += 1
-        # A steeply falling ray meets the surface of a block soon after it falls below its maximum.
-        steep = slope * slope / (1 - slope * slope)
-        while steep > 4 and drop < DIVE:
-            steep *= 0.25
-            drop += 1
+    extent = max(abs(borders.last_u - i), abs(borders.last_v - j))
+    level, sure, drop = _first_block(
+        heights, maxima, steepness, used, segment, u0, rates, slot, j, i, s, extent
+    )
     while True:
-        # A ray that ends in its present block does not leave it.
-        exit_u = exit_v = math.inf
-        if (i ^ end_i) >> level:
-            exit_u = _border(
-                u0, u1, u2, per_u, curl_u, east, float(((i >> level) + past_u) << level)
-            )
-        if (j ^ end_j) >> level:
-            exit_v = _border(
-                v0, v1, v2, per_v, curl_v, south, float(((j >> level) + past_v) << level)
-            )
+        exit_u, exit_v = _exits(borders, path, piece, level, j, i)
         leave = max(s, min(min(exit_u, exit_v), end))
-        slope = h1 + 2 * s * h2
+        slope = path.h1 + 2 * s * path.h2
         if sure and slope > 0 and len(horizon.bound) > 0:
-            u, v = u0 + s * (u1 + s * u2), v0 + s * (v1 + s * v2)
-            if h0 + s * (h1 + s * h2) - margin > _horizon_at(horizon, u, v):
+            u, v = _at(u0, path.u1, path.u2, s), _at(path.v0, path.v1, path.v2, s)
+            if _at(path.h0, path.h1, path.h2, s) - margin > _horizon_at(horizon, u, v):
                 return CLEAR, math.inf, math.inf, math.inf, 0, 0
-        lowest = h0 + s * (h1 + s * h2) if slope >= 0 else h0 + leave * (h1 + leave * h2)
-        if slope < 0 < h1 + 2 * leave * h2:
-            lowest = h0 - 0.25 * h1 * h1 / h2
-        bound = math.inf
-        if level == SIZE:
-            bound = top[j >> SIZE, i >> SIZE]
-        elif level > 0:
-            bound = maxima[
-                slot, block(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
-            ]
-        if lowest <= bound + margin and not (
+        bound = _highest(top, maxima, slot, level, j, i)
+        if _lowest(path, slope, s, leave) <= bound + margin and not (
             slope > 0
             and sure
             and level >= PATCH
             and slot >= 0
-            and _outruns(steepness, slot, level, j, i, slope - slack, fast_u, fast_v)
+            and _too_steep(steepness, slot, level, j, i, slope, rates)
         ):
             if level > 0:
                 if level == SIZE:
@@ -245,41 +295,34 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
                     if slot < 0:
                         return ABSENT, s, s, s, j >> SIZE, i >> SIZE
                 # The height is convex, so its tangent reaches the bound before the path does.
-                spare = h0 + s * (h1 + s * h2) - bound - margin
+                spare = _at(path.h0, path.h1, path.h2, s) - bound - margin
                 if spare > 0 and slope < 0:
                     s = min(s - spare / slope, leave)
-                    west, north = (i >> level) << level, (j >> level) << level
-                    size = (1 << level) - 1
-                    i = _cell(u0 + s * (u1 + s * u2), west, min(west + size, last_i))
-                    j = _cell(v0 + s * (v1 + s * v2), north, min(north + size, last_j))
+                    i = _cell_in_block(_at(u0, path.u1, path.u2, s), i, level, last_i)
+                    j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, last_j)
                 level = max(0, level - drop)
                 continue
             used[slot] = 1
-            found, low, high, guess = _leaf(heights, segment, u0, s, leave, slot, j, i)
-            if found == ABSENT:
-                found, low, high, guess = _doubt(
+            status, low, high, guess = _cell_by_parabola(heights, segment, u0, s, leave, slot, j, i)
+            if status == ABSENT:
+                status, low, high, guess = _cell_exact(
                     lines, heights, ray, segment.middle, piece, s, leave, slot, j, i
                 )
-            if found == HIT:
+            if status == HIT:
                 return HIT, low, high, guess, j, i
             sure = not math.isnan(low)
         else:
             sure = bound > -math.inf  # no hole, below which a ray could continue under the surface
         if leave >= end:
             return MISS, math.inf, math.inf, math.inf, 0, 0
-        s = leave
-        old_j, old_i = j, i
-        size = (1 << level) - 1
-        if exit_u <= exit_v:
-            west, north = (i >> level) << level, (j >> level) << level
-            i = west + size + 1 if east > 0 else west - 1
-            j = _cell(v0 + s * (v1 + s * v2), north, min(north + size, last_j))
-            outer = (old_i ^ i) >> (level + 1)
+        s, old_j, old_i, by_column = leave, j, i, exit_u <= exit_v
+        if by_column:
+            i = _next_block(i, level, piece.east)
+            j = _cell_in_block(_at(path.v0, path.v1, path.v2, s), j, level, last_j)
         else:
-            west, north = (i >> level) << level, (j >> level) << level
-            j = north + size + 1 if south > 0 else north - 1
-            i = _cell(u0 + s * (u1 + s * u2), west, min(west + size, last_i))
-            outer = (old_j ^ j) >> (level + 1)
+            j = _next_block(j, level, piece.south)
+            i = _cell_in_block(_at(u0, path.u1, path.u2, s), i, level, last_i)
+        outer = ((old_i ^ i) if by_column else (old_j ^ j)) >> (level + 1)
         if i < 0 or j < 0 or i > last_i or j > last_j:
             return MISS, math.inf, math.inf, math.inf, 0, 0
         if outer and level < SIZE:  # out of the next larger block, too
@@ -290,7 +333,78 @@ def _through(lines, surface, ray, segment, piece, s):  # type: ignore[no-untyped
 
 
 @kernel(forceinline=True)
-def _horizon_at(horizon, u, v):  # type: ignore[no-untyped-def]
+def _at(q0: float, q1: float, q2: float, s: float) -> float:
+    """A coordinate of a path at the distance `s`."""
+    return q0 + s * (q1 + s * q2)
+
+
+@kernel
+def _first_block(
+    heights: Singles, maxima: Singles, steepness: Singles, used: NDArray[np.uint8],
+    segment: Segment, u0: float, rates: Rates, slot: int, j: int, i: int, s: float, extent: float,
+) -> tuple[int, bool, int]:  # fmt: skip
+    """Level of the first block of a piece in the cell [j, i].
+
+    extent   cells, of the piece along columns or rows
+    Returns  level; whether the path is surely above the surface there; levels that it descends at a
+             time
+    """
+    path, level, sure, drop = segment.path, SIZE, False, 1
+    slope = path.h1 + 2 * s * path.h2
+    if slot >= 0 and slope > 0:
+        used[slot] = 1
+        sure = _over(heights, path, u0, slot, j, i, s)
+        level = 0
+        if sure:
+            height = _at(path.h0, path.h1, path.h2, s) - segment.margin
+            level = _start(maxima, steepness, slot, j, i, height, slope, rates)
+    elif slot >= 0:  # begin with blocks about as large as the piece is long
+        level = 0
+        while level < SIZE and extent > (1 << level):
+            level += 1
+        # A steeply falling ray meets the surface of a block soon after it falls below its maximum.
+        steep = slope * slope / (1 - slope * slope)
+        while steep > 4 and drop < DIVE:
+            steep *= 0.25
+            drop += 1
+    return level, sure, drop
+
+
+@kernel(forceinline=True)
+def _lowest(path: Path, slope: float, s: float, leave: float) -> float:
+    """Least height of a path between two distances; `slope` is that at the first."""
+    if slope < 0 < path.h1 + 2 * leave * path.h2:
+        return path.h0 - 0.25 * path.h1 * path.h1 / path.h2
+    return _at(path.h0, path.h1, path.h2, s if slope >= 0 else leave)
+
+
+@kernel(forceinline=True)
+def _highest(top: Floats, maxima: Singles, slot: int, level: int, j: int, i: int) -> float:
+    """Largest height of the block around the cell [j, i]; infinity of a single cell."""
+    if level == SIZE:
+        return top[j >> SIZE, i >> SIZE]
+    if level == 0:
+        return math.inf
+    n = block(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
+    return maxima[slot, n]
+
+
+@kernel(forceinline=True)
+def _cell_in_block(position: float, cell: int, level: int, last: int) -> int:
+    """Number of the cell at a position, kept inside the block of another and inside the grid."""
+    first = (cell >> level) << level
+    return _cell(position, first, min(first + (1 << level) - 1, last))
+
+
+@kernel(forceinline=True)
+def _next_block(cell: int, level: int, sign: int) -> int:
+    """Number of the first cell beyond the block of a cell."""
+    first = (cell >> level) << level
+    return first + (1 << level) if sign > 0 else first - 1
+
+
+@kernel(forceinline=True)
+def _horizon_at(horizon: Horizon, u: float, v: float) -> float:
     """Height above which rays at a place meet nothing any more."""
     ahead, across = (v, u) if horizon.by_rows else (u, v)
     along = horizon.offset + horizon.sign * ahead
@@ -303,7 +417,10 @@ def _horizon_at(horizon, u, v):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
+def _cell_by_parabola(
+    heights: Singles, segment: Segment, u0: float, s: float, leave: float, slot: int, j: int,
+    i: int,
+) -> tuple[int, float, float, float]:  # fmt: skip
     """Whether the path meets the surface of one cell between two distances, and an estimate where.
 
     A parabola through three heights above the surface decides: MISS, HIT, or ABSENT where exact
@@ -317,7 +434,7 @@ def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untype
     # The error of the path grows with the cube of the distance from its middle.
     fraction = max(abs(s), abs(leave)) / segment.half
     margin = segment.margin * (fraction * fraction * fraction)
-    if not _dip(first, second, third)[0] <= margin:  # true of a hole too
+    if not _parabola_minimum(first, second, third)[0] <= margin:  # true of a hole too
         return MISS, first, math.inf, math.inf
     if first > margin and third < -margin:
         bend, slope = 0.5 * (first + third) - second, 0.5 * (third - first)
@@ -327,22 +444,28 @@ def _leaf(heights, segment, u0, s, leave, slot, j, i):  # type: ignore[no-untype
 
 
 @kernel(forceinline=True)
-def _outruns(steepness, slot, level, j, i, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
+def _too_steep(
+    steepness: Singles, slot: int, level: int, j: int, i: int, slope: float, rates: Rates,
+) -> bool:  # fmt: skip
     """Whether a path that is above the surface rises too steeply to meet it within a block."""
     n = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
-    return steepness[slot, n, 0] * fast_u + steepness[slot, n, 1] * fast_v < slope
+    ground = steepness[slot, n, 0] * rates.u + steepness[slot, n, 1] * rates.v
+    return ground < slope - rates.slack
 
 
 @kernel(forceinline=True)
-def _start(maxima, steepness, slot, j, i, height, slope, fast_u, fast_v):  # type: ignore[no-untyped-def]
-    """Level of a block, nearly the largest, that a rising path leaves without meeting its surface.
+def _start(
+    maxima: Singles, steepness: Singles, slot: int, j: int, i: int, height: float, slope: float,
+    rates: Rates,
+) -> int:  # fmt: skip
+    """Level of a block, nearly the largest, that a rising path leaves without meeting its
 
     The path is above the surface of the cell [j, i].
     """
-    if _outruns(steepness, slot, SIZE, j, i, slope, fast_u, fast_v):
+    if _too_steep(steepness, slot, SIZE, j, i, slope, rates):
         return SIZE
     level = PATCH - 1
-    while _outruns(steepness, slot, level + 1, j, i, slope, fast_u, fast_v):
+    while _too_steep(steepness, slot, level + 1, j, i, slope, rates):
         level += 1
     if level >= PATCH:
         return level
@@ -355,22 +478,27 @@ def _start(maxima, steepness, slot, j, i, height, slope, fast_u, fast_v):  # typ
 
 
 @kernel(forceinline=True)
-def _over(heights, path, u0, slot, j, i, s):  # type: ignore[no-untyped-def]
+def _over(heights: Singles, path: Path, u0: float, slot: int, j: int, i: int, s: float) -> bool:
     """Whether a path is above the surface of a cell; not so in a hole."""
     a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
     return _clear(path, u0 - i, path.v0 - j, a, b, c, d, s) > 0
 
 
 @kernel(forceinline=True)
-def _clear(path, u0, v0, a, b, c, d, s):  # type: ignore[no-untyped-def]
+def _clear(
+    path: Path, u0: float, v0: float, a: float, b: float, c: float, d: float, s: float,
+) -> float:  # fmt: skip
     """Height of a path above a bilinear cell."""
     u, v = u0 + s * (path.u1 + s * path.u2), v0 + s * (path.v1 + s * path.v2)
     return path.h0 + s * (path.h1 + s * path.h2) - (a + b * u + (c + d * u) * v)
 
 
 @kernel
-def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: ignore[no-untyped-def]
-    """As `_leaf`, on exact heights."""
+def _cell_exact(
+    lines: Lattice, heights: Singles, ray: Ray, middle: float, piece: Piece, s: float, leave: float,
+    slot: int, j: int, i: int,
+) -> tuple[int, float, float, float]:  # fmt: skip
+    """As `_cell_by_parabola`, on exact heights."""
     half = 0.5 * (leave - s)
     low, high, guess = s, leave, s + half
     first = second = third = 0.0
@@ -390,7 +518,7 @@ def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: i
             break
         first, second, third = second, third, value
         if turn == 2:
-            position = _dip(first, second, third)[1]
+            position = _parabola_minimum(first, second, third)[1]
             if not -1 < position < 1:
                 return MISS, math.inf, math.inf, math.inf
             guess = s + half * (1 + position)
@@ -400,7 +528,7 @@ def _doubt(lines, heights, ray, middle, piece, s, leave, slot, j, i):  # type: i
 
 
 @kernel
-def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
+def _entry(lines: Lattice, path: Path, j: int, i: int, east: int, south: int) -> float:
     """Distance from the middle of an exact path to its near entry into a cell; 0 if none."""
     u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
     by_u = (i + (0 if east > 0 else 1) - u0) / path.u1
@@ -410,7 +538,7 @@ def _entry(lines, path, j, i, east, south):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def _dip(first, second, third):  # type: ignore[no-untyped-def]
+def _parabola_minimum(first: float, second: float, third: float) -> tuple[float, float]:
     """Minimum of the parabola through values at -1, 0 and 1 within [-1, 1], and its position."""
     slope, bend = 0.5 * (third - first), 0.5 * (first + third) - second
     if bend > 0 and abs(slope) < 2 * bend:
@@ -421,7 +549,9 @@ def _dip(first, second, third):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def above(lines, heights, slot, j, i, path, s):  # type: ignore[no-untyped-def]
+def above(
+    lines: Lattice, heights: Singles, slot: int, j: int, i: int, path: Path, s: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """Height of an exact path above the surface, its change with the distance, and its twist.
 
     The cell is the one near [j, i] that contains the point, so that the value is continuous.

@@ -36,7 +36,9 @@ class Mosaic:
     @cached_property
     def ordered(self) -> tuple[Source, ...]:
         """The source of the smallest cells first."""
-        return tuple(sorted(self.sources, key=lambda one: one.grid.step_y * one.grid.step_x))
+        return tuple(
+            sorted(self.sources, key=lambda source: source.grid.step_y * source.grid.step_x)
+        )
 
     @cached_property
     def grid(self) -> Grid:
@@ -45,13 +47,13 @@ class Mosaic:
         if first.closed:
             west, columns = first.west, first.columns
         else:
-            west, width = _span([one.grid for one in self.sources])
+            west, width = _span([source.grid for source in self.sources])
             before = math.floor((first.west - west) % FULL_TURN / first.step_x + SEAM)
             west = first.west - before * first.step_x
             columns = math.ceil(width / first.step_x - SEAM) + 1
             columns = min(columns, round(FULL_TURN / first.step_x))
-        north = max(one.grid.north for one in self.sources)
-        south = min(one.grid.south for one in self.sources)
+        north = max(source.grid.north for source in self.sources)
+        south = min(source.grid.south for source in self.sources)
         before = math.floor((north - first.north) / first.step_y + SEAM)
         north = first.north + before * first.step_y
         rows = math.floor((north - south) / first.step_y + SEAM) + 1
@@ -61,10 +63,10 @@ class Mosaic:
     def levels(self) -> int:
         """How many, down to one of a few cells; around the Earth, as long as they close."""
         grid = self.grid
-        most = max(1, (min(grid.columns, grid.rows) - 1).bit_length() - 1)
+        coarsest = max(1, (min(grid.columns, grid.rows) - 1).bit_length() - 1)
         if not grid.closed:
-            return most
-        return min(most, (grid.columns & -grid.columns).bit_length())
+            return coarsest
+        return min(coarsest, (grid.columns & -grid.columns).bit_length())
 
     def shape(self, level: int) -> tuple[int, int]:
         """Cells down and across at a level; they reach over the edges by less than a cell."""
@@ -79,7 +81,7 @@ class Mosaic:
         """
         finest = self.grid.step_y
         levels = [
-            min(round(math.log2(one.grid.step_y / finest)), self.levels - 1) for one in self.ordered
+            min(round(math.log2(own.grid.step_y / finest)), self.levels - 1) for own in self.ordered
         ]
         out = np.full(len(place), levels[-1], np.int8)
         for source, level in zip(reversed(self.ordered), reversed(levels), strict=True):
@@ -122,7 +124,8 @@ def _span(grids: list[Grid]) -> tuple[float, float]:
         if first.closed:
             return first.west, FULL_TURN
         width = max(
-            (one.west - first.west) % FULL_TURN + (one.columns - 1) * one.step_x for one in grids
+            (grid.west - first.west) % FULL_TURN + (grid.columns - 1) * grid.step_x
+            for grid in grids
         )
-        best = min(best, (first.west, width), key=lambda each: each[1])
+        best = min(best, (first.west, width), key=lambda span: span[1])
     return best[0], min(best[1], FULL_TURN)

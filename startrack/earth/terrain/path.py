@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from startrack.core import kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
-from startrack.earth.terrain.surface import locate
+from startrack.earth.terrain.surface import Lattice, locate
 
 TOLERANCE = 1e-2  # metre, or of a cell where that is less: largest deviation of a path from its ray
 LONGEST = 0.125  # of the distance from the Earth's axis: largest half length of a path
@@ -25,7 +25,7 @@ class Ray(NamedTuple):
 
 
 @kernel(forceinline=True)
-def point_at(ray, s):  # type: ignore[no-untyped-def]
+def point_at(ray: Ray, s: float) -> tuple[float, float, float]:
     """The point of a ray at the distance `s`, metre."""
     return ray.x + s * ray.dx, ray.y + s * ray.dy, ray.z + s * ray.dz
 
@@ -53,7 +53,7 @@ class Path(NamedTuple):
 
 
 @kernel(forceinline=True)
-def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
+def reach(lines: Lattice, ray: Ray, s: float, longest: float) -> tuple[float, float]:
     """Half the length of a path within its tolerance, at most `longest`; its margin.
 
     The third derivatives of the path, in metres, stay below 8 c / p^2, with c the horizontal
@@ -73,15 +73,15 @@ def reach(lines, ray, s, longest):  # type: ignore[no-untyped-def]
     cell = width if width < depth else depth
     tolerance = TOLERANCE * (cell if cell < 1 else 1.0)
     half = _cube_root(6 * tolerance * across_2 / (8 * level))
-    most = half if half < LONGEST * across else LONGEST * across
-    half = most if most < longest else longest
-    fraction = half / most
+    length = half if half < LONGEST * across else LONGEST * across
+    half = length if length < longest else longest
+    fraction = half / length
     margin = tolerance + (lines.highest - lines.lowest) * 2 * tolerance / cell
     return half, margin * fraction * fraction * fraction
 
 
 @kernel(forceinline=True)
-def _cube_root(volume):  # type: ignore[no-untyped-def]
+def _cube_root(volume: float) -> float:
     """Lower bound of the cube root above 1: 1/3 = 1/4 + 1/16 + ...; 12 % low at 1e11."""
     first = math.sqrt(math.sqrt(volume))
     second = math.sqrt(math.sqrt(first))
@@ -89,7 +89,7 @@ def _cube_root(volume):  # type: ignore[no-untyped-def]
 
 
 @kernel(forceinline=True)
-def path_at(lines, ray, s):  # type: ignore[no-untyped-def]
+def path_at(lines: Lattice, ray: Ray, s: float) -> Path:
     """The path around a point, its derivatives from those of the local axes.
 
     With e, n, w the parts of the direction to the east, to the north and upwards:
@@ -122,7 +122,7 @@ def path_at(lines, ray, s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def crossing(q0, q1, q2, sign, target):  # type: ignore[no-untyped-def]
+def crossing(q0: float, q1: float, q2: float, sign: int, target: float) -> float:
     """Where a quadratic reaches `target` on its branch that rises (sign 1) or falls (-1).
 
     Nearly straight ones by the reverted series, to 1e-16; infinity where it does not reach it.

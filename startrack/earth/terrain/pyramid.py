@@ -103,11 +103,11 @@ class Pyramid:
         Accuracy  model: a ray keeps the level that follows from its resolution at the ellipsoid.
         """
         level, out = self.choose(rays), no_hits(len(rays))
-        for each in np.unique(level):
-            mine = np.flatnonzero(level == each)
-            some, surface = rays[mine], self._surface(int(each))
+        for own_level in np.unique(level):
+            mine = np.flatnonzero(level == own_level)
+            some, surface = rays[mine], self._surface(int(own_level))
             hits = waiting(len(mine), 0.0)
-            while self._fetch(int(each), hits):
+            while self._fetch(int(own_level), hits):
                 go_on(surface, some.origin, some.direction, hits, True)
             out.put(mine, beside(surface, self.sea, some, hits))
         return out, level
@@ -115,11 +115,11 @@ class Pyramid:
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
         """Which rays meet the terrain at given levels, the sea, or the Earth below them."""
         out = np.zeros(len(rays), np.bool_)
-        for each in np.unique(level):
-            mine = np.flatnonzero(level == each)
-            some, surface = rays[mine], self._surface(int(each))
+        for own_level in np.unique(level):
+            mine = np.flatnonzero(level == own_level)
+            some, surface = rays[mine], self._surface(int(own_level))
             hits = waiting(len(mine), start)
-            while self._fetch(int(each), hits):
+            while self._fetch(int(own_level), hits):
                 horizon = with_horizon(surface, some)
                 go_on(horizon, some.origin, some.direction, hits, False)
             out[mine] = hits.hit | under(surface, self.sea, some, start)

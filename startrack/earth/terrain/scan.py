@@ -75,9 +75,11 @@ def _scan(grid, heights, origin, direction, start, stop, out):  # type: ignore[n
         ordered = np.sort(borders[:count])
         for k in range(count - 1):
             if ordered[k + 1] > ordered[k]:
-                found = _search(grid, heights, origin[n], direction[n], ordered[k], ordered[k + 1])
-                if found < math.inf:
-                    out[n] = found
+                distance = _search(
+                    grid, heights, origin[n], direction[n], ordered[k], ordered[k + 1]
+                )
+                if distance < math.inf:
+                    out[n] = distance
                     break
 
 
@@ -142,13 +144,13 @@ def _search(grid, heights, origin, direction, begin, end):  # type: ignore[no-un
         if min(before, value) < step:
             a, b = low, high
             while b - a > 1e-7:
-                one, other = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
-                if _clear(grid, columns, corner, j, i, origin, direction, one) < _clear(
-                    grid, columns, corner, j, i, origin, direction, other
+                near, far = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
+                if _clear(grid, columns, corner, j, i, origin, direction, near) < _clear(
+                    grid, columns, corner, j, i, origin, direction, far
                 ):
-                    b = other
+                    b = far
                 else:
-                    a = one
+                    a = near
             if _clear(grid, columns, corner, j, i, origin, direction, a) <= 0:
                 return _bisect(grid, columns, corner, j, i, origin, direction, low, a)
         low, before = high, value

@@ -203,7 +203,7 @@ def halve(values: Singles) -> Singles:
     known = np.isfinite(values)
     total, weight = np.where(known, values, 0).astype(np.float64), known.astype(np.float64)
     for axis in (0, 1):
-        total, weight = (_tent(one, axis) for one in (total, weight))
+        total, weight = (_tent(part, axis) for part in (total, weight))
     with np.errstate(invalid="ignore", divide="ignore"):
         return (total / weight).astype(np.float32)
 

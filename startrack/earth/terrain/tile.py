@@ -32,7 +32,7 @@ def patch(level, j, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
+def fill(tile: Singles, maxima: Singles, steepness: Singles) -> tuple[float, float]:
     """Fill in the maxima and the steepness of a tile, in place; returns its extreme heights.
 
     NaN, a hole, is lower than all heights, so that blocks of holes are never entered, and
@@ -49,7 +49,7 @@ def fill(tile, maxima, steepness):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
+def _fill_steepness(tile: Singles, steepness: Singles) -> None:
     along, down = np.empty(CELLS, np.float32), np.empty(VERTICES, np.float32)
     side = 1 << PATCH
     for j in range(CELLS >> PATCH):
@@ -75,11 +75,11 @@ def _fill_steepness(tile, steepness):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _keep_larger(most, one, other):  # type: ignore[no-untyped-def]
-    for i in range(len(most)):
-        change = abs(one[i] - other[i])
+def _keep_larger(largest: Singles, first: Singles, second: Singles) -> None:
+    for i in range(len(largest)):
+        change = abs(first[i] - second[i])
         change = change if change == change else np.float32(np.inf)
-        most[i] = change if change > most[i] else most[i]
+        largest[i] = change if change > largest[i] else largest[i]
 
 
 @kernel
@@ -87,14 +87,14 @@ def _fill_maxima(tile, maxima):  # type: ignore[no-untyped-def]
     lowest, highest = math.inf, -math.inf
     for j in range(CELLS // 2):
         for i in range(CELLS // 2):
-            most = np.float32(-np.inf)
+            largest = np.float32(-np.inf)
             for b in range(2 * j, 2 * j + 3):
                 for a in range(2 * i, 2 * i + 3):
                     height = tile[b, a]
-                    most = height if height > most else most
+                    largest = height if height > largest else largest
                     lowest = height if height < lowest else lowest
-            maxima[(j << (SIZE - 1)) + i] = most
-            highest = most if most > highest else highest
+            maxima[(j << (SIZE - 1)) + i] = largest
+            highest = largest if largest > highest else highest
     for level in range(2, SIZE + 1):
         for j in range(CELLS >> level):
             for i in range(CELLS >> level):

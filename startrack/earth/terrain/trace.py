@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, Ints, kernel
 from startrack.earth.terrain import bundle as of
 from startrack.earth.terrain.bundle import (
     WIDTH,
@@ -24,7 +24,7 @@ from startrack.earth.terrain.ground import Rays
 from startrack.earth.terrain.horizon import with_horizon
 from startrack.earth.terrain.march import ABSENT, HIT, MISS, march
 from startrack.earth.terrain.path import point_at
-from startrack.earth.terrain.surface import FULL_TURN, Surface, corners, lattice, locate
+from startrack.earth.terrain.surface import FULL_TURN, Lattice, Surface, corners, lattice, locate
 from startrack.earth.terrain.tile import CELLS, SIZE
 
 
@@ -105,7 +105,7 @@ def no_hits(count: int) -> Hits:
 
 
 @kernel
-def go_on(surface, origin, direction, hits, exact):  # type: ignore[no-untyped-def]
+def go_on(surface: Surface, origin: Floats, direction: Floats, hits: Hits, exact: bool) -> None:
     """Follow the rays whose status is ABSENT until they end or need another absent tile.
 
     exact  whether to find their points and normals
@@ -122,7 +122,9 @@ def go_on(surface, origin, direction, hits, exact):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _gather(bundle, who, n, origin, direction, hits):  # type: ignore[no-untyped-def]
+def _gather(
+    bundle: Floats, who: Ints, n: int, origin: Floats, direction: Floats, hits: Hits,
+) -> tuple[int, int]:  # fmt: skip
     """Fill a bundle with waiting rays from number n on; returns the next number, and how many."""
     status, distance, count = hits.status, hits.distance, 0
     while n < len(origin) and count < WIDTH:
@@ -141,7 +143,9 @@ def _gather(bundle, who, n, origin, direction, hits):  # type: ignore[no-untyped
 
 
 @kernel
-def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-untyped-def]
+def _march_all(
+    surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: Hits, exact: bool,
+) -> None:  # fmt: skip
     """Follow the rays of a bundle to a cell each, whose corners replace the path."""
     status, distance, tile = hits.status, hits.distance, hits.tile
     for k in range(len(who)):
@@ -150,13 +154,13 @@ def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-unt
         if not begin < end:
             status[n], distance[n] = MISS, math.inf
             continue
-        found, low, high, guess, j, i = march(
+        status[n], low, high, guess, j, i = march(
             lines, surface, ray_of(bundle, k), segment_of(bundle, k), begin, end
         )
-        status[n], distance[n] = found, guess
-        if found == ABSENT:
+        distance[n] = guess
+        if status[n] == ABSENT:
             tile[n, 0], tile[n, 1] = j, i
-        elif found == HIT and exact:
+        elif status[n] == HIT and exact:
             bundle[of.GUESS + k], bundle[of.LOW + k], bundle[of.HIGH + k] = guess, low, high
             bundle[of.COLUMN + k], bundle[of.ROW + k] = i, j
             a, b, c, d = corners(
@@ -170,7 +174,7 @@ def _march_all(surface, lines, bundle, who, hits, exact):  # type: ignore[no-unt
 
 
 @kernel
-def _describe_all(surface, lines, bundle, who, hits):  # type: ignore[no-untyped-def]
+def _describe_all(surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: Hits) -> None:
     """Point and normal of each ray that hit; by `settle` where `refine` did not find them."""
     status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
     for k in range(len(who)):
@@ -199,14 +203,17 @@ def _describe_all(surface, lines, bundle, who, hits):  # type: ignore[no-untyped
 
 
 @kernel(forceinline=True)
-def _put_place(surface, u, v, place):  # type: ignore[no-untyped-def]
+def _put_place(surface: Surface, u: float, v: float, place: Floats) -> None:
     longitude = surface.west + u * surface.step_x
     place[0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
     place[1] = surface.north - v * surface.step_y
 
 
 @kernel
-def _describe(surface, lines, tile_j, tile_i, x, y, over, place, normal):  # type: ignore[no-untyped-def]
+def _describe(
+    surface: Surface, lines: Lattice, tile_j: int, tile_i: int, x: float, y: float,
+    over: tuple[float, float, float, float, float], place: Floats, normal: Floats,
+) -> None:  # fmt: skip
     """Fill in the geodetic place of a point of the surface in a tile, and the normal there."""
     u, v, height, sine, cosine = over
     _put_place(surface, u, v, place)

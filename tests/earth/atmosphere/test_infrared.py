@@ -14,9 +14,9 @@ from startrack.earth.atmosphere import (
     planck,
     radiance,
     refine,
-    save_infrared,
     vacuum,
 )
+from startrack.earth.atmosphere.infrared import save_infrared
 from startrack.io import shipped
 
 # MODTRAN 5.2.1 as pybsm 0.16 ships it: rural 23 km, sensor at 24.5 km, Sun at 50 degrees and at

@@ -5,7 +5,7 @@ import pytest
 
 from startrack.core.units import nm, um
 from startrack.earth.atmosphere import vacuum
-from startrack.earth.atmosphere.sunlight import sun_spectrum
+from startrack.earth.atmosphere.spectra import sun_spectrum
 
 # Central wavelength and width (nm) of the bands of Sentinel-2A, and their solar irradiance in
 # W / m^2 / um, as the metadata of its products have it (ESA, Sentinel-2 User Handbook).

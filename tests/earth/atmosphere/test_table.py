@@ -161,7 +161,7 @@ def test_pixels_beyond_the_reach_are_refused(bands):
 def test_a_low_sensor_sees_less_air(table):
     """Against the solver itself at 500 m, a quarter of the lowest altitude; none at 1 m."""
     pytest.importorskip("sasktran2")
-    from startrack.earth.atmosphere.solver import solve_radiance as solved
+    from startrack.earth.atmosphere.build import solve_radiance as solved
 
     from .test_solver import SHETTLE  # of which the particles are kept; the first is 550 nm
 

@@ -5,7 +5,8 @@ import pytest
 
 from startrack.core.camera import Camera
 from startrack.core.units import deg
-from startrack.earth.geometry import Aircraft, Pointing, fly, sight
+from startrack.earth.geometry import Aircraft, Pointing, fly
+from startrack.earth.geometry.sight import sight
 from startrack.earth.terrain import ConstantHeight, geodetic, survey
 
 EPOCH = "2026-06-21T10:00:00"

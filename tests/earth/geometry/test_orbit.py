@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from startrack.earth.geometry import Orbit, TwoLines, fly, sun_direction
+from startrack.earth.geometry import Orbit, TwoLines, fly
 from startrack.earth.terrain import geodetic
+from startrack.space import sun_direction
 
 pytest.importorskip("sgp4")
 
@@ -82,9 +83,9 @@ def test_elements_that_cannot_be():
         Orbit("2026-06-21T10:00:00", altitude=600e3, eccentricity=0.2)
     with pytest.raises(ValueError, match="anomaly must be finite, got nan"):
         Orbit("2026-06-21T10:00:00", anomaly=float("nan"))
-    with pytest.raises(ValueError, match="line 1 must end in its checksum 1"):
+    with pytest.raises(ValueError, match="line 1 of tle must end in its checksum 1"):
         TwoLines(FIRST[:-1] + "5", SECOND)
-    with pytest.raises(ValueError, match="line 2 must be 69 characters"):
+    with pytest.raises(ValueError, match="line 2 of tle must have 69 characters"):
         TwoLines(FIRST, FIRST)
 
 

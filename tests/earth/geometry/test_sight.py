@@ -7,23 +7,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.core.camera import Camera
-from startrack.earth.geometry import (
+from startrack.earth.geometry import EarthScene, Orbit, Pointing, fly, ground_rate, observe_earth
+from startrack.earth.geometry.scene import Fractal, Sensor, Terrain
+from startrack.earth.geometry.sight import (
     Dating,
-    EarthScene,
     Fixed,
-    Orbit,
-    Pointing,
-    fly,
-    ground_rate,
     line_elements,
     matrix_elements,
-    observe_earth,
     scan_lines,
     sight,
     staggered_elements,
     tdi_elements,
 )
-from startrack.earth.geometry.parameters import Fractal, Sensor, Terrain
 from startrack.earth.terrain import ConstantHeight, geodetic, up
 
 pytest.importorskip("sgp4")

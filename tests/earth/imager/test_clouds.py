@@ -8,18 +8,11 @@ import pytest
 
 from startrack.core import Curve, Streams, deg, nm, um
 from startrack.earth.atmosphere import Air, layer_optics, planck
-from startrack.earth.geometry import Aircraft, sun_direction
-from startrack.earth.imager import (
-    CloudLayer,
-    Cover,
-    Imager,
-    Land,
-    Survey,
-    load_survey,
-    open_sheets,
-)
+from startrack.earth.geometry import Aircraft
+from startrack.earth.imager import CloudLayer, Cover, Imager, Land, Survey, load_survey, open_sheets
 from startrack.earth.terrain import cartesian, geodetic, up
 from startrack.io import shipped
+from startrack.space import sun_direction
 from tests.earth.imager.test_render import EPOCH, FLAT, SCAN, channel, flat_band, rendered, survey
 
 GREEN = flat_band(500 * nm, 600 * nm)

@@ -15,7 +15,7 @@ from startrack.core.units import deg, nm, um
 from startrack.design.files import load_design
 from startrack.detector import Detector, Scan
 from startrack.earth.atmosphere import planck
-from startrack.earth.atmosphere.sunlight import sun_spectrum
+from startrack.earth.atmosphere.spectra import sun_spectrum
 from startrack.earth.geometry import ground_rate
 from startrack.earth.imager import (
     Channel,

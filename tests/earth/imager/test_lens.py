@@ -12,26 +12,25 @@ from startrack.core.units import deg, nm, um
 from startrack.detector import Detector, Scan
 from startrack.detector.stamp import stamp_paths
 from startrack.earth.geometry import Aircraft, inside_pixel, observe_earth
-from startrack.earth.geometry.parameters import Fractal, Terrain
+from startrack.earth.geometry.scene import Fractal, Terrain
 from startrack.earth.imager import (
     Channel,
     Cover,
-    FieldLens,
     Imager,
     Land,
     Picture,
     Spectrometer,
     Survey,
     band_of,
-    field_lens,
     figures,
     lens_registration,
     prepare,
     render,
 )
-from startrack.earth.imager.blur import field_blur
-from startrack.earth.imager.lens import image_pixels
-from startrack.earth.product import Locator, calibrate, to_radiance
+from startrack.earth.imager.lens import FieldLens, field_blur, field_lens, image_pixels
+from startrack.earth.product import calibrate
+from startrack.earth.product.ortho import Locator
+from startrack.earth.product.retrieval import to_radiance
 from startrack.optics import Optics, open_optics
 from startrack.optics.lens_psf import _stars
 

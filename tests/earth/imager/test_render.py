@@ -19,7 +19,7 @@ from startrack.detector import Detector, Scan
 from startrack.detector.stamp import stamp
 from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import Aircraft, Pointing, ground_rate, observe_earth
-from startrack.earth.geometry.parameters import Fractal, Terrain
+from startrack.earth.geometry.scene import Fractal, Terrain
 from startrack.earth.imager import (
     Channel,
     Imager,
@@ -33,8 +33,8 @@ from startrack.earth.imager import (
     render,
 )
 from startrack.earth.imager.band import band_of
-from startrack.earth.imager.blur import blur_strips, blur_weights
 from startrack.earth.imager.land import Cover, HotSpot, Land, reflectance
+from startrack.earth.imager.lens import blur_strips, blur_weights
 from startrack.io import shipped
 from startrack.motion import Broadband, Motion, Tone
 from startrack.optics import Aberration, Optics, pixel_psf

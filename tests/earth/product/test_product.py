@@ -37,21 +37,24 @@ from startrack.earth.imager import (
     prepare,
     render,
 )  # fmt: skip
-from startrack.earth.product import (
+from startrack.earth.product import calibrate, make_product
+from startrack.earth.product.ortho import (
     CLOUD,
     CLOUD_SHADOW,
     HIDDEN,
     NO_DATA,
     SATURATED,
     Locator,
+    grid_of,
+    place_cells,
+    resample,
+)
+from startrack.earth.product.retrieval import (
+    Calibration,
     apparent_reflectance,
     brightness_temperature,
-    calibrate,
-    make_product,
     to_radiance,
-)  # fmt: skip
-from startrack.earth.product.calibration import Calibration
-from startrack.earth.product.ortho import grid_of, place_cells, resample
+)
 from startrack.earth.terrain import Rays, cartesian, survey, up
 from startrack.optics import Optics
 

@@ -11,7 +11,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from startrack.cli.main import main
 from startrack.core.units import deg
-from startrack.earth.geometry.parameters import Terrain
+from startrack.earth.geometry.scene import Terrain
 from startrack.earth.terrain import Rays, cartesian, survey, up
 
 rasterio = pytest.importorskip("rasterio")

@@ -1,4 +1,4 @@
-"""HeadModel -> the forms in which simulators of attitude control take a star tracker.
+"""Case -> HeadModel: its error as data, as C code, and in the forms of simulators.
 
 An FMU (Functional Mock-up Interface 2.0, co-simulation), the parameters of Basilisk's module
 starTracker, and the star tracker's block of a spacecraft file of 42.
@@ -14,20 +14,189 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from startrack.budget import Budget, Law, Term, analytic
 from startrack.core import Floats, Refused, arcsec, deg
-from startrack.io import save_text
+from startrack.design import Case, turning
+from startrack.io import save_json, save_text
 from startrack.io import whole as whole_file
-from startrack.mission.aocs import CONVENTION, HeadModel, model_sources
+from startrack.mission.heads import limits_of
+from startrack.mission.parameters import Head
+from startrack.mission.summary import timing_of
 
+# Pixels that a star moves in an exposure at the rates of the table, besides 0; chosen by hand.
+SMEARS: tuple[float, ...] = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
+LEAST = 0.5  # availability below which the table of rates ends
+# Stars' errors over a pixel repeat with it, and are unlike after a fraction of it; chosen by hand.
+PIXEL_LENGTH = 0.5  # pixel
+SOURCES = ("startrack_head.c", "startrack_head.h")
+CONVENTION = (
+    "quaternion x, y, z, w (scalar last) of icrs_to_camera, which takes directions from ICRS axes "
+    "into camera axes: z boresight, x to larger columns, y to larger rows; measured = exp(error) "
+    "true, with the error about the camera's axes; pairs are across (per axis) and about the "
+    "boresight; SI units"
+)
 FMU_SOURCE = "startrack_fmu.c"
 IDENTIFIER = "startrack_head"
 EARLIEST = (1980, 1, 1, 0, 0, 0)  # of a file in a zip: the same bytes each day
+
+
+@dataclass(frozen=True)
+class HeadModel:
+    """The error of a star tracker over rate and time; see startrack_head.h.
+
+    name           of the design
+    period         second, between two frames
+    latency        second, from the middle of the exposure to the end of the read-out
+    rate           (r,) radian / second across the boresight, from 0
+    noise, pixel, field   ((r,), (r,)) radian rms across and about: temporal noise, pixel spatial
+                   error, FOV spatial error
+    available      (r,) 1, fraction of the sky and time with an attitude
+    bias, swing    radian rms, across and about: constant, and thermo-elastic over an orbit
+    pixel_length, field_length   radian that the boresight turns while these errors change
+    sun, moon, limb  radian, exclusion angles
+    """
+
+    name: str
+    period: float
+    latency: float
+    rate: tuple[float, ...]
+    noise: tuple[tuple[float, ...], tuple[float, ...]]
+    pixel: tuple[tuple[float, ...], tuple[float, ...]]
+    field: tuple[tuple[float, ...], tuple[float, ...]]
+    available: tuple[float, ...]
+    bias: tuple[float, float]
+    swing: tuple[float, float]
+    pixel_length: float
+    field_length: float
+    sun: float
+    moon: float
+    limb: float
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """For JSON, with the convention in words."""
+        return {"convention": CONVENTION, **asdict(self)}
+
+
+def head_model(case: Case, name: str) -> HeadModel:
+    """The error model of a design, by its analytic budget at each rate.
+
+    Raises    ValueError where the budget refuses the case, or no field has an attitude at rest.
+    Accuracy  model: that of `budget.analytic` for the variances; that errors over the pixel and the
+              field are Gauss-Markov, with half a pixel and a field as their lengths, is an
+              assumption. A roll counts as no rate. Faster than the table, whose smear ends at 12
+              pixels, there is no attitude.
+    """
+    rates, budgets = _over_rates(case)
+    limits = limits_of(Head(name or "head", ""), case)
+    camera, detector = case.instrument.camera, case.instrument.detector
+
+    def rms(*terms: Term) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        square = [[np.square(budget.term(term)) for term in terms] for budget in budgets]
+        across, about = np.sqrt(np.sum(square, axis=1)).T
+        return tuple(map(float, across)), tuple(map(float, about))
+
+    bias = rms(Term.BIAS, Term.ABERRATION, Term.MEASUREMENT_DATE)
+    swing = rms(Term.THERMO_ELASTIC)
+    return HeadModel(
+        name,
+        *timing_of(case),
+        tuple(rates),
+        rms(Term.NOISE),
+        rms(Term.PIXEL),
+        rms(Term.FIELD),
+        tuple(float(budget.availability) for budget in budgets),
+        (bias[0][0], bias[1][0]),
+        (swing[0][0], swing[1][0]),
+        PIXEL_LENGTH / camera.focal_length_px,
+        2 * math.atan(min(detector.columns, detector.rows) / 2 / camera.focal_length_px),
+        limits.sun,
+        limits.moon,
+        limits.earth,
+    )
+
+
+def _over_rates(case: Case) -> tuple[list[float], list[Budget[Law]]]:
+    """The rates of the table, up to the last at which half of the sky has an attitude."""
+    pixel = 1 / case.instrument.camera.focal_length_px / case.instrument.detector.exposure
+    rates, budgets = [0.0], [analytic(turning(case, 0.0))]
+    for smear in SMEARS:
+        rate = smear * pixel
+        try:
+            budget = analytic(turning(case, rate))
+        except Refused:  # no field has an attitude
+            break
+        if budget.availability < LEAST:
+            break
+        rates.append(rate)
+        budgets.append(budget)
+    if len(rates) < 2:  # two rows at least, as tables have
+        rates, budgets = [0.0, SMEARS[0] * pixel / 100], [budgets[0], budgets[0]]
+    return rates, budgets
+
+
+def write_model(folder: Path, model: HeadModel) -> list[Path]:
+    """Write the model as JSON and as C; the C is in two files that are the same for all designs.
+
+    Returns  the files
+    """
+    files = model_sources(model)
+    for name, text in files.items():
+        save_text(folder / name, text)
+    save_json(folder / "startrack_head.json", model.table)
+    return [folder / name for name in (*files, "startrack_head.json")]
+
+
+def model_sources(model: HeadModel) -> dict[str, str]:
+    """The C of the model, file by file."""
+    files = {name: (Path(__file__).parent / name).read_text(encoding="utf-8") for name in SOURCES}
+    return {**files, "startrack_head_data.h": _data(model)}
+
+
+def _data(model: HeadModel) -> str:
+    count = len(model.rate)
+    single = {
+        "PERIOD": model.period,
+        "LATENCY": model.latency,
+        "PIXEL": model.pixel_length,
+        "FIELD": model.field_length,
+        "SUN": model.sun,
+        "MOON": model.moon,
+        "LIMB": model.limb,
+    }
+    lines = [
+        "/* Numbers of one design for startrack_head.c; radian and second. */",
+        "#ifndef STARTRACK_HEAD_DATA_H",
+        "#define STARTRACK_HEAD_DATA_H",
+        "",
+        f"#define STARTRACK_RATES {count}",
+        *(f"#define STARTRACK_{name} {value!r}" for name, value in single.items()),
+        "",
+        f"static const double startrack_rate[{count}] = {_row(model.rate)};",
+        f"static const double startrack_available[{count}] = {_row(model.available)};",
+        "/* across the boresight, about it */",
+    ]
+    for name in ("noise", "pixel", "field"):
+        across, about = (_row(axis) for axis in getattr(model, name))
+        lines.append(
+            f"static const double startrack_{name}[2][{count}] = {{\n    {across},\n    {about}}};"
+        )
+    for name in ("bias", "swing"):
+        lines.append(f"static const double startrack_{name}[2] = {_row(getattr(model, name))};")
+    return "\n".join([*lines, "", "#endif", ""])
+
+
+def _row(values: tuple[float, ...]) -> str:
+    parts = [repr(float(value)) for value in values]
+    rows = [", ".join(parts[k : k + 4]) for k in range(0, len(parts), 4)]
+    return "{" + ",\n     ".join(rows) + "}"
 
 
 class Variable(NamedTuple):
@@ -78,20 +247,20 @@ def write_fmu(path: Path, model: HeadModel) -> bool:
     data = "startrack_head_data.h"
     define = f'#define STARTRACK_GUID "{guid}"\n\n#endif'
     files[data] = define.join(files[data].rsplit("#endif", 1))
-    held = {f"sources/{name}": text.encode() for name, text in files.items()}
-    held["modelDescription.xml"] = _description(model, guid, [*files]).encode()
+    members = {f"sources/{name}": text.encode() for name, text in files.items()}
+    members["modelDescription.xml"] = _description(model, guid, [*files]).encode()
     library = _library(files)
     if library is not None:
-        held[library[0]] = library[1]
+        members[library[0]] = library[1]
     with whole_file(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
-        for name in sorted(held):
-            file.writestr(zipfile.ZipInfo(name, EARLIEST), held[name], zipfile.ZIP_DEFLATED)
+        for name in sorted(members):
+            file.writestr(zipfile.ZipInfo(name, EARLIEST), members[name], zipfile.ZIP_DEFLATED)
     return library is not None
 
 
 def _library(files: dict[str, str]) -> tuple[str, bytes] | None:
     """Name in the FMU and bytes of the library for this platform; None without a compiler."""
-    compiler = next((one for one in ("cc", "gcc", "clang") if shutil.which(one)), None)
+    compiler = next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
     if compiler is None:
         return None
     system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
@@ -114,15 +283,15 @@ def _library(files: dict[str, str]) -> tuple[str, bytes] | None:
 def _description(model: HeadModel, guid: str, files: Sequence[str]) -> str:
     """The modelDescription.xml of FMI 2.0."""
     rows, outputs = [], []
-    for number, one in enumerate(VARIABLES):
-        start = f' start="{one.start!r}"' if one.causality == "input" else ""
-        if one.causality == "output":
+    for number, variable in enumerate(VARIABLES):
+        start = f' start="{variable.start!r}"' if variable.causality == "input" else ""
+        if variable.causality == "output":
             outputs.append(number + 1)
         rows.append(
-            f'    <ScalarVariable name="{one.name}" valueReference="{number}" '
-            f'causality="{one.causality}" variability="continuous" '
-            f"description={quoteattr(one.about)}>"
-            f'<Real unit="{one.unit}"{start}/></ScalarVariable>'
+            f'    <ScalarVariable name="{variable.name}" valueReference="{number}" '
+            f'causality="{variable.causality}" variability="continuous" '
+            f"description={quoteattr(variable.about)}>"
+            f'<Real unit="{variable.unit}"{start}/></ScalarVariable>'
         )
     rows.append(
         '    <ScalarVariable name="valid" valueReference="0" causality="output" '
@@ -200,13 +369,13 @@ def write_basilisk(path: Path, model: HeadModel, rate: float) -> None:
 
     rate  radian / second across the boresight, at which the error is taken
     """
-    one = one_process(model, rate)
-    keep = [one.keep[0], one.keep[0], one.keep[1]]
+    process = one_process(model, rate)
+    keep = [process.keep[0], process.keep[0], process.keep[1]]
     step = [
         sigma * math.sqrt(1 - k * k)
-        for sigma, k in zip((*one.sigma[:1] * 2, one.sigma[1]), keep, strict=True)
+        for sigma, k in zip((*process.sigma[:1] * 2, process.sigma[1]), keep, strict=True)
     ]
-    bound = [10 * sigma for sigma in (one.sigma[0], one.sigma[0], one.sigma[1])]
+    bound = [10 * sigma for sigma in (process.sigma[0], process.sigma[0], process.sigma[1])]
     save_text(path, _BASILISK.format(
         name=model.name, rate=rate, period=model.period, latency=model.latency, keep=keep,
         step=step, bound=bound, sun=model.sun, moon=model.moon, limb=model.limb,
@@ -264,9 +433,9 @@ def write_42(
     """
     sigma = one_process(model, rate).sigma
     angles = np.zeros(3) if mounting is None else np.asarray(mounting)
-    x, y, z = (f"{one / deg:.6g}" for one in angles)
-    across, about = (f"{one / arcsec:.6g}" for one in sigma)
-    sun, limb, moon = (f"{one / deg:.6g}" for one in (model.sun, model.limb, model.moon))
+    x, y, z = (f"{angle / deg:.6g}" for angle in angles)
+    across, about = (f"{error / arcsec:.6g}" for error in sigma)
+    sun, limb, moon = (f"{limit / deg:.6g}" for limit in (model.sun, model.limb, model.moon))
     rows = (
         (f"{model.period:.6g}", "sample time, s"),
         (f"{x}  {y}  {z}  321", "mounting angles, deg, and their sequence in the body"),

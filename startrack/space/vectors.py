@@ -9,10 +9,10 @@ from startrack.core import Floats
 
 def dot(a: Floats, b: Floats) -> Floats:
     """(n,) scalar products of (3, n)."""
-    found = a[0] * b[0]
-    found += a[1] * b[1]
-    found += a[2] * b[2]
-    return found
+    total = a[0] * b[0]
+    total += a[1] * b[1]
+    total += a[2] * b[2]
+    return total
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -34,10 +34,10 @@ def times(matrix: Floats, a: Floats) -> Floats:
 
 def from_body(body: Floats, line: Floats) -> Floats:
     """(3, n) in ICRS axes of a direction (3,) in body axes; body (3, 3, n), see `Instants`."""
-    found = body[0] * line[0]
-    found += body[1] * line[1]
-    found += body[2] * line[2]
-    return found
+    total = body[0] * line[0]
+    total += body[1] * line[1]
+    total += body[2] * line[2]
+    return total
 
 
 def angle(cosine: Floats) -> Floats:

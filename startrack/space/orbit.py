@@ -1,36 +1,69 @@
-"""Orbit -> position and velocity of the spacecraft in the Earth's true equator of date (TEME)."""
+"""Elements, two lines or a table of states -> position and velocity of a spacecraft over time."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from startrack.core import Floats, Refused, installed_tables, utc
-from startrack.mission.ccsds import Ephemeris, read_oem
-from startrack.mission.parameters import Orbit
-from startrack.mission.spice import read_spk
-from startrack.scene import EARTH_RADIUS
+from startrack.core import Floats, Refused, installed_tables, shown, utc
+from startrack.space.bodies import DAY
+from startrack.space.earth import EARTH_RADIUS, GM, J2
 
-GM = 3.986004418e14  # m^3 / s^2, WGS 84
-J2 = 1.08262668e-3  # 1, WGS 84, EGM96
-YEAR = 365.2422 * 86400.0  # second, tropical
-DAY = 86400.0
+LOWEST = 80e3  # metre, of a perigee: below it no orbit lasts
+YEAR = 365.2422 * DAY  # second, tropical
 BEYOND = 60.0  # second, by which a mission may exceed its file, for the rate at its last step
 KEPLER_STEPS = 12  # of Newton's method; 1e-15 for eccentricities up to 0.9
+GM_WGS72 = 398600.8e9  # m^3 / s^2, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
+EPOCH_1949 = 2433281.5  # Julian date from which SGP4 counts its days
 
 
-class Path6(Protocol):
+class Carrier(Protocol):
     """Something that moves: position and velocity at SI seconds after the begin of the mission."""
 
     inertial: bool  # whether its axes are ICRS; else true equator and mean equinox of date (TEME)
 
     def state(self, second: Floats) -> tuple[Floats, Floats]:
         """(3, n) metre and (3, n) metre / second at (n,) seconds."""
+
+
+def require_perigee(altitude: float, eccentricity: float) -> None:
+    """Raise ValueError where an orbit, `altitude` above the equator's radius, would not last."""
+    if (EARTH_RADIUS + altitude) * (1 - eccentricity) < EARTH_RADIUS + LOWEST:
+        raise Refused(
+            "altitude and eccentricity must keep the perigee above 80 km, got "
+            f"{altitude / 1e3:g} km and {eccentricity:g}"
+        )
+
+
+def require_two_lines(lines: tuple[str, ...]) -> None:
+    """Raise ValueError where lines are no two-line element set, by length, number and checksum."""
+    if len(lines) != 2:
+        raise Refused(f"tle must be two lines, got {len(lines)}")
+    for number, line in enumerate(lines, 1):
+        if len(line) != 69 or not line.startswith(f"{number} "):
+            raise Refused(
+                f"line {number} of tle must have 69 characters and begin with {number}, got "
+                f"{shown(line)}"
+            )
+        total = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10
+        if line[68] != str(total):
+            raise Refused(f"line {number} of tle must end in its checksum {total}, got {line!r}")
+
+
+def orbit_direction(node: float, inclination: float, argument: float) -> Floats:
+    """(3,) unit vector from the Earth's centre, at an angle (radian) from the ascending node."""
+    along, across = math.cos(argument), math.sin(argument)
+    return np.array(
+        [
+            along * math.cos(node) - across * math.cos(inclination) * math.sin(node),
+            along * math.sin(node) + across * math.cos(inclination) * math.cos(node),
+            across * math.sin(inclination),
+        ]
+    )
 
 
 @dataclass(frozen=True)
@@ -72,7 +105,7 @@ class Kepler:
         )
 
     def state(self, second: Floats) -> tuple[Floats, Floats]:
-        """See `Path6`."""
+        """See `Carrier`."""
         since = second - self.start
         node, perigee, mean = (
             first + rate * since
@@ -91,10 +124,7 @@ class Kepler:
         in_plane = (self.axis * (cosine - e), self.axis * flat * sine)
         moving = (-speed * sine, speed * flat * cosine)
         to_p, to_q = _plane(node, perigee, self.inclination)
-        return (
-            in_plane[0] * to_p + in_plane[1] * to_q,
-            moving[0] * to_p + moving[1] * to_q,
-        )
+        return (in_plane[0] * to_p + in_plane[1] * to_q, moving[0] * to_p + moving[1] * to_q)
 
 
 def _plane(node: Floats, perigee: Floats, tilt: float) -> tuple[Floats, Floats]:
@@ -106,11 +136,62 @@ def _plane(node: Floats, perigee: Floats, tilt: float) -> tuple[Floats, Floats]:
     return to_p, to_q
 
 
+def two_line_record(lines: tuple[str, ...]) -> Any:
+    """What SGP4 moves, of a two-line element set; raises ImportError without sgp4."""
+    sgp4 = _sgp4()
+    return sgp4.Satrec.twoline2rv(*lines, sgp4.WGS72)
+
+
+def element_record(
+    epoch: str, axis: float, eccentricity: float, angles: tuple[float, float, float, float]
+) -> Any:
+    """What SGP4 moves without drag, of mean elements at an epoch.
+
+    epoch   UTC;  axis  metre
+    angles  radian: inclination, node, perigee, mean anomaly
+    Raises  ImportError without sgp4
+    """
+    sgp4, date = _sgp4(), utc(epoch)
+    inclination, node, perigee, anomaly = angles
+    record = sgp4.Satrec()
+    record.sgp4init(
+        sgp4.WGS72, "i", 1, (date.jd1 - EPOCH_1949) + date.jd2, 0.0, 0.0, 0.0, eccentricity,
+        perigee % math.tau, inclination, anomaly % math.tau,
+        60 * math.sqrt(GM_WGS72 / axis**3), node % math.tau,
+    )  # fmt: skip
+    return record
+
+
+def propagate(record: Any, jd: tuple[Floats, Floats], name: str) -> tuple[Floats, Floats]:
+    """Positions (metre) and velocities (metre / second) in TEME, (n, 3) each, by SGP4.
+
+    jd      (n,) two parts of the Julian dates, UTC
+    name    of the orbit, for the message
+    Source: the package sgp4 (Vallado et al. 2006, AIAA 2006-6753).
+
+    Raises  ValueError where SGP4 fails, with its reason
+    """
+    code, place, speed = record.sgp4_array(*jd)
+    if code.any():
+        raise Refused(f"{name} must last, got {_sgp4().SGP4_ERRORS[int(code[code > 0][0])]}")
+    return 1e3 * place, 1e3 * speed
+
+
+def _sgp4() -> Any:
+    try:
+        from sgp4 import api
+    except ImportError:
+        raise ImportError(
+            "sgp4 must be installed to fly an orbit: pip install 'startrack[earth]'"
+        ) from None
+    return api
+
+
 @dataclass(frozen=True)
 class Sgp4:
-    """A two-line element set, moved by the package sgp4 (Vallado et al. 2006, AIAA 2006-6753).
+    """A two-line element set, moved by SGP4.
 
-    record    of the package
+    record    of `two_line_record`
     jd        two parts of the Julian date, UTC, of the begin of the mission
     Accuracy  model: a kilometre near the epoch, some kilometres more each day. UTC counts as
               uniform within a mission: a leap second in it shifts the satellite by 7.5 km.
@@ -121,49 +202,11 @@ class Sgp4:
     inertial = False
 
     def state(self, second: Floats) -> tuple[Floats, Floats]:
-        """See `Path6`; raises ValueError with the package's reason where it fails."""
-        from sgp4.api import SGP4_ERRORS
-
+        """See `Carrier`; raises ValueError with the package's reason where it fails."""
         days = np.floor(second / DAY)
-        code, place, speed = self.record.sgp4_array(
-            self.jd[0] + days, self.jd[1] + (second - days * DAY) / DAY
-        )
-        if code.any():
-            raise Refused(f"orbit.tle must last, got {SGP4_ERRORS[int(code[code > 0][0])]}")
-        return 1e3 * place.T, 1e3 * speed.T
-
-
-def path_of(orbit: Orbit, begin: str) -> Path6:
-    """What moves along an orbit.
-
-    begin   of the mission, UTC
-    Raises  ValueError where the elements contradict each other or a file cannot be used;
-            ImportError without sgp4.
-    """
-    date = utc(begin)
-    if orbit.tle:
-        try:
-            from sgp4.api import WGS72, Satrec
-        except ImportError:
-            raise ImportError(
-                "sgp4 must be installed for orbit.tle: pip install 'startrack[earth]'"
-            ) from None
-        return Sgp4(Satrec.twoline2rv(*orbit.tle, WGS72), (float(date.jd1), float(date.jd2)))
-    if orbit.oem:
-        file = Path(orbit.oem)
-        return _along(read_spk(file) if file.suffix == ".bsp" else read_oem(file), begin)
-    assert orbit.altitude is not None
-    axis = EARTH_RADIUS + orbit.altitude
-    start = 0.0
-    if orbit.epoch is not None:
-        with installed_tables():
-            start = float((utc(orbit.epoch) - date).sec)
-    tilt, node = orbit.inclination, orbit.node
-    if orbit.local_time is not None:
-        tilt = sun_synchronous(axis, orbit.eccentricity)
-        node = _node(orbit.epoch or begin, orbit.local_time)
-    assert tilt is not None
-    return Kepler(axis, orbit.eccentricity, tilt, node, orbit.perigee, orbit.anomaly, start)
+        dates = self.jd[0] + days, self.jd[1] + (second - days * DAY) / DAY
+        place, speed = propagate(self.record, dates, "orbit.tle")
+        return place.T, speed.T
 
 
 def sun_synchronous(axis: float, eccentricity: float = 0.0) -> float:
@@ -182,7 +225,7 @@ def sun_synchronous(axis: float, eccentricity: float = 0.0) -> float:
     return math.acos(cosine)
 
 
-def _node(epoch: str, local_time: float) -> float:
+def node_at(epoch: str, local_time: float) -> float:
     """Right ascension of the node at a mean local solar time (second): from Greenwich's."""
     with installed_tables():
         date = utc(epoch)
@@ -192,7 +235,7 @@ def _node(epoch: str, local_time: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Along:
+class Tabulated:
     """States of a file, interpolated by Lagrange's polynomials of its degree.
 
     second, place, speed   (n,), (3, n) metre, (3, n) metre / second, ICRS axes
@@ -205,7 +248,7 @@ class Along:
     inertial = True
 
     def state(self, second: Floats) -> tuple[Floats, Floats]:
-        """See `Path6`; raises ValueError outside the file's times."""
+        """See `Carrier`; raises ValueError outside the file's times."""
         first, last = self.second[0], self.second[-1]
         if second[0] < first - BEYOND or second[-1] > last + BEYOND:
             raise Refused(
@@ -214,26 +257,19 @@ class Along:
             )
         near = np.searchsorted(self.second, second) - self.points // 2
         near = np.clip(near, 0, len(self.second) - self.points)
-        at = near[:, None] + np.arange(self.points)
-        knot = self.second[at] - second[:, None]
-        weight = np.ones_like(knot)
-        for i in range(self.points):
-            for j in range(self.points):
-                if j != i:
-                    weight[:, i] *= knot[:, j] / (knot[:, j] - knot[:, i])
+        at = near + np.arange(self.points)[:, None]
+        weight = lagrange_weights(self.second[at], second)
         place, speed = (
-            np.einsum("nk,ank->an", weight, one[:, at]) for one in (self.place, self.speed)
+            np.einsum("kn,akn->an", weight, values[:, at]) for values in (self.place, self.speed)
         )
         return place, speed
 
 
-def _along(file: Ephemeris, begin: str) -> Along:
-    from astropy.time import Time
-
-    with installed_tables():
-        dates = Time(list(file.epoch), scale=file.scale)
-        second = np.asarray((dates - utc(begin)).sec)
-    if len(second) < 2 or (np.diff(second) <= 0).any():
-        raise Refused("orbit.oem must hold two or more states at rising times")
-    points = min(file.degree + 1, len(second))
-    return Along(second, file.place.T, file.speed.T, points)
+def lagrange_weights(knots: Floats, at: Floats) -> Floats:
+    """(k, n) weights of the values at k knots, (k, n) or (k, 1), in their polynomial at (n,)."""
+    weight = np.ones((len(knots), len(at)))
+    for i in range(len(knots)):
+        for j in range(len(knots)):
+            if i != j:
+                weight[i] *= (at - knots[j]) / (knots[i] - knots[j])
+    return weight

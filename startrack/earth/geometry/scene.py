@@ -1,46 +1,59 @@
-"""EarthScene: a camera in flight over terrain, as a scene file gives it."""
+"""EarthScene: a camera in flight over terrain, as a scene file gives it; what it sees."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from glob import glob
 from pathlib import Path
 from typing import Annotated
+
+import numpy as np
 
 from startrack.core import (
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
     Camera,
+    Floats,
     Parameters,
     Range,
     Streams,
     Unit,
 )
 from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, choose_carrier
-from startrack.earth.geometry.sensor import (
+from startrack.earth.geometry.sight import (
     Dating,
     Elements,
+    Jitter,
+    Pointing,
+    ground_rate,
     line_elements,
     matrix_elements,
+    scan_lines,
     staggered_elements,
     tdi_elements,
+    together,
 )
-from startrack.earth.geometry.sight import Pointing, ground_rate
 from startrack.earth.terrain import (
     EQUATORIAL,
     Array,
     Chart,
     Grid,
+    Ground,
     Mosaic,
     Pyramid,
     Raster,
     Source,
     fractal,
+    read_charts,
+    survey,
 )
+from startrack.space import sun_direction
 
 DETECTORS = ("matrix", "line", "staggered", "tdi")
+BATCH = 2**17  # rays at a time, which limit the memory; chosen by hand
 
 
 @dataclass(frozen=True)
@@ -176,10 +189,12 @@ class Terrain(Parameters):
     def charts(self, folder: Path) -> dict[str, Chart]:
         """The maps by their names."""
         return {
-            one.name: Chart(
-                Mosaic((Raster(folder / one.file, one.band, one.exact),)), one.exact, one.absent
+            map_file.name: Chart(
+                Mosaic((Raster(folder / map_file.file, map_file.band, map_file.exact),)),
+                map_file.exact,
+                map_file.absent,
             )
-            for one in self.maps
+            for map_file in self.maps
         }
 
 
@@ -208,10 +223,61 @@ class EarthScene(Parameters):
 
 def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
     """The files that match patterns, each once, in the order of their names."""
-    found: dict[Path, None] = {}
+    files: dict[Path, None] = {}
     for pattern in patterns:
         paths = sorted(glob(str(folder / pattern), recursive=True))
         if not paths:
             raise FileNotFoundError(f"{folder / pattern} must name files, but there are none")
-        found.update(dict.fromkeys(map(Path, paths)))
-    return list(found)
+        files.update(dict.fromkeys(map(Path, paths)))
+    return list(files)
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """Some lines of an image and the ground that they see.
+
+    first   number of its first line
+    shape   lines, columns, rays of a pixel: how the rays of the ground are ordered
+    ground  of all rays
+    """
+
+    first: int
+    shape: tuple[int, int, int]
+    ground: Ground
+
+    def mean(self, values: Floats) -> Floats:
+        """(lines, columns) mean over the rays of each pixel that have a value; NaN of none."""
+        rays = np.asarray(values, float).reshape(self.shape)
+        known = np.isfinite(rays)
+        with np.errstate(invalid="ignore"):
+            return np.where(known, rays, 0).sum(axis=2) / known.sum(axis=2)
+
+
+def observe_earth(
+    scene: EarthScene, folder: Path, turn: Jitter | None = None, camera: Camera | None = None
+) -> Iterator[Strip]:
+    """Ground that all pixels of a scene see, some lines at a time.
+
+    folder   folder of the files
+    turn     attitude jitter, as in `sight`
+    camera   of the sensor's pixels, with its distortion; None: the sensor's own, without
+    """
+    terrain, charts = scene.terrain.open(folder), scene.terrain.charts(folder)
+    cell = terrain.terrain.grid.step_y
+    sensor, orbit = scene.sensor, scene.carrier
+    elements, dating = sensor.elements(orbit), sensor.dating(orbit)
+    sun = sun_direction(orbit.epoch, sensor.delay)
+    rays_of_line = elements[0].x.size * sensor.rays**2
+    step = max(1, BATCH // rays_of_line)
+    for first in range(0, sensor.lines, step):
+        count = min(step, sensor.lines - first)
+        row, lines = elements[0], np.arange(first, first + count, dtype=np.float64)
+        if len(elements) > 1:  # a matrix, whose rows are exposed together
+            row, lines = together(elements[first : first + count]), np.zeros(1)
+        rays = scan_lines(
+            camera or sensor.camera, row, lines, dating, orbit, scene.pointing, turn, sensor.rays
+        )
+        ground = survey(terrain, rays, sun, scene.sky_rays)
+        ground = read_charts(ground, charts, cell)
+        shape = (count, sensor.columns, len(rays) // (count * sensor.columns))
+        yield Strip(first, shape, ground)

@@ -1,4 +1,4 @@
-"""Line of sight and place -> angle to the Earth's limb, and to the part of it in sunlight."""
+"""The Earth as a body: size, gravity and spin; place and line of sight -> angle to its limb."""
 
 from __future__ import annotations
 
@@ -7,10 +7,17 @@ import math
 import numpy as np
 
 from startrack.core import Floats, Ints, deg
-from startrack.mission.vectors import angle, dot
-from startrack.scene import EARTH_RADIUS
+from startrack.space.vectors import angle, dot
 
-POLAR_RADIUS = EARTH_RADIUS * (1 - 1 / 298.257223563)  # metre, WGS 84
+# WGS 84 (NIMA TR8350.2, 2000), table 3.1, and the gravity model EGM96.
+EARTH_RADIUS = 6_378_137.0  # metre, at the equator
+FLATTENING = 1 / 298.257223563
+POLAR_RADIUS = EARTH_RADIUS * (1 - FLATTENING)  # metre
+SQUARED_ECCENTRICITY = FLATTENING * (2 - FLATTENING)
+GM = 3.986004418e14  # m^3 / s^2
+J2 = 1.08262668e-3  # 1
+SPIN = 7.292115146706979e-5  # radian / second, IERS conventions 2010
+OBLATE = 1 / POLAR_RADIUS**2 - 1 / EARTH_RADIUS**2  # 1 / m^2
 TWILIGHT = 6 * deg  # depression of the Sun to which the limb counts as lit; chosen by hand
 
 
@@ -71,11 +78,11 @@ class EarthSeen:
                   height all around; the terminator inside the disc is left out. Where the limb
                   below the line of sight is dark, the Earth is a sphere of its radius there.
         """
-        found = theta - radius
+        angle_to_lit = theta - radius
         dark = np.flatnonzero(height < -math.sin(TWILIGHT))
         if len(dark):
-            found[dark] = self._beside(theta[dark], radius[dark], height[dark], dark)
-        return found
+            angle_to_lit[dark] = self._beside(theta[dark], radius[dark], height[dark], dark)
+        return angle_to_lit
 
     def _beside(self, theta: Floats, radius: Floats, height: Floats, at: Ints) -> Floats:
         """From lines above dark limb to the nearer end of the lit arc of the limb."""
@@ -87,6 +94,3 @@ class EarthSeen:
         between = angle(here) - angle(end)
         apart = angle(np.cos(theta) * cr + np.sin(theta) * sr * np.cos(between))
         return np.where(end < 1, apart, math.inf)
-
-
-OBLATE = 1 / POLAR_RADIUS**2 - 1 / EARTH_RADIUS**2  # 1 / m^2

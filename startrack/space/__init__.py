@@ -1,0 +1,50 @@
+"""Where things are around the Earth: orbits, Sun, Moon and planets, the Earth's limb.
+
+vectors  Products of many vectors that lie component by component.
+earth    Size, gravity and spin of the Earth; place and line of sight -> angle to its limb.
+bodies   Dates -> Sun, Moon, planets and axes of the Earth: one at a time, and as tables.
+orbit    Elements, two lines or a table of states -> position and velocity over time.
+"""
+
+from startrack.space.bodies import (
+    AU,
+    DAY,
+    FIRST_YEAR,
+    J2000,
+    LAST_YEAR,
+    PLANETS,
+    Bodies,
+    Body,
+    barycentric,
+    bodies_of,
+    body_states,
+    seen_from,
+    sun_direction,
+    to_itrs,
+)
+from startrack.space.earth import (
+    EARTH_RADIUS,
+    FLATTENING,
+    GM,
+    POLAR_RADIUS,
+    SPIN,
+    SQUARED_ECCENTRICITY,
+    EarthSeen,
+)
+from startrack.space.orbit import (
+    BEYOND,
+    Carrier,
+    Kepler,
+    Sgp4,
+    Tabulated,
+    element_record,
+    lagrange_weights,
+    node_at,
+    orbit_direction,
+    propagate,
+    require_perigee,
+    require_two_lines,
+    sun_synchronous,
+    two_line_record,
+)
+from startrack.space.vectors import angle, cross, dot, from_body, times, unit
