@@ -70,6 +70,11 @@ class Campaign(Parameters):
     analytic_evaluations: Annotated[int, Range(0, 10**6),
         "designs that the analytic budget evaluates before the first trial; 0 to begin at the "
         "design"] = 200  # fmt: skip
+    search: Annotated[str,
+        'how designs are chosen for the analytic budget: "emulator", where Gaussian processes '
+        'through all that are known expect most, or algorithms of nlopt one after the other, such '
+        'as "direct+sbplx" or "GN_ISRES", each with as many evaluations'
+    ] = "emulator"  # fmt: skip
     precision: Annotated[float, Range(1e-4, 0.5),
         "fraction of the objective that is worth no further evaluation: a search ends when it "
         "expects to gain less, and each variable is known as well as that bears"

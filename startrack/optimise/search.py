@@ -37,17 +37,37 @@ class Algorithm(StrEnum):
     MLSL = "G_MLSL_LDS"
 
 
+def algorithms(text: str) -> list[str]:
+    """The algorithms that a campaign names one after the other: "direct+sbplx", "GN_ISRES".
+
+    Raises  Refused where nlopt has none of that name that needs no gradient.
+    """
+    names = list[str]()
+    for part in text.split("+"):
+        name = part.strip().upper()
+        name = Algorithm[name].value if name in Algorithm.__members__ else name
+        if not (name.startswith(("LN_", "GN_", "G_")) and hasattr(nlopt, name)):
+            short = ", ".join(one.lower() for one in Algorithm.__members__)
+            raise Refused(
+                f"campaign.search must be emulator, or algorithms joined by +: {short}, or names "
+                f"of nlopt that begin with LN_ or GN_, got {text!r}"
+            )
+        names.append(name)
+    return names
+
+
 @dataclass(frozen=True)
 class Search(Parameters):
     """How long and how finely to search.
 
+    algorithm    by nlopt's name
     evaluations  points that may be evaluated
     first_step   1, side of the first simplex
     last_step    1, steps below which a local search ends
     seed         of the algorithms with random numbers
     """
 
-    algorithm: Algorithm = Algorithm.SBPLX
+    algorithm: str = Algorithm.SBPLX
     evaluations: Annotated[int, Range(1, 10**7)] = 200
     first_step: Annotated[float, Range(1e-9, 0.5)] = 0.15
     last_step: Annotated[float, POSITIVE] = 2e-3
@@ -211,11 +231,11 @@ def _engine(search: Search, start: Floats) -> Any:
     engine.set_lower_bounds(np.zeros(len(start)))
     engine.set_upper_bounds(np.ones(len(start)))
     engine.set_maxeval(search.evaluations)
-    if search.algorithm is Algorithm.MLSL:
+    if search.algorithm == Algorithm.MLSL:
         local = nlopt.opt(nlopt.LN_SBPLX, len(start))
         local.set_xtol_abs(np.full(len(start), search.last_step))
         engine.set_local_optimizer(local)
-    elif search.algorithm in (Algorithm.SBPLX, Algorithm.BOBYQA, Algorithm.COBYLA):
+    elif search.algorithm.startswith("LN_"):
         engine.set_xtol_abs(np.full(len(start), search.last_step))
         step = search.first_step
         engine.set_initial_step(np.where(start + step <= 1, step, -step))

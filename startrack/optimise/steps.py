@@ -17,11 +17,12 @@ from startrack.metrics import Interval
 from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed
 from startrack.optimise.explore import Explorer
 from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.search import least_of_all
+from startrack.optimise.search import Search, algorithms, least, least_of_all
 from startrack.optimise.units import errors_of, fresh_units
 from startrack.verification import Answer, Looks, YieldClaim, boresights, claims_of, counted
 from startrack.verification import margins as margins_of
 
+EMULATOR = "emulator"
 RIVAL = 0.1  # of ln(error), by which budgets of branches may be wrong; chosen by hand
 
 
@@ -37,7 +38,10 @@ def explore(
     """
     most, left = max(campaign.analytic_evaluations, 1), dict(explorers)
     for label, branch in explorers.items():
-        branch.begin(starts[label], most)
+        if campaign.search == EMULATOR:
+            branch.begin(starts[label], most)
+        else:
+            _search(branch, starts[label], most)
     while running := [branch for branch in left.values() if not branch.ending]:
         for branch in running:
             if len(branch.points) < most:
@@ -50,6 +54,20 @@ def explore(
             if branch.score <= least + RIVAL or (not branch.ending and branch.lowest() <= least)
         }  # fmt: skip
     return left
+
+
+def _search(branch: Explorer, start: Floats, most: int) -> None:
+    """Forecast designs where algorithms of nlopt ask for them, from the best so far."""
+    names = algorithms(branch.campaign.search)
+
+    def score(point: Floats) -> float:
+        branch.forecast([point])
+        return branch.values[-1].score
+
+    branch.forecast([start])
+    for name in names:
+        ended = least(score, branch.best, Search(name, max(1, most // len(names))))
+        branch.ending = ended.ending
 
 
 # Evaluations of `feasible_start` over the whole space, and again around the best. Chosen by hand:

@@ -243,3 +243,16 @@ def test_killed_it_goes_on_to_the_same_answer(small, tmp_path):
     assert killed >= 2
     whole, cut = ((tmp_path / name / "best.toml").read_bytes() for name in ("whole", "cut"))
     assert whole == cut
+
+
+@pytest.mark.parametrize("search", ["direct+sbplx", "bobyqa", "GN_ISRES"])
+def test_a_campaign_names_the_algorithms_of_nlopt(small, campaign, search):
+    named = dataclasses.replace(campaign, search=search, evaluations=3, fresh_trials=12)
+    optimum = optimize(small.case, named, TrialRunner(5))
+    start = optimum.landscape.expected[0]
+    assert min(optimum.landscape.expected) < start
+
+
+def test_an_algorithm_that_nlopt_lacks_is_refused(small, campaign):
+    with pytest.raises(Refused, match=r"campaign\.search must be emulator.*got 'newton'"):
+        optimize(small.case, dataclasses.replace(campaign, search="newton"), TrialRunner(5))
