@@ -65,11 +65,10 @@ class Campaign(Parameters):
     most_trials: Annotated[int, Range(high=10**6),
         "of each design at last; the number doubles between"] = 200  # fmt: skip
     evaluations: Annotated[int, Range(1, 10**6),
-        "designs that an optimiser may try, in all branches together; each branch has two and "
-        "one a round of their race at least"] = 120  # fmt: skip
+        "designs at most that are tried by trials, in all branches together"] = 120  # fmt: skip
     analytic_evaluations: Annotated[int, Range(0, 10**6),
-        "designs that the analytic budget evaluates before the first trial; 0 to begin at the "
-        "design"] = 200  # fmt: skip
+        "designs at most of each branch that the analytic budget evaluates, before the first trial"
+    ] = 200  # fmt: skip
     search: Annotated[str,
         'how designs are chosen for the analytic budget: "emulator", where Gaussian processes '
         'through all that are known expect most, or algorithms of nlopt one after the other, such '

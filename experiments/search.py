@@ -1,0 +1,173 @@
+"""How fast and how right are forecasts, and how near do searches on them come to the best?
+
+python experiments/search.py [--json FILE] [--designs 20] [--seeds 10] [--optimize] [--quick]
+
+A forecast is beside the whole budgets of the same units; the best is that of all searches: those
+of all seeds, and long ones by nlopt from the best of each. --optimize times whole commands.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import command
+import numpy as np
+
+from startrack import Case, load_design, shipped
+from startrack.budget import units
+from startrack.core import Floats
+from startrack.design import Campaign, DesignSpace, Moment, Objective, branches
+from startrack.optimise import Search, least
+from startrack.optimise.evaluate import foresee
+from startrack.optimise.explore import Explorer
+from startrack.optimise.forecast import _unit_budgets, forecasts
+from startrack.optimise.steps import explore
+from startrack.population import middle_of
+
+UNITS = ("nanosatellite", "high_accuracy")  # judged over their units
+ALONE = "noise_only"
+LONG = 400  # forecasts of each long search
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--designs", type=int, default=20, help="random designs of each campaign")
+    parser.add_argument("--seeds", type=int, default=10, help="searches of each campaign")
+    parser.add_argument("--optimize", action="store_true", help="time `startrack optimize`, too")
+    options = command.read(parser, designs=1, seeds=1)
+    figures: dict[str, Any] = {"forecast_s": {}, "forecast_error": 0.0, "regret": {}}
+    for name in UNITS[: 1 if options.quick else None]:
+        seconds, error = beside_whole_budgets(name, options.designs, options.quick)
+        figures["forecast_s"][name] = seconds
+        figures["forecast_error"] = max(figures["forecast_error"], error)
+    for name in (ALONE,) if options.quick else (ALONE, "nanosatellite"):
+        figures["regret"][name] = regrets(name, options.seeds, options.quick)
+    figures["unmoved"] = [each for one in figures["regret"].values() for each in one.pop("unmoved")]
+    if options.optimize:
+        figures["optimize_warm_s"] = optimize("nanosatellite")
+        figures["optimize_high_accuracy_s"] = optimize("high_accuracy")
+    print(json.dumps(figures, indent=1))
+    command.save(options, figures)
+
+
+def campaign_of(name: str) -> tuple[Case, Campaign]:
+    design = load_design(shipped(f"designs/{name}.toml"))
+    assert design.campaign
+    return design.case, design.campaign
+
+
+def beside_whole_budgets(name: str, count: int, quick: bool) -> tuple[float, float]:
+    """CPU seconds of a forecast in the median, and its worst relative difference from budgets in
+    which each unit has its own stars."""
+    case, campaign = campaign_of(name)
+    if quick:
+        campaign = replace(campaign, unit_count=2)
+    spaces = [
+        DesignSpace(branch.case, campaign.variables, campaign.links)
+        for branch in branches(case, campaign.choices)
+    ]
+    random, seconds, errors = np.random.default_rng(7), list[float](), list[float]()
+    for number in range(count):
+        space = spaces[number % len(spaces)]
+        point = random.random(len(space)) if number else space.start
+        began = time.process_time()
+        fast = expected(space, campaign, point)
+        seconds.append(time.process_time() - began)
+        whole = in_whole_budgets(space, campaign, point)
+        errors.append(abs(fast / whole - 1))
+        print(f"{name} {number}: {seconds[-1]:.2f} s, {100 * errors[-1]:.2f} %", flush=True)
+    return float(np.median(seconds[1:] or seconds)), float(np.nanmax(errors))
+
+
+def expected(space: DesignSpace, campaign: Campaign, point: Floats) -> float:
+    judged = campaign.judged(space.design(point))
+    return forecasts(judged, Objective.read(campaign.objective))[0]
+
+
+def in_whole_budgets(space: DesignSpace, campaign: Campaign, point: Floats) -> float:
+    """The objective where the stars of each unit and environment are chosen and moved anew."""
+    measured = units._measured
+
+    def of_unit(case: Case, seed: int, moment: Moment, settings: Any, like: Case | None) -> Any:
+        return measured(case, seed, moment, settings, like or middle_of(case, settings.age))
+
+    with (
+        patch.object(units, "_middle", return_value=None),
+        patch.object(units, "_measured", of_unit),
+    ):
+        _unit_budgets.cache_clear()
+        try:
+            return expected(space, campaign, point)
+        finally:
+            _unit_budgets.cache_clear()
+
+
+def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:
+    """How far searches of several seeds end from the best, by forecasts of one seed of units."""
+    case, campaign = campaign_of(name)
+    if quick:
+        campaign = replace(campaign, analytic_evaluations=4)
+    space, ends = DesignSpace(case, campaign.variables, campaign.links), list[Floats]()
+    counts, unmoved = list[int](), list[str]()
+    for seed in range(1, seeds + 1):
+        explorer, began = Explorer(space, campaign, label=f"seed {seed}"), time.process_time()
+        explore({"": explorer}, {"": space.start}, campaign)
+        ends.append(explorer.best)
+        counts.append(len(explorer.points))
+        spans = explorer.spans(explorer.best)
+        still = np.abs(explorer.best - space.start) < 1e-6
+        unmoved += [
+            f"{name}: {variable.name}"
+            for variable, span, held in zip(space.variables, spans, still, strict=True)
+            if held and not span.everywhere
+        ]
+        print(
+            f"{name} seed {seed}: {counts[-1]} forecasts, {explorer.score:.4f}, "
+            f"{explorer.best.round(3)}, {time.process_time() - began:.0f} s", flush=True,
+        )  # fmt: skip
+
+    def score(point: Floats) -> float:
+        return foresee(space, campaign, point)
+
+    scores = [score(end) for end in ends]
+    start = ends[int(np.argmin(scores))]
+    search = Search(evaluations=10 if quick else LONG, first_step=0.1, last_step=1e-4)
+    best = min(*scores, least(score, start, search).score)
+    missed = [math.expm1(one - best) for one in scores]
+    return {
+        "median": float(np.median(missed)),
+        "worst": max(missed),
+        "forecasts": float(np.median(counts)),
+        "unmoved": unmoved,
+    }
+
+
+def optimize(name: str) -> float:
+    """Seconds of `startrack optimize` on two workers, kernels compiled."""
+    with tempfile.TemporaryDirectory() as folder:
+        words = [
+            sys.executable,
+            "-m",
+            "startrack.cli",
+            "optimize",
+            str(shipped(f"designs/{name}.toml")),
+        ]
+        began = time.perf_counter()
+        subprocess.run(
+            [*words, "--out", str(Path(folder) / "out")], check=False, capture_output=True
+        )
+        return time.perf_counter() - began
+
+
+if __name__ == "__main__":
+    command.run(main)
