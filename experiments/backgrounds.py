@@ -100,9 +100,7 @@ def main() -> None:
     figures = []
     for angle in (*(ANGLES[-1:] if options.quick else ANGLES), None):
         row = ring(
-            dark if angle is None else case,
-            None if angle is None else angle * deg,
-            options.trials,
+            dark if angle is None else case, None if angle is None else angle * deg, options.trials
         )
         figures.append(row)
         print(

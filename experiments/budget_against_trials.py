@@ -75,8 +75,7 @@ def effects(case: Case) -> dict[str, Case]:
         "cosmic rays": replace(
             case,
             instrument=replace(
-                case.instrument,
-                detector=replace(case.instrument.detector, hits=Hits(rate=2e6)),
+                case.instrument, detector=replace(case.instrument.detector, hits=Hits(rate=2e6))
             ),
         ),
         "read noise of 40 electrons": changed(case, **{detector + "read_noise": 40.0}),

@@ -321,10 +321,7 @@ def _drive(design: Path, path: Path, trials: int, seed: int) -> subprocess.Popen
     command += ["--fidelity", "window", "--workers", "2"]
     # A session of its own, by which whatever it leaves behind is found.
     return subprocess.Popen(
-        command,
-        start_new_session=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
 
 

@@ -174,9 +174,7 @@ def peers(sigma: float) -> dict[str, Finder]:
 
         found["sep"] = by_sep
     if not command.missing("cedar-solve is", "tetra3"):
-        from tetra3 import (  # type: ignore[import-not-found,import-untyped,unused-ignore]
-            get_centroids_from_image,
-        )
+        from tetra3 import get_centroids_from_image  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
         # It gives (y, x) from the corner of the first pixel.
         found["cedar_solve"] = lambda f: (

@@ -28,14 +28,7 @@ from startrack.core import Floats
 from startrack.design import Case, Fidelity, Moment, replaced_all, unit_case
 from startrack.metrics import fraction_interval
 from startrack.montecarlo import Sampling, Store, pool, resume
-from startrack.population import (
-    Units,
-    calibrated,
-    drawn,
-    left_over,
-    per_unit,
-    unit_trials,
-)
+from startrack.population import Units, calibrated, drawn, left_over, per_unit, unit_trials
 from startrack.trial import errors as star_errors
 
 ALL = tuple(term for term in Term if term is not Term.BIAS)

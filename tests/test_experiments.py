@@ -50,7 +50,7 @@ from startrack import Fidelity, load_design, run_trials, shipped
 from startrack.core import installed_tables
 
 sizes = {"plots.style": ("DPI", 30), "trial.window": ("SAMPLES", 4),
-         "verification.margins": ("FIELDS", 32)}
+         "verification.accuracy": ("FIELDS", 32)}
 for module, (name, size) in sizes.items():
     held = sys.modules["startrack." + module]
     assert hasattr(held, name), name

@@ -22,14 +22,7 @@ from startrack.budget.fields import (
     fields,
     propagate,
 )
-from startrack.budget.fixed import (
-    OF_STARS,
-    displaced,
-    moved,
-    of_the_camera,
-    through_lens,
-    visible,
-)
+from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
 from startrack.budget.left_out import of_the_case, of_the_sky
 from startrack.core import Floats, Refused
 from startrack.design import Case

@@ -26,12 +26,7 @@ class Cause:
 
 # Causes that every case has, so that there is no case without them.
 NEIGHBOURS = "neighbours"
-ALWAYS = (
-    (SHOT, Term.NOISE),
-    (READ, Term.NOISE),
-    (METHOD, Term.PIXEL),
-    (NEIGHBOURS, Term.FIELD),
-)
+ALWAYS = ((SHOT, Term.NOISE), (READ, Term.NOISE), (METHOD, Term.PIXEL), (NEIGHBOURS, Term.FIELD))
 
 
 def causes(case: Case) -> tuple[Cause, ...]:

@@ -11,15 +11,7 @@ import numpy as np
 from startrack.budget.analytic import budget_if_solved
 from startrack.core import Floats, Refused, arcsec
 from startrack.design import Case
-from startrack.scene import (
-    DARK,
-    EARTH_ALBEDO,
-    SUN_G,
-    SUN_G_MINUS_V,
-    Disc,
-    Earth,
-    sunlight,
-)
+from startrack.scene import DARK, EARTH_ALBEDO, SUN_G, SUN_G_MINUS_V, Disc, Earth, sunlight
 from startrack.space import AU, EARTH_RADIUS
 
 FULL_MOON_G = -12.73 + SUN_G_MINUS_V  # Krisciunas and Schaefer (1991), as `moon_of`

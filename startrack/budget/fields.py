@@ -41,10 +41,7 @@ class Fields(NamedTuple):
 
 
 def fields(
-    selection: Selection,
-    camera: Camera,
-    spread: Callable[[int], Rotation],
-    count: int = FIELDS,
+    selection: Selection, camera: Camera, spread: Callable[[int], Rotation], count: int = FIELDS
 ) -> Fields:
     """The stars within the camera's half diagonal, and some beyond it.
 

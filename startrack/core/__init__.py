@@ -123,11 +123,4 @@ from startrack.core.values import (
     html_table,
     short_text,
 )
-from startrack.core.variates import (
-    GOLDEN,
-    bits,
-    inverse_normal,
-    mixed,
-    poisson_of_uniform,
-    uniform,
-)
+from startrack.core.variates import GOLDEN, bits, inverse_normal, mixed, poisson_of_uniform, uniform

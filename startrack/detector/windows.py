@@ -9,12 +9,7 @@ import numpy as np
 
 from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kept, kernel
 from startrack.detector.collect import background, background_tables
-from startrack.detector.digitise import (
-    digitise_window,
-    draw_number,
-    draws_of,
-    work_row,
-)
+from startrack.detector.digitise import digitise_window, draw_number, draws_of, work_row
 from startrack.detector.exposure import Places, colours, to_frame
 from startrack.detector.imperfections import tracks
 from startrack.detector.law import Law, Tables, law_of

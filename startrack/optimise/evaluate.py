@@ -12,15 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Refused, arcsec
-from startrack.design import (
-    NOMINAL,
-    Campaign,
-    Case,
-    DesignSpace,
-    Fidelity,
-    Judged,
-    Objective,
-)
+from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, Judged, Objective
 from startrack.metrics import Summary, summarise
 from startrack.optimise.forecast import (
     ENVIRONMENTS,
@@ -33,12 +25,7 @@ from startrack.optimise.forecast import (
 )
 from startrack.optimise.runner import TrialRunner
 from startrack.population import Units
-from startrack.verification import (
-    boresights,
-    counted,
-    margin,
-    measured_over,
-)
+from startrack.verification import boresights, counted, margin, measured_over
 from startrack.verification import margins as margins_of
 
 # ln(error) for each unit of a margin that is missed. Chosen by hand: it must exceed the slope of

@@ -182,10 +182,7 @@ def _done(task: _Task, objective: Objective, seed: int) -> Forecast | UnitBudget
 
 
 def forecasts(
-    judged: Sequence[Judged],
-    objective: Objective,
-    runner: TrialRunner | None = None,
-    seed: int = 1,
+    judged: Sequence[Judged], objective: Objective, runner: TrialRunner | None = None, seed: int = 1
 ) -> tuple[float, dict[str, Forecast]]:
     """The objective (radian) by the analytic budget, and what it expects of each condition.
 

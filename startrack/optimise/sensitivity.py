@@ -87,16 +87,7 @@ def sensitivities(
             change / (values[1] - values[0]) * space.values(centre)[variable.name] + 0.0
         )  # not -0
         low, high = (math.exp(log_error(coordinates)) for coordinates in ends)
-        result.append(
-            Sensitivity(
-                variable.name,
-                math.exp(here),
-                low,
-                high,
-                slope,
-                *fractions[i],
-            )
-        )
+        result.append(Sensitivity(variable.name, math.exp(here), low, high, slope, *fractions[i]))
     return result
 
 

@@ -7,15 +7,7 @@ from functools import lru_cache
 
 from startrack.attitude import Mounting
 from startrack.core import Camera, Streams
-from startrack.design import (
-    Case,
-    Moment,
-    found_at,
-    middle_case,
-    unchecked,
-    unit_case,
-    unit_values,
-)
+from startrack.design import Case, Moment, found_at, middle_case, unchecked, unit_case, unit_values
 from startrack.population.calibrate import alignment, calibrated, drawn
 from startrack.population.nodes import NOISE, imaged_alike, of_places
 
@@ -34,8 +26,7 @@ def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
         return unit
     camera, mounting = _beliefs(case, seed, moment.unit, run)
     return replace(
-        unit,
-        tracker=replace(unit.tracker, camera=camera, camera_model="radial", mounting=mounting),
+        unit, tracker=replace(unit.tracker, camera=camera, camera_model="radial", mounting=mounting)
     )
 
 
@@ -66,11 +57,7 @@ def placed(case: Case, like: Case, seed: int, moment: Moment) -> Case:
     camera, mounting = _beliefs(case, seed, moment.unit, False)
     believed: Case = unchecked(
         unit,
-        {
-            "tracker.camera": camera,
-            "tracker.camera_model": "radial",
-            "tracker.mounting": mounting,
-        },
+        {"tracker.camera": camera, "tracker.camera_model": "radial", "tracker.mounting": mounting},
     )
     return believed
 

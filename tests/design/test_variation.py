@@ -34,14 +34,8 @@ def drawn(case: Case, moment=Moment, which=0):
             Variation(READ, "truncated", sigma=0.1, low=-0.05, high=0.2, vary="relative"),
             stats.truncnorm(-0.5, 2, 0, 0.1),
         ),
-        (
-            Variation(READ, "lognormal", sigma=0.5, vary="relative"),
-            stats.lognorm(0.5, loc=-1),
-        ),
-        (
-            Variation(READ, "sinusoid", amplitude="3 electron"),
-            stats.arcsine(-3, 6),
-        ),
+        (Variation(READ, "lognormal", sigma=0.5, vary="relative"), stats.lognorm(0.5, loc=-1)),
+        (Variation(READ, "sinusoid", amplitude="3 electron"), stats.arcsine(-3, 6)),
         (
             Variation(READ, "table", values=("0 electron", "1 electron", "4 electron")),
             stats.rv_histogram((np.array([0.5, 0.5 / 3]), np.array([0, 1, 4])), density=True),

@@ -49,10 +49,7 @@ def test_so_may_a_number(name, low, high):
             replace(DETECTOR, **{name: end + outwards})
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["pixel_pitch", "exposure", "full_well", "pixel_rate", "gain"],
-)
+@pytest.mark.parametrize("name", ["pixel_pitch", "exposure", "full_well", "pixel_rate", "gain"])
 def test_what_is_divided_by_is_not_zero(name):
     with pytest.raises(ValueError, match=name):
         replace(DETECTOR, **{name: 0.0})

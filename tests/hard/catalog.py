@@ -10,11 +10,7 @@ from startrack.core.units import LIGHT_SPEED, arcsec
 from tests.hard.case import hard, refused
 
 
-@hard(
-    "catalog",
-    "aberration at 0.99 of light: half of the sky is within, deg",
-    (8.1, 8.12),
-)
+@hard("catalog", "aberration at 0.99 of light: half of the sky is within, deg", (8.1, 8.12))
 def _fast() -> float:
     """cos = beta for a star at right angles: 8.1096 degrees from the apex."""
     seen = aberrate(np.array([[1.0, 0, 0]]), np.array([0, 0.99 * LIGHT_SPEED, 0]))
@@ -27,11 +23,7 @@ def _still() -> float:
     return float(np.abs(seen - [0.6, 0.8, 0]).max())
 
 
-@hard(
-    "catalog",
-    "yearly aberration of the pole, largest of 24 dates, arcsec",
-    (20.15, 20.85),
-)
+@hard("catalog", "yearly aberration of the pole, largest of 24 dates, arcsec", (20.15, 20.85))
 def _pole() -> float:
     pole = np.array([[0.0, 0.0, 1.0]])
     velocities = [earth_observer(2026 + n / 24).velocity for n in range(24)]

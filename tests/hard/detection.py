@@ -73,11 +73,7 @@ def _hot() -> float:
     return float(len(detect(Frame(image), Detection())))
 
 
-@hard(
-    "detection",
-    "dead rows between the stars: worst of two, pixel",
-    (0, 0.1),
-)
+@hard("detection", "dead rows between the stars: worst of two, pixel", (0, 0.1))
 def _rows() -> float:
     x, y = np.array([40.3, 150.7]), np.array([45.0, 101.0])
     image = noisy(sky(x, y, 9000.0, 0.6))

@@ -46,11 +46,7 @@ def _dark() -> float:
     return float(image.max() if image.max() == image.min() else np.nan)
 
 
-@hard(
-    "detector",
-    "1e9 electrons in each of 3072 pixels, relative error of the mean",
-    (0, 3e-6),
-)
+@hard("detector", "1e9 electrons in each of 3072 pixels, relative error of the mean", (0, 3e-6))
 def _flood() -> float:
     one = Detector(**BASE, full_well=2e9, bits=24)
     image = read_out(np.full((48, 64), 1e9), one, Streams(1, 0)).astype(float)

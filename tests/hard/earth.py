@@ -41,11 +41,7 @@ for _name, _height, _place in (
         return off_the_level(height, **place)
 
 
-@hard(
-    "earth",
-    "500 rays at 2 deg: another ridge than a search of all cells",
-    (0, 0),
-)
+@hard("earth", "500 rays at 2 deg: another ridge than a search of all cells", (0, 0))
 def _grazing() -> float:
     grid, heights = mountains(160)
     rays = random_rays(np.random.default_rng(2), grid, 500, 2.0)

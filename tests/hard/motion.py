@@ -15,11 +15,7 @@ PIXEL = 1e-4
 
 for _length in (0.01, 1.0, 150.0, 2000.0):
 
-    @hard(
-        "motion",
-        f"a smear of {_length:g} pixels, error against the closed form",
-        (0, 1e-6),
-    )
+    @hard("motion", f"a smear of {_length:g} pixels, error against the closed form", (0, 1e-6))
     def _smear(length=_length) -> float:
         path = slew(Motion(rate_y=length * PIXEL / 0.1), 0.1, PIXEL, 0.1)
         x = np.concatenate([np.linspace(-4, 4, 33), length / 2 + np.linspace(-4, 4, 33)])

@@ -8,26 +8,14 @@ from scipy.stats import binom
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.core.values import Stars, Status
-from startrack.identification import (
-    Identification,
-    build_index,
-    cache,
-    cached_index,
-    track,
-)
+from startrack.identification import Identification, build_index, cache, cached_index, track
 
 SETTINGS = Identification()
 
 
 def follow(design, spots, predicted, sigma):
     return track(
-        spots,
-        design.camera,
-        design.stars,
-        design.index,
-        predicted,
-        np.diag(sigma**2),
-        SETTINGS,
+        spots, design.camera, design.stars, design.index, predicted, np.diag(sigma**2), SETTINGS
     )
 
 

@@ -79,10 +79,7 @@ def test_a_disk_that_fills_up_ends_clearly_and_loses_nothing(tmp_path, case, out
         pytest.skip("this machine does not let a test mount a file system")
     table, path = outcomes(6400), disk / "campaign.sqlite"
     try:
-        with (
-            Store(path, case, 3) as store,
-            pytest.raises(OSError, match="what it held is whole"),
-        ):
+        with Store(path, case, 3) as store, pytest.raises(OSError, match="what it held is whole"):
             fill(store, table)
         kept = shutil.copy(path, tmp_path / "copy.sqlite")
         for log in disk.glob("*-wal"):

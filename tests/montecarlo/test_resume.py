@@ -221,10 +221,7 @@ def test_it_tells_rate_statistic_and_remaining_time(case, outcomes, tmp_path, cl
 
 
 def test_trials_that_failed_are_not_counted_as_done(case, outcomes, clock):
-    with (
-        Store(None, case, 3) as store,
-        Watch(store, Precision(0.1), 200, lambda *_: None) as watch,
-    ):
+    with Store(None, case, 3) as store, Watch(store, Precision(0.1), 200, lambda *_: None) as watch:
         store.keep(0, outcomes(50))
         watch(50)
         store.keep_failure(range(50, 100), "why")
@@ -239,10 +236,7 @@ def test_what_is_not_known_yet_is_null(case, outcomes, clock):
     table = outcomes(3)
     table["solved"] = False
     table["error_x"] = np.nan
-    with (
-        Store(None, case, 3) as store,
-        Watch(store, Precision(0.1), 10, lambda *_: None) as watch,
-    ):
+    with Store(None, case, 3) as store, Watch(store, Precision(0.1), 10, lambda *_: None) as watch:
         store.keep(0, table)
         values = watch.values()
     assert values["value"] is values["relative_half_width"] is None

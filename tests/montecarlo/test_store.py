@@ -92,8 +92,7 @@ def test_another_case_seed_version_or_format_is_refused(path, case):
     slower = dataclasses.replace(
         case,
         instrument=dataclasses.replace(
-            case.instrument,
-            detector=dataclasses.replace(case.instrument.detector, exposure=0.123),
+            case.instrument, detector=dataclasses.replace(case.instrument.detector, exposure=0.123)
         ),
     )
     with pytest.raises(ValueError, match=r"another design: instrument\.detector\.exposure is '"):

@@ -12,14 +12,7 @@ from startrack.budget import analytic
 from startrack.cli.main import main
 from startrack.core import Camera
 from startrack.metrics import summarise
-from startrack.optics import (
-    Optics,
-    PsfFile,
-    load_lens,
-    load_psf_file,
-    open_optics,
-    save_psf_file,
-)
+from startrack.optics import Optics, PsfFile, load_lens, load_psf_file, open_optics, save_psf_file
 from startrack.optics.field_images import Band
 from startrack.optics.lens_psf import _Plan, _stars
 from startrack.trial.images import field_psf_of

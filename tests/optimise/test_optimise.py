@@ -111,10 +111,7 @@ def test_a_box_that_meets_nothing_is_said_to(small, monkeypatch):
         small.campaign.requirements, max_mass=0.01, min_update_rate=100.0, min_availability=0.5
     )
     campaign = dataclasses.replace(
-        small.campaign,
-        requirements=tight,
-        variables=small.campaign.variables[:1],
-        fresh_trials=12,
+        small.campaign, requirements=tight, variables=small.campaign.variables[:1], fresh_trials=12
     )
     optimum = optimize(small.case, campaign, TrialRunner(5))
     assert not optimum.feasible

@@ -5,12 +5,7 @@ import numpy as np
 import pytest
 
 from startrack.optimise import search as module
-from startrack.optimise.search import (
-    Algorithm,
-    Search,
-    least,
-    least_of_all,
-)
+from startrack.optimise.search import Algorithm, Search, least, least_of_all
 
 LOCAL = (Algorithm.SBPLX, Algorithm.BOBYQA, Algorithm.COBYLA)
 WHOLE = (Algorithm.DIRECT, Algorithm.CRS, Algorithm.MLSL)

@@ -52,9 +52,7 @@ def rms(table, about=False):
 
 
 @pytest.mark.parametrize(
-    "age",
-    [pytest.param(0.0, marks=pytest.mark.slow), 5 * YEAR],
-    ids=["begin", "end"],
+    "age", [pytest.param(0.0, marks=pytest.mark.slow), 5 * YEAR], ids=["begin", "end"]
 )
 def test_the_interpolated_response_of_units_is_that_of_whole_trials(age):
     """The rms error over two units within 3 %, where that of the design is 5 % off.

@@ -11,12 +11,7 @@ from startrack.design import Case, replaced
 from startrack.detection import DarkMap
 from startrack.detector import Defects, Thermal, to_frame
 from startrack.motion import Motion, Tone
-from startrack.trial import (
-    as_believed,
-    detection_plan,
-    focal_stretches,
-    systematic_variance,
-)
+from startrack.trial import as_believed, detection_plan, focal_stretches, systematic_variance
 from tests.trial.designs import CASE
 
 

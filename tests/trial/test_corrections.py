@@ -27,9 +27,7 @@ def changed(case: Case = CASE, **parts: object) -> Case:
         key.removeprefix("tracker_"): value for key, value in parts.items() if key not in mine
     }
     return replace(
-        case,
-        instrument=replace(case.instrument, **mine),
-        tracker=replace(case.tracker, **tracker),
+        case, instrument=replace(case.instrument, **mine), tracker=replace(case.tracker, **tracker)
     )
 
 

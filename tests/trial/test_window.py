@@ -109,12 +109,7 @@ def test_hot_pixels_make_spots_that_a_dark_map_removes():
 
 
 @pytest.mark.parametrize(
-    ("threshold", "defects"),
-    [
-        (6.0, HOT),
-        (4.0, None),
-    ],
-    ids=["hot pixels", "noise"],
+    ("threshold", "defects"), [(6.0, HOT), (4.0, None)], ids=["hot pixels", "noise"]
 )
 def test_the_whole_frame_is_searched_where_windows_would_take_longer(
     monkeypatch, threshold, defects

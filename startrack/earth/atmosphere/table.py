@@ -10,14 +10,7 @@ from typing import Annotated
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import (
-    NON_NEGATIVE,
-    Floats,
-    Parameters,
-    Range,
-    Unit,
-    positive,
-)
+from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Unit, positive
 from startrack.io import open_checked, save_checked
 
 AEROSOLS = ("none", "rural", "urban")

@@ -12,14 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from startrack.core import (
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Unit,
-    require_memory,
-)
+from startrack.core import POSITIVE, Floats, Parameters, Range, Unit, require_memory
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
 from startrack.earth.product.ortho import (
