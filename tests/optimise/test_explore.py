@@ -116,6 +116,7 @@ def test_designs_without_a_forecast_are_avoided(monkeypatch):
     assert 0.57 < found.best[0] <= 0.6
 
 
+@pytest.mark.slow
 def test_twenty_variables(monkeypatch):
     """A bowl whose axes matter by 1, 1/4, 1/9, ...: within 1 % of its least in 160 forecasts."""
     weight = 1 / np.arange(1, 21) ** 2.0
