@@ -258,11 +258,6 @@ def measured(
     }
 
 
-def measured_score(one: Evaluation) -> float:
-    """The score of an evaluation by its trials alone."""
-    return _log_arcsec(one.error) + PENALTY * missed(one.margins) if one.summary else one.score
-
-
 def missed(margins: dict[str, float]) -> float:
     """The sum of the amounts by which margins are missed."""
     return sum(max(0.0, -margin) for margin in margins.values())

@@ -199,8 +199,8 @@ class Span(NamedTuple):
 class Explorer:
     """The forecasts of a design space so far, and what they let expect of any other design.
 
-    Source: Jones, Schonlau and Welch (1998), Journal of Global Optimization 13, 455 (expected
-    improvement); Schonlau, Welch and Jones (1998), IMS Lecture Notes 34, 11 (constraints).
+    The next designs are where the emulators' means, and their bounds of SIGMAS, are least: lower
+    confidence bounds, as of Cox and John (1992), IEEE Conference on Systems, Man and Cybernetics.
 
     label   of the branch that the space belongs to
     seed    of units and proposals, where there is no runner
@@ -377,7 +377,7 @@ def _affordable(space: DesignSpace, campaign: Campaign) -> Iterator[Floats]:
 class Landscape(NamedTuple):
     """What the forecasts say of a design space around its best design.
 
-    forecasts  number of designs
+    forecasts  unit-cube coordinates of the designs
     expected   of these ln(arcsec) of the objective, NaN where no attitude is expected
     met        of these whether all requirements are met, as expected
     left       by how much ln(error) may yet fall, with 98 % confidence
