@@ -73,11 +73,16 @@ class CameraCalibration(Parameters):
         "of the polynomial of distortion in the fit: 1: focal length and principal point alone; "
         "3: k1 too; 5: and k2; 7: and k3"] = 3  # fmt: skip
     tangential: Annotated[bool, "whether p1 and p2 are fitted too"] = False
+    map: Annotated[int, Range(0, 9),
+        "nodes along each side of a table of displacements, to which what the polynomial leaves "
+        "is fitted, with straight lines between them; 0: none"] = 0  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.order not in ORDERS:
             raise Refused(f"order must be 1, 3, 5 or 7, got {self.order}")
+        if self.map == 1:
+            raise Refused("map must be 0 or at least 2, got 1")
 
 
 class Fidelity(StrEnum):
@@ -161,7 +166,10 @@ class Instrument(Parameters):
         Raises  ValueError where the table does not hold the frame, the band or the temperature.
         """
         model = self._camera_model
-        field = self.residual.field(model) if self.residual else None
+        if self.residual is None:
+            return model
+        optics = self.imaged.optics if self.imaged else self.optics
+        field = self.residual.field(model, optics, self.detector.pitch)
         return model if field is None else replace(model, residual=field)
 
     @property

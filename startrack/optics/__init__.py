@@ -25,7 +25,8 @@ ray_trace     Prescription of a lens -> its LensTable, by rays of the program op
               `lens`).
 ghosts        Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse
               light.
-residual      Residual: what the places of stars differ by from any camera model, a random field.
+as_built      Surfaces of a lens -> by how much its elements, each a little off, displace stars.
+residual      Residual: what the places of stars differ by from any camera model, by causes.
 baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light.
 """
 
@@ -45,7 +46,7 @@ from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, sav
 from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pupil_grid, zernike
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, quality
 from startrack.optics.ray_trace import Tracing, read_prescription, surfaces_of, trace_lens
-from startrack.optics.residual import Residual, residual_law
+from startrack.optics.residual import Residual, map_weights
 from startrack.optics.surfaces import Surfaces, open_surfaces, save_surfaces
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 

@@ -16,7 +16,7 @@ from startrack.io import whole as whole_file
 from startrack.optics.lens_family import family_surfaces
 from startrack.optics.lens_table import FORMAT, lens_path, open_lens
 from startrack.optics.parameters import Optics
-from startrack.optics.surfaces import AIR, Surfaces, open_surfaces
+from startrack.optics.surfaces import AIR, Surfaces, meet, open_surfaces, refracted
 
 PART = "GHOSTS"
 GRID = 33  # rays across the beam that are traced
@@ -191,7 +191,7 @@ def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats, rays: int = G
         for surface, reflects, front in _steps(count, pair.first, pair.second):
             point[2] -= vertex[surface]
             bend = curvature[surface]
-            point, normal = _meet(point, ray, bend)
+            point, normal = meet(point, ray, bend)
             if surface < count:
                 ratio = np.hypot(point[0], point[1]) / surfaces.radius[surface]
                 worst = np.fmax(worst, ratio)
@@ -199,32 +199,13 @@ def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats, rays: int = G
                 ray = ray - 2 * (ray * normal).sum(axis=0) * normal
             else:
                 here, there = before[surface], after[surface]
-                ray = _refracted(ray, normal, here / there if front else there / here)
+                ray = refracted(ray, normal, here / there if front else there / here)
             point[2] += vertex[surface]
         point[2] -= vertex[-1]
-        point, _ = _meet(point, ray, 0.0)
+        point, _ = meet(point, ray, 0.0)
     lost = ~np.isfinite(point).all(axis=0)
     cell = float(axis[1] - axis[0]) ** 2 * float(direction[2])
     return Beam(point[0], point[1], np.where(lost, 9.0, worst), cell)
-
-
-def _meet(point: Floats, ray: Floats, curvature: float) -> tuple[Floats, Floats]:
-    """Where rays meet a sphere whose vertex is the origin, and its unit normal."""
-    along = curvature * (point * ray).sum(axis=0) - ray[2]
-    off = curvature * (point * point).sum(axis=0) - 2 * point[2]
-    root = np.sqrt(along * along - curvature * off)
-    distance = off / (-along + np.copysign(root, -along))
-    met = point + distance * ray
-    normal = curvature * met
-    normal[2] -= 1
-    return met, normal
-
-
-def _refracted(ray: Floats, normal: Floats, ratio: float) -> Floats:
-    """Directions after a surface, by Snell's law; NaN where light is reflected totally."""
-    cosine = (ray * normal).sum(axis=0)
-    root = np.sqrt(1 - ratio**2 * (1 - cosine**2))
-    return ratio * ray + (np.copysign(root, cosine) - ratio * cosine) * normal
 
 
 def add_ghosts(

@@ -163,6 +163,14 @@ def _distorted(table: LensTable, wider: float) -> Floats:
     return np.concatenate([table.place[..., :1], place], axis=-1)
 
 
+def open_family(name: str) -> LensTable:
+    """The traced lens of a family.
+
+    Raises  ValueError for another name.
+    """
+    return open_lens(_family(name).lens)
+
+
 def _family(name: str) -> Family:
     if name not in FAMILIES:
         raise Refused(f"lens_family must be one of {', '.join(FAMILIES)}, got {name!r}")

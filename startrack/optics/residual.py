@@ -1,4 +1,4 @@
-"""Residual: what the places of stars differ by from any camera model, a random field of a unit."""
+"""Residual: displacements of stars that no camera model has, of a unit, from their causes."""
 
 from __future__ import annotations
 
@@ -22,46 +22,152 @@ from startrack.core import (
     kept,
     node_places,
 )
+from startrack.optics.as_built import KINDS, element_slopes
+from startrack.optics.parameters import Optics
+
+PER_AXIS = "rms of each element along either axis"
 
 
 @dataclass(frozen=True)
 class Residual(Parameters):
-    """A smooth field of displacements over the frame, which no camera model of a tracker has.
+    """Displacements over the frame which no camera model of a tracker has beforehand.
 
-        displacement = rms f(seed) + drift temperature g(seed)
+        displacement = s f(seed) + drift temperature g(seed) + flatness h(seed) tan(incidence)
+                       + sum over elements of their slopes times decentre, tilt and wedge
+        s^2 = rms^2 + (angle focal length)^2 + (grid / pitch)^2
 
-    of two normal random fields f and g with the correlation exp(-(d / scale)^2 / 2) over a distance
-    d, without the part that a camera model or an attitude could take up: a turn, focal length,
-    principal point, k1, k2, p1 and p2; and of rms 1 per axis over the frame.
+    f, g and h are normal random fields with the correlation exp(-(d / scale)^2 / 2) over a distance
+    d. Of f and g the part is left out that a camera model or an attitude could take up (a turn,
+    focal length, principal point, k1, k2, p1 and p2); they are of rms 1 per axis over the frame.
+    What a lens as built does is computed with rays through its surfaces (`element_slopes`). Only
+    a turn is left out of it, as the camera is aligned after its assembly: the calibration of the
+    unit takes up what its order can.
+
+    Accuracy  model: light meets the detector under the field angle, as behind a lens whose exit
+              pupil is a focal length away.
     """
 
     rms: Annotated[float, NON_NEGATIVE, "pixel, per axis, over the frame"] = 0.0
+    angle: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
+        "the same as an angle on the sky"] = 0.0  # fmt: skip
+    grid: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
+        "the same on the detector: errors of the grid of its pixels"] = 0.0  # fmt: skip
+    flatness: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
+        "rms by which the surface of the detector is not flat; oblique light is displaced"
+    ] = 0.0  # fmt: skip
     scale: Annotated[float, Range(0.05, 10),
         "correlation length over half the diagonal of the frame"] = 0.3  # fmt: skip
     drift: Annotated[float, NON_NEGATIVE,
         "pixel per kelvin: rms of the change with temperature"] = 0.0  # fmt: skip
     temperature: Annotated[float, Unit("K"), FINITE,
-        "above that at which the field is f alone"] = 0.0  # fmt: skip
+        "above that at which there is no drift"] = 0.0  # fmt: skip
+    decentre: Annotated[float, Unit("m", "um"), NON_NEGATIVE, PER_AXIS] = 0.0
+    tilt: Annotated[float, Unit("rad", "arcmin"), NON_NEGATIVE, PER_AXIS] = 0.0
+    wedge: Annotated[float, Unit("rad", "arcmin"), NON_NEGATIVE, PER_AXIS] = 0.0
+    family: Annotated[str,
+        "lens_family whose elements are off, where the optics have no lens table"
+    ] = ""  # fmt: skip
     seed: Annotated[int, Range(0, 2**63 - 1),
-        "of the two fields of one unit; 0: of the unit as designed, which has none"
+        "of what one unit has by chance; 0: of the unit as designed, which has none"
     ] = 0  # fmt: skip
 
-    def field(self, camera: Camera) -> Displacement | None:
+    def smooth(self, camera: Camera, pitch: float) -> float:
+        """Pixel, s of the equation."""
+        parts = self.rms, self.angle * camera.focal_length_px, self.grid / pitch
+        return float(np.linalg.norm(parts))
+
+    @property
+    def of_elements(self) -> Floats:
+        """Metre or radian (3,), by KINDS."""
+        return np.array([getattr(self, kind) for kind in KINDS])
+
+    def field(self, camera: Camera, optics: Optics, pitch: float) -> Displacement | None:
         """The displacements over a camera's frame; None where there are none.
 
+        pitch     metre, of a pixel
+        Raises    Refused where elements are off whose lens is not known.
         Accuracy  numerical: between the nodes of a `Displacement`.
         """
-        shift = self.drift * self.temperature
-        if not (self.seed and (self.rms or shift)):
+        if not self.seed:
             return None
+        shift, smooth = self.drift * self.temperature, self.smooth(camera, pitch)
         value = np.zeros((2, NODES**2))
-        focal = float(f"{camera.focal_length_px:.1e}")  # so that most units share a root
+        # So that most units share a root.
+        focal = float(f"{camera.focal_length_px:.1e}")
         root = _root(camera.columns, camera.rows, focal, self.scale)
-        for size, name in ((self.rms, "residual"), (shift, "residual, by temperature")):
+        for size, name in ((smooth, "residual"), (shift, "residual, by temperature")):
             if size:
                 draw = Streams(self.seed, 0)(name).standard_normal(2 * NODES**2)
                 value += size * (root @ draw).reshape(2, -1)
+        if self.flatness:
+            draw = Streams(self.seed, 0)("flatness").standard_normal(NODES**2)
+            oblique = _oblique(camera, self.scale) * (self.flatness / pitch)
+            value += (oblique @ draw).reshape(2, -1)
+        if self.of_elements.any():
+            elements = self._elements(camera, optics)
+            draw = Streams(self.seed, 0)("elements").standard_normal(elements.shape[1])
+            value += (elements @ draw).reshape(2, -1)
+        if not value.any():
+            return None
         return Displacement(camera.columns, camera.rows, tuple(value.ravel().tolist()))
+
+    def _elements(self, camera: Camera, optics: Optics) -> Floats:
+        """Matrix (2 n, k) from normal numbers to the displacement by the elements."""
+        slopes = element_slopes(optics, self.family, camera)
+        turns = taken_up(camera, node_places(camera.columns, camera.rows))[:, :3]
+        return _without(turns, slopes.slope * self.of_elements[slopes.kind])
+
+    def law(
+        self, camera: Camera, optics: Optics, pitch: float, order: int, tangential: bool, nodes: int
+    ) -> Floats:
+        """Root of the covariance of what a calibration leaves of the field, before it is drawn.
+
+        Of flatness and elements, a turn and the parameters that the calibration fits are left out,
+        and of all parts what its map takes up; drift is not known.
+
+        order, tangential, nodes  as `order`, `tangential` and `map` of `tracker.calibration`; order
+                  0: no calibration, a turn alone
+        Returns   (33, 33, 2, k) pixel, x and y at places that span the frame, row by row; the
+                  covariance of two places is the product of theirs over the k modes
+        Accuracy  numerical: a thousandth of the variance is left out.
+        """
+        parts, other = list[Floats](), list[Floats]()
+        if (smooth := self.smooth(camera, pitch)) and nodes:
+            focal = float(f"{camera.focal_length_px:.1e}")
+            other.append(smooth * _root(camera.columns, camera.rows, focal, self.scale))
+        elif smooth:
+            parts.append(smooth * residual_law(camera, self.scale))
+        if self.flatness:
+            other.append(_oblique(camera, self.scale) * (self.flatness / pitch))
+        if self.of_elements.any():
+            other.append(self._elements(camera, optics))
+        if other:
+            columns = [0, 1, 2]  # of `taken_up`
+            columns += [3, 4, 5] if order else []
+            columns += [6] if order >= 3 else []
+            columns += [7] if order >= 5 else []
+            columns += [8, 9] if tangential else []
+            place = node_places(camera.columns, camera.rows)
+            model = taken_up(camera, place)[:, columns]
+            if nodes:
+                both = np.kron(np.eye(2), map_weights(camera, place, nodes))
+                model = np.concatenate([model, both], axis=1)
+            parts.append(_on_lattice(camera, _without(model, np.concatenate(other, axis=1))))
+        return np.concatenate(parts, axis=-1) if parts else np.zeros((LATTICE, LATTICE, 2, 1))
+
+
+def map_weights(camera: Camera, place: Floats, nodes: int) -> Floats:
+    """Weights (n, nodes^2) of a map's nodes, which span the frame evenly, at places (n, 2) pixel.
+
+    Straight lines in x and in y between the nodes, row by row.
+    """
+    weights = [
+        np.maximum(1 - np.abs(at[:, None] - np.arange(nodes)), 0.0)
+        for at in np.clip(
+            (place + 0.5) / (camera.columns, camera.rows) * (nodes - 1), 0, nodes - 1
+        ).T
+    ]
+    return (weights[1][:, :, None] * weights[0][:, None, :]).reshape(len(place), nodes**2)
 
 
 LATTICE = 33  # places along each side of the law's table
@@ -70,16 +176,14 @@ LEFT_OUT = 1e-3  # of the variance, in the modes that the table lacks; chosen by
 
 @kept(8)
 def residual_law(camera: Camera, scale: float) -> Floats:
-    """Root of the covariance of a field of rms one, as it is known before it is drawn.
-
-    camera   of the frame, without a residual
-    scale    1, of `Residual`
-    Returns  (33, 33, 2, k) pixel, x and y at places that span the frame, row by row; the covariance
-             of two places is the product of theirs over the k modes
-    Accuracy  numerical: a thousandth of the variance is left out.
-    """
+    """`Residual.law` of a smooth field of rms one."""
     focal = float(f"{camera.focal_length_px:.1e}")
-    mode, size, _ = np.linalg.svd(_root(camera.columns, camera.rows, focal, scale))
+    return _on_lattice(camera, _root(camera.columns, camera.rows, focal, scale))
+
+
+def _on_lattice(camera: Camera, root: Floats) -> Floats:
+    """The largest modes of a root (2 n, m) at the nodes, at the places of a law's table."""
+    mode, size, _ = np.linalg.svd(root, full_matrices=False)
     left = 1 - np.cumsum(size**2) / (size**2).sum()
     count = int((left > LEFT_OUT).sum()) + 1
     x = np.linspace(-0.5, camera.columns - 0.5, LATTICE)
@@ -97,25 +201,44 @@ def _root(columns: int, rows: int, focal: float, scale: float) -> Floats:
     """Matrix (2 n, 2 n) from normal numbers to the field at its n nodes, all x before all y.
 
     Of the field, the part that a camera model could take up is removed before it is scaled to an
-    expected rms of one. The nodes at the edges count by the half, and those in the corners by a
-    quarter of the area of others.
+    expected rms of one.
     """
-    place = node_places(columns, rows)
-    length = scale * np.hypot(columns, rows) / 2
-    apart = distance.squareform(distance.pdist(place))
-    value, vector = np.linalg.eigh(np.exp(-((apart / length) ** 2) / 2))
-    smooth = vector * np.sqrt(np.maximum(value, 0.0))
-    root = np.kron(np.eye(2), smooth)
-    line = np.ones(NODES)
-    line[[0, -1]] = 0.5
-    weight = np.tile(np.outer(line, line).ravel(), 2)
-    model = taken_up(Camera(columns, rows, focal), place)
-    normal = model.T @ (weight[:, None] * model)
-    root = (
-        root - model @ np.linalg.lstsq(normal, model.T @ (weight[:, None] * root), rcond=1e-12)[0]
-    )
+    both = np.asarray(np.kron(np.eye(2), _smooth(columns, rows, scale)), float)
+    root = _without(taken_up(Camera(columns, rows, focal), node_places(columns, rows)), both)
+    weight = _weight()
     size = np.sqrt(weight @ (root**2).sum(axis=1) / weight.sum())
     return np.asarray(root / size)
+
+
+def _oblique(camera: Camera, scale: float) -> Floats:
+    """Matrix (2 n, n) from normal numbers to the displacement, for a height of rms one."""
+    height = _smooth(camera.columns, camera.rows, scale)
+    slope = (node_places(camera.columns, camera.rows) - camera.centre) / camera.focal_length_px
+    return np.concatenate([slope[:, :1] * height, slope[:, 1:] * height])
+
+
+def _smooth(columns: int, rows: int, scale: float) -> Floats:
+    """Matrix (n, n) from normal numbers to a field of variance one at the nodes."""
+    length = scale * np.hypot(columns, rows) / 2
+    apart = distance.squareform(distance.pdist(node_places(columns, rows)))
+    value, vector = np.linalg.eigh(np.exp(-((apart / length) ** 2) / 2))
+    return np.asarray(vector * np.sqrt(np.maximum(value, 0.0)))
+
+
+def _weight() -> Floats:
+    """Weights (2 n,) of the nodes: those at the edges have half of the area of others."""
+    line = np.ones(NODES)
+    line[[0, -1]] = 0.5
+    return np.tile(np.outer(line, line).ravel(), 2)
+
+
+def _without(model: Floats, root: Floats) -> Floats:
+    """A root (2 n, m) without the part that columns of a model (2 n, k) could take up."""
+    weight = _weight()[:, None]
+    normal = model.T @ (weight * model)
+    return np.asarray(
+        root - model @ np.linalg.lstsq(normal, model.T @ (weight * root), rcond=1e-12)[0]
+    )
 
 
 def taken_up(camera: Camera, place: Floats) -> Floats:

@@ -145,6 +145,25 @@ def _cap(curvature: float, radius: float) -> float:
     return float(np.copysign(np.pi * radius**2 * sag - volume, curvature))
 
 
+def meet(point: Floats, ray: Floats, curvature: float) -> tuple[Floats, Floats]:
+    """Where rays meet a sphere whose vertex is the origin, and its unit normal."""
+    along = curvature * (point * ray).sum(axis=0) - ray[2]
+    off = curvature * (point * point).sum(axis=0) - 2 * point[2]
+    root = np.sqrt(along * along - curvature * off)
+    distance = off / (-along + np.copysign(root, -along))
+    met = point + distance * ray
+    normal = curvature * met
+    normal[2] -= 1
+    return met, normal
+
+
+def refracted(ray: Floats, normal: Floats, ratio: float) -> Floats:
+    """Directions after a surface, by Snell's law; NaN where light is reflected totally."""
+    cosine = (ray * normal).sum(axis=0)
+    root = np.sqrt(1 - ratio**2 * (1 - cosine**2))
+    return ratio * ray + (np.copysign(root, cosine) - ratio * cosine) * normal
+
+
 def save_surfaces(path: Path, surfaces: Surfaces) -> None:
     """Add the image SURFACES to the FITS file of a lens table, or replace it.
 

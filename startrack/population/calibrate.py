@@ -11,12 +11,24 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_slopes
-from startrack.core import Camera, Floats, Ints, Matches, Spots, Status, Streams
+from startrack.core import (
+    Camera,
+    Displacement,
+    Floats,
+    Ints,
+    Matches,
+    Spots,
+    Status,
+    Streams,
+    node_places,
+)
 from startrack.design import CameraCalibration
+from startrack.optics import map_weights
 
 # Prior standard deviations, wide beside what units differ by; as in `Calibration`.
 FOCAL, PRINCIPAL, DISTORTION = 0.02, 50.0, 1.0
 LEAST_NOISE = 1e-4  # pixel; below it the fit is as good
+FEW = 1e-3  # of the mean weight of a map's nodes, for those that few places are near
 LATTICE = 9  # places along each side, over which an alignment is fitted
 
 
@@ -35,7 +47,8 @@ def calibrated(
         seen = pixel + settings.noise * random.standard_normal(pixel.shape)
         spots.append(_as_spots(seen, settings))
         matches.append(_as_matches(direction, design, attitude))
-    return calibrate(spots, matches, design, _priors(settings)).camera
+    model = calibrate(spots, matches, design, _priors(settings)).camera
+    return _mapped(camera, model, settings, streams)
 
 
 def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: Streams) -> Camera:
@@ -67,7 +80,33 @@ def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: 
     shift = shift - covariance @ fit.prior @ (truth - start)[free]
     vector = start.copy()
     vector[free] = truth[free] + shift
-    return replace(design.ideal, **dict(zip(UNKNOWNS, vector.tolist(), strict=True)))
+    model = replace(design.ideal, **dict(zip(UNKNOWNS, vector.tolist(), strict=True)))
+    return _mapped(camera, model, settings, streams)
+
+
+def _mapped(camera: Camera, model: Camera, settings: CameraCalibration, streams: Streams) -> Camera:
+    """A camera model with the map that a calibration fits to what the model leaves.
+
+    At the places of the calibration, measured with noise of their own.
+    """
+    if not settings.map:
+        return model
+    random = streams("map of the camera")
+    if settings.place == "ground":
+        pixel = _positions(camera, settings)
+    else:
+        count = settings.frames * settings.stars
+        pixel = random.random((count, 2)) * (camera.columns, camera.rows) - 0.5
+    turn = alignment(camera, model)
+    seen = pixel + settings.noise * random.standard_normal(pixel.shape)
+    left = seen - model.project(turn.apply(_shown(camera, pixel, settings, random)))
+    weight = map_weights(camera, pixel, settings.map)
+    normal = weight.T @ weight
+    normal += FEW * np.trace(normal) / len(normal) * np.eye(len(normal))
+    node = np.linalg.solve(normal, weight.T @ left)
+    value = map_weights(camera, node_places(camera.columns, camera.rows), settings.map) @ node
+    shape = Displacement(camera.columns, camera.rows, tuple(value.T.ravel().tolist()))
+    return replace(model, residual=shape)
 
 
 def alignment(camera: Camera, believed: Camera) -> Rotation:

@@ -12,7 +12,6 @@ from startrack.attitude import UNKNOWN_FLOOR, SharedErrors
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints, Stars, kept
 from startrack.design import Case, Scope, found_at
-from startrack.optics import residual_law
 from startrack.trial.belief import detection_plan
 from startrack.trial.star_errors import errors, lasting
 from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
@@ -164,7 +163,7 @@ def systematic_variance(case: Case) -> Floats:
     the shift is that by the neighbours in its catalogue (`blending_shift`), along one line and so
     half of its square on either axis; then what a lens table leaves to the tracker, over the frame,
     for a star of that colour (`lens_variance`), and where the case is a unit, the rms of its
-    `Residual`, which its calibration sees. `centroid_floor` replaces all of it where it is given.
+    `Residual` that its calibration leaves. `centroid_floor` replaces all of it where it is given.
 
     Returns  (n,) pixel^2, for the stars of the believed catalogue
     Accuracy  those of `errors` and `blending_shift`. model: for a detector that scans, the tracker
@@ -172,10 +171,39 @@ def systematic_variance(case: Case) -> Floats:
               tracker.
     """
     as_designed = _systematic_variance(case.as_designed)
-    residual = case.as_designed.instrument.residual if case.design else None
-    if residual is None or case.tracker.attitude.centroid_floor is not None:
+    if case.design is None or case.tracker.attitude.centroid_floor is not None:
         return as_designed
-    return as_designed + residual.rms**2
+    law = _residual_law(case.as_designed)
+    return as_designed + float((law**2).sum(axis=-1).mean()) + _map_noise(case.as_designed)
+
+
+def _map_noise(design: Case) -> float:
+    """Pixel^2, variance of a map of the camera by the noise of its calibration."""
+    calibration = design.tracker.calibration
+    if calibration is None or not calibration.map:
+        return 0.0
+    ground = calibration.place == "ground"
+    places = calibration.positions if ground else calibration.frames * calibration.stars
+    noise = calibration.noise**2
+    if ground:
+        noise += (calibration.direction * design.believed_camera.focal_length_px) ** 2
+    return noise * calibration.map**2 / places
+
+
+@kept(8)
+def _residual_law(design: Case) -> Floats:
+    """`Residual.law` (33, 33, 2, k) of what the calibration of a design's units leaves."""
+    instrument, calibration = design.instrument, design.tracker.calibration
+    if instrument.residual is None:
+        return np.zeros((1, 1, 2, 1))
+    return instrument.residual.law(
+        design.believed_camera.ideal,
+        instrument.optics,
+        instrument.detector.pitch,
+        calibration.order if calibration else 0,
+        calibration.tangential if calibration else False,
+        calibration.map if calibration else 0,
+    )
 
 
 @lru_cache(maxsize=8)
@@ -212,15 +240,14 @@ def shared_errors(case: Case) -> SharedErrors | None:
 
 @lru_cache(maxsize=8)
 def _shared_errors(design: Case) -> SharedErrors | None:
-    residual, camera = design.instrument.residual, design.believed_camera.ideal
-    rms = residual.rms if residual and design.tracker.attitude.centroid_floor is None else 0.0
-    turn = _turns(design)
-    if not (rms or turn.any()):
-        return None
+    camera, turn = design.believed_camera.ideal, _turns(design)
     table = np.zeros((1, 1, 2, 1))
-    if residual and rms:
-        table = rms * residual_law(camera, residual.scale)
-    return SharedErrors(camera.columns, camera.rows, table, rms**2, turn)
+    if design.tracker.attitude.centroid_floor is None:
+        table = _residual_law(design)
+    variance = float((table**2).sum(axis=-1).mean())
+    if not (variance or turn.any()):
+        return None
+    return SharedErrors(camera.columns, camera.rows, table, variance, turn)
 
 
 def _turns(design: Case) -> Floats:
