@@ -41,7 +41,8 @@ def element_slopes(optics: Optics, family: str, camera: Camera) -> ElementSlopes
     camera  without a residual
     Raises  Refused where no surfaces of a lens are known.
     Accuracy  model: one wavelength; f-numbers down to that of the traced lens, for a faster one the
-              slopes are those of that; no vignetting. numerical: 1e-4 of the slopes.
+              slopes are those of that; no vignetting. numerical: 1e-4 of the slopes. Chief rays of
+              elements off by 20 um and 1 arcmin move as those of optiland within 2 % and 0.05 um.
     """
     rounded = [float(f"{value:.2g}") for value in (optics.focal_length, optics.f_number)]
     name = optics.lens_family or ("" if optics.lens_file else family)

@@ -4,15 +4,18 @@ import numpy as np
 import pytest
 
 from startrack.core import NODES, Camera, Displacement, node_places
-from startrack.optics import Residual
+from startrack.optics import Optics, Residual
 from startrack.optics.residual import taken_up
 
 CAMERA = Camera(1024, 768, 2000.0)
+LENS = Optics(focal_length=0.036, f_number=2.0), 18e-6  # and the pitch of a pixel
 
 
 def test_the_rms_over_many_units_is_that_asked_for():
     place = CAMERA.project(CAMERA.lattice(25))
-    square = [np.mean(Residual(0.1, seed=n).field(CAMERA)(place) ** 2) for n in range(1, 201)]
+    square = [
+        np.mean(Residual(0.1, seed=n).field(CAMERA, *LENS)(place) ** 2) for n in range(1, 201)
+    ]
     assert np.sqrt(np.mean(square)) == pytest.approx(0.1, rel=0.06)
 
 
@@ -22,14 +25,14 @@ def test_a_camera_model_takes_up_nothing_of_it():
     line[[0, -1]] = 0.5
     weight = np.tile(np.outer(line, line).ravel(), 2)
     model = taken_up(Camera(1024, 768, 2000.0), place)
-    field = Residual(0.1, seed=3).field(CAMERA)(place).T.ravel()
+    field = Residual(0.1, seed=3).field(CAMERA, *LENS)(place).T.ravel()
     assert np.abs(model.T @ (weight * field)).max() < 1e-9
 
 
 def test_it_moves_with_temperature():
     place = CAMERA.project(CAMERA.lattice(9))
     cold, warm, hot = (
-        Residual(0.1, drift=0.01, temperature=kelvin, seed=3).field(CAMERA)(place)
+        Residual(0.1, drift=0.01, temperature=kelvin, seed=3).field(CAMERA, *LENS)(place)
         for kelvin in (0.0, 5.0, 10.0)
     )
     assert np.allclose(hot - cold, 2 * (warm - cold))
@@ -37,7 +40,7 @@ def test_it_moves_with_temperature():
 
 
 def test_a_camera_projects_to_displaced_places_and_back():
-    field = Residual(0.5, seed=3).field(CAMERA)
+    field = Residual(0.5, seed=3).field(CAMERA, *LENS)
     camera = Camera(1024, 768, 2000.0, residual=field)
     direction = CAMERA.lattice(9)
     ideal = CAMERA.project(direction)

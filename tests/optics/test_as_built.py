@@ -1,0 +1,71 @@
+"""Displacements of stars by elements of a lens that are off, beside another program's rays."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from startrack.core import Camera, arcsec, um
+from startrack.io import shipped
+from startrack.optics import Optics, open_surfaces
+from startrack.optics.as_built import KINDS, _elements, _traced, element_slopes
+
+ORACLE = json.loads((Path(__file__).parents[1] / "oracle/as_built.json").read_text("utf-8"))
+
+
+def test_chief_rays_move_as_those_of_another_program():
+    checked = 0
+    for case in ORACLE["cases"]:
+        surfaces = open_surfaces(shipped(f"lenses/{case['lens']}.fits"))
+        off = np.zeros((2, len(surfaces), 4))
+        first, last = case["surfaces"]
+        span = slice(first, last + 1)
+        vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])[:-1]
+        if case["kind"] == "decentre":
+            off[1, span, 1] = ORACLE["shift_mm"] * 1e-3
+        elif case["kind"] == "tilt":
+            off[1, span, 1] = ORACLE["turn_rad"] * (vertex[span] - vertex[span].mean())
+            off[1, span, 3] = ORACLE["turn_rad"]
+        else:
+            off[1, last, 3] = ORACLE["turn_rad"]
+        placed = _traced(surfaces, np.array(case["tangent"]), np.zeros((1, 2)), off)
+        moved = (placed[1] - placed[0]) * 1e3
+        size = np.abs(case["moved_mm"]).max()
+        # Rays are aimed at the paraxial entrance pupil here, at the true stop there: 0.05 um.
+        assert np.abs(moved - case["moved_mm"]).max() < 0.02 * size + 5e-5, case
+        checked += 1
+    assert checked == 21
+
+
+def test_each_element_is_off_in_each_way_and_direction():
+    surfaces = open_surfaces(shipped("lenses/double_gauss.fits"))
+    kinds, off = _elements(surfaces)
+    assert [int((kinds == kind).sum()) for kind in range(3)] == [8, 8, 12]  # 4 groups, 6 glasses
+    assert off.shape == (29, len(surfaces), 4)
+
+
+def test_a_decentre_that_is_the_same_for_all_elements_is_that_of_the_lens():
+    # The whole lens shifted against stop and detector shifts all images; not the boresight's scale.
+    optics, camera = Optics(focal_length=0.05, f_number=2.0), Camera(1024, 1024, 0.05 / 18e-6)
+    slopes = element_slopes(optics, "double-gauss", camera)
+    shifted = slopes.slope[:, slopes.kind == KINDS.index("decentre")]
+    x_alike, y_alike = shifted[:, :4].sum(axis=1), shifted[:, 4:].sum(axis=1)
+    half = len(x_alike) // 2
+    per_um = um / 18e-6
+    assert x_alike[:half] * um == pytest.approx(np.full(half, per_um), rel=0.02)
+    assert y_alike[half:] * um == pytest.approx(np.full(half, per_um), rel=0.02)
+    assert np.abs(x_alike[half:] * um).max() < 0.02 * per_um
+
+
+def test_a_lens_without_surfaces_is_refused():
+    camera = Camera(64, 64, 1000.0)
+    with pytest.raises(ValueError, match=r"residual\.family must name a family"):
+        element_slopes(Optics(focal_length=0.05, f_number=2.0), "", camera)
+
+
+def test_a_tilt_of_an_arcminute_leaves_arcseconds():
+    optics, camera = Optics(focal_length=0.05, f_number=2.0), Camera(1024, 1024, 0.05 / 18e-6)
+    slopes = element_slopes(optics, "double-gauss", camera)
+    tilted = slopes.slope[:, slopes.kind == KINDS.index("tilt")] * 60 * arcsec
+    assert 0.01 < np.abs(tilted).max() < 10
