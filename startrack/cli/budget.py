@@ -40,7 +40,7 @@ if wanted(__name__):
         survey,
     )
     from startrack.cli import terminal
-    from startrack.cli.units import budgets_of, tolerances_of
+    from startrack.cli.units import budgets_of, levers_of, tolerances_of
     from startrack.core import arcsec
     from startrack.design import Case
     from startrack.io import aligned, save_json
@@ -71,6 +71,9 @@ declare = Options(
            f"lifetime (default: {UNITS} where it has such tables)", whole(2)),
     Option("--tolerances", "with --units: what halving the scale of each [[variation]] buys at "
            "the end of life, the one that buys most first"),
+    Option("--levers", "with --units: what a step of each lever buys and costs at the end of life "
+           "(tracked stars, catalogue, calibration, causes of the residual, structure, lens), the "
+           "one that buys most first"),
     Option("--profile PROFILE.toml", "simulate sequences along a profile; print absolute, mean, "
            "relative and drift errors", Path),
     Option("--sequences N", "with --profile: number of sequences, from random attitudes", whole(1),
@@ -90,6 +93,8 @@ def command(options: argparse.Namespace) -> int:
     case, campaign = design.case, design.campaign
     if options.tolerances and not (options.units and case.variation):
         raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
+    if options.levers and not options.units:
+        raise WrongUse("--levers needs --units")
     sequence = terminal.read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
     options.units = options.units or (UNITS if case.variation else None)
@@ -119,6 +124,9 @@ def command(options: argparse.Namespace) -> int:
         text.append(lines)
     if options.tolerances:
         result["tolerances"], lines = tolerances_of(case, campaign, options)
+        text.append(lines)
+    if options.levers:
+        result["levers"], lines = levers_of(case, campaign, options)
         text.append(lines)
     if sequence:
         result["indices"] = _indices(case, sequence, options)

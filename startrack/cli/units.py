@@ -16,17 +16,28 @@ if wanted(__name__):
     from startrack.cli.options import as_wrong_use
     from startrack.cli.terminal import progress
     from startrack.core import arcsec
-    from startrack.design import YEAR, Accuracy, Campaign, Case, Fidelity, Objective
+    from startrack.design import YEAR, Accuracy, Campaign, Case, Fidelity, Objective, Requirements
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
-    from startrack.optimise import allocation, halved
+    from startrack.optimise import Change, allocation, halved, levers
     from startrack.population import explain, per_unit
     from startrack.verification import USUAL, units_expected, yield_of
 
 if TYPE_CHECKING:
     from startrack.core import Floats
 
+# What datasheets state, and the classes of error in it (ECSS-E-ST-60-20C): rms over units.
+if wanted(__name__):
+    _RANDOM = Term.NOISE, Term.PIXEL, Term.ABERRATION, Term.MEASUREMENT_DATE
+    _ALL = *_RANDOM, Term.FIELD, Term.THERMO_ELASTIC
+    PUBLISHED = {
+        "NEA": (Term.NOISE,),
+        "NEA and pixel errors": _RANDOM,
+        "and FOV errors": (*_RANDOM, Term.FIELD),
+        "and thermo-elastic: accuracy": _ALL,
+        "accuracy with bias": (*_ALL, Term.BIAS),
+    }
 AXES = {"across": (0, 1), "about": (2,)}
 
 
@@ -61,46 +72,84 @@ def tolerances_of(
     case: Case, campaign: Campaign | None, options: argparse.Namespace
 ) -> tuple[dict[str, Any], str]:
     """What halving each tolerance buys: values for JSON, and a table."""
-    campaign = campaign or Campaign()
-    objective, required = Objective.read(campaign.objective), campaign.requirements.accuracy
-    fraction = campaign.units or USUAL
-    with progress("units", options.units * (1 + len(list(halved(case))))) as advance:
-        gains = allocation(
-            case, objective, required, fraction, options.seed, options.units, advance
+    return _gains(case, campaign or Campaign(), list(halved(case)), options)
+
+
+def levers_of(
+    case: Case, campaign: Campaign | None, options: argparse.Namespace
+) -> tuple[dict[str, Any], str]:
+    """What a step of each lever buys, and what it costs: values for JSON, and a table."""
+    return _gains(case, campaign or Campaign(), list(levers(case)), options)
+
+
+def _gains(
+    case: Case, campaign: Campaign, changes: list[Change], options: argparse.Namespace
+) -> tuple[dict[str, Any], str]:
+    objective, needs = Objective.read(campaign.objective), campaign.requirements
+    required, fraction = needs.accuracy, campaign.units or USUAL
+    with progress("units", options.units * (1 + len(changes))) as advance:
+        found = allocation(
+            case, objective, required, fraction, options.seed, options.units, changes, advance
         )
-    values = {
+    before = _costs(needs, case)
+    values, entries = {
         "objective": str(objective),
         "fraction": fraction,
-        "age_years": gains.age / YEAR,
-        "level_arcsec": gains.level / arcsec,
-        "halved": [
+        "age_years": found.age / YEAR,
+        "level_arcsec": found.level / arcsec,
+    }, list[dict[str, Any]]()  # fmt: skip
+    yields = [f"yield, {limit.name} (%)" for limit in required]
+    lever = any(change.text for change in changes)
+    costs = ["mass (g)", "power (mW)", "calibration (h)"] if lever else []
+    rows = [["change" if lever else "halved", "gain (arcsec)", *yields, *costs, "price"]]
+    for gain in found.gains:
+        change = gain.change
+        more = {name: _costs(needs, change.case)[name] - before[name] for name in before}
+        more["price"] = change.price or more["price"]
+        entries.append(
             {
-                "tolerance": tolerance.name,
-                "gain_arcsec": bounds_json(tolerance.level, ARCSEC),
+                "lever" if lever else "tolerance": change.name,
+                "gain_arcsec": bounds_json(gain.level, ARCSEC),
                 "yields": [
                     {"requirement": str(limit.objective), "most_arcsec": limit.most / arcsec}
-                    | asdict(more)
-                    for limit, more in zip(required, tolerance.yields, strict=True)
+                    | asdict(share)
+                    for limit, share in zip(required, gain.yields, strict=True)
                 ],
-                "price": tolerance.price,
             }
-            for tolerance in gains.each
-        ],
-    }
-    yields = [f"yield, {limit.name} (%)" for limit in required]
-    rows = [["halved", "gain (arcsec)", *yields, "price"]]
-    for tolerance in gains.each:
-        gain = bracketed(tolerance.level, "+.3f", arcsec)
-        yields = [bracketed(share, "+.1f", 0.01) for share in tolerance.yields]
-        rows.append([tolerance.name, gain, *yields, f"{tolerance.price:.4g}"])
+            | ({"change": change.text, **more} if lever else {"price": change.price})
+        )
+        rows.append([
+            f"{change.name} {change.text}".strip(),
+            bracketed(gain.level, "+.3f", arcsec),
+            *(bracketed(share, "+.1f", 0.01) for share in gain.yields),
+            *([f"{1e3 * more['mass_kg']:+.3g}", f"{1e3 * more['power_w']:+.3g}",
+               f"{more['calibration_h']:+.3g}"] if lever else []),
+            f"{more['price']:.4g}",
+        ])  # fmt: skip
+    values["levers" if lever else "halved"] = entries
     text = [
         f"{objective} that {100 * fraction:g} % of {options.units} units at "
-        f"{gains.age / YEAR:g} yr do not exceed: {gains.level / arcsec:.3f} arcsec",
+        f"{found.age / YEAR:g} yr do not exceed: {found.level / arcsec:.3f} arcsec",
         *aligned(rows, (0,)),
+        *(f"not possible: {one}" for one in found.refused),
         "by the formula, on the same draws of the same units, with their biases; brackets hold "
         "with 95 % for other units",
     ]
+    if lever:
+        text.append(
+            "gains do not add; no law says what care with lens, detector or structure costs, "
+            "where price is 0"
+        )
     return values, "\n".join(text)
+
+
+def _costs(needs: Requirements, case: Case) -> dict[str, float]:
+    return {
+        "mass_kg": needs.mass(case),
+        "power_w": needs.power(case),
+        "calibration_h": needs.calibration_time(case) / 3600,
+        "price": needs.cost(case),
+    }
 
 
 def trials_of(
@@ -164,6 +213,9 @@ def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, A
             name: {"median": float(np.median(rms)) / arcsec, "worst": float(rms.max()) / arcsec}
             for name, rms in (("across", budgets.across()), ("about", budgets.about()))
         },
+        "as_published_arcsec": {
+            name: _pair(_sum(budgets, terms)) for name, terms in PUBLISHED.items()
+        },
         "levels_arcsec": {
             kind.value: {
                 f"{100 * fraction:g}": {
@@ -179,6 +231,13 @@ def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, A
             for limit in required
         ],
     }
+
+
+def _sum(budgets: UnitBudgets, terms: tuple[Term, ...]) -> Floats:
+    """Radian (n, 3), root sum square of classes of error of each unit."""
+    every = {Term.BIAS: budgets.bias} | budgets.terms
+    square = [every[term] ** 2 for term in terms if term in every]
+    return np.asarray(np.sqrt(np.sum(square, axis=0)) if square else np.zeros_like(budgets.bias))
 
 
 def _pair(values: Floats) -> dict[str, float]:
@@ -202,6 +261,10 @@ def _text(ages: list[dict[str, Any]]) -> str:
     for name in ages[0]["classes_rms_arcsec"]:
         lines.append(row(f"{name}, rms per axis", [at["classes_rms_arcsec"][name] for at in ages]))
     lines.append("-" * len(lines[0]))
+    for name in PUBLISHED:
+        lines.append(row(f"{name}, 1 sigma", [at["as_published_arcsec"][name] for at in ages]))
+        triple = [{axis: 3 * at["as_published_arcsec"][name][axis] for axis in AXES} for at in ages]
+        lines.append(row(f"{name}, 3 sigma", triple))
     for which in ("median", "worst"):
         pairs = [{axis: at["rms_arcsec"][axis][which] for axis in AXES} for at in ages]
         lines.append(row(f"all but bias, rms, {which} unit", pairs))

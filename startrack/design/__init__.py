@@ -40,6 +40,7 @@ from startrack.design.keys import Key, design_keys, design_schema, keys_of, temp
 from startrack.design.objective import AXES, Objective
 from startrack.design.parameter import find as found_at
 from startrack.design.parameter import replaced, replaced_all, unchecked
+from startrack.design.parameter import text as value_text
 from startrack.design.products import products
 from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements, cost_of
 from startrack.design.variables import Choice, DesignSpace, Link, Variable, branches

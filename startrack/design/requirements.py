@@ -177,11 +177,12 @@ class Requirements(CarriesCode):
                  D = aperture + 2 L tan w
         shield = 2700 kg/m3 * shielding * 6 volume^(2/3)
         power  = power_fixed + energy_per_bit * data rate
-        cost   = cost_fixed + cost_of_metre * aperture^cost_power + tolerances
+        cost   = cost_fixed + cost_of_metre * aperture^cost_power + tolerances + calibration
 
     A lens of a family, or of a table that has its surfaces, has its own mass, volume and price
     instead of the terms of the aperture: see `lens_cost`. Tolerances cost sum price log2(1 / scale)
-    over the [[variation]] tables that have a price.
+    over the [[variation]] tables that have a price, a calibration on the ground
+    calibration_price * positions * position_time in hours.
 
     The models are proxies: a lens of one shape grows in all directions with its aperture, a tube
     is as long as its focal length asks, and the electronics pay for each bit. Their coefficients
@@ -226,6 +227,10 @@ class Requirements(CarriesCode):
     cost_of_metre: Annotated[float, NON_NEGATIVE,
         "cost of a lens with an aperture of one metre"] = 20e6  # fmt: skip
     cost_power: Annotated[float, POSITIVE, "with which the cost grows with the aperture"] = 1.7
+    position_time: Annotated[float, Unit("s"), NON_NEGATIVE,
+        "of a position of a calibration on the ground; assumed"] = 30.0  # fmt: skip
+    calibration_price: Annotated[float, NON_NEGATIVE,
+        "of an hour of a calibration on the ground, in the unit of the cost"] = 0.0  # fmt: skip
     min_update_rate: Annotated[float, Unit("Hz"), NON_NEGATIVE, "attitudes in a second"] = 1.0
     min_stars: Annotated[int, Range(1, 100),
         "stars above the detection threshold that `sky_fraction` of the sky must show"
@@ -340,6 +345,13 @@ class Requirements(CarriesCode):
         """Bit per second."""
         return case.instrument.detector.data_rate
 
+    def calibration_time(self, case: Case) -> float:
+        """Second, of the calibration of a unit on the ground; 0 where there is none."""
+        calibration = case.tracker.calibration
+        if calibration is None or calibration.place != "ground":
+            return 0.0
+        return calibration.positions * self.position_time
+
     def cost(self, case: Case) -> float:
         """In the unit of `cost_of_metre`; with a lens of known surfaces in dollars of 2010.
 
@@ -350,7 +362,9 @@ class Requirements(CarriesCode):
         optics = case.instrument.optics
         lens, fixed = (
             lens_cost(optics),
-            self.cost_fixed + sum(variation.cost for variation in case.variation),
+            self.cost_fixed
+            + sum(variation.cost for variation in case.variation)
+            + self.calibration_price * self.calibration_time(case) / 3600,
         )
         if lens:
             return fixed + lens.price

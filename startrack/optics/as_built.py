@@ -44,9 +44,9 @@ def element_slopes(optics: Optics, family: str, camera: Camera) -> ElementSlopes
               slopes are those of that; no vignetting. numerical: 1e-4 of the slopes. Chief rays of
               elements off by 20 um and 1 arcmin move as those of optiland within 2 % and 0.05 um.
     """
-    rounded = [float(f"{value:.2g}") for value in (optics.focal_length, optics.f_number)]
+    rounded = [float(f"{value:.3g}") for value in (optics.focal_length, optics.f_number)]
     name = optics.lens_family or ("" if optics.lens_file else family)
-    focal = float(f"{camera.focal_length_px:.2g}")
+    focal = float(f"{camera.focal_length_px:.3g}")
     return _slopes(optics.lens_file, name, rounded[0], rounded[1], camera.columns, camera.rows,
                    focal)  # fmt: skip
 

@@ -13,13 +13,13 @@ optimise     Campaign, TrialRunner -> the best design that was found, and how go
 pareto       DesignSpace, two objectives -> the designs that no other design beats in both.
 sensitivity  DesignSpace -> how much the error depends on each variable, alone and together with
              others.
-allocation   Case, units -> what halving the tolerance of each variation buys.
+allocation   Case, units -> what each tolerance and each lever of a design buys.
 ensemble     Log-probability -> samples and their convergence diagnostics (emcee).
 tolerance    Design -> how far each parameter may vary, by emcee on a quadratic surface.
 tables       The results of studies as CSV, JSON lines and Markdown.
 """
 
-from startrack.optimise.allocation import Allocation, Tightened, allocation, halved
+from startrack.optimise.allocation import Allocation, Change, Gain, allocation, halved, levers
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
 from startrack.optimise.evaluate import Evaluation, evaluate, foresee
 from startrack.optimise.explore import Explorer, Landscape, Span
@@ -54,6 +54,7 @@ __all__ = [
     "Ensembles",
     "Evaluation",
     "Found",
+    "Gain",
     "Goals",
     "Landscape",
     "Ledger",
@@ -62,7 +63,6 @@ __all__ = [
     "Search",
     "Sensitivity",
     "Span",
-    "Tightened",
     "Tolerance",
     "TrialRunner",
     "UnitYield",

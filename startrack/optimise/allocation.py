@@ -1,15 +1,16 @@
-"""Case, units -> what halving the tolerance of each variation buys, by their budgets."""
+"""Case, units -> what each tolerance and each lever of a design buys, by budgets of its units."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from startrack.budget import unit_budgets
-from startrack.core import Floats
-from startrack.design import Accuracy, Case, Objective
+from startrack.core import Floats, Refused
+from startrack.design import Accuracy, Case, Objective, found_at, replaced_all, value_text
 from startrack.metrics import Interval, quantile_of_few
 from startrack.verification import units_expected
 
@@ -18,38 +19,52 @@ RESAMPLES = 4000
 BOOTSTRAP = 4  # names the stream of the resampling
 
 
-@dataclass(frozen=True)
-class Tightened:
-    """What is gained where the scale of one variation is half of that of the design.
+class Change(NamedTuple):
+    """A design that differs in one thing.
 
-    name    of the number and the scope of its variation
-    level   radian, by which the level over units falls, with its interval
-    yields  1, by which the yield of each limit rises, with its interval
-    price   what it costs, in the unit of the requirements' cost
+    name   of what is changed
+    text   the values before and after; "" for a tolerance, which is halved
+    price  of a tolerance, in the unit of the requirements' cost
     """
 
     name: str
+    case: Case
+    text: str = ""
+    price: float = 0.0
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What is gained by one change of the design.
+
+    change  and the design that has it
+    level   radian, by which the level over units falls, with its interval
+    yields  1, by which the yield of each limit rises, with its interval
+    """
+
+    change: Change
     level: Interval
     yields: tuple[Interval, ...]
-    price: float
 
 
 @dataclass(frozen=True)
 class Allocation:
-    """Tolerances of a design, the one that buys most first.
+    """Changes of a design, the one that buys most first.
 
     age       second, of the units
     fraction  1, of the units, which do not exceed the level
     level     radian, of the objective
     yields    1, of each limit
-    each      of each variation
+    gains     of each change
+    refused   changes that the design cannot have, and why
     """
 
     age: float
     fraction: float
     level: float
     yields: tuple[float, ...]
-    each: tuple[Tightened, ...]
+    gains: tuple[Gain, ...]
+    refused: tuple[str, ...] = ()
 
 
 def allocation(
@@ -59,11 +74,12 @@ def allocation(
     fraction: float,
     seed: int,
     count: int,
+    changes: Sequence[Change],
     progress: Callable[[int], None] | None = None,
 ) -> Allocation:
-    """Halve the scale of each variation in turn, on the same draws of the same units.
+    """Make each change in turn, on the same draws of the same units.
 
-    At the end of life; of a residual, the rms is halved, too. Intervals are bootstrap percentiles
+    At the end of life. Intervals are bootstrap percentiles
     over the units, the same ones before and after, so that what all have in common does not count.
 
     fraction  1, of the units, whose level counts
@@ -82,30 +98,93 @@ def allocation(
     before = errors(case)
     level = quantile_of_few(before[0][chosen], fraction)
     kept = [one <= limit.most for one, limit in zip(before[1:], limits, strict=True)]
-    each = list[Tightened]()
-    for name, half, price in halved(case):
-        after = errors(half)
+    gains, refused = list[Gain](), list[str]()
+    for change in changes:
+        try:
+            after = errors(change.case)
+        except Refused as error:
+            refused.append(f"{change.name} {change.text}: {error}")
+            continue
         gained = level - quantile_of_few(after[0][chosen], fraction)
         more = [
             ((found <= limit.most) * 1.0 - was)[chosen].mean(axis=1)
             for found, limit, was in zip(after[1:], limits, kept, strict=True)
         ]
-        each.append(Tightened(name, _interval(gained), tuple(map(_interval, more)), price))
-    each.sort(key=lambda one: -one.level.value)
+        gains.append(Gain(change, _interval(gained), tuple(map(_interval, more))))
+    gains.sort(key=lambda gain: -gain.level.value)
     shares = tuple(float(one.mean()) for one in kept)
-    return Allocation(age, fraction, float(level[0]), shares, tuple(each))
+    return Allocation(age, fraction, float(level[0]), shares, tuple(gains), tuple(refused))
 
 
-def halved(case: Case) -> Iterator[tuple[str, Case, float]]:
-    """Each tolerance of a design: its name, the design with half of it, and what that costs."""
+def halved(case: Case) -> Iterator[Change]:
+    """Each tolerance of a design, and the parts of its residual, halved."""
     for number, one in enumerate(case.variation):
         half = replace(one, scale=one.scale / 2)
         every = (*case.variation[:number], half, *case.variation[number + 1 :])
-        yield f"{one.name} per {one.per}", replace(case, variation=every), one.price
-    if (residual := case.instrument.residual) is not None:
-        less = replace(residual, rms=residual.rms / 2)
-        instrument = replace(case.instrument, residual=less)
-        yield "instrument.residual.rms", replace(case, instrument=instrument), 0.0
+        half_case = replace(case, variation=every)
+        yield Change(f"{one.name} per {one.per}", half_case, price=one.price)
+    for name in PARTS if case.instrument.residual is not None else ():
+        path = f"instrument.residual.{name}"
+        if now := found_at(case, path):
+            yield Change(path, replaced_all(case, {path: now / 2}))
+
+
+PARTS = ("rms", "angle", "grid", "flatness", "decentre", "tilt", "wedge", "drift")
+# Factors by which numbers of a design are changed, where it has them: steps that a maker may take.
+STEPS = {
+    "tracker.detection.max_spots": 1.5,
+    "tracker.calibration.positions": 2.0,
+    "tracker.calibration.frames": 2.0,
+    "tracker.calibration.noise": 0.5,
+    "tracker.calibration.direction": 0.5,
+    "instrument.optics.focal_length": 1.1,
+    "instrument.optics.f_number": 1 / 1.2,
+    "instrument.detector.exposure": 1.5,
+}
+DEEPER = 0.5  # magnitude
+ORDERS = {1: 3, 3: 5, 5: 7, 7: 7}
+NODES = {0: 5, 2: 4, 3: 5, 4: 6, 5: 7, 6: 8, 7: 9, 8: 9, 9: 9}  # of a map
+
+
+def levers(case: Case) -> Iterator[Change]:
+    """What a designer may change beside tolerances, each by a step (`STEPS`).
+
+    Number of tracked stars, catalogue, calibration, causes of the residual, structure, colour,
+    lens and exposure; what the design does not have, or what is at its end, is left out.
+    """
+    wanted = dict[str, Any]()
+    for name, factor in STEPS.items():
+        now = _value(case, name)
+        if now:
+            wanted[name] = round(now * factor) if isinstance(now, int) else now * factor
+    listed, calibration = case.tracker.catalog, case.tracker.calibration
+    if listed is not None and listed.limit_g + DEEPER <= case.catalog.limit_g:
+        wanted["tracker.catalog.limit_g"] = listed.limit_g + DEEPER
+    if calibration is not None:
+        wanted["tracker.calibration.order"] = ORDERS[calibration.order]
+        wanted["tracker.calibration.tangential"] = True
+        wanted["tracker.calibration.map"] = NODES[calibration.map]
+        unused = "frames" if calibration.place == "ground" else "positions"
+        wanted.pop(f"tracker.calibration.{unused}", None)
+    if case.instrument.optics.tabulated:
+        wanted["tracker.focal_length_by_colour"] = True
+    for name, value in wanted.items():
+        now = found_at(case, name)
+        if now == value:
+            continue
+        text = f"to {value_text(case, name, value)} from {value_text(case, name, now)}"
+        yield Change(name, replaced_all(case, {name: value}), "on" if value is True else text)
+    for change in halved(case):
+        if ".residual." in change.name:
+            yield change._replace(text="halved")
+
+
+def _value(case: Case, name: str) -> Any:
+    """A number of a case; None where it has none."""
+    part: Any = case
+    for step in name.split("."):
+        part = getattr(part, step, None)
+    return part
 
 
 def _interval(values: Floats) -> Interval:

@@ -22,7 +22,14 @@ from startrack.design import (
 )
 from startrack.io import shipped
 from startrack.metrics import quantile_of_few
-from startrack.optimise import TrialRunner, allocation, evaluate, expected_objective, optimize
+from startrack.optimise import (
+    TrialRunner,
+    allocation,
+    evaluate,
+    expected_objective,
+    halved,
+    optimize,
+)
 from startrack.optimise.units import compare_units
 from startrack.trial import OUTCOMES
 
@@ -117,9 +124,10 @@ def test_halving_the_tolerance_that_counts_buys_half_of_the_level():
     """Of misalignments of 60 and 6 arcsec, beside which 0.3 arcsec of noise are nothing."""
     name = "instrument.mounting."
     both = (Variation(f"{name}y", sigma="2 arcsec"), Variation(f"{name}x", sigma="60 arcsec"))
-    found = allocation(replace(TURNED, variation=both), Objective(), (), 0.9, 7, 6)
-    first, second = found.each
-    assert first.name == "instrument.mounting.x per unit"
+    case = replace(TURNED, variation=both)
+    found = allocation(case, Objective(), (), 0.9, 7, 6, list(halved(case)))
+    first, second = found.gains
+    assert first.change.name == "instrument.mounting.x per unit"
     assert first.level.value == pytest.approx(found.level / 2, rel=0.02)
     assert first.level.low < first.level.value <= first.level.high
     assert abs(second.level.value) < 0.02 * found.level
