@@ -247,8 +247,8 @@ def leave_out(names: list[str], units: int, seed: int, tried: Floats = FACTORS) 
     sum of squares of log (predicted / published), each tracker counted once. It is fitted again
     without each tracker.
 
-    Returns  "factors" of the families, and "largest": the largest relative change of a prediction of
-             another tracker of the family by leaving one out
+    Returns  "factors" of the families, and "largest": the largest relative change of a prediction
+             of another tracker of the family by leaving one out
     """
     fine = np.geomspace(tried[0], tried[-1], 400)
     factors, largest = {}, 0.0
@@ -415,7 +415,8 @@ def steps(
         each = ratios({name: found[name] for name in FIRST if name in found})
         within = [sum(one <= limit for one in each.values()) for limit in (1.5, 2)]
         return {
-            **judged(found), "trackers": found, "within_1_5": within[0], "within_2": within[1], "judged": len(each),
+            **judged(found), "trackers": found, "within_1_5": within[0],
+            "within_2": within[1], "judged": len(each),
         }  # fmt: skip
 
     def without() -> dict[str, Any]:
