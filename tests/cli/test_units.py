@@ -97,6 +97,28 @@ def test_the_budget_has_both_ends_of_life(design, capsys, monkeypatch):
     assert 0 < gains[0] < told["tolerances"]["level_arcsec"]
 
 
+def test_levers_are_steps_that_a_maker_may_take_with_what_they_cost(design, capsys, monkeypatch):
+    monkeypatch.setattr(import_module("startrack.budget.check"), "WINDOWS", 4)
+    calibrated = ["--set", "tracker.calibration.positions=100"]
+    main(["budget", str(design), "--units", "2", "--levers", "--json", *calibrated])
+    found = json.loads(capsys.readouterr().out)
+    levers = {lever["lever"]: lever for lever in found["levers"]["levers"]}
+    gains = [lever["gain_arcsec"]["value"] for lever in levers.values()]
+    assert gains == sorted(gains, reverse=True)
+    # A tenth of a pixel in each star decides, which a map takes off.
+    best = list(levers)[:3]
+    assert "tracker.calibration.map" in best
+    assert "instrument.residual.rms" in best
+    assert levers["tracker.calibration.positions"]["calibration_h"] == pytest.approx(
+        100 * 30 / 3600
+    )
+    assert levers["instrument.optics.f_number"]["mass_kg"] > 0
+    # What datasheets state grows with what it counts.
+    stated = list(found["units"][0]["as_published_arcsec"].values())
+    across = [errors["across"] for errors in stated]
+    assert across == sorted(across)
+
+
 def test_the_budget_of_units_needs_something_that_varies(capsys):
     assert main(["budget", "--units", "2"]) == 2
     assert "[[variation]]" in capsys.readouterr().err

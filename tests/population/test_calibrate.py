@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack.core import Streams
+from startrack.core import Camera, Streams, arcsec, um
 from startrack.design import CameraCalibration, Moment, Variation, load_design, unit_case
 from startrack.io import shipped
-from startrack.optics import Residual
+from startrack.optics import Optics, Residual
 from startrack.population import calibrated, drawn, left_over, unit_of
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -95,3 +95,50 @@ def test_settings_that_make_no_calibration_are_refused():
         CameraCalibration(order=2)
     with pytest.raises(ValueError, match="place must be"):
         CameraCalibration("moon")
+
+
+LENS = Residual(
+    angle=5 * arcsec, flatness=2 * um, decentre=25 * um, tilt=90 * arcsec, wedge=90 * arcsec,
+    family="double-gauss",
+)  # fmt: skip
+
+
+def residuals_left(settings, residual=LENS, find=drawn, units=20):
+    """Pixel rms over the frames of some units, and that of their law."""
+    optics, pitch = Optics(focal_length=0.035, f_number=2.0), 5.5 * um
+    design = Camera(2048, 2048, 0.035 / pitch)
+    left = []
+    for number in range(1, units + 1):
+        field = replace(residual, seed=number).field(design, optics, pitch)
+        camera = replace(design, residual=field)
+        left.append(left_over(camera, find(camera, design, settings, Streams(5, number))))
+    law = residual.law(design, optics, pitch, settings.order, settings.tangential, settings.map)
+    return rms(left), float(np.sqrt((law**2).sum(axis=-1).mean()))
+
+
+@pytest.mark.parametrize("order", [3, 5])
+def test_what_a_lens_as_built_leaves_is_what_the_tracker_knows(order):
+    settings = CameraCalibration(positions=400, noise=1e-3, order=order)
+    left, known = residuals_left(settings, units=60)
+    assert left == pytest.approx(known, rel=0.15)  # of some ten elements, by chance
+
+
+def test_tangential_terms_take_up_most_of_decentred_elements():
+    lens = replace(LENS, angle=0.0, flatness=0.0)
+    radial = CameraCalibration(positions=400, noise=1e-3, order=5)
+    plain, _ = residuals_left(radial, lens)
+    tangential, _ = residuals_left(replace(radial, tangential=True), lens)
+    assert tangential < 0.25 * plain
+
+
+def test_a_map_takes_up_what_a_polynomial_leaves_run_or_drawn():
+    plain = CameraCalibration(positions=400, direction=1 * arcsec, order=5, tangential=True)
+    mapped = replace(plain, map=5)
+    left, _ = residuals_left(mapped)
+    assert left < 0.5 * residuals_left(plain)[0]
+    assert left == pytest.approx(residuals_left(mapped, find=calibrated, units=20)[0], rel=0.05)
+
+
+def test_a_map_of_few_positions_is_worse_than_none():
+    few = CameraCalibration(positions=16, noise=0.3)
+    assert residuals_left(replace(few, map=9))[0] > residuals_left(few)[0]
