@@ -141,6 +141,8 @@ STEPS = {
     "instrument.optics.f_number": 1 / 1.2,
     "instrument.detector.exposure": 1.5,
 }
+STIFFER = {"aluminium": "titanium", "titanium": "invar", "invar": "carbon"}
+WATT = 0.5  # of a heater
 DEEPER = 0.5  # magnitude
 ORDERS = {1: 3, 3: 5, 5: 7, 7: 7}
 NODES = {0: 5, 2: 4, 3: 5, 4: 6, 5: 7, 6: 8, 7: 9, 8: 9, 9: 9}  # of a map
@@ -166,17 +168,28 @@ def levers(case: Case) -> Iterator[Change]:
         wanted["tracker.calibration.map"] = NODES[calibration.map]
         unused = "frames" if calibration.place == "ground" else "positions"
         wanted.pop(f"tracker.calibration.{unused}", None)
+    structure = getattr(case.instrument, "structure", None)
+    if structure is not None:
+        wanted["instrument.structure.material"] = STIFFER.get(structure.material)
+        wanted["instrument.structure.heater"] = structure.heater + WATT
     if case.instrument.optics.tabulated:
         wanted["tracker.focal_length_by_colour"] = True
     for name, value in wanted.items():
         now = found_at(case, name)
-        if now == value:
+        if now == value or value is None:
+            continue
+        if isinstance(value, str):
+            yield Change(name, replaced_all(case, {name: value}), f"to {value} from {now}")
             continue
         text = f"to {value_text(case, name, value)} from {value_text(case, name, now)}"
         yield Change(name, replaced_all(case, {name: value}), "on" if value is True else text)
     for change in halved(case):
         if ".residual." in change.name:
             yield change._replace(text="halved")
+    gradients = ("instrument.structure.gradient_x", "instrument.structure.gradient_y")
+    if structure is not None and (structure.gradient_x or structure.gradient_y):
+        less = {name: found_at(case, name) / 2 for name in gradients}
+        yield Change("instrument.structure.gradient_x and _y", replaced_all(case, less), "halved")
 
 
 def _value(case: Case, name: str) -> Any:
