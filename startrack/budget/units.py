@@ -193,7 +193,7 @@ class _Settings(NamedTuple):
 def _alike(case: Case) -> bool:
     """Whether what varies from environment to environment moves the places of stars alone."""
     changing = (Scope.ENVIRONMENT, Scope.FRAME)
-    return all(of_places(case, one.name) for one in case.variation if one.per in changing)
+    return all(of_places(case, one.name) for one in case.varying if one.per in changing)
 
 
 class _Lines(NamedTuple):

@@ -97,7 +97,7 @@ def command(options: argparse.Namespace) -> int:
         raise WrongUse("--levers needs --units")
     sequence = terminal.read_sequence(options.profile) if options.profile else None
     expected = analytic(case)
-    options.units = options.units or (UNITS if case.variation else None)
+    options.units = options.units or (UNITS if case.varying else None)
     by_trials = _measured(case, options) if options.montecarlo else None
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
     floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor

@@ -12,6 +12,7 @@ requirements  Requirements: what a design must meet, the cost of its lens includ
               counts.
 conditions    Condition: a rate, a background or an age at which a design is judged, too.
 variation     Variation: how a number of the truth differs between units, environments, in time.
+structure     Structure: what carries lens and detector, and how its temperatures move them.
 campaign      Campaign: what a study of a design is asked.
 keys          The keys of a design file, as a list, a template with values, and a JSON Schema.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in strings.
@@ -43,6 +44,7 @@ from startrack.design.parameter import replaced, replaced_all, unchecked
 from startrack.design.parameter import text as value_text
 from startrack.design.products import products
 from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements, cost_of
+from startrack.design.structure import Structure
 from startrack.design.variables import Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (
     YEAR,
@@ -72,6 +74,7 @@ __all__ = [
     "OverUnits",
     "Requirements",
     "Scope",
+    "Structure",
     "Variable",
     "Variation",
     "replaced",

@@ -23,6 +23,7 @@ from startrack.core import (
     Unit,
 )
 from startrack.design.epoch import believed_from, seen_from
+from startrack.design.structure import Structure
 from startrack.design.variation import YEAR, Law, Variation, check_variations, law_of
 from startrack.detection import Box, Detection
 from startrack.detector import Detector
@@ -140,6 +141,9 @@ class Instrument(Parameters):
     residual: Annotated[Residual | None,
         "displacements that no camera model holds, which a calibration leaves; None: none"
     ] = None  # fmt: skip
+    structure: Annotated[Structure | None,
+        "what carries lens and detector, and how warm it becomes; what follows from it differs "
+        "as a [[variation]] does; None: nothing"] = None  # fmt: skip
     imaged: Instrument | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
@@ -335,7 +339,14 @@ class Case(CarriesCode):
         if self.tracker.catalog:
             believed = believed_from(self.scene, catalog, self.tracker.catalog)
             object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
-        check_variations(self, self.variation)
+        own = {(one.name, one.per) for one in self.variation}
+        for one in self._of_structure:
+            if (one.name, one.per) in own:
+                raise Refused(
+                    f"variation of {one.name} per {one.per} must be left out beside "
+                    "instrument.structure, which it follows from"
+                )
+        check_variations(self, self.varying)
 
     def __hash__(self) -> int:
         """Computed once: each trial finds by it what is kept for its case."""
@@ -369,15 +380,28 @@ class Case(CarriesCode):
         return self.design if tracker == own else replace(self.design, tracker=tracker)
 
     @cached_property
+    def _of_structure(self) -> tuple[Variation, ...]:
+        instrument = self.instrument
+        if instrument.structure is None:
+            return ()
+        pitch, residual = instrument.detector.pitch, instrument.residual is not None
+        return tuple(instrument.structure.variations(instrument.optics, pitch, residual))
+
+    @cached_property
+    def varying(self) -> tuple[Variation, ...]:
+        """All that differs: what the design declares, and what follows from its structure."""
+        return (*self.variation, *self._of_structure)
+
+    @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """Its variations in SI units, in their order."""
-        return tuple(law_of(self, variation) for variation in self.variation)
+        """What differs in SI units, in the order of `varying`."""
+        return tuple(law_of(self, variation) for variation in self.varying)
 
     @property
     def differs(self) -> bool:
         """Whether its units differ, from each other or with age."""
         instrument = self.instrument
-        return bool(self.variation or instrument.residual or instrument.detector.age)
+        return bool(self.varying or instrument.residual or instrument.detector.age)
 
     @property
     def end_of_life(self) -> float:
@@ -388,7 +412,9 @@ class Case(CarriesCode):
     @cached_property
     def without_units(self) -> Case:
         """The case without what differs between units."""
-        return replace(self, variation=()) if self.variation else self
+        if not (self.variation or self.instrument.structure):
+            return self
+        return replace(self, variation=(), instrument=replace(self.instrument, structure=None))
 
     def unit_of(self, design: Case) -> Case:
         """The case as the truth of a unit of a design."""

@@ -182,7 +182,9 @@ class Requirements(CarriesCode):
     A lens of a family, or of a table that has its surfaces, has its own mass, volume and price
     instead of the terms of the aperture: see `lens_cost`. Tolerances cost sum price log2(1 / scale)
     over the [[variation]] tables that have a price, a calibration on the ground
-    calibration_price * positions * position_time in hours.
+    calibration_price * positions * position_time in hours. A structure (`[instrument.structure]`)
+    adds its mass, the power of its heater, and the price of its material times that mass and
+    `cost_of_part`.
 
     The models are proxies: a lens of one shape grows in all directions with its aperture, a tube
     is as long as its focal length asks, and the electronics pay for each bit. Their coefficients
@@ -231,6 +233,8 @@ class Requirements(CarriesCode):
         "of a position of a calibration on the ground; assumed"] = 30.0  # fmt: skip
     calibration_price: Annotated[float, NON_NEGATIVE,
         "of an hour of a calibration on the ground, in the unit of the cost"] = 0.0  # fmt: skip
+    cost_of_part: Annotated[float, NON_NEGATIVE,
+        "cost of a kilogram of a structure in aluminium, machined; assumed"] = 500.0  # fmt: skip
     min_update_rate: Annotated[float, Unit("Hz"), NON_NEGATIVE, "attitudes in a second"] = 1.0
     min_stars: Annotated[int, Range(1, 100),
         "stars above the detection threshold that `sky_fraction` of the sky must show"
@@ -311,15 +315,16 @@ class Requirements(CarriesCode):
             shield = ALUMINIUM * self.shielding * 6 * self.volume(case) ** (2 / 3)
         if self.density is not None:
             return self.density * self.volume(case) + shield
-        lens = lens_cost(case.instrument.optics)
-        if lens:
-            return self.mass_fixed + lens.mass + shield
-        of_aperture = self.mass_per_volume * case.instrument.optics.aperture**3
-        return self.mass_fixed + of_aperture + shield
+        optics, structure = case.instrument.optics, case.instrument.structure
+        fixed = self.mass_fixed + shield + (structure.mass(optics) if structure else 0.0)
+        lens = lens_cost(optics)
+        return fixed + (lens.mass if lens else self.mass_per_volume * optics.aperture**3)
 
     def power(self, case: Case) -> float:
         """Watt."""
-        return self.power_fixed + self.energy_per_bit * case.instrument.detector.data_rate
+        structure = case.instrument.structure
+        heater = structure.heater if structure else 0.0
+        return self.power_fixed + self.energy_per_bit * case.instrument.detector.data_rate + heater
 
     def volume(self, case: Case) -> float:
         """Cubic metre."""
@@ -359,14 +364,12 @@ class Requirements(CarriesCode):
         """
         if is_code(self.cost_model):
             return _number("costs", self.cost_model, case)
-        optics = case.instrument.optics
-        lens, fixed = (
-            lens_cost(optics),
-            self.cost_fixed
-            + sum(variation.cost for variation in case.variation)
-            + self.calibration_price * self.calibration_time(case) / 3600,
-        )
-        if lens:
+        optics, structure = case.instrument.optics, case.instrument.structure
+        fixed = self.cost_fixed + sum(variation.cost for variation in case.variation)
+        fixed += self.calibration_price * self.calibration_time(case) / 3600
+        if structure:
+            fixed += self.cost_of_part * structure.made_of.price * structure.mass(optics)
+        if lens := lens_cost(optics):
             return fixed + lens.price
         return fixed + self.cost_of_metre * optics.aperture**self.cost_power
 

@@ -256,7 +256,7 @@ def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, f
     Each is drawn from streams that (seed, unit, name) alone decide.
     """
     drawn = []
-    for variation, law in zip(case.variation, case.laws, strict=True):
+    for variation, law in zip(case.varying, case.laws, strict=True):
         at = _instance(variation.per, moment)
         if at is None:
             continue
@@ -336,7 +336,7 @@ def middle_case(case: Any, age: float, names: Collection[str]) -> Any:
     """
     drawn = [
         (variation, law.difference(0.0) * (age / YEAR if variation.per is Scope.LIFE else 1.0))
-        for variation, law in zip(case.variation, case.laws, strict=True)
+        for variation, law in zip(case.varying, case.laws, strict=True)
         if variation.name in names and variation.per in (Scope.UNIT, Scope.LIFE)
     ]
     bare = case.without_units

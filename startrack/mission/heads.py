@@ -236,7 +236,7 @@ def mount(head: Head, case: Case) -> Mounted:
 def ages(case: Case, head: Head) -> bool:
     """Whether the design of a head has a law of age: of its detector, or of the unit's numbers."""
     drifts = head.unit is not None and any(
-        variation.per is Scope.LIFE for variation in case.variation
+        variation.per is Scope.LIFE for variation in case.varying
     )
     return case.instrument.detector.age is not None or drifts
 

@@ -79,7 +79,7 @@ def imaged_alike(case: Case) -> bool:
         and one.name != TRANSMISSION
         and not of_places(case, one.name)
         and not (one.vary == "relative" and found_at(case, one.name) == 0)
-        for one in case.variation
+        for one in case.varying
     )
 
 
@@ -97,7 +97,7 @@ def range_of(case: Case, name: str) -> tuple[float, float]:
     start = 1.0 if isinstance(held, Curve) else float(held)
     relative = np.zeros(2)
     absolute = np.zeros(2)
-    for one in case.variation:
+    for one in case.varying:
         if one.name != name:
             continue
         law = law_of(case, one)
@@ -175,7 +175,7 @@ def unit_plans(case: Case, age: float = 0.0) -> UnitPlans:
 def _unit_plans(case: Case, age: float) -> UnitPlans:
     bare = aged(case.without_units, age)
     refuse(bare)
-    names = list(dict.fromkeys(one.name for one in case.variation))
+    names = list(dict.fromkeys(one.name for one in case.varying))
     for name in names:
         if name.startswith("catalog."):
             raise Refused(f"{name} must not vary in fidelity covariance; choose frame or window")

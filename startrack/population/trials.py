@@ -49,7 +49,7 @@ class Units(Parameters):
         """Which unit a trial has, where and when."""
         unit, inside = divmod(number, self.trials)
         environment = inside * self.environments // self.trials
-        each = any(one.per is Scope.FRAME for one in case.variation)
+        each = any(one.per is Scope.FRAME for one in case.varying)
         return Moment(unit, environment, inside if each else -1, self.age)
 
 

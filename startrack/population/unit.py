@@ -39,7 +39,7 @@ def _as_imaged(case: Case) -> Case:
 @lru_cache(maxsize=8)
 def _of_places(case: Case) -> frozenset[str]:
     """What of the numbers that vary moves the places of stars alone; kept for the 8 last cases."""
-    names = {one.name for one in case.variation}
+    names = {one.name for one in case.varying}
     return frozenset(name for name in names if of_places(case, name)) | {RESIDUAL_SEED}
 
 
@@ -87,8 +87,8 @@ def middle_of(case: Case, age: float) -> Case | None:
     """
     if not imaged_alike(case):
         return None
-    names = {one.name for one in case.variation if one.name.startswith(NOISE)}
-    for one in case.variation:
+    names = {one.name for one in case.varying if one.name.startswith(NOISE)}
+    for one in case.varying:
         changes = found_at(case, one.name) != 0 or one.vary != "relative"
         if changes and one.name not in names and not of_places(case, one.name):
             return None

@@ -76,6 +76,9 @@ def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, f
     Returns  name of each number and scope, and the relative change, the greatest gain first
     Raises   ValueError where fidelity covariance cannot compute the design.
     """
+    # What follows from the structure is declared, so that each number can be left out alone.
+    alone = replace(case.instrument, structure=None)
+    case = replace(case, variation=case.varying, instrument=alone)
     numbers = list(range(unit * units.trials, (unit + 1) * units.trials))
     start = _rms(case, case, seed, units, numbers)
     found = []

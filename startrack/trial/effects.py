@@ -333,9 +333,9 @@ EFFECTS = [
     ),
     Effect(
         "variation",
-        lambda case: case.variation,
+        lambda case: case.varying,
         left_out=lambda case: [
-            f"what differs between units: {len(case.variation)} numbers of the design (variation)"
+            f"what differs between units: {len(case.varying)} numbers of the design (variation)"
         ],
     ),
     Effect(

@@ -258,7 +258,7 @@ def _turns(design: Case) -> Floats:
         left.add(Scope.LAUNCH)
     if calibration is None:
         left.add(Scope.UNIT)
-    for variation, law in zip(design.variation, design.laws, strict=True):
+    for variation, law in zip(design.varying, design.laws, strict=True):
         if variation.per in left and variation.name in TURNS:
             size = found_at(design, variation.name) if variation.vary == "relative" else 1.0
             turn[TURNS.index(variation.name)] += size**2 * law.mean_square()

@@ -1,0 +1,319 @@
+"""Structure and lens of a head, temperatures -> how its boresight and its focal length move."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit
+from startrack.design.variation import ABSOLUTE, RELATIVE, Scope, Variation
+from startrack.optics import Optics
+
+RADIATED = 4 * 5.670374e-8 * 293.15**3  # W / (m2 K), of a black surface at 20 degC: CODATA 2018
+ORBIT, LAUNCH = "orbit", "temperature since calibration"  # groups of variations
+EXPANSION, LENGTH, KELVIN = Unit("1 / K", "um / (m K)"), Unit("m", "mm"), Unit("K")
+GRADIENT = Unit("K / m")
+FOCAL = "instrument.optics.focal_length"
+RESIDUAL = "instrument.residual.temperature"
+UNITS = {"instrument.mounting": "rad", "instrument.residual": "K"}  # of numbers, by their table
+
+
+class Material(NamedTuple):
+    """What a structure is made of.
+
+    expansion     1 / kelvin, linear, near 20 degC
+    conductivity  W / (m K)
+    density       kg / m3
+    price         of a kilogram, machined, over that of aluminium
+    """
+
+    expansion: float
+    conductivity: float
+    density: float
+    price: float
+
+
+# Sources: aluminium 6061-T6 and Ti-6Al-4V: ASM Handbook, volume 2; Invar 36: Carpenter; CFRP: a
+# quasi-isotropic laminate of high modulus, assumed; AlBeMet 162: Materion; sintered SiC: Boostec.
+# Prices are assumed: of metal by the kilogram and of the time that it takes to machine.
+MATERIALS = {
+    "aluminium": Material(23.6e-6, 167.0, 2700.0, 1.0),
+    "titanium": Material(8.6e-6, 6.7, 4430.0, 6.0),
+    "invar": Material(1.3e-6, 10.5, 8055.0, 5.0),
+    "carbon": Material(0.5e-6, 35.0, 1650.0, 15.0),
+    "albemet": Material(13.9e-6, 210.0, 2100.0, 40.0),
+    "silicon-carbide": Material(2.2e-6, 180.0, 3150.0, 25.0),
+}
+WIDE = 1.96  # outer diameter of a tube over the clear aperture, of nine lenses: docs/lens-costs.md
+NONE = (0.0, 0.0, 0.0, 0.0)
+SHEAR = 3.2  # of a rectangle: 2 (1 + 0.33) 6 / 5
+SPREAD = 1.5  # span of the feet over the diameter of the tube; assumed
+
+
+@dataclass(frozen=True)
+class Structure(Parameters):
+    """What carries lens and detector on the spacecraft, and how warm it becomes.
+
+    A tube with lens and detector stands on a base with feet that are bolted to a panel. Where
+    temperature grows by G_x per metre along x, where a flux makes the tube's side at +x warmer by
+    F_x than that at -x, and so for y, and all is warmer by M than at the calibration, the camera
+    turns by
+
+        x =  t G_y + s F_y,   y = -(t G_x + s F_x) + b o M,   z = -a o (G_y + F_y / D)
+        s = a (L - f / 2) / D,   t = a (L - f / 2 + h + c / 2)
+
+    with a the expansion of the structure, f the focal length and the other letters those of the
+    keys. G is the same in tube, base and feet, F in the tube alone, whose curvature a F / D turns
+    lens and detector, f behind it. b is the curvature of the base, of thickness c, that the panel
+    bends: with p the expansion of the panel, the feet are moved by e = (a - p) S / 2 per kelvin,
+    and the rotation q at their tops, the deflection d of a foot and the force P over the modulus
+    and the width follow from
+
+        P = k1 d - k2 q,   d = e - q c / 2 - P B / (2 c),   q (c^3 / (6 B) + k4) = k2 d + P c / 2
+        k1, k2, k4 = I (12 / h^3, 6 / h^2, (4 + v) / h) / (1 + v),   I = w^3 / 12,
+        v = 3.2 (w / h)^2,   B = S - w,   b = 2 q / B
+
+    The scale and the focus change by
+
+        df / f = [e T + a (1 - T)] M,   defocus = f (a - e) M
+
+    with e of the lens and T 1 for a lens that is telecentric on the side of the image, 0 where the
+    exit pupil is at the nodal point, so that rays through it are seen at the detector's distance.
+    A flux q, in the middle of a side of the tube of conductivity k, gives
+
+        F = 2 q / (k u / R^2 + 4 sigma T^3),   R = D / 2,   u the wall
+
+    Source: beams with shear, Timoshenko and Young (1968), Elements of Strength of Materials; heat
+    round a tube by conduction and radiation.
+
+    Accuracy  model: small displacements, one material; no slip of bolts, no moisture, no bending
+              of the panel itself, no mounts of single lenses. Finite elements of the same section
+              (tests/oracle/structure.py) are within 10 % with a gradient, 17 % with a flux and 15 %
+              where the panel bends the base, of nine shapes.
+    """
+
+    material: Annotated[str, Range(choices=tuple(MATERIALS)), "of tube, base and feet"] = (
+        "aluminium"
+    )
+    expansion: Annotated[float | None, EXPANSION, FINITE,
+        "in place of the material's"] = None  # fmt: skip
+    conductivity: Annotated[float | None, Unit("W / (m K)"), POSITIVE,
+        "in place of the material's"] = None  # fmt: skip
+    length: Annotated[float | None, LENGTH, NON_NEGATIVE,
+        "L, from the middle of the base to the lens; None: the focal length, the detector is there"
+    ] = None  # fmt: skip
+    diameter: Annotated[float | None, LENGTH, POSITIVE,
+        "D, of the tube; None: 1.96 apertures, as of nine lenses"] = None  # fmt: skip
+    wall: Annotated[float, LENGTH, POSITIVE, "u, thickness of the tube; assumed"] = 2e-3
+    feet_span: Annotated[float | None, LENGTH, POSITIVE,
+        "S, between opposite feet's middles; None: 1.5 diameters, assumed"] = None  # fmt: skip
+    height: Annotated[float, LENGTH, POSITIVE, "h, of the feet; assumed"] = 10e-3
+    feet_thickness: Annotated[float, LENGTH, POSITIVE,
+        "w, of a foot along the span: thin ones give way; assumed"] = 5e-3  # fmt: skip
+    base: Annotated[float, LENGTH, POSITIVE, "c, thickness of the base; assumed"] = 5e-3
+    offset: Annotated[float, LENGTH, FINITE,
+        "o, of the lens along x from the middle of the feet, by their stiffness: 0 where they are "
+        "alike about it"] = 0.0  # fmt: skip
+    plate_expansion: Annotated[float, EXPANSION, FINITE,
+        "p, of the panel of the platform: aluminium"] = 23.6e-6  # fmt: skip
+    lens_expansion: Annotated[float, EXPANSION, FINITE,
+        "e, relative change of the focal length of the lens alone, by its glasses"
+    ] = 5e-6  # fmt: skip
+    telecentric: Annotated[float, Range(0, 1),
+        "T, 0: the exit pupil is at the nodal point; 1: it is infinitely far"] = 0.0  # fmt: skip
+    detector_offset: Annotated[float, LENGTH, FINITE,
+        "along x, of the detector's middle from where its board is fixed"] = 0.0  # fmt: skip
+    board_expansion: Annotated[float, EXPANSION, FINITE,
+        "of that board: of glass and epoxy"] = 15e-6  # fmt: skip
+    swing: Annotated[float, KELVIN, NON_NEGATIVE,
+        "amplitude of the mean temperature over an orbit"] = 0.0  # fmt: skip
+    gradient_x: Annotated[float, GRADIENT, NON_NEGATIVE,
+        "G, amplitude over an orbit of the growth along x, in the panel, and as steep in the head"
+    ] = 0.0  # fmt: skip
+    gradient_y: Annotated[float, GRADIENT, NON_NEGATIVE, "likewise of y"] = 0.0
+    phase_x: Annotated[float, FINITE,
+        "of the gradient along x, in periods before the mean temperature, which follows heat by a "
+        "quarter"] = 0.25  # fmt: skip
+    phase_y: Annotated[float, FINITE,
+        "likewise of y: a quarter more, the warm side goes round"] = 0.5  # fmt: skip
+    flux: Annotated[float, Unit("W / m2"), NON_NEGATIVE,
+        "q, amplitude over an orbit of what the tube takes up on one side, in the middle of it, "
+        "less on the other; about both axes, in phase with the gradients"] = 0.0  # fmt: skip
+    mean_profile: Annotated[tuple[float, ...], KELVIN,
+        "temperature above that of the calibration, evenly over an orbit; in place of `swing`"
+    ] = ()  # fmt: skip
+    gradient_x_profile: Annotated[tuple[float, ...], GRADIENT,
+        "likewise of the gradient, in place of `gradient_x`"] = ()  # fmt: skip
+    gradient_y_profile: Annotated[tuple[float, ...], GRADIENT, "likewise of y"] = ()
+    calibration_offset: Annotated[float, KELVIN, NON_NEGATIVE,
+        "sigma, between units, of the mean temperature in flight from that of the calibration"
+    ] = 0.0  # fmt: skip
+    gradient_offset: Annotated[float, GRADIENT, NON_NEGATIVE,
+        "likewise of the gradient, per axis"] = 0.0  # fmt: skip
+    rise: Annotated[float, KELVIN, NON_NEGATIVE,
+        "by which the head warms itself after it is switched on"] = 0.0  # fmt: skip
+    rise_time: Annotated[float, Unit("s", "min"), POSITIVE, "time constant of it"] = 1800.0
+    since: Annotated[float | None, Unit("s", "min"), NON_NEGATIVE,
+        "time since it was switched on; None: long ago, as at the calibration"] = None  # fmt: skip
+    heater: Annotated[float, Unit("W"), NON_NEGATIVE,
+        "mean power of a controlled heater, each watt of which takes 1 / conductance off the "
+        "swing"] = 0.0  # fmt: skip
+    conductance: Annotated[float, Unit("W / K"), POSITIVE,
+        "from the head to the platform, with its heat capacity: |G + i 2 pi C / orbit|, assumed"
+    ] = 0.5  # fmt: skip
+    focus: Annotated[bool,
+        "whether the defocus changes, too: images are then those of each environment, in several "
+        "times the time"] = False  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.feet_span is not None and self.feet_span <= self.feet_thickness:
+            raise Refused(
+                "feet_span must be above feet_thickness, got "
+                f"{self.feet_span:g} m and {self.feet_thickness:g} m"
+            )
+        counts = {len(profile) for profile in self._profiles if profile}
+        if len(counts) > 1 or 1 in counts:
+            raise Refused(
+                "mean_profile, gradient_x_profile and gradient_y_profile must be of one length "
+                f"of two or more, got {', '.join(map(str, sorted(counts)))}"
+            )
+
+    @property
+    def _profiles(self) -> tuple[tuple[float, ...], ...]:
+        return self.mean_profile, self.gradient_x_profile, self.gradient_y_profile
+
+    @property
+    def made_of(self) -> Material:
+        """Its material, with the values that are given in place of those of the table."""
+        given = {"expansion": self.expansion, "conductivity": self.conductivity}
+        named = {name: value for name, value in given.items() if value is not None}
+        return MATERIALS[self.material]._replace(**named)
+
+    def size(self, optics: Optics) -> tuple[float, float, float]:
+        """Metre: length to the lens, diameter of the tube and span of the feet."""
+        length = optics.focal_length if self.length is None else self.length
+        diameter = self.diameter or WIDE * optics.aperture
+        return length, diameter, self.feet_span or SPREAD * diameter
+
+    def mass(self, optics: Optics) -> float:
+        """Kilogram of tube and base, a square as wide as the span of the feet."""
+        length, diameter, span = self.size(optics)
+        tube = math.pi * diameter * self.wall * max(length, optics.focal_length)
+        return self.made_of.density * (tube + self.base * span**2)
+
+    @property
+    def controlled_swing(self) -> float:
+        """Kelvin, the amplitude of the mean temperature that the heater leaves."""
+        return max(self.swing - self.heater / self.conductance, 0.0)
+
+    def flux_gradient(self, optics: Optics) -> float:
+        """Kelvin between the sides of the tube, by the flux."""
+        radius = self.size(optics)[1] / 2
+        return 2 * self.flux / (self.made_of.conductivity * self.wall / radius**2 + RADIATED)
+
+    def _base_curvature(self, span: float) -> float:
+        """b, radian / metre / kelvin."""
+        high, thick, foot = self.height, self.base, self.feet_thickness
+        between = span - foot
+        shear = SHEAR * (foot / high) ** 2
+        stiff = foot**3 / 12 / (1 + shear)
+        k1, k2, k4 = stiff * np.array([12 / high**3, 6 / high**2, (4 + shear) / high])
+        balance = np.array([
+            [k2, 1.0, -k1],
+            [thick / 2, between / (2 * thick), 1.0],
+            [thick**3 / (6 * between) + k4, -thick / 2, -k2],
+        ])  # fmt: skip
+        moved = (self.made_of.expansion - self.plate_expansion) * span / 2
+        return float(2 * np.linalg.solve(balance, [0.0, moved, 0.0])[0] / between)
+
+    def responses(self, optics: Optics, pitch: float) -> dict[str, Floats]:
+        """Change of each number of the truth (5,) per kelvin, of G per kelvin / metre.
+
+        In the order M, G_x, G_y, F_x, F_y.
+
+        pitch    metre, of the detector
+        Returns  by dotted name; the focal length relatively, others in SI units or pixel
+        """
+        length, diameter, span = self.size(optics)
+        own = self.made_of.expansion
+        tube = own * (length - optics.focal_length / 2) / diameter
+        turn = tube * diameter + own * (self.height + self.base / 2)
+        bent = self._base_curvature(span) * self.offset if self.offset else 0.0
+        twist = -own * self.offset
+        scale = self.lens_expansion * self.telecentric + own * (1 - self.telecentric)
+        board = (self.board_expansion - own) * self.detector_offset / pitch
+        found = {
+            "instrument.mounting.x": (0.0, 0.0, turn, 0.0, tube),
+            "instrument.mounting.y": (bent, -turn, 0.0, -tube, 0.0),
+            "instrument.mounting.z": (0.0, 0.0, twist, 0.0, twist / diameter),
+            FOCAL: (scale, *NONE),
+            "instrument.optics.principal_x": (board, *NONE),
+        }
+        if self.focus and not optics.psf_file:
+            defocus = optics.focal_length * (own - self.lens_expansion)
+            found["instrument.optics.defocus"] = (defocus, *NONE)
+        return {name: np.array(values) for name, values in found.items() if any(values)}
+
+    def variations(self, optics: Optics, pitch: float, residual: bool) -> Iterator[Variation]:
+        """What differs over an orbit, and between launches, because temperatures do.
+
+        residual  whether there is a residual, whose temperature is that of the head
+        """
+        responses = self.responses(optics, pitch)
+        if residual:
+            responses[RESIDUAL] = np.array([1.0, *NONE])
+        orbit, tabulated = self._over_orbit(optics), any(self._profiles)
+        side = self.gradient_offset
+        sigma = np.array([self.calibration_offset, side, side, 0.0, 0.0])
+        cold = 0.0 if self.since is None else self.rise * math.exp(-self.since / self.rise_time)
+        for name, response in responses.items():
+            vary = RELATIVE if name == FOCAL else ABSOLUTE
+            over = response @ orbit
+            if tabulated and np.ptp(over):
+                values = tuple(_text(name, float(value)) for value in over)
+                yield Variation(
+                    name, "table", values=values, vary=vary, per=Scope.ENVIRONMENT, group=ORBIT
+                )
+            elif not tabulated and over[0]:
+                amplitude, phase = float(abs(over[0])), cmath.phase(over[0]) / math.tau
+                yield Variation(
+                    name, "sinusoid", amplitude=_text(name, amplitude), phase=phase, vary=vary,
+                    per=Scope.ENVIRONMENT, group=ORBIT,
+                )  # fmt: skip
+            parts, mean = response * sigma, -cold * float(response[0])
+            total = float(np.sqrt(parts @ parts))
+            if total or mean:
+                yield Variation(
+                    name, sigma=_text(name, total), mean=_text(name, mean), vary=vary,
+                    per=Scope.LAUNCH, group=LAUNCH,
+                    correlation=float(np.clip(parts[0] / total, -1, 1)) if total else 1.0,
+                )  # fmt: skip
+
+    def _over_orbit(self, optics: Optics) -> NDArray[np.complexfloating] | Floats:
+        """Kelvin and kelvin / metre (5, n) of `responses`, evenly over an orbit with its ends.
+
+        Without a profile, n is 1: complex amplitudes of sinusoids, i of the sine a quarter before.
+        """
+        side = self.flux_gradient(optics)
+        size = np.array([self.controlled_swing, self.gradient_x, self.gradient_y, side, side])
+        phase = np.array([0.0, self.phase_x, self.phase_y, self.phase_x, self.phase_y])
+        wave = size * np.exp(2j * math.pi * phase)
+        if not any(self._profiles):
+            return wave[:, None]
+        count = max(map(len, self._profiles))
+        turn = np.exp(2j * math.pi * np.linspace(0, 1, count))
+        rows = zip((*self._profiles, (), ()), wave, strict=True)
+        return np.array([profile or np.imag(one * turn) for profile, one in rows])
+
+
+def _text(name: str, value: float) -> float | str:
+    """A difference as a file has it."""
+    unit = "m" if name.endswith(".defocus") else UNITS.get(name.rpartition(".")[0], "")
+    return f"{value!r} {unit}" if unit and value else value

@@ -1,0 +1,153 @@
+"""Structure of a head: against finite elements, as drawn, counted once, and what it costs."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from startrack.attitude import Mounting
+from startrack.budget import Term, unit_budgets
+from startrack.core import Refused
+from startrack.design import (
+    Case,
+    Moment,
+    Requirements,
+    Scope,
+    Structure,
+    Variation,
+    load_design,
+    replaced,
+    unit_case,
+)
+from startrack.design.variation import differences
+from startrack.io import shipped
+from startrack.optics import Optics, Residual
+
+CASE = load_design(shipped("designs/noise_only.toml")).case
+OPTICS = CASE.instrument.optics
+WARM = Structure(
+    swing=8.0, gradient_x=20.0, gradient_y=30.0, flux=30.0, offset=1e-3, calibration_offset=5.0,
+    gradient_offset=10.0, detector_offset=8e-3, plate_expansion=10e-6,
+)  # fmt: skip
+ORACLE = json.loads((Path(__file__).parents[1] / "oracle/structure.json").read_text())["cases"]
+TURN_Y = "instrument.mounting.y"
+
+
+def standing(structure: Structure | None, **changes) -> Case:
+    return replace(CASE, instrument=replace(CASE.instrument, structure=structure), **changes)
+
+
+@pytest.mark.parametrize("of", ORACLE, ids=lambda of: f"{of['mean']:g} {of['gradient']:g}")
+def test_the_boresight_turns_as_in_finite_elements(of):
+    """Within 17 %, and with the sign: the camera's axis z towards the body's +x."""
+    head = of["head"]
+    structure = Structure(
+        expansion=of["expansion"], plate_expansion=of["panel"], length=head["length"],
+        diameter=head["diameter"], wall=head["wall"], feet_span=head["span"],
+        height=head["height"], feet_thickness=head["foot"], base=head["base"],
+        offset=head["offset"],
+    )  # fmt: skip
+    response = structure.responses(Optics(focal_length=head["focal"], f_number=1.5), 5e-6)[TURN_Y]
+    turn = float(response @ [of["mean"], of["gradient"], 0.0, of["tube"], 0.0])
+    towards = Mounting(y=turn).camera_to_body().apply([0.0, 0.0, 1.0])[0]
+    assert towards == pytest.approx(of["turn"], rel=0.17)
+
+
+def test_a_head_turns_alike_about_both_axes():
+    """The boresight goes away from the warm side, whichever it is."""
+    for axis, name in enumerate((TURN_Y, TURN_Y[:-1] + "x")):
+        turn = Structure().responses(OPTICS, 5e-6)[name]
+        kelvin = np.eye(5)[1 + axis]
+        mounting = Mounting(**{name[-1]: float(turn @ kelvin)})
+        there = mounting.camera_to_body().apply([0.0, 0.0, 1.0])
+        assert there[axis] < -1e-7
+        assert there[1 - axis] == 0
+
+
+def test_drawn_units_have_the_sum_of_the_variances():
+    """Rms of 4000 orbits and launches within 4 sigma; parts of one name add."""
+    case = standing(WARM)
+    want = dict.fromkeys((one.name for one in case.varying), 0.0)
+    response = WARM.responses(OPTICS, case.instrument.detector.pitch)
+    side = WARM.flux_gradient(OPTICS)
+    quarter = 1j ** np.array([0, 1, 2, 1, 2])  # phases of mean, gradients and fluxes
+    swing = np.array([8.0, 20.0, 30.0, side, side]) * quarter
+    launch = np.array([5.0, 10.0, 10.0, 0.0, 0.0])
+    for name, kelvin in response.items():
+        want[name] = abs(kelvin @ swing) ** 2 / 2 + np.sum((kelvin * launch) ** 2)
+    found = dict.fromkeys(want, 0.0)
+    many = 2000
+    for unit in range(many):
+        total = dict.fromkeys(want, 0.0)
+        for one, by in differences(case, 3, Moment(unit, 0)):
+            total[one.name] += by
+        for name, by in total.items():
+            found[name] += by**2 / many
+    for name, variance in want.items():
+        assert found[name] == pytest.approx(variance, rel=4 * math.sqrt(2 / many)), name
+
+
+def test_focal_length_defocus_and_residual_move_together():
+    """In one orbit all follow the mean temperature, and a unit's truth has them."""
+    case = standing(replace(WARM, calibration_offset=0.0, focus=True))
+    instrument = replace(
+        case.instrument, residual=Residual(rms=0.1, drift=0.01), optics=replace(OPTICS, psf="auto")
+    )
+    case = replace(case, instrument=instrument)
+    unit = unit_case(case, 1, Moment(0, 4)).instrument
+    kelvin = unit.residual.temperature
+    grown = unit.optics.focal_length / OPTICS.focal_length - 1
+    assert abs(kelvin) > 0.1
+    assert grown == pytest.approx(23.6e-6 * kelvin, rel=1e-9)
+    assert unit.optics.defocus - OPTICS.defocus == pytest.approx(
+        OPTICS.focal_length * (23.6e-6 - 5e-6) * kelvin, rel=1e-9
+    )
+    assert unit.structure is None
+
+
+def test_nothing_is_counted_twice():
+    declared = Variation(TURN_Y, "sinusoid", amplitude="4 arcsec", per=Scope.ENVIRONMENT)
+    with pytest.raises(Refused, match="must be left out beside"):
+        standing(WARM, variation=(declared,))
+    case = standing(WARM, variation=(replace(declared, per=Scope.UNIT),))
+    assert len(case.varying) == 1 + len(standing(WARM).varying)
+    assert case.without_units.varying == ()
+    assert standing(Structure(material="invar")).varying == ()
+
+
+def test_a_profile_stands_for_its_sinusoid():
+    turn = np.linspace(0, 2 * np.pi, 721)
+    plain = replace(WARM, flux=0.0, gradient_x=0.0, gradient_y=0.0, calibration_offset=0.0)
+    profile = replace(plain, swing=0.0, mean_profile=tuple(map(float, 8 * np.sin(turn))))
+    both = [differences(standing(one), 3, Moment(2, 5)) for one in (plain, profile)]
+    for (one, by), (other, same) in zip(*both, strict=True):
+        assert one.name == other.name
+        assert by == pytest.approx(same, rel=1e-4)
+    with pytest.raises(Refused, match="of one length of two or more"):
+        replace(profile, gradient_x_profile=(0.0, 1.0))
+
+
+def test_a_variable_of_the_structure_changes_the_budget():
+    """The same orbits in other materials: thermo-elastic errors in proportion to expansion."""
+    case = standing(replace(WARM, offset=0.0, detector_offset=0.0, flux=0.0, gradient_offset=0.0))
+    sizes = {}
+    for material in ("titanium", "aluminium"):
+        other = replaced(case, "instrument.structure.material", material)
+        budgets = unit_budgets(other, 1, 3, count_fields=8, apart=True)
+        sizes[material] = budgets.terms[Term.THERMO_ELASTIC][:, :2]
+    assert sizes["aluminium"] / sizes["titanium"] == pytest.approx(23.6 / 8.6, rel=0.02)
+
+
+def test_kelvin_against_watt_and_kilogram():
+    """4 W at 0.5 W / K take 8 K off; a mass is that of the volume of tube and base."""
+    needs, case = Requirements(), standing(WARM)
+    heated = replaced(case, "instrument.structure.heater", 4.0)
+    assert heated.instrument.structure.controlled_swing == 0
+    assert needs.power(heated) - needs.power(case) == pytest.approx(4.0)
+    light = replaced(case, "instrument.structure.material", "carbon")
+    own = [needs.mass(one) - needs.mass(CASE) for one in (case, light)]
+    assert own[1] / own[0] == pytest.approx(1650 / 2700)
+    assert needs.cost(light) > needs.cost(case) > needs.cost(CASE)
