@@ -23,9 +23,9 @@ import chandra
 import command
 import numpy as np
 
-from startrack import Streams, arcsec, load_design, shipped
+from startrack import Camera, Streams, arcsec, load_design, shipped
 from startrack.budget import Term, UnitBudgets, analytic, unit_budgets
-from startrack.core import Camera, Floats
+from startrack.core import Floats
 from startrack.design import (
     CameraCalibration,
     Case,

@@ -171,10 +171,12 @@ def systematic_variance(case: Case) -> Floats:
               tracker.
     """
     as_designed = _systematic_variance(case.as_designed)
-    if case.design is None or case.tracker.attitude.centroid_floor is not None:
+    design = case.as_designed
+    known = case.tracker.attitude.centroid_floor is not None
+    if case.design is None or known or design.instrument.residual is None:
         return as_designed
-    law = _residual_law(case.as_designed)
-    return as_designed + float((law**2).sum(axis=-1).mean()) + _map_noise(case.as_designed)
+    law = _residual_law(design)
+    return as_designed + float((law**2).sum(axis=-1).mean()) + _map_noise(design)
 
 
 def _map_noise(design: Case) -> float:

@@ -53,9 +53,9 @@ def test_a_decentre_that_is_the_same_for_all_elements_is_that_of_the_lens():
     x_alike, y_alike = shifted[:, :4].sum(axis=1), shifted[:, 4:].sum(axis=1)
     half = len(x_alike) // 2
     per_um = um / 18e-6
-    assert x_alike[:half] * um == pytest.approx(np.full(half, per_um), rel=0.02)
-    assert y_alike[half:] * um == pytest.approx(np.full(half, per_um), rel=0.02)
-    assert np.abs(x_alike[half:] * um).max() < 0.02 * per_um
+    assert x_alike[:half] * um == pytest.approx(np.full(half, per_um), rel=0.03)
+    assert y_alike[half:] * um == pytest.approx(np.full(half, per_um), rel=0.03)
+    assert np.abs(x_alike[half:] * um).max() < 0.03 * per_um
 
 
 def test_a_lens_without_surfaces_is_refused():
