@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import cmath
+import csv
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -13,7 +16,9 @@ from numpy.typing import NDArray
 
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit
 from startrack.design.variation import ABSOLUTE, RELATIVE, Scope, Variation
+from startrack.io import read_bytes, regular_file
 from startrack.optics import Optics
+from startrack.space import Heat, warmth
 
 RADIATED = 4 * 5.670374e-8 * 293.15**3  # W / (m2 K), of a black surface at 20 degC: CODATA 2018
 ORBIT, LAUNCH = "orbit", "temperature since calibration"  # groups of variations
@@ -21,6 +26,7 @@ EXPANSION, LENGTH, KELVIN = Unit("1 / K", "um / (m K)"), Unit("m", "mm"), Unit("
 GRADIENT = Unit("K / m")
 FOCAL = "instrument.optics.focal_length"
 RESIDUAL = "instrument.residual.temperature"
+TURNS = tuple(f"instrument.mounting.{axis}" for axis in "xyz")
 UNITS = {"instrument.mounting": "rad", "instrument.residual": "K"}  # of numbers, by their table
 
 
@@ -52,6 +58,10 @@ MATERIALS = {
 }
 WIDE = 1.96  # outer diameter of a tube over the clear aperture, of nine lenses: docs/lens-costs.md
 NONE = (0.0, 0.0, 0.0, 0.0)
+LOADS = ("mean", "gradient_x", "gradient_y", "flux_x", "flux_y")  # in the order of responses
+PARTS = ("feet", "detector", "lens")
+COLUMNS = ("part", "load", "x", "y", "z", "dx", "dy", "dz")
+TIMES = 48  # of an orbit, of a profile by heat
 SHEAR = 3.2  # of a rectangle: 2 (1 + 0.33) 6 / 5
 SPREAD = 1.5  # span of the feet over the diameter of the tube; assumed
 
@@ -66,14 +76,14 @@ class Structure(Parameters):
     turns by
 
         x =  t G_y + s F_y,   y = -(t G_x + s F_x) + b o M,   z = -a o (G_y + F_y / D)
-        s = a (L - f / 2) / D,   t = a (L - f / 2 + h + c / 2)
+        s = a (L - f / 2) / D,   t = a (L - f / 2 + h + c / 2) + p H
 
     with a the expansion of the structure, f the focal length and the other letters those of the
     keys. G is the same in tube, base and feet, F in the tube alone, whose curvature a F / D turns
-    lens and detector, f behind it. b is the curvature of the base, of thickness c, that the panel
-    bends: with p the expansion of the panel, the feet are moved by e = (a - p) S / 2 per kelvin,
-    and the rotation q at their tops, the deflection d of a foot and the force P over the modulus
-    and the width follow from
+    lens and detector, f behind it. H is the height of a bracket. b is the curvature of the base, of
+    thickness c, that the panel bends: with p the expansion of the panel, the feet are moved by
+    e = (a - p) S / 2 per kelvin, and the rotation q at their tops, the deflection d of a foot and
+    the force P over the modulus and the width follow from
 
         P = k1 d - k2 q,   d = e - q c / 2 - P B / (2 c),   q (c^3 / (6 B) + k4) = k2 d + P c / 2
         k1, k2, k4 = I (12 / h^3, 6 / h^2, (4 + v) / h) / (1 + v),   I = w^3 / 12,
@@ -122,6 +132,9 @@ class Structure(Parameters):
         "alike about it"] = 0.0  # fmt: skip
     plate_expansion: Annotated[float, EXPANSION, FINITE,
         "p, of the panel of the platform: aluminium"] = 23.6e-6  # fmt: skip
+    bracket: Annotated[float, LENGTH, NON_NEGATIVE,
+        "H, of what stands between the panel and the feet, made as the panel: 0 for errors at the "
+        "head's flange"] = 0.0  # fmt: skip
     lens_expansion: Annotated[float, EXPANSION, FINITE,
         "e, relative change of the focal length of the lens alone, by its glasses"
     ] = 5e-6  # fmt: skip
@@ -151,6 +164,15 @@ class Structure(Parameters):
     gradient_x_profile: Annotated[tuple[float, ...], GRADIENT,
         "likewise of the gradient, in place of `gradient_x`"] = ()  # fmt: skip
     gradient_y_profile: Annotated[tuple[float, ...], GRADIENT, "likewise of y"] = ()
+    heat: Annotated[Heat | None,
+        "orbit, surfaces and heat capacities that give mean temperature and flux over an orbit, "
+        "in place of `swing`, `flux` and their phases; gradients in the panel remain"
+    ] = None  # fmt: skip
+    displacements: Annotated[str,
+        "CSV of a thermo-elastic program, of nodes by kelvin, or kelvin / metre of a gradient: "
+        "part (feet, detector, lens), load (mean, gradient_x, gradient_y, flux_x, flux_y), x, y, "
+        "z, dx, dy, dz (metre, in the camera's axes); for the loads that it has, in place of the "
+        'formulas; "": none'] = ""  # fmt: skip
     calibration_offset: Annotated[float, KELVIN, NON_NEGATIVE,
         "sigma, between units, of the mean temperature in flight from that of the calibration"
     ] = 0.0  # fmt: skip
@@ -178,6 +200,8 @@ class Structure(Parameters):
                 "feet_span must be above feet_thickness, got "
                 f"{self.feet_span:g} m and {self.feet_thickness:g} m"
             )
+        if self.heat and (any(self._profiles) or self.swing or self.flux):
+            raise Refused("heat must be left out beside swing, flux and profiles, which it gives")
         counts = {len(profile) for profile in self._profiles if profile}
         if len(counts) > 1 or 1 in counts:
             raise Refused(
@@ -211,12 +235,18 @@ class Structure(Parameters):
     @property
     def controlled_swing(self) -> float:
         """Kelvin, the amplitude of the mean temperature that the heater leaves."""
-        return max(self.swing - self.heater / self.conductance, 0.0)
+        return self._controlled(self.swing)
+
+    def _controlled(self, swing: float) -> float:
+        return max(swing - self.heater / self.conductance, 0.0)
 
     def flux_gradient(self, optics: Optics) -> float:
         """Kelvin between the sides of the tube, by the flux."""
+        return self.flux * self._gradient_by_flux(optics)
+
+    def _gradient_by_flux(self, optics: Optics) -> float:
         radius = self.size(optics)[1] / 2
-        return 2 * self.flux / (self.made_of.conductivity * self.wall / radius**2 + RADIATED)
+        return 2 / (self.made_of.conductivity * self.wall / radius**2 + RADIATED)
 
     def _base_curvature(self, span: float) -> float:
         """b, radian / metre / kelvin."""
@@ -245,21 +275,28 @@ class Structure(Parameters):
         own = self.made_of.expansion
         tube = own * (length - optics.focal_length / 2) / diameter
         turn = tube * diameter + own * (self.height + self.base / 2)
+        turn += self.plate_expansion * self.bracket
         bent = self._base_curvature(span) * self.offset if self.offset else 0.0
         twist = -own * self.offset
-        scale = self.lens_expansion * self.telecentric + own * (1 - self.telecentric)
+        scale = np.array([own, *NONE])
         board = (self.board_expansion - own) * self.detector_offset / pitch
-        found = {
-            "instrument.mounting.x": (0.0, 0.0, turn, 0.0, tube),
-            "instrument.mounting.y": (bent, -turn, 0.0, -tube, 0.0),
-            "instrument.mounting.z": (0.0, 0.0, twist, 0.0, twist / diameter),
-            FOCAL: (scale, *NONE),
-            "instrument.optics.principal_x": (board, *NONE),
+        turns = np.array([
+            [0.0, 0.0, turn, 0.0, tube],
+            [bent, -turn, 0.0, -tube, 0.0],
+            [0.0, 0.0, twist, 0.0, twist / diameter],
+        ])  # fmt: skip
+        if self.displacements:
+            stamp = regular_file(Path(self.displacements)).stat().st_mtime_ns
+            for load, (by, stretch) in read_displacements(self.displacements, stamp).items():
+                turns[:, LOADS.index(load)], scale[LOADS.index(load)] = by, stretch
+        lens = np.array([self.lens_expansion, *NONE])
+        found = dict(zip(TURNS, turns, strict=True)) | {
+            FOCAL: lens * self.telecentric + scale * (1 - self.telecentric),
+            "instrument.optics.principal_x": np.array([board, *NONE]),
         }
         if self.focus and not optics.psf_file:
-            defocus = optics.focal_length * (own - self.lens_expansion)
-            found["instrument.optics.defocus"] = (defocus, *NONE)
-        return {name: np.array(values) for name, values in found.items() if any(values)}
+            found["instrument.optics.defocus"] = optics.focal_length * (scale - lens)
+        return {name: values for name, values in found.items() if values.any()}
 
     def variations(self, optics: Optics, pitch: float, residual: bool) -> Iterator[Variation]:
         """What differs over an orbit, and between launches, because temperatures do.
@@ -269,7 +306,8 @@ class Structure(Parameters):
         responses = self.responses(optics, pitch)
         if residual:
             responses[RESIDUAL] = np.array([1.0, *NONE])
-        orbit, tabulated = self._over_orbit(optics), any(self._profiles)
+        orbit = self._over_orbit(optics)
+        tabulated = orbit.shape[1] > 1
         side = self.gradient_offset
         sigma = np.array([self.calibration_offset, side, side, 0.0, 0.0])
         cold = 0.0 if self.since is None else self.rise * math.exp(-self.since / self.rise_time)
@@ -305,12 +343,85 @@ class Structure(Parameters):
         size = np.array([self.controlled_swing, self.gradient_x, self.gradient_y, side, side])
         phase = np.array([0.0, self.phase_x, self.phase_y, self.phase_x, self.phase_y])
         wave = size * np.exp(2j * math.pi * phase)
+        if self.heat:
+            return self._by_heat(self.heat, wave, self._gradient_by_flux(optics))
         if not any(self._profiles):
             return wave[:, None]
         count = max(map(len, self._profiles))
         turn = np.exp(2j * math.pi * np.linspace(0, 1, count))
         rows = zip((*self._profiles, (), ()), wave, strict=True)
         return np.array([profile or np.imag(one * turn) for profile, one in rows])
+
+    def _by_heat(self, heat: Heat, wave: Floats, by_flux: float) -> Floats:
+        """As `_over_orbit`; the mean over an orbit is what the tracker is calibrated to."""
+        found = warmth(heat)
+        mean = found.head - found.head.mean()
+        size = float(np.ptp(mean)) / 2
+        mean *= self._controlled(size) / size if size else 0.0
+        rows = np.stack([mean, found.side_x * by_flux, found.side_y * by_flux])
+        place = np.linspace(0, 1, TIMES + 1)
+        known = np.linspace(0, 1, rows.shape[1] + 1)
+        rows = np.array([np.interp(place, known, np.append(row, row[0])) for row in rows])
+        panel = np.imag(wave[1:3, None] * np.exp(2j * math.pi * place))
+        return np.concatenate([rows[:1], panel, rows[1:]])
+
+
+@lru_cache(maxsize=8)
+def read_displacements(path: str, stamp: int) -> dict[str, tuple[Floats, float]]:
+    """Turn (3,) radian of the camera, and stretch of its focal length, by load.
+
+    Each part moves as the rigid body that fits its nodes best, by least squares. The boresight is
+    the line from the middle of the detector's nodes to that of the lens', seen from the feet; about
+    it the camera turns with the detector.
+
+    stamp   of the file, so that a changed one is read again
+    Raises  ValueError where the file has other columns, or a part has less than three nodes.
+    """
+    text = read_bytes(Path(path), "a table of displacements").decode("utf-8", "replace")
+    rows = list(csv.DictReader(text.splitlines()))
+    if not rows or not set(COLUMNS) <= rows[0].keys():
+        raise Refused(f"{path}: a table of displacements must have columns {', '.join(COLUMNS)}")
+    found = {}
+    for load in dict.fromkeys(row["load"] for row in rows):
+        if load not in LOADS:
+            raise Refused(f"{path}: load must be one of {', '.join(LOADS)}, got {load!r}")
+        parts = {}
+        for part in PARTS:
+            of = [row for row in rows if (row["part"], row["load"]) == (part, load)]
+            try:
+                nodes = np.array([[float(row[key]) for key in COLUMNS[2:]] for row in of])
+            except (TypeError, ValueError):
+                raise Refused(f"{path}: places and displacements must be numbers") from None
+            parts[part] = _rigid(nodes, f"{path}: {part} under {load}")
+        feet, detector, lens = (parts[part] for part in PARTS)
+        line = lens.middle - detector.middle
+        moved = lens.shift - detector.shift - np.cross(feet.turn, line)
+        length = float(np.linalg.norm(line))
+        turn = np.array([-moved[1], moved[0], 0.0]) / length
+        turn[2] = detector.turn[2] - feet.turn[2]
+        found[load] = turn, float(moved @ line) / length**2
+    return found
+
+
+class _Rigid(NamedTuple):
+    """Middle (3,), its shift (3,) and the turn (3,) of a part."""
+
+    middle: Floats
+    shift: Floats
+    turn: Floats
+
+
+def _rigid(nodes: Floats, name: str) -> _Rigid:
+    if len(nodes) < 3 or not np.isfinite(nodes).all():
+        raise Refused(f"{name} must have three nodes or more, got {len(nodes)}")
+    middle, shift = np.split(nodes.mean(axis=0), 2)
+    place, moved = np.split(nodes - nodes.mean(axis=0), 2, axis=1)
+    # moved = turn x place, for each node
+    matrix = np.concatenate([np.cross(np.eye(3), one).T for one in place])
+    turn, _, rank, _ = np.linalg.lstsq(matrix, moved.ravel(), rcond=1e-9)
+    if rank < 3:
+        raise Refused(f"{name} must not have all nodes on a line")
+    return _Rigid(middle, shift, turn)
 
 
 def _text(name: str, value: float) -> float | str:

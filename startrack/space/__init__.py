@@ -4,6 +4,7 @@ vectors  Products of many vectors that lie component by component.
 earth    Size, gravity and spin of the Earth; place and line of sight -> angle to its limb.
 bodies   Dates -> Sun, Moon, planets and axes of the Earth: one at a time, and as tables.
 orbit    Elements, two lines or a table of states -> position and velocity over time.
+heat     Orbit, Sun and surfaces -> temperatures of a platform and of a head on it over an orbit.
 """
 
 from startrack.space.bodies import (
@@ -31,6 +32,7 @@ from startrack.space.earth import (
     SQUARED_ECCENTRICITY,
     EarthSeen,
 )
+from startrack.space.heat import Heat, Warmth, heater_power, view_of_earth, warmth
 from startrack.space.orbit import (
     BEYOND,
     Carrier,

@@ -25,6 +25,7 @@ from startrack.design import (
 from startrack.design.variation import differences
 from startrack.io import shipped
 from startrack.optics import Optics, Residual
+from startrack.space import Heat, heater_power, view_of_earth, warmth
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 OPTICS = CASE.instrument.optics
@@ -151,3 +152,75 @@ def test_kelvin_against_watt_and_kilogram():
     own = [needs.mass(one) - needs.mass(CASE) for one in (case, light)]
     assert own[1] / own[0] == pytest.approx(1650 / 2700)
     assert needs.cost(light) > needs.cost(case) > needs.cost(CASE)
+
+
+def test_nodes_of_a_program_give_what_elasticity_does(tmp_path):
+    """T = g x in a free body: u = a g (x^2 - y^2 - z^2, 2 x y, 2 x z) / 2, of nodes of a head.
+
+    Seen from feet on the panel at z = 0; exact but for the size of the parts.
+    """
+    structure, expansion, focal = Structure(length=60e-3), 23.6e-6, OPTICS.focal_length
+    low = structure.height + structure.base / 2 + structure.length - focal
+    circle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    ring = np.stack([np.cos(circle), np.sin(circle), 0 * circle], axis=1)
+    lines = ["part,load,node,x,y,z,dx,dy,dz"]
+    parts = (("feet", 20e-3, 0.0), ("detector", 5e-3, low), ("lens", 8e-3, low + focal))
+    for part, radius, height in parts:
+        for node, (x, y, z) in enumerate(radius * ring + [0, 0, height]):
+            moved = expansion / 2 * np.array([x * x - y * y - z * z, 2 * x * y, 2 * x * z])
+            numbers = ",".join(repr(float(value)) for value in (x, y, z, *moved))
+            lines.append(f"{part},gradient_x,{node},{numbers}")
+    path = tmp_path / "moved.csv"
+    path.write_text("\n".join(lines))
+    by_file = replace(structure, displacements=str(path)).responses(OPTICS, 5e-6)[TURN_Y]
+    assert by_file == pytest.approx(structure.responses(OPTICS, 5e-6)[TURN_Y], rel=1e-6)
+    path.write_text("\n".join(lines[:3]))
+    with pytest.raises(Refused, match="must have three nodes or more"):
+        replace(structure, displacements=str(path)).responses(OPTICS, 5e-6)
+
+
+def test_heat_gives_what_another_program_does():
+    """A platform of 8 l at 500 km, as missiontools 0.2.3 has it with the Sun alone.
+
+    Its minimum, maximum and mean over an orbit in kelvin, local time 10:30 with 5 W.
+    """
+    platform = warmth(Heat(
+        epoch="2025-03-20T12:00:00", altitude=500e3, local_time=10.5 * 3600,
+        size=(0.1, 0.2, 0.4), absorptance=(0.25, 0.25, 0.2, 0.2, 0.3, 0.3),
+        emittance=(0.85, 0.85, 0.9, 0.9, 0.8, 0.8), capacity=1800.0, power=5.0,
+        head_size=(1e-4, 1e-4), aperture=0.0, head_power=0.0, head_capacity=1e-3,
+        conductance=1e-6, albedo=0.0, infrared=0.0, solar=1366.0,
+    )).platform  # fmt: skip
+    found = platform.min(), platform.max(), platform.mean()
+    assert found == pytest.approx((189.44, 208.02, 199.12), abs=0.5)
+
+
+def test_heat_keeps_energy_and_sees_the_whole_earth():
+    """View factors over all directions are the Earth's solid angle; what comes in goes out."""
+    cosine, distance = np.linspace(-1, 1, 20001), 1.1
+    solid = (1 - math.sqrt(1 - 1 / distance**2)) / 2
+    assert np.trapezoid(view_of_earth(cosine, distance), cosine) / 2 == pytest.approx(solid, 1e-6)
+    heat = Heat(conductance=0.7)
+    found = warmth(heat)
+    diameter, length = heat.head_size
+    lid = math.pi / 4 * (diameter**2 - heat.aperture**2)
+    shines = heat.head_emittance * (math.pi * diameter * length + lid)
+    shines += math.pi / 4 * heat.aperture**2
+    flow = 0.7 * (found.platform - found.head).mean()
+    out = 5.670374419e-8 * shines * (found.head**4).mean()
+    assert found.heat.mean() + heat.head_power + flow == pytest.approx(out, rel=1e-3)
+
+
+def test_heat_drives_the_head():
+    """Its temperatures stand for swing and flux; a head held at its mean needs no watt below it."""
+    heat = Heat(head_absorptance=0.05)
+    case = standing(Structure(heat=heat))
+    found = warmth(heat)
+    table = {one.name: one for one in case.varying}["instrument.optics.focal_length"]
+    swing = 23.6e-6 * np.ptp(found.head)
+    assert np.ptp(np.array(table.values, float)) == pytest.approx(swing, rel=0.01)
+    cold, warm = (heater_power(heat, found.head.max() + kelvin) for kelvin in (-60.0, 5.0))
+    assert cold == 0
+    assert warm > 5.0 * heat.conductance
+    with pytest.raises(Refused, match="must be left out beside swing"):
+        Structure(heat=heat, swing=1.0)

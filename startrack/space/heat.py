@@ -1,0 +1,218 @@
+"""Orbit, Sun and surfaces -> temperatures of a platform and of a head on it over an orbit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, utc
+from startrack.space.bodies import barycentric, seen_from
+from startrack.space.earth import EARTH_RADIUS, GM
+from startrack.space.orbit import Kepler, node_at, sun_synchronous
+from startrack.space.vectors import cross, dot, unit
+
+STEFAN = 5.670374419e-8  # W / (m2 K4), CODATA 2018
+SOLAR = 1361.0  # W / m2 at 1 au: Kopp and Lean (2011), Geophysical Research Letters 38, L01706
+STEPS = 240  # of an orbit
+NEWTON = 30  # steps; some five are enough
+FACES = {"+x": (0, 1), "-x": (0, -1), "+y": (1, 1), "-y": (1, -1), "+z": (2, 1), "-z": (2, -1)}
+
+
+@dataclass(frozen=True)
+class Heat(Parameters):
+    """A box in orbit, and a head that stands outside on one of its faces.
+
+    Its axes: x along the track, z to the Earth. The tube's axis is the normal of the head's face,
+    its x and y the other axes of the box, in their order.
+
+        C dT/dt = absorbed + power - emitted - G (T - T of the other)
+
+    Source: Gilmore (2002), Spacecraft Thermal Control Handbook, volume 1, chapters 2 and 15.
+
+    Accuracy  model: two isothermal nodes, a circular orbit, an Earth of even albedo and infrared,
+              a cylinder of shadow; albedo as if the whole visible Earth were as bright as below the
+              spacecraft; faces do not see each other. numerical: 0.1 K for 240 steps an orbit.
+    """
+
+    epoch: Annotated[str, "UTC, for the place of the Sun"] = "2026-03-20T12:00:00"
+    altitude: Annotated[float, Unit("m", "km"), Range(150e3, 4e7), "of a circular orbit"] = 600e3
+    local_time: Annotated[float, Unit("s", "h", clock=True),
+        "of the ascending node, mean solar time"] = 10.5 * 3600  # fmt: skip
+    inclination: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi),
+        "None: that of a Sun-synchronous orbit"] = None  # fmt: skip
+    size: Annotated[tuple[float, ...], Unit("m"), POSITIVE, "of the box along x, y and z"] = (
+        0.6, 0.6, 0.8,
+    )  # fmt: skip
+    absorptance: Annotated[tuple[float, ...], Range(0, 1),
+        "of sunlight, by the faces +x, -x, +y, -y, +z and -z, or one of all"] = (0.3,)  # fmt: skip
+    emittance: Annotated[tuple[float, ...], Range(0, 1), "in the infrared, likewise"] = (0.3,)
+    capacity: Annotated[float, Unit("J / K"), POSITIVE, "of the platform"] = 60e3
+    power: Annotated[float, Unit("W"), NON_NEGATIVE, "that its electronics turn into heat"] = 60.0
+    face: Annotated[str, Range(choices=tuple(FACES)), "on which the head is"] = "-z"
+    head_size: Annotated[tuple[float, ...], Unit("m", "mm"), POSITIVE,
+        "diameter and length of what stands outside"] = (80e-3, 100e-3)  # fmt: skip
+    head_absorptance: Annotated[float, Range(0, 1),
+        "of sunlight, of its tube; under insulation, the part that reaches the tube"
+    ] = 0.01  # fmt: skip
+    head_emittance: Annotated[float, Range(0, 1),
+        "in the infrared; under insulation, its effective emittance"] = 0.02  # fmt: skip
+    aperture: Annotated[float, Unit("m", "mm"), NON_NEGATIVE,
+        "diameter of the opening, black, which sees space alone"] = 30e-3  # fmt: skip
+    head_capacity: Annotated[float, Unit("J / K"), POSITIVE, "0.5 kg of aluminium"] = 450.0
+    head_power: Annotated[float, Unit("W"), NON_NEGATIVE, "of its electronics"] = 1.0
+    conductance: Annotated[float, Unit("W / K"), POSITIVE, "from head to platform"] = 0.2
+    albedo: Annotated[float, Range(0, 1), "of the Earth"] = 0.3
+    infrared: Annotated[float, Unit("W / m2"), NON_NEGATIVE, "of the Earth"] = 237.0
+    solar: Annotated[float, Unit("W / m2"), NON_NEGATIVE, "of the Sun"] = SOLAR
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, counts in (
+            ("size", (3,)), ("head_size", (2,)), ("absorptance", (1, 6)), ("emittance", (1, 6)),
+        ):  # fmt: skip
+            if len(getattr(self, name)) not in counts:
+                asked = " or ".join(map(str, counts))
+                raise Refused(f"{name} must have {asked} values, got {len(getattr(self, name))}")
+
+
+class Warmth(NamedTuple):
+    """Temperatures over an orbit, at n even times from its ascending node on.
+
+    platform, head  (n,) kelvin
+    side_x, side_y  (n,) W / m2 that a side of the tube at +x takes up over that at -x, halved
+    period          second
+    heat            (n,) W that the head takes up from outside, but for what it emits
+    """
+
+    platform: Floats
+    head: Floats
+    side_x: Floats
+    side_y: Floats
+    period: float
+    heat: Floats
+
+
+def view_of_earth(cosine: Floats, distance: float) -> Floats:
+    """Part of what a small plate sees that is the Earth, by the cosine rule: its view factor.
+
+        cos / H^2 where the whole disc is in view, and by its lens-shaped part beyond,
+        1/2 - asin[r / (H s)] / pi + [c acos(-r c / s) - r sqrt(1 - H^2 c^2)] / (pi H^2)
+
+    with c and s cosine and sine of the plate's normal to the nadir, r = sqrt(H^2 - 1).
+
+    cosine    (...) of that angle
+    distance  H, from the Earth's centre in its radii
+    Source    Gilmore (2002), chapter 2; Howell, A catalog of radiation heat transfer
+              configuration factors, B-8.
+    """
+    rest = math.sqrt(distance**2 - 1)
+    c = np.clip(cosine, -1 / distance, 1 / distance)
+    s = np.sqrt(1 - c * c)
+    part = 0.5 - np.arcsin(np.clip(rest / (distance * s), -1, 1)) / math.pi
+    inner = c * np.arccos(np.clip(-rest * c / s, -1, 1))
+    inner -= rest * np.sqrt(np.maximum(1 - (distance * c) ** 2, 0.0))
+    part += inner / (math.pi * distance**2)
+    return np.where(np.abs(cosine) >= 1 / distance, np.maximum(cosine, 0.0) / distance**2, part)
+
+
+@lru_cache(maxsize=64)
+def warmth(heat: Heat) -> Warmth:
+    """The periodic temperatures of a platform and its head.
+
+    Raises  ValueError where no orbit of this altitude is Sun-synchronous.
+    """
+    sunlight, earth, period = _incident(heat)
+    sides = heat.size[1] * heat.size[2], heat.size[0] * heat.size[2], heat.size[0] * heat.size[1]
+    area = np.repeat(sides, 2)
+    dark = area * np.array(heat.emittance)
+    taken = (area * np.array(heat.absorptance)) @ sunlight + dark @ earth
+
+    axis, sign = FACES[heat.face]
+    along = [other for other in range(3) if other != axis]
+    diameter, length = heat.head_size
+    # A tube takes up as four flat sides of its diameter do: exactly so from one direction.
+    flat = diameter * length
+    by_face = heat.head_absorptance * sunlight + heat.head_emittance * earth
+    head = flat * sum(by_face[2 * other] + by_face[2 * other + 1] for other in along)
+    end = 2 * axis + (sign < 0)
+    hole, lid = math.pi / 4 * heat.aperture**2, math.pi / 4 * diameter**2
+    head = head + max(lid - hole, 0.0) * by_face[end] + hole * earth[end]
+    shines = heat.head_emittance * (math.pi * flat + max(lid - hole, 0.0)) + hole
+    nodes = _periodic(
+        np.stack([taken + heat.power, head + heat.head_power]),
+        STEFAN * np.array([dark.sum(), shines]),
+        np.array([heat.capacity, heat.head_capacity]),
+        heat.conductance,
+        period,
+    )
+    side_x, side_y = ((by_face[2 * other] - by_face[2 * other + 1]) / 2 for other in along)
+    return Warmth(nodes[0], nodes[1], side_x, side_y, period, head)
+
+
+def heater_power(heat: Heat, held: float) -> float:
+    """Mean power (W) of a heater that keeps the head from being colder than a temperature.
+
+    The platform's temperature is that without the heater.
+
+    held    kelvin
+    """
+    found = warmth(heat)
+    diameter, length = heat.head_size
+    hole, lid = math.pi / 4 * heat.aperture**2, math.pi / 4 * diameter**2
+    shines = heat.head_emittance * (math.pi * diameter * length + max(lid - hole, 0.0)) + hole
+    lost = heat.conductance * (held - found.platform) + STEFAN * shines * held**4
+    return float(np.maximum(lost - found.heat - heat.head_power, 0.0).mean())
+
+
+def _incident(heat: Heat) -> tuple[Floats, Floats, float]:
+    """W / m2 (6, n) of sunlight, direct and from the Earth, and of infrared; the period."""
+    axis = EARTH_RADIUS + heat.altitude
+    tilt = sun_synchronous(axis) if heat.inclination is None else heat.inclination
+    node = node_at(heat.epoch, heat.local_time)
+    period = math.tau * math.sqrt(axis**3 / GM)
+    place, speed = Kepler(axis, 0.0, tilt, node, 0.0, 0.0).state(np.arange(STEPS) * period / STEPS)
+    date = utc(heat.epoch).tdb
+    sun = seen_from(barycentric("earth", date.jd), date.jd, "sun").direction
+    down, pole = unit(-place), unit(cross(place, speed))
+    body = np.stack([cross(-pole, down), -pole, down])  # x, y, z; y against the orbit's normal
+    normal = np.concatenate([np.stack([row, -row]) for row in body])
+    to_sun = np.einsum("fan,a->fn", normal, sun)
+    up = -(down * sun[:, None]).sum(axis=0)
+    lit = (up > 0) | (axis * np.sqrt(np.maximum(1 - up * up, 0.0)) > EARTH_RADIUS)
+    seen = view_of_earth(np.stack([dot(one, down) for one in normal]), axis / EARTH_RADIUS)
+    sunlight = heat.solar * (
+        np.maximum(to_sun, 0.0) * lit + heat.albedo * seen * np.maximum(up, 0.0)
+    )
+    return sunlight, heat.infrared * seen, period
+
+
+def _periodic(
+    heat: Floats, shines: Floats, capacity: Floats, conductance: float, period: float
+) -> Floats:
+    """Temperatures (2, n) that return after a period: trapezoidal steps, solved by Newton.
+
+    heat    (2, n) W;  shines  (2,) W / K4;  capacity  (2,) J / K
+    """
+    count = heat.shape[1]
+    step = period / count
+    ahead = np.roll(np.eye(count), 1, axis=1)
+    change, middle = (ahead - np.eye(count)) / step, (ahead + np.eye(count)) / 2
+    given = heat @ middle.T
+    kelvin = np.repeat((heat.sum(axis=0).mean() / shines.sum()) ** 0.25, 2 * count)
+    kelvin = kelvin.reshape(2, count)
+    for _ in range(NEWTON):
+        flow = conductance * (kelvin[0] - kelvin[1]) * np.array([[1.0], [-1.0]])
+        lost = shines[:, None] * kelvin**4 + flow
+        error = capacity[:, None] * (kelvin @ change.T) - given + lost @ middle.T
+        slope = 4 * shines[:, None] * kelvin**3 + conductance
+        own = [capacity[k] * change + middle * slope[k] for k in (0, 1)]
+        both = np.block([[own[0], -conductance * middle], [-conductance * middle, own[1]]])
+        moved = np.linalg.solve(both, error.ravel()).reshape(2, count)
+        kelvin = kelvin - moved
+        if np.abs(moved).max() < 1e-6:
+            break
+    return kelvin
