@@ -21,6 +21,7 @@ from . import population as population
 from . import report as report
 from . import scene as scene
 from . import sequence as sequence
+from . import space as space
 from . import trial as trial
 from . import verification as verification
 from .core import Camera as Camera

@@ -50,3 +50,6 @@ from startrack.space.orbit import (
     two_line_record,
 )
 from startrack.space.vectors import angle, cross, dot, from_body, times, unit
+
+# Public; the other imports serve other rooms.
+__all__ = ["Heat", "Warmth", "heater_power", "warmth"]
