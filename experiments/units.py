@@ -11,6 +11,7 @@ a design found for all its units beside one found for the unit as designed.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import tempfile
 import time
@@ -31,10 +32,12 @@ from startrack.design import (
     Case,
     Fidelity,
     Moment,
+    Structure,
     found_at,
     replaced_all,
     unit_case,
 )
+from startrack.io import from_table, read_table
 from startrack.metrics import fraction_interval
 from startrack.montecarlo import Sampling, Store, pool, resume
 from startrack.optics import Optics, Residual
@@ -66,6 +69,30 @@ class Published(NamedTuple):
 
 
 STEADY = tuple(term for term in ALL if term is not Term.THERMO_ELASTIC)
+class Head(NamedTuple):
+    """A head whose motion in orbit is published.
+
+    parts         structure and platform
+    focal_length  metre
+    published     arcsec rms per axis
+    changes       of the structure's values
+    """
+
+    parts: tuple[str, str]
+    focal_length: float
+    f_number: float
+    bracket: str
+    published: float
+    changes: dict[str, str] = {}
+
+
+HEADS = {
+    "STECE": Head(("aluminium", "small"), 43.6e-3, 1.2, "0.1 m", 5.0),
+    "CM-1": Head(("titanium", "controlled"), 50e-3, 1.4, "0.1 m", 0.5),
+    "Swarm": Head(("titanium", "small"), 20e-3, 1.2, "0.1 m", 6.41 / 2**0.5,
+                  {"plate_expansion": "2.2 um / (m K)"}),
+    "SED36": Head(("titanium", "controlled"), 32e-3, 1.2, "0 m", 1.1 / 3),
+}  # fmt: skip
 TRACKERS = {
     "rigel-l": Published(3.0, 28.0, "made"),
     "altair-hb": Published(10.0, 60.0, "shelf"),
@@ -396,6 +423,52 @@ def robust(units: int, seed: int, every: list[Case]) -> tuple[float, float]:
     return float((fresh[0] <= limit).mean()), float((fresh[1] <= limit).mean())
 
 
+def of_class(structure: str, platform: str, **changes: str) -> Structure:
+    """A structure on a platform, as their parts of a design have them, with other values."""
+    table: dict[str, Any] = {}
+    for part in (f"structure-{structure}", f"platform-{platform}"):
+        path = shipped(f"variations/{part}.toml")
+        table |= read_table(path, "a part of a design")["instrument"]["structure"]
+    return from_table(Structure, table | changes)
+
+
+def structure_error() -> float:
+    """The worst turn of a boresight by the formulas over that by finite elements, less one."""
+    path = Path(__file__).parents[1] / "tests/oracle/structure.json"
+    worst = 0.0
+    for case in json.loads(path.read_text(encoding="utf-8"))["cases"]:
+        head = case["head"]
+        structure = Structure(
+            expansion=case["expansion"], plate_expansion=case["panel"], length=head["length"],
+            diameter=head["diameter"], wall=head["wall"], feet_span=head["span"],
+            height=head["height"], feet_thickness=head["foot"], base=head["base"],
+            offset=head["offset"],
+        )  # fmt: skip
+        optics = Optics(focal_length=head["focal"], f_number=1.5)
+        kelvin = [case["mean"], case["gradient"], 0.0, case["tube"], 0.0]
+        turn = structure.responses(optics, 5e-6)["instrument.mounting.y"] @ kelvin
+        worst = max(worst, abs(float(turn) / case["turn"] - 1))
+    return worst
+
+
+def structure_motion() -> dict[str, tuple[float, float, float]]:
+    """Rms (arcsec) per axis across of heads over an orbit: at the flange, on a bracket, published.
+
+    Focal lengths and f-numbers are of fields of view, or assumed, as are brackets of 0.1 m; that of
+    SED36 stands on the instrument itself. Published: see docs/units.md.
+    """
+    found = {}
+    for name, head in HEADS.items():
+        optics = Optics(focal_length=head.focal_length, f_number=head.f_number)
+        flange, above = (
+            np.hypot(*of_class(*head.parts, **head.changes, bracket=bracket).swings(optics)[:2])
+            for bracket in ("0 m", head.bracket)
+        )
+        each = float(flange) / arcsec / 2**0.5, float(above) / arcsec / 2**0.5
+        found[name] = (*each, head.published)
+    return found
+
+
 def few(case: Case) -> Case:
     """The case with fewer numbers that vary, for fewer plans."""
     kept = tuple(one for one in case.variation if not one.name.startswith("instrument.det"))
@@ -441,6 +514,7 @@ def steps(
         published,
         without,
         lambda: {"unit_nees": stated(stating, options.units, size, seed)},
+        lambda: {"structure_error": structure_error(), "structure_motion": structure_motion()},
         lambda: {"calibration_ratio": calibration_ratio(options.calibrations, seed, case)},
         lambda: {"calibration_map_error": calibration_map_error(2 if quick else 30, seed)},
         response,

@@ -24,14 +24,14 @@ from startrack.design import (
 )
 from startrack.design.variation import differences
 from startrack.io import shipped
-from startrack.optics import Optics, Residual
+from startrack.optics import Optics, Residual, open_lens
 from startrack.space import Heat, heater_power, view_of_earth, warmth
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 OPTICS = CASE.instrument.optics
 WARM = Structure(
     swing=8.0, gradient_x=20.0, gradient_y=30.0, flux=30.0, offset=1e-3, calibration_offset=5.0,
-    gradient_offset=10.0, detector_offset=8e-3, plate_expansion=10e-6,
+    gradient_offset=10.0, detector_offset=8e-3, plate_expansion=10e-6, telecentric=0.0,
 )  # fmt: skip
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle/structure.json").read_text())["cases"]
 TURN_Y = "instrument.mounting.y"
@@ -179,6 +179,15 @@ def test_nodes_of_a_program_give_what_elasticity_does(tmp_path):
         replace(structure, displacements=str(path)).responses(OPTICS, 5e-6)
 
 
+def test_the_scale_of_a_lens_changes_as_a_traced_one():
+    """The shipped Petzval lens in an aluminium barrel, 80 K apart, at a degree from its axis."""
+    lens = open_lens("petzval")
+    grown = lens.place[-1, 4, 1] / lens.place[0, 4, 1] - 1
+    per_kelvin = grown / (lens.temperature[-1] - lens.temperature[0])
+    scale = Structure().responses(OPTICS, 5e-6)["instrument.optics.focal_length"][0]
+    assert scale == pytest.approx(per_kelvin, rel=0.05)
+
+
 def test_heat_gives_what_another_program_does():
     """A platform of 8 l at 500 km, as missiontools 0.2.3 has it with the Sun alone.
 
@@ -214,7 +223,7 @@ def test_heat_keeps_energy_and_sees_the_whole_earth():
 def test_heat_drives_the_head():
     """Its temperatures stand for swing and flux; a head held at its mean needs no watt below it."""
     heat = Heat(head_absorptance=0.05)
-    case = standing(Structure(heat=heat))
+    case = standing(Structure(heat=heat, telecentric=0.0))
     found = warmth(heat)
     table = {one.name: one for one in case.varying}["instrument.optics.focal_length"]
     swing = 23.6e-6 * np.ptp(found.head)
