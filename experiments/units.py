@@ -75,7 +75,7 @@ class Head(NamedTuple):
     parts         structure and platform
     focal_length  metre
     published     arcsec rms per axis
-    changes       of the structure's values
+    plate         expansion of what it stands on
     """
 
     parts: tuple[str, str]
@@ -83,14 +83,14 @@ class Head(NamedTuple):
     f_number: float
     bracket: str
     published: float
-    changes: dict[str, str] = {}
+    plate: str = "23.6 um / (m K)"
 
 
 HEADS = {
     "STECE": Head(("aluminium", "small"), 43.6e-3, 1.2, "0.1 m", 5.0),
     "CM-1": Head(("titanium", "controlled"), 50e-3, 1.4, "0.1 m", 0.5),
     "Swarm": Head(("titanium", "small"), 20e-3, 1.2, "0.1 m", 6.41 / 2**0.5,
-                  {"plate_expansion": "2.2 um / (m K)"}),
+                  "2.2 um / (m K)"),
     "SED36": Head(("titanium", "controlled"), 32e-3, 1.2, "0 m", 1.1 / 3),
 }  # fmt: skip
 TRACKERS = {
@@ -461,7 +461,11 @@ def structure_motion() -> dict[str, tuple[float, float, float]]:
     for name, head in HEADS.items():
         optics = Optics(focal_length=head.focal_length, f_number=head.f_number)
         flange, above = (
-            np.hypot(*of_class(*head.parts, **head.changes, bracket=bracket).swings(optics)[:2])
+            np.hypot(
+                *of_class(*head.parts, plate_expansion=head.plate, bracket=bracket).swings(optics)[
+                    :2
+                ]
+            )
             for bracket in ("0 m", head.bracket)
         )
         each = float(flange) / arcsec / 2**0.5, float(above) / arcsec / 2**0.5

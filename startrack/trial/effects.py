@@ -339,6 +339,13 @@ EFFECTS = [
         ],
     ),
     Effect(
+        "instrument.structure.focus",
+        lambda case: (
+            (structure := case.instrument.structure) and not structure.focus and case.varying
+        ),
+        left_out="change of the focus with temperature (instrument.structure.focus)",
+    ),
+    Effect(
         "instrument.residual",
         lambda case: case.instrument.residual and not case.instrument.residual.seed,
         left_out="displacements of {case.instrument.residual.rms:g} pixel that a unit has "

@@ -13,13 +13,16 @@ from startrack.budget import Term, unit_budgets
 from startrack.core import Refused
 from startrack.design import (
     Case,
+    Choice,
     Moment,
     Requirements,
     Scope,
     Structure,
     Variation,
+    branches,
     load_design,
     replaced,
+    save_design,
     unit_case,
 )
 from startrack.design.variation import differences
@@ -135,11 +138,29 @@ def test_a_variable_of_the_structure_changes_the_budget():
     """The same orbits in other materials: thermo-elastic errors in proportion to expansion."""
     case = standing(replace(WARM, offset=0.0, detector_offset=0.0, flux=0.0, gradient_offset=0.0))
     sizes = {}
-    for material in ("titanium", "aluminium"):
-        other = replaced(case, "instrument.structure.material", material)
-        budgets = unit_budgets(other, 1, 3, count_fields=8, apart=True)
-        sizes[material] = budgets.terms[Term.THERMO_ELASTIC][:, :2]
-    assert sizes["aluminium"] / sizes["titanium"] == pytest.approx(23.6 / 8.6, rel=0.02)
+    choice = Choice("instrument.structure.material", ("titanium", "aluminium"))
+    for branch in branches(case, [choice]):
+        budgets = unit_budgets(branch.case, 1, 3, count_fields=8, apart=True)
+        sizes[branch.label] = budgets.terms[Term.THERMO_ELASTIC][:, :2]
+    titanium, aluminium = sizes.values()
+    assert aluminium / titanium == pytest.approx(23.6 / 8.6, rel=0.02)
+
+
+def test_a_design_file_holds_it(tmp_path):
+    """All parts of designs load together, and what is written is read back the same."""
+    lines = {"structure": ("aluminium", "titanium", "invar", "carbon"),
+             "platform": ("cubesat", "small", "controlled", "observatory")}  # fmt: skip
+    for made_of, platform in zip(*lines.values(), strict=True):
+        parts = f'"variations/structure-{made_of}.toml", "variations/platform-{platform}.toml"'
+        path = tmp_path / "design.toml"
+        path.write_text(f'base = "{shipped("designs/noise_only.toml")}"\ninclude = [{parts}]\n')
+        design = load_design(path)
+        structure = design.case.instrument.structure
+        assert structure.material == made_of
+        assert structure.controlled_swing > 0
+        heated = replaced(design.case, "instrument.structure.mean_profile", (0.0, 1.5, 0.0))
+        save_design(path, replace(design, case=heated))
+        assert load_design(path).case == heated
 
 
 def test_kelvin_against_watt_and_kilogram():
