@@ -45,9 +45,10 @@ class Material(NamedTuple):
     price: float
 
 
-# Sources: aluminium 6061-T6 and Ti-6Al-4V: ASM Handbook, volume 2; Invar 36: Carpenter; CFRP: a
-# quasi-isotropic laminate of high modulus, assumed; AlBeMet 162: Materion; sintered SiC: Boostec.
-# Prices are assumed: of metal by the kilogram and of the time that it takes to machine.
+# Sources: SNAP material properties database (Jelinsky, 00064-ME02, 2007) and the makers' data:
+# aluminium 6061-T6, Ti-6Al-4V, Invar 36 (Carpenter), AlBeMet 162 (Materion), sintered SiC (Boostec).
+# Carbon fibre is a quasi-isotropic laminate of high modulus, assumed. Prices are assumed: of metal
+# by the kilogram, and of the time that it takes to machine.
 MATERIALS = {
     "aluminium": Material(23.6e-6, 167.0, 2700.0, 1.0),
     "titanium": Material(8.6e-6, 6.7, 4430.0, 6.0),
