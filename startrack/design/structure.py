@@ -45,9 +45,10 @@ class Material(NamedTuple):
     price: float
 
 
-# Sources: aluminium 6061-T6 and Ti-6Al-4V: ASM Handbook, volume 2; Invar 36: Carpenter; CFRP: a
-# quasi-isotropic laminate of high modulus, assumed; AlBeMet 162: Materion; sintered SiC: Boostec.
-# Prices are assumed: of metal by the kilogram and of the time that it takes to machine.
+# Sources: aluminium 6061-T6 and AlBeMet 162, SNAP material properties database (Jelinsky,
+# 00064-ME02, 2007); Ti-6Al-4V, Invar 36 (Carpenter), sintered SiC (Boostec): data sheets. Carbon
+# fibre is a quasi-isotropic laminate of high modulus, assumed. Prices are assumed: of a kilogram,
+# and of the time that it takes to machine.
 MATERIALS = {
     "aluminium": Material(23.6e-6, 167.0, 2700.0, 1.0),
     "titanium": Material(8.6e-6, 6.7, 4430.0, 6.0),
@@ -161,7 +162,8 @@ class Structure(Parameters):
         "q, amplitude over an orbit of what the tube takes up on one side, in the middle of it, "
         "less on the other; about both axes, in phase with the gradients"] = 0.0  # fmt: skip
     mean_profile: Annotated[tuple[float, ...], KELVIN,
-        "temperature above that of the calibration, evenly over an orbit; in place of `swing`"
+        "temperature above that of the calibration, evenly over an orbit; in place of `swing`, "
+        "whatever the heater does"
     ] = ()  # fmt: skip
     gradient_x_profile: Annotated[tuple[float, ...], GRADIENT,
         "likewise of the gradient, in place of `gradient_x`"] = ()  # fmt: skip
@@ -186,8 +188,9 @@ class Structure(Parameters):
     since: Annotated[float | None, Unit("s", "min"), NON_NEGATIVE,
         "time since it was switched on; None: long ago, as at the calibration"] = None  # fmt: skip
     heater: Annotated[float, Unit("W"), NON_NEGATIVE,
-        "mean power of a controlled heater, each watt of which takes 1 / conductance off the "
-        "swing"] = 0.0  # fmt: skip
+        "mean power of heaters at the feet, or below the bracket, each controlled by itself: where "
+        "a foot swings by A, with the gradient, it takes power / (conductance A) off swing and "
+        "gradients"] = 0.0  # fmt: skip
     conductance: Annotated[float, Unit("W / K"), POSITIVE,
         "from the head to the platform, with its heat capacity: |G + i 2 pi C / orbit|, assumed"
     ] = 0.5  # fmt: skip
@@ -234,13 +237,12 @@ class Structure(Parameters):
         tube = math.pi * diameter * self.wall * max(length, optics.focal_length)
         return self.made_of.density * (tube + self.base * span**2)
 
-    @property
-    def controlled_swing(self) -> float:
-        """Kelvin, the amplitude of the mean temperature that the heater leaves."""
-        return self._controlled(self.swing)
-
-    def _controlled(self, swing: float) -> float:
-        return max(swing - self.heater / self.conductance, 0.0)
+    def uncontrolled(self, optics: Optics) -> float:
+        """Fraction of swing and gradients that the heaters leave."""
+        swing = float(np.ptp(warmth(self.heat).head)) / 2 if self.heat else self.swing
+        reach = self.size(optics)[2] / 2
+        at_foot = swing + reach * math.hypot(self.gradient_x, self.gradient_y)
+        return max(1 - self.heater / (self.conductance * at_foot), 0.0) if at_foot else 1.0
 
     def flux_gradient(self, optics: Optics) -> float:
         """Kelvin between the sides of the tube, by the flux."""
@@ -348,11 +350,14 @@ class Structure(Parameters):
         Without a profile, n is 1: complex amplitudes of sinusoids, i of the sine a quarter before.
         """
         side = self.flux_gradient(optics)
-        size = np.array([self.controlled_swing, self.gradient_x, self.gradient_y, side, side])
+        left = self.uncontrolled(optics)
+        size = np.array([
+            left * self.swing, left * self.gradient_x, left * self.gradient_y, side, side
+        ])  # fmt: skip
         phase = np.array([0.0, self.phase_x, self.phase_y, self.phase_x, self.phase_y])
         wave = size * np.exp(2j * math.pi * phase)
         if self.heat:
-            return self._by_heat(self.heat, wave, self._gradient_by_flux(optics))
+            return self._by_heat(self.heat, wave, left, self._gradient_by_flux(optics))
         if not any(self._profiles):
             return wave[:, None]
         count = max(map(len, self._profiles))
@@ -360,12 +365,10 @@ class Structure(Parameters):
         rows = zip((*self._profiles, (), ()), wave, strict=True)
         return np.array([profile or np.imag(one * turn) for profile, one in rows])
 
-    def _by_heat(self, heat: Heat, wave: Floats, by_flux: float) -> Floats:
+    def _by_heat(self, heat: Heat, wave: Floats, left: float, by_flux: float) -> Floats:
         """As `_over_orbit`; the mean over an orbit is what the tracker is calibrated to."""
         found = warmth(heat)
-        mean = found.head - found.head.mean()
-        size = float(np.ptp(mean)) / 2
-        mean *= self._controlled(size) / size if size else 0.0
+        mean = left * (found.head - found.head.mean())
         rows = np.stack([mean, found.side_x * by_flux, found.side_y * by_flux])
         place = np.linspace(0, 1, TIMES + 1)
         known = np.linspace(0, 1, rows.shape[1] + 1)

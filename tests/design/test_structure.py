@@ -140,7 +140,7 @@ def test_a_variable_of_the_structure_changes_the_budget():
     sizes = {}
     choice = Choice("instrument.structure.material", ("titanium", "aluminium"))
     for branch in branches(case, [choice]):
-        budgets = unit_budgets(branch.case, 1, 3, count_fields=8, apart=True)
+        budgets = unit_budgets(branch.case, 1, 2, count_fields=8)
         sizes[branch.label] = budgets.terms[Term.THERMO_ELASTIC][:, :2]
     titanium, aluminium = sizes.values()
     assert aluminium / titanium == pytest.approx(23.6 / 8.6, rel=0.02)
@@ -157,7 +157,7 @@ def test_a_design_file_holds_it(tmp_path):
         design = load_design(path)
         structure = design.case.instrument.structure
         assert structure.material == made_of
-        assert structure.controlled_swing > 0
+        assert structure.swing > 0
         heated = replaced(design.case, "instrument.structure.mean_profile", (0.0, 1.5, 0.0))
         save_design(path, replace(design, case=heated))
         assert load_design(path).case == heated
@@ -165,10 +165,16 @@ def test_a_design_file_holds_it(tmp_path):
 
 def test_kelvin_against_watt_and_kilogram():
     """4 W at 0.5 W / K take 8 K off; a mass is that of the volume of tube and base."""
-    needs, case = Requirements(), standing(WARM)
-    heated = replaced(case, "instrument.structure.heater", 4.0)
-    assert heated.instrument.structure.controlled_swing == 0
-    assert needs.power(heated) - needs.power(case) == pytest.approx(4.0)
+    needs, case = Requirements(), standing(replace(WARM, gradient_x=0.0, gradient_y=0.0))
+    swing = {4.0: 0.0, 3.0: 2.0}
+    for power, left in swing.items():
+        heated = replaced(case, "instrument.structure.heater", power)
+        assert heated.instrument.structure.uncontrolled(OPTICS) * 8 == pytest.approx(left)
+        assert needs.power(heated) - needs.power(case) == pytest.approx(power)
+    warm = replaced(standing(WARM), "instrument.structure.heater", 2.0)
+    turns = [one.instrument.structure.swings(OPTICS)[0] for one in (standing(WARM), warm)]
+    at_foot = 8.0 + math.hypot(20.0, 30.0) * WARM.size(OPTICS)[2] / 2
+    assert turns[1] / turns[0] == pytest.approx(1 - 2.0 / (0.5 * at_foot), rel=0.05)
     light = replaced(case, "instrument.structure.material", "carbon")
     own = [needs.mass(one) - needs.mass(CASE) for one in (case, light)]
     assert own[1] / own[0] == pytest.approx(1650 / 2700)
