@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -198,11 +199,17 @@ def systematic_variance(case: Case) -> Floats:
               assumes UNKNOWN_FLOOR; what a residual changes by with temperature is not known to the
               tracker.
     """
-    as_designed = _systematic_variance(case.as_designed)
+    as_designed = _systematic_variance(_of_any_device(case.as_designed))
     residual = case.as_designed.instrument.residual if case.design else None
     if residual is None or case.tracker.attitude.centroid_floor is not None:
         return as_designed
     return as_designed + residual.rms**2
+
+
+def _of_any_device(case: Case) -> Case:
+    """The case of one device; what a tracker knows of single stars is the same for all."""
+    detector = replace(case.instrument.detector, device_seed=0)
+    return replace(case, instrument=replace(case.instrument, detector=detector))
 
 
 @lru_cache(maxsize=8)
