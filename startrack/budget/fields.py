@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-import scipy.sparse
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky
@@ -148,12 +148,12 @@ class Attitudes(NamedTuple):
         place = (top[:, None, None] + near[:, None]) * LATTICE + left[:, None, None] + near
         weight = down[:, :, None] * across[:, None, :]
         rows, size = np.arange(len(pixel) + 1) * 16, (len(pixel), LATTICE**2)
-        between = scipy.sparse.csr_array((weight.ravel(), place.ravel(), rows), size)
+        between = csr_array((weight.ravel(), place.ravel(), rows), size)
         gain = (self.gain[:, :3] * self.gain[:, 3:, :1]).transpose(1, 2, 0)
         each, many = np.arange(len(pixel)), (len(first) - 1, len(pixel))
         answer = np.empty((3, len(first) - 1, 2, LATTICE**2))
         for axis, way in np.ndindex(3, 2):
-            of_fields = scipy.sparse.csr_array((gain[axis, way], each, first), many)
+            of_fields = csr_array((gain[axis, way], each, first), many)
             answer[axis, :, way] = (of_fields @ between).toarray()
         return answer
 

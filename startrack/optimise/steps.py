@@ -204,7 +204,10 @@ def refine(
         if point is None:
             ending = explorer.ending
             break
-        tried.append(evaluate(explorer.space, campaign, point, runner, correction=correction))
+        known = explorer.forecast_of(point)
+        tried.append(
+            evaluate(explorer.space, campaign, point, runner, None, correction, known=known)
+        )
         watch(tried[-1])
     correction = correct(tried, explorer.best, EVERYWHERE)
 
@@ -218,7 +221,10 @@ def refine(
     last = list[Evaluation]()
     for one in tried[:FINALISTS]:
         point, most = np.array(one.coordinates), campaign.most_trials
-        last.append(evaluate(explorer.space, campaign, point, runner, most, correction))
+        known = explorer.forecast_of(point)
+        last.append(
+            evaluate(explorer.space, campaign, point, runner, most, correction, known=known)
+        )
         watch(last[-1])
     last.sort(key=lambda one: (not one.feasible, one.score))
     return [*last, *tried[FINALISTS:]], ending
@@ -263,7 +269,8 @@ def best_branch(
     scores = {}
     for label, explorer in explorers.items():
         point, most = explorer.best, campaign.most_trials
-        done = evaluate(explorer.space, campaign, point, runner, most)
+        known = explorer.forecast_of(point)
+        done = evaluate(explorer.space, campaign, point, runner, most, known=known)
         watch(done)
         scores[label] = done.score + correct([done], point, EVERYWHERE)(point)
     return min(scores, key=scores.__getitem__)

@@ -72,8 +72,10 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     pull = _shift(case, distance, contrast)
     pull[(distance < _merged(case)) & (contrast < 0)] = LOST
     along = pull / np.maximum(near.angle, 1e-12)
-    moved = [np.bincount(near.star, along * axis, len(stars)) for axis in near.apart]
-    return np.column_stack(moved)
+    moved = np.empty((len(stars), 3))
+    for axis, apart in enumerate(near.apart):
+        moved[:, axis] = np.bincount(near.star, along * apart, len(stars))
+    return moved
 
 
 def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
