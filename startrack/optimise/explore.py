@@ -27,6 +27,7 @@ BATCH = 4  # forecasts between two emulators: the same for any number of workers
 ENOUGH = 0.2  # of the precision, below which an expected gain does not justify a forecast
 SIGMAS = 2.0  # by which a design may be better than expected: 98 % of a normal law
 BAD = 0.5  # of a score above the least, beyond which no condition without a weight is forecast
+GOOD = 0.2  # the same, up to which a design tells whether they matter
 ENOUGH_MET = 8  # good designs that meet all limits in these conditions by far, after which none is
 CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
 WIDTH = 0.2  # margin beyond which its scale grows slowly
@@ -249,7 +250,7 @@ class Explorer:
         met = list[bool]()
         for value in self.values:
             others = {name: value.conditions[name] for name in value.conditions.keys() - weighted}
-            if others and value.score <= self.score + BAD:
+            if others and value.score <= self.score + GOOD:
                 met.append(all(self._met_by_far(name, one) for name, one in others.items()))
         return len(met) < ENOUGH_MET or not all(met)
 
