@@ -246,13 +246,19 @@ class Explorer:
     @property
     def _all_matter(self) -> bool:
         """Whether conditions without a weight may limit a design, as far as the good ones tell."""
+        good = [
+            value.conditions
+            for value in self.values
+            if value.score <= self.score + GOOD and len(value.conditions) > 1
+        ]
+        if len(good) < ENOUGH_MET:
+            return True
         weighted = {one.name for one in self.campaign.judged(self.space.case) if one.weight}
-        met = list[bool]()
-        for value in self.values:
-            others = {name: value.conditions[name] for name in value.conditions.keys() - weighted}
-            if others and value.score <= self.score + GOOD:
-                met.append(all(self._met_by_far(name, one) for name, one in others.items()))
-        return len(met) < ENOUGH_MET or not all(met)
+        return not all(
+            name in weighted or self._met_by_far(name, found)
+            for conditions in good
+            for name, found in conditions.items()
+        )
 
     def _met_by_far(self, condition: str, found: Forecast) -> bool:
         margins = named(condition, found.margins)

@@ -17,7 +17,7 @@ from startrack.optimise.evaluate import PENALTY, combined, missed
 from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import least_of_all
-from startrack.optimise.units import errors_of, fresh_units, level_interval_of_units
+from startrack.optimise.units import fresh_units, level_interval_of_units
 
 METHODS = ("epsilon", "weighted")
 UNITS = {"mass": "kg", "power": "W", "data rate": "bit / s", "volume": "m3", "cost": "1"}
@@ -248,11 +248,10 @@ def _over_units(
 ) -> Interval:
     """Arcsec, the level of the objective over the fresh units in all conditions of a weight."""
     counted = [one for one in judged if one.name in tried and one.units is not None]
-    errors = [
-        errors_of(objective, tried[one.name], one.units, campaign) for one in counted if one.units
-    ]
-    weights, fraction = [one.weight for one in counted], campaign.units or 0.5
-    found = level_interval_of_units(errors, weights, fraction, seed)
+    units, weights = counted[0].units, [one.weight for one in counted]
+    assert units
+    outcomes = [tried[one.name] for one in counted]
+    found = level_interval_of_units(objective, outcomes, units, campaign, weights, seed)
     return Interval(*(each / arcsec for each in (found.value, found.low, found.high)))
 
 
