@@ -223,18 +223,21 @@ def foresee_all(
     runner: TrialRunner | None = None,
     seed: int = 1,
     enough: float = math.inf,
+    dear: float = DEAR,
 ) -> list[Foresight]:
     """What is expected of several designs, each computed by a worker of a runner.
 
     A runner's ledger keeps them, so that none is computed again after an interruption.
 
     enough  score, above which a design is not forecast in conditions without a weight
+    dear    amount by which costs miss their limits, above which a design is not forecast
     """
     cases = [_built(space, coordinates) for coordinates in points]
-    one = partial(_foreseen, campaign=campaign, seed=runner.seed if runner else seed, enough=enough)
+    seed = runner.seed if runner else seed
+    one = partial(_foreseen, campaign=campaign, seed=seed, enough=enough, dear=dear)
     if runner is None:
         return [one(case) for case in cases]
-    keys = [runner.forecast_key(case, campaign, enough) if case else b"" for case in cases]
+    keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
     held = {key: runner.ledger.forecast(key) for key in keys}
     new = [(key, case) for key, case in zip(keys, cases, strict=True) if key and not held[key]]
     for (key, _), found in zip(new, runner.map(one, [case for _, case in new]), strict=True):
@@ -251,14 +254,16 @@ def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
         return None
 
 
-def _foreseen(case: Case | None, campaign: Campaign, seed: int, enough: float) -> Foresight:
+def _foreseen(
+    case: Case | None, campaign: Campaign, seed: int, enough: float, dear: float
+) -> Foresight:
     """What is expected of a design; nothing for None, and where it contradicts itself."""
     if case is None:
         return NOTHING
     objective = Objective.read(campaign.objective)
     try:
         costs, judged = cost_margins(campaign.requirements, case), campaign.judged(case)
-        if missed(costs) > DEAR:
+        if missed(costs) > dear:
             return Foresight(math.nan, costs)
         margins = margins_of(campaign.requirements, case)
         expected, found = forecasts([one for one in judged if one.weight], objective, seed=seed)

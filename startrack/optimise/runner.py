@@ -134,12 +134,14 @@ class TrialRunner:
         """Number of workers."""
         return self._workers
 
-    def forecast_key(self, case: Case, campaign: Campaign, enough: float) -> bytes:
-        """Of a design's forecast, by all that it depends on."""
-        judged = described(campaign.judged(case))
-        text = (
-            f"{startrack.__version__} {self.seed} forecast {campaign.objective} {enough} {judged}"
-        )
+    def forecast_key(self, case: Case, campaign: Campaign, limits: tuple[float, ...]) -> bytes:
+        """Of a design's forecast, by all that it depends on.
+
+        limits  on what is forecast
+        """
+        judged = case, campaign.requirements, campaign.conditions, campaign.over_units(case)
+        text = f"{startrack.__version__} {self.seed} forecast {campaign.objective} {limits} "
+        text += described(judged)
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
 
     def _key(self, case: Case, fidelity: Fidelity, first: int, units: Units | None = None) -> bytes:
