@@ -313,7 +313,7 @@ class Explorer:
             self._spanned = self.score - ENOUGH * self.campaign.precision
             ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
             for end in ends:
-                if self._is_new(end, points):
+                if self.is_new(end, points):
                     points.append(end)
         if points:
             self.forecast(points[:most])
@@ -332,13 +332,14 @@ class Explorer:
         found = list[Floats]()
         for sigmas, gain in ((0.0, worth), *[(SIGMAS, 2.5 * worth)] * (BATCH - 1)):
             point, score = known.least(starts, sigmas)
-            if least - score > gain and self._is_new(point, found):
+            if least - score > gain and self.is_new(point, found):
                 found.append(point)
                 known = known.with_point(point)
                 least = min(least, float(known.score(point[None])[0]))
         return found
 
-    def _is_new(self, point: Floats, others: Sequence[Floats]) -> bool:
+    def is_new(self, point: Floats, others: Sequence[Floats]) -> bool:
+        """Whether a design is apart from all that have a forecast, and from others."""
         every = np.array([*self.points, *others])
         return bool(np.abs(every - point).max(axis=1).min() > APART)
 
