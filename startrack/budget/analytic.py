@@ -33,7 +33,6 @@ from startrack.trial import (
     SHOT,
     Errors,
     Term,
-    colour_correction,
     detection_probability,
     errors,
     systematic_variance_of,
@@ -60,26 +59,31 @@ def response(case: Case) -> tuple[Response, list[str]]:
         kept, stated = star.kept[None], star.stated[None]
         random = {name: one[None] for name, one in star.random.items()}
         fraction = detection_probability(case, grid)[None]
-    many = range(len(kept))
     found = Response(
         float(grid[0]),
         FINE,
-        fraction * np.stack([np.interp(grid, star.magnitude, kept[z]) for z in many]),
-        np.stack([_fine(star.magnitude, stated[z], grid) for z in many]),
-        np.stack([
-            [_fine(star.magnitude, one[z], grid) for one in random.values()] for z in many
-        ]),
-    )  # fmt: skip
+        fraction * _between(star.magnitude, kept, grid),
+        _fine(star.magnitude, stated, grid),
+        np.stack([_fine(star.magnitude, one, grid) for one in random.values()], axis=1),
+    )
     return found, list(random)
 
 
+def _between(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
+    """Tables (z, m) between magnitudes, (z, k), by straight lines."""
+    before = np.clip(np.searchsorted(magnitude, grid, side="right") - 1, 0, len(magnitude) - 2)
+    t = np.clip((grid - magnitude[before]) / np.diff(magnitude)[before], 0.0, 1.0)
+    return np.asarray(table[:, before] + t * (table[:, before + 1] - table[:, before]))
+
+
 def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
-    """Covariances between magnitudes, straight lines in the logarithm; (k, 2, 2) pixel^2."""
-    xx, yy = (np.maximum(table[:, a, a], 1e-16) for a in (0, 1))
-    correlation = np.interp(grid, magnitude, np.clip(table[:, 0, 1] / np.sqrt(xx * yy), -1, 1))
-    x, y = (np.exp(np.interp(grid, magnitude, np.log(each) / 2)) for each in (xx, yy))
+    """Covariances (z, m, 2, 2) between magnitudes, straight lines in the logarithm; pixel^2."""
+    xx, yy = (np.maximum(table[..., a, a], 1e-16) for a in (0, 1))
+    ratio = np.clip(table[..., 0, 1] / np.sqrt(xx * yy), -1, 1)
+    correlation = _between(magnitude, ratio, grid)
+    x, y = (np.exp(_between(magnitude, np.log(each) / 2, grid)) for each in (xx, yy))
     cross = correlation * x * y
-    return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(-1, 2, 2)
+    return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(*x.shape, 2, 2)
 
 
 LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields
@@ -139,9 +143,8 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     table, random = response(same)
     if not table.fraction.any():
         return None
-    faint = colour_correction(same, view.sky.stars.colour)
-    inside, magnitude = visible(case, view, float(star.magnitude[-1]), faint)
-    systematic = systematic_variance_of(same, view.sky.stars)[view.star[inside]]
+    inside, magnitude = visible(case, view, float(star.magnitude[-1]), same)
+    systematic = systematic_variance_of(same, view.sky.stars[view.star[inside]])
     near = displaced(same, view, inside)
     lens = through_lens(same, case.instrument.camera, view, inside)
     magnitude = magnitude + lens.fainter

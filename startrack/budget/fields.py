@@ -9,14 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky
-from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, kernel
+from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, kernel, local_weights
 from startrack.trial import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
 LEAST = 1e-4  # probability from which on a star counts; chosen by hand
+LATTICE = 33  # places along each side of a frame, at which units displace stars
 WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
 
 
@@ -52,7 +54,7 @@ def fields(
     return _fields(selection, index_resolution(camera), min(radius, 1.5), spread, count)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def _fields(
     selection: Selection,
     resolution: float,
@@ -128,15 +130,38 @@ class Attitudes(NamedTuple):
     stated: Floats
     gain: Floats
 
-    def by_displacement(self, first: Ints, displacement: Floats) -> Floats:
-        """The errors (m, 3) radian that displacements (n, 2) pixel of the stars make.
+    def by_lattice(self, first: Ints, pixel: Floats, camera: Camera) -> Floats:
+        """The errors (3, m) radian by the displacements (2, LATTICE^2) pixel of a lattice's places.
 
-        first  of `FieldStars`
+        Between the places, displacements are local cubic polynomials.
+
+        first    of `FieldStars`
+        pixel    (n, 2) places of the stars
+        Returns  (3, m, 2, LATTICE^2) radian / pixel
+        Accuracy  numerical: 1e-3 of what the residuals of units move an attitude by.
         """
-        chance, gain = self.gain[:, 3:, 0], self.gain[:, :3]
-        error = chance * (gain @ displacement[..., None])[..., 0]
-        total = np.concatenate([np.zeros((1, 3)), np.cumsum(error, axis=0)])
-        return np.diff(total[first], axis=0)
+        (left, across), (top, down) = (
+            local_weights(nodes, at)
+            for nodes, at in zip(lattice_nodes(camera), pixel.T, strict=True)
+        )
+        near = np.arange(4)
+        place = (top[:, None, None] + near[:, None]) * LATTICE + left[:, None, None] + near
+        weight = down[:, :, None] * across[:, None, :]
+        rows, size = np.arange(len(pixel) + 1) * 16, (len(pixel), LATTICE**2)
+        between = csr_array((weight.ravel(), place.ravel(), rows), size)
+        gain = (self.gain[:, :3] * self.gain[:, 3:, :1]).transpose(1, 2, 0)
+        each, many = np.arange(len(pixel)), (len(first) - 1, len(pixel))
+        answer = np.empty((3, len(first) - 1, 2, LATTICE**2))
+        for axis, way in np.ndindex(3, 2):
+            of_fields = csr_array((gain[axis, way], each, first), many)
+            answer[axis, :, way] = (of_fields @ between).toarray()
+        return answer
+
+
+def lattice_nodes(camera: Camera) -> tuple[Floats, Floats]:
+    """Columns and rows (LATTICE,) pixel of a lattice that spans a frame."""
+    x, y = (np.linspace(-0.5, size - 0.5, LATTICE) for size in (camera.columns, camera.rows))
+    return x, y
 
 
 class FieldStars(NamedTuple):

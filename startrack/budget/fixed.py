@@ -20,14 +20,18 @@ from startrack.trial import (
     SHUTTER,
     Term,
     blending_shift,
+    colour_correction,
     mean_colour,
     residual_shift,
     zones_of,
 )
 
 
-def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple[Ints, Floats]:
-    """Indices of the stars of the fields around which a window fits, and their magnitudes."""
+def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints, Floats]:
+    """Indices of the stars of the fields around which a window fits, and their magnitudes.
+
+    like  a case that gives stars the same magnitudes
+    """
     camera, detection = case.instrument.camera, case.tracker.detection
     stars = view.sky.stars
     reach = np.tan(min(1.1 * camera.half_diagonal, 1.5))
@@ -37,7 +41,7 @@ def visible(case: Case, view: Fields, faintest: float, fainter: Floats) -> tuple
     pixel = camera.project(np.column_stack([view.x[near], view.y[near], np.ones(len(near))]))
     near = near[camera.holds(pixel, -(detection.window // 2 + detection.edge))]
     star = view.star[near]
-    magnitude = stars.magnitude_g[star] + fainter[star]
+    magnitude = stars.magnitude_g[star] + colour_correction(like, stars.colour[star])
     believed = believed_index(case.catalog, case.believed_catalog)[view.name[star]]
     seen = (magnitude < faintest) & (believed >= 0)
     return near[seen], magnitude[seen]
@@ -77,7 +81,7 @@ def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> Thro
     many = len(inside)
     if not case.instrument.optics.tabulated:
         return ThroughLens(np.zeros(many, np.int64), np.zeros(many), {})
-    colour = mean_colour(case, view.sky.stars.colour)[view.star[inside]]
+    colour = mean_colour(case, view.sky.stars.colour[view.star[inside]])
     x, y = camera.project(np.column_stack([view.x[inside], view.y[inside], np.ones(many)])).T
     sunlike, rest = residual_shift(case)
     field, other = sunlike.at(x, y, colour), rest.at(x, y, colour)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +13,10 @@ from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
 from startrack.budget.budget import Law, Line
 from startrack.budget.causes import Term, causes
-from startrack.budget.fields import Attitudes, attitudes, fields
+from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
-from startrack.core import Floats, Ints, Refused, whole
-from startrack.design import Case, Moment, Scope
+from startrack.core import Floats, Refused, whole
+from startrack.design import Case, Moment, Scope, turning, unchecked
 from startrack.metrics import Interpretation
 from startrack.population import middle_of, of_places, placed, unit_of
 
@@ -205,42 +206,53 @@ class _Lines(NamedTuple):
 
 
 class _Middle(NamedTuple):
-    """The middle unit: its stars, their gains, and the errors that all units share.
+    """The middle unit: what displacements do to its attitudes, and errors that all units share.
 
     Units differ by small displacements of stars at the same places of the frame, to whose sum an
     attitude answers linearly.
 
-    first  of `FieldStars`
-    pixel  (n, 2) places of these stars
+    still   the design and its middle unit at rest
+    answer  of `Attitudes.by_lattice`
     """
 
-    case: Case
     unit: Case
+    still: tuple[Case, Case]
     seed: int
-    first: Ints
-    pixel: Floats
-    attitudes: Attitudes
+    answer: Floats
     shared: _Lines
 
     def of(self, moment: Moment) -> _Lines:
         """The lines of a unit at a moment."""
-        unit = placed(self.case, self.unit, self.seed, moment)
-        weight, none = self.shared.weight, np.zeros_like(self.attitudes.shift[:, 0])
-        lines, own = list(self.shared.lines), causes(unit)
-        if any(cause.name in OF_THE_CAMERA for cause in own):
-            # What the calibration of the mounting takes off is taken off first: a shift of the
-            # principal point is hundreds of arcseconds, of which a thousandth would count.
-            turn = unit.believed_mounting.camera_to_body().inv()
-            turn *= unit.instrument.mounting.camera_to_body()
-            cameras = unit.instrument.camera, unit.believed_camera
-            moved = displacement(*cameras, self.pixel, turn)
-            mean = self.attitudes.by_displacement(self.first, moved)
+        unit, moved = _displaced(*self.still, self.seed, moment)
+        unit = unchecked(unit, {"instrument.motion": self.unit.instrument.motion})
+        weight = self.shared.weight
+        lines, none = list(self.shared.lines), np.zeros((len(weight), 3))
+        if moved is not None:
+            mean = np.tensordot(self.answer, moved, 2).T
             lines.append(Line(CAMERA_MODEL, Term.FIELD, Law(mean, none, weight)))
-        for cause in own:
+        for cause in causes(unit):
             if cause.term in TURNED and (of_all := of_the_camera(unit, cause)):
                 mean, sigma = (none + each for each in of_all)
                 lines.append(Line(cause.name, cause.term, Law(mean, sigma, weight)))
         return self.shared._replace(lines=tuple(lines))
+
+
+@lru_cache(maxsize=128)
+def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case, Floats | None]:
+    """A unit at a moment, and the displacements (2, LATTICE^2) pixel of its stars over the frame.
+
+    Kept for the 128 last, because the conditions of a design differ in motion alone.
+    """
+    unit = placed(case, like, seed, moment)
+    if not any(cause.name in OF_THE_CAMERA for cause in causes(unit)):
+        return unit, None
+    # What the calibration of the mounting takes off is taken off first: a shift of the principal
+    # point is hundreds of arcseconds, of which a thousandth would count.
+    turn = unit.believed_mounting.camera_to_body().inv()
+    turn *= unit.instrument.mounting.camera_to_body()
+    true = unit.instrument.camera
+    pixel = np.stack(np.meshgrid(*lattice_nodes(true)), axis=-1).reshape(-1, 2)
+    return unit, displacement(true, unit.believed_camera, pixel, turn).T
 
 
 def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
@@ -258,11 +270,12 @@ def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
         if line.name not in OF_THE_CAMERA and line.term not in TURNED
     )
     weight, available = found.budget.whole.spread.weight, found.budget.availability
-    shared = _Lines(lines, weight, available)
-    stars = found.stars
-    towards = np.column_stack([stars.x, stars.y, np.ones(len(stars.x))])
-    pixel = unit.instrument.camera.project(towards)
-    return _Middle(case, unit, seed, stars.first, pixel, found.attitudes, shared)
+    shared, stars, camera = _Lines(lines, weight, available), found.stars, unit.instrument.camera
+    pixel = camera.project(np.column_stack([stars.x, stars.y, np.ones(len(stars.x))]))
+    answer = found.attitudes.by_lattice(stars.first, pixel, camera)
+    rest = turning(case, 0.0)
+    still = rest, middle_of(rest, age) or unit
+    return _Middle(unit, still, seed, answer, shared)
 
 
 def _of_unit(

@@ -17,7 +17,7 @@ if wanted(__name__):
 
 MEANING = (
     "Sobol indices of ln(error) over the ranges of the variables, by the analytic budget, with "
-    "95 % bootstrap intervals."
+    "95 % intervals of the emulator that they are computed with."
 )
 
 declare = Options(
@@ -25,16 +25,16 @@ declare = Options(
     "its Sobol indices over the ranges of all variables. Writes sensitivity.md, tornado.png and "
     "result.json.",
     *study("sensitivity"),
-    Option("--designs N", "number of base designs of the Sobol indices, a power of two",
-           power_of_two, 64),
+    Option("--designs N", "number of designs over the ranges that the Sobol indices are computed "
+           "from, a power of two", power_of_two, 128),
 )  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
     """Write sensitivity.md, tornado.png and result.json, all by the analytic budget."""
-    with open_campaign(options, "computing the sensitivities of") as (case, campaign, _, out):
+    with open_campaign(options, "computing the sensitivities of") as (case, campaign, runner, out):
         space = DesignSpace(case, campaign.variables, campaign.links)
-        studied = sensitivities(space, campaign, options.seed, options.designs)
+        studied = sensitivities(space, campaign, runner, options.designs)
     over = campaign.over_units(case)
     objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
     shown = _table(studied, objective, space.labels())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.checks import Refused, positive, within
+from startrack.core.interpret import instead_of
+from startrack.core.kernel import kernel
 from startrack.core.units import Unit
 
 
@@ -93,16 +96,7 @@ class Displacement:
 
     def __call__(self, pixel: Floats) -> Floats:
         """Pixel (n, 2) at places (n, 2) pixel; NaN where a place is NaN."""
-        x, y = np.asarray(pixel, float).T
-        there = np.isfinite(x + y)
-        first_x, weight_x = local_weights(self._x, np.where(there, x, 0.0))
-        first_y, weight_y = local_weights(self._y, np.where(there, y, 0.0))
-        near = np.arange(4)
-        value = self._table[
-            :, (first_y[:, None] + near)[:, :, None], (first_x[:, None] + near)[:, None]
-        ]
-        moved = np.einsum("cnji,nj,ni->nc", value, weight_y, weight_x)
-        return np.where(there[:, None], moved, np.nan)
+        return _displaced(np.ascontiguousarray(pixel, float), self._table, self._x, self._y)
 
     @cached_property
     def _table(self) -> Floats:
@@ -115,6 +109,46 @@ class Displacement:
     @cached_property
     def _y(self) -> Floats:
         return np.linspace(-0.5, self.rows - 0.5, NODES)
+
+
+@kernel
+def _displaced(pixel: Floats, table: Floats, x: Floats, y: Floats) -> Floats:  # pragma: no cover
+    """The sums (n, 2) of the 16 nodes around each place, in the order of `_displaced_by_arrays`."""
+    last, moved = table.shape[1] - 1, np.empty((len(pixel), 2))
+    across, down = np.empty(4), np.empty(4)
+    for k in range(len(pixel)):
+        if not np.isfinite(pixel[k, 0] + pixel[k, 1]):
+            moved[k] = np.nan
+            continue
+        u = min(max((pixel[k, 0] - x[0]) / (x[1] - x[0]), 0.0), float(last))
+        v = min(max((pixel[k, 1] - y[0]) / (y[1] - y[0]), 0.0), float(last))
+        left = min(max(math.floor(u) - 1, 0), last - 3)
+        top = min(max(math.floor(v) - 1, 0), last - 3)
+        for i in range(4):
+            across[i], down[i] = 1.0, 1.0
+            for other in range(4):
+                if other != i:
+                    across[i] *= (u - left - other) / (i - other)
+                    down[i] *= (v - top - other) / (i - other)
+        for c in range(2):
+            total = 0.0
+            for j in range(4):
+                for i in range(4):
+                    total += table[c, top + j, left + i] * down[j] * across[i]
+            moved[k, c] = total
+    return moved
+
+
+@instead_of(_displaced)
+def _displaced_by_arrays(pixel, table, node_x, node_y):  # type: ignore[no-untyped-def]
+    x, y = pixel.T
+    there = np.isfinite(x + y)
+    first_x, weight_x = local_weights(node_x, np.where(there, x, 0.0))
+    first_y, weight_y = local_weights(node_y, np.where(there, y, 0.0))
+    near = np.arange(4)
+    value = table[:, (first_y[:, None] + near)[:, :, None], (first_x[:, None] + near)[:, None]]
+    moved = np.einsum("cnji,nj,ni->nc", value, weight_y, weight_x)
+    return np.where(there[:, None], moved, np.nan)
 
 
 def node_places(columns: int, rows: int) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -112,6 +112,19 @@ class Temperatures(Parameters):
     ] = ROOM  # fmt: skip
 
 
+@lru_cache(maxsize=16)
+def _traced_camera(
+    optics: Optics, kelvin: float, columns: int, rows: int, pitch: float,
+    principal: tuple[float, float], photons: bytes,
+) -> Camera:  # fmt: skip
+    """`fit_camera`; kept for the 16 last lenses, as units and their environments share one.
+
+    photons  of `Instrument.detected_spectra`
+    """
+    lens, spectrum = open_optics(optics, kelvin), np.frombuffer(photons)
+    return fit_camera(lens, columns, rows, pitch, principal, WAVELENGTH, spectrum)
+
+
 @dataclass(frozen=True)
 class Instrument(Parameters):
     """The truth that makes the frame, and that its attitude is judged by.
@@ -200,7 +213,8 @@ class Instrument(Parameters):
             )
             if places:
                 return camera_of_cube(optics, *frame)
-            return fit_camera(open_optics(optics, self.lens_temperature), *frame)
+            *where, _, spectrum = frame
+            return _traced_camera(optics, self.lens_temperature, *where, spectrum.tobytes())
         return Camera(
             self.detector.columns,
             self.detector.rows,

@@ -251,9 +251,7 @@ def build(law: Law, first: int, count: int, spacing: float) -> Tables:
     deviation = math.sqrt(mean[-1] + law.noise**2) * law.gain
     cells = math.ceil(math.log2(32 * max(deviation, 0.1)))
     cells = min(max(cells, LEAST_CELLS), MOST_CELLS)
-    entry = np.concatenate(
-        [*(_entries(level_limits, cells) for level_limits in limit), [UNSETTLED]]
-    ).astype(np.uint32)
+    entry = np.append(_entries(limit, cells), np.uint32(UNSETTLED))
     return Tables(entry, cells, limit, least, first, count, spacing)
 
 
@@ -294,11 +292,43 @@ def _sums_of_arrays(probability, start, end, below, above):  # type: ignore[no-u
     return lower, upper
 
 
+@kernel
 def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
-    """The entries of one level.
+    """The entries of all levels, one after the other.
 
     A cell with one limit contains its next bits; one with several limits is unsettled.
     """
+    levels, numbers = limit.shape
+    entry = np.empty((levels, 2**cells), np.uint32)
+    for level in range(levels):
+        lower = 0
+        while lower < numbers and limit[level, lower] <= np.uint64(0):
+            lower += 1
+        for cell in range(2**cells):
+            start, upper = np.uint64(cell) << np.uint64(BITS - cells), lower
+            if cell + 1 < 2**cells:
+                end = np.uint64(cell + 1) << np.uint64(BITS - cells)
+                while upper < numbers and limit[level, upper] <= end:
+                    upper += 1
+            else:
+                upper = numbers - 1
+            threshold, number = np.uint64(UNSETTLED), np.uint64(lower)
+            if upper - lower == 1:
+                held = limit[level, min(lower, numbers - 1)]
+                threshold = (held - start) >> np.uint64(BITS - ENTRY_BITS)
+            elif upper - lower > 1:
+                number = np.uint64(UNSETTLED)
+            entry[level, cell] = threshold << np.uint64(16) | number
+            lower = upper
+    return entry.ravel()
+
+
+@instead_of(_entries)
+def _entries_of_arrays(limit, cells):  # type: ignore[no-untyped-def]
+    return np.concatenate([_entries_of_level(one, cells) for one in limit])
+
+
+def _entries_of_level(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
     start = np.arange(2**cells, dtype=np.uint64) << np.uint64(BITS - cells)
     lower = np.searchsorted(limit, start, side="right")
     upper = np.append(lower[1:], len(limit) - 1)

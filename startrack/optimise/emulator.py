@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
@@ -76,6 +77,10 @@ class Emulator:
         """The process if its own mean were the value at one more point (d,)."""
         values = np.append(self._values, self.expected(point[None]))
         return _of(np.vstack([self.points, point]), values, self.length, self.noise)
+
+    def of_some(self, kept: NDArray[np.bool_]) -> Emulator:
+        """The process through some of its points (n,), of the same lengths and noise."""
+        return _of(self.points[kept], self._values[kept], self.length, self.noise)
 
     @property
     def _values(self) -> Floats:

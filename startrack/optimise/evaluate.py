@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,12 +26,15 @@ from startrack.optimise.forecast import (
 )
 from startrack.optimise.runner import TrialRunner
 from startrack.population import Units
-from startrack.verification import boresights, counted, margin, measured_over
+from startrack.verification import boresights, cost_margins, counted, margin, measured_over
 from startrack.verification import margins as margins_of
 
 # ln(error) for each unit of a margin that is missed. Chosen by hand: it must exceed the slope of
 # ln(error) along every margin; a larger one makes the valley along a limit narrower.
 PENALTY = 10.0
+# Amount by which mass, power and other costs may miss their limits where a budget is computed: so
+# much, that emulators know both sides of a limit. Chosen by hand.
+DEAR = 0.05
 LOST = 20.0  # ln(arcsec) of a design that no trial solves; chosen by hand: far above any error
 
 
@@ -76,6 +80,7 @@ def evaluate(
     trials: int | None = None,
     correction: Callable[[Floats], float] | None = None,
     spare: bool = False,
+    known: Foresight | None = None,
 ) -> Evaluation:
     """Score a design by its analytic budget, corrected by trials.
 
@@ -94,6 +99,7 @@ def evaluate(
     trials      None for the campaign's first number
     correction  ln(error / expected) at unit-cube coordinates, None for zero
     spare       whether no trials are run where a requirement that needs none is missed
+    known       what is expected of the design already; None: it is computed
     Returns     an evaluation; its note is the reason where a design cannot be built or rendered
     """
     coordinates = np.clip(coordinates, 0, 1)
@@ -102,7 +108,8 @@ def evaluate(
     try:
         judged = campaign.judged(space.design(coordinates))
         margins = margins_of(campaign.requirements, judged[0].case)
-        expected, foreseen = forecasts(judged, objective, runner)
+        held = known.conditions if known else {}
+        expected, foreseen = forecasts(judged, objective, runner, known=held)
         score = _log_arcsec(expected) + (correction(coordinates) if correction else 0.0)
         if spare and missed(margins):
             tried = {}
@@ -120,10 +127,10 @@ def evaluate(
     summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
     for one in judged if tried else ():
         by_trials = tried.get(one.name)
-        known = foreseen[one.name]
-        found = known.margins
+        there = foreseen[one.name]
+        found = there.margins
         if by_trials is not None:
-            found = measured(one, by_trials, runner.seed, known)
+            found = measured(one, by_trials, runner.seed, there)
         margins |= named(one.name, found)
     error = combined(judged, tried, objective, foreseen)
     if not expected > 0:
@@ -164,12 +171,19 @@ def combined(
 class Foresight(NamedTuple):
     """What is expected of a design without a trial.
 
-    expected  ln(arcsec) of the objective; NaN where no attitude is expected
-    margins   of all requirements; none where the design cannot be built
+    expected    ln(arcsec) of the objective; NaN where no attitude is expected
+    margins     of the requirements; none where the design cannot be built
+    conditions  what the budget expects in each of them that was computed
     """
 
     expected: float
     margins: dict[str, float]
+    conditions: dict[str, Forecast] = {}  # noqa: RUF012, never changed
+
+    @property
+    def left_out(self) -> bool:
+        """Whether the design costs so much more than it may that its budget was not computed."""
+        return bool(self.margins) and math.isnan(self.expected) and not self.conditions
 
     @property
     def score(self) -> float:
@@ -177,6 +191,16 @@ class Foresight(NamedTuple):
         if math.isnan(self.expected):
             return math.inf
         return self.expected + PENALTY * missed(self.margins)
+
+    def text(self) -> str:
+        """All of it as JSON."""
+        return json.dumps(self)
+
+    @classmethod
+    def read(cls, text: str) -> Foresight:
+        """Inverse of `text`."""
+        expected, margins, conditions = json.loads(text)
+        return cls(expected, margins, {name: Forecast(*one) for name, one in conditions.items()})
 
 
 NOTHING = Foresight(math.nan, {})  # of a design that cannot be built
@@ -198,12 +222,28 @@ def foresee_all(
     points: Sequence[Floats],
     runner: TrialRunner | None = None,
     seed: int = 1,
+    enough: float = math.inf,
+    dear: float = DEAR,
 ) -> list[Foresight]:
-    """What is expected of several designs, each computed by a worker of a runner."""
-    in_order = runner.map if runner else map
+    """What is expected of several designs, each computed by a worker of a runner.
+
+    A runner's ledger keeps them, so that none is computed again after an interruption.
+
+    enough  score, above which a design is not forecast in conditions without a weight
+    dear    amount by which costs miss their limits, above which a design is not forecast
+    """
     cases = [_built(space, coordinates) for coordinates in points]
-    one = partial(_foreseen, campaign=campaign, seed=runner.seed if runner else seed)
-    return list(in_order(one, cases))
+    seed = runner.seed if runner else seed
+    one = partial(_foreseen, campaign=campaign, seed=seed, enough=enough, dear=dear)
+    if runner is None:
+        return [one(case) for case in cases]
+    keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
+    held = {key: runner.ledger.forecast(key) for key in keys}
+    new = [(key, case) for key, case in zip(keys, cases, strict=True) if key and not held[key]]
+    for (key, _), found in zip(new, runner.map(one, [case for _, case in new]), strict=True):
+        held[key] = found.text()
+        runner.ledger.keep_forecast(key, held[key])
+    return [Foresight.read(held[key]) if key else NOTHING for key in keys]
 
 
 def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
@@ -214,18 +254,31 @@ def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
         return None
 
 
-def _foreseen(case: Case | None, campaign: Campaign, seed: int) -> Foresight:
+def _foreseen(
+    case: Case | None, campaign: Campaign, seed: int, enough: float, dear: float
+) -> Foresight:
     """What is expected of a design; nothing for None, and where it contradicts itself."""
     if case is None:
         return NOTHING
+    objective = Objective.read(campaign.objective)
     try:
-        margins, judged = margins_of(campaign.requirements, case), campaign.judged(case)
-        expected, found = forecasts(judged, Objective.read(campaign.objective), seed=seed)
+        costs, judged = cost_margins(campaign.requirements, case), campaign.judged(case)
+        if missed(costs) > dear:
+            return Foresight(math.nan, costs)
+        margins = margins_of(campaign.requirements, case)
+        expected, found = forecasts([one for one in judged if one.weight], objective, seed=seed)
+        log = math.log(expected / arcsec) if expected > 0 else math.nan
+        for last in (False, True):
+            for one in judged:
+                if one.name in found:
+                    margins |= named(one.name, found[one.name].margins)
+            known = Foresight(log, margins, found)
+            if last or not known.score <= enough:
+                break
+            _, found = forecasts(judged, objective, seed=seed, known=found)
     except Refused:
         return NOTHING
-    for one in judged:
-        margins |= named(one.name, found[one.name].margins)
-    return Foresight(math.log(expected / arcsec) if expected > 0 else math.nan, margins)
+    return known
 
 
 def _log_arcsec(angle: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -15,7 +16,7 @@ from startrack.core import Floats, Refused, Streams
 from startrack.design import Campaign, DesignSpace
 from startrack.optimise.emulator import Emulator, emulator
 from startrack.optimise.evaluate import PENALTY, Foresight, foresee_all, missed
-from startrack.optimise.forecast import named
+from startrack.optimise.forecast import Forecast, named
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.search import least_smooth
 from startrack.verification import cost_margins
@@ -25,6 +26,9 @@ FIRST, FIRST_MORE = 3, 5  # forecasts per variable, and besides, before the firs
 BATCH = 4  # forecasts between two emulators: the same for any number of workers
 ENOUGH = 0.2  # of the precision, below which an expected gain does not justify a forecast
 SIGMAS = 2.0  # by which a design may be better than expected: 98 % of a normal law
+BAD = 0.5  # of a score above the least, beyond which no condition without a weight is forecast
+GOOD = 0.2  # the same, up to which a design tells whether they matter
+ENOUGH_MET = 8  # good designs that meet all limits in these conditions by far, after which none is
 CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
@@ -166,8 +170,10 @@ def emulators(
     expected = np.minimum(expected, expected.min() + CLIPPED)
     objective = emulator(points[known], expected, like.objective if like else None)
     before, margins = like.margins if like else {}, dict[str, Emulator]()
-    if not known.all():
-        margins[SOLVED] = emulator(points, np.where(known, 1.0, -1.0), before.get(SOLVED))
+    tried = ~np.array([value.left_out for value in values])
+    if not known[tried].all():
+        solved = np.where(known[tried], 1.0, -1.0)
+        margins[SOLVED] = emulator(points[tried], solved, before.get(SOLVED))
     names = dict.fromkeys(name for value in values for name in value.margins)
     for name in names:
         held = np.array([name in value.margins for value in values])
@@ -233,8 +239,41 @@ class Explorer:
     def forecast(self, points: Sequence[Floats]) -> None:
         """Add the forecasts of some designs."""
         new = [np.clip(point, 0, 1) for point in points]
-        self.values += foresee_all(self.space, self.campaign, new, self.runner, self.seed)
+        enough = self.score + BAD if self._all_matter else -math.inf
+        self.values += foresee_all(self.space, self.campaign, new, self.runner, self.seed, enough)
         self.points += new
+
+    @property
+    def _all_matter(self) -> bool:
+        """Whether conditions without a weight may limit a design, as far as the good ones tell."""
+        good = [
+            value.conditions
+            for value in self.values
+            if value.score <= self.score + GOOD and len(value.conditions) > 1
+        ]
+        if len(good) < ENOUGH_MET:
+            return True
+        weighted = {one.name for one in self.campaign.judged(self.space.case) if one.weight}
+        return not all(
+            name in weighted or self._met_by_far(name, found)
+            for conditions in good
+            for name, found in conditions.items()
+        )
+
+    def _met_by_far(self, condition: str, found: Forecast) -> bool:
+        margins = named(condition, found.margins)
+        rooms = [self.scales[name].room if name in self.scales else 1.0 for name in margins]
+        return all(
+            margin > WIDTH * room for margin, room in zip(margins.values(), rooms, strict=True)
+        )
+
+    def forecast_of(self, point: Floats) -> Foresight:
+        """The forecast of a design, which is added where it is not known."""
+        for known, value in zip(self.points, self.values, strict=True):
+            if (known == point).all():
+                return value
+        self.forecast([point])
+        return self.values[-1]
 
     @property
     def emulators(self) -> Emulators:
@@ -253,12 +292,15 @@ class Explorer:
     @property
     def score(self) -> float:
         """The least score so far; infinite where no design has one."""
-        return min(value.score for value in self.values)
+        return min((value.score for value in self.values), default=math.inf)
 
     def begin(self, start: Floats, most: int) -> None:
         """Forecast the start, and designs over the whole space that do not cost too much."""
         count = min(FIRST * len(self.space) + FIRST_MORE, most)
-        self.forecast([start, *islice(_affordable(self.space, self.campaign), count - 1)])
+        others = list(islice(_affordable(self.space, self.campaign), count - 1))
+        # The first ones say which others are bad.
+        self.forecast([start, *others[: BATCH - 1]])
+        self.forecast(others[BATCH - 1 :])
 
     def step(self, most: int) -> None:
         """Forecast the next designs, as many as are allowed, or say in `ending` why none.
@@ -271,7 +313,7 @@ class Explorer:
             self._spanned = self.score - ENOUGH * self.campaign.precision
             ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
             for end in ends:
-                if self._is_new(end, points):
+                if self.is_new(end, points):
                     points.append(end)
         if points:
             self.forecast(points[:most])
@@ -290,13 +332,14 @@ class Explorer:
         found = list[Floats]()
         for sigmas, gain in ((0.0, worth), *[(SIGMAS, 2.5 * worth)] * (BATCH - 1)):
             point, score = known.least(starts, sigmas)
-            if least - score > gain and self._is_new(point, found):
+            if least - score > gain and self.is_new(point, found):
                 found.append(point)
                 known = known.with_point(point)
                 least = min(least, float(known.score(point[None])[0]))
         return found
 
-    def _is_new(self, point: Floats, others: Sequence[Floats]) -> bool:
+    def is_new(self, point: Floats, others: Sequence[Floats]) -> bool:
+        """Whether a design is apart from all that have a forecast, and from others."""
         every = np.array([*self.points, *others])
         return bool(np.abs(every - point).max(axis=1).min() > APART)
 

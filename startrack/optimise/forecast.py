@@ -98,12 +98,13 @@ class Forecast(NamedTuple):
 
     error    radian, the objective; NaN where no attitude is expected
     margins  of the requirements that need trials
-    units    the budgets of the units that it is judged over; None: it is judged as designed
+    over     of the objective and those that are limited: the level over all units over the error of
+             the first 1, 2, ... of them together; none where it is judged as designed
     """
 
     error: float
     margins: dict[str, float]
-    units: UnitBudgets | None = None
+    over: dict[str, list[float]] = {}  # noqa: RUF012, never changed
 
 
 def level_over_units(objective: Objective, units: UnitBudgets, fraction: float) -> float:
@@ -115,11 +116,9 @@ def over_units(
     one: Judged, outcomes: NDArray[np.void], objective: Objective, found: Forecast
 ) -> float:
     """The level over units over the error of all those together that were tried, by the budgets."""
-    if one.units is None or found.units is None:
+    if one.units is None or not found.over:
         return 1.0
-    tried = found.units.first(math.ceil(len(outcomes) / one.units.trials))
-    level = level_over_units(objective, found.units, one.units.fraction)
-    return level / expected_in_all(objective, tried)
+    return found.over[str(objective)][math.ceil(len(outcomes) / one.units.trials) - 1]
 
 
 def forecast(one: Judged, objective: Objective, seed: int = 1) -> Forecast:
@@ -149,12 +148,18 @@ def _forecast_units(
     if one.units is None or len(known) < len(parts):
         return Forecast(math.nan, blind(one.needs))
     units, fraction = joined(known), one.units.fraction
+    every = {str(each): each for each in (objective, *(of.objective for of in one.needs.accuracy))}
+    level = {name: level_over_units(each, units, fraction) for name, each in every.items()}
     margins = bounded({
-        each.name: margin(each.most, level_over_units(each.objective, units, fraction))
-        for each in one.needs.accuracy
+        each.name: margin(each.most, level[str(each.objective)]) for each in one.needs.accuracy
     })  # fmt: skip
     margins["availability"] = float(units.availability.mean()) - one.needs.min_availability
-    return Forecast(level_over_units(objective, units, fraction), margins, units)
+    first = [units.first(count) for count in range(1, len(units) + 1)]
+    over = {
+        name: [float(level[name] / expected_in_all(each, some)) for some in first]
+        for name, each in every.items()
+    }
+    return Forecast(level[str(objective)], margins, over)
 
 
 class _Task(NamedTuple):
@@ -182,15 +187,21 @@ def _done(task: _Task, objective: Objective, seed: int) -> Forecast | UnitBudget
 
 
 def forecasts(
-    judged: Sequence[Judged], objective: Objective, runner: TrialRunner | None = None, seed: int = 1
+    judged: Sequence[Judged],
+    objective: Objective,
+    runner: TrialRunner | None = None,
+    seed: int = 1,
+    known: Mapping[str, Forecast] | None = None,
 ) -> tuple[float, dict[str, Forecast]]:
     """The objective (radian) by the analytic budget, and what it expects of each condition.
 
     runner  whose workers compute the conditions and units; None: this process
     seed    of the units, without a runner
+    known   what is expected of some conditions already
     """
     seed, workers = (runner.seed, runner.workers) if runner else (seed, 1)
-    tasks = [_tasks(one, workers) for one in judged]
+    held = known or {}
+    tasks = [[] if one.name in held else _tasks(one, workers) for one in judged]
     every = iter(
         (runner.map if runner else map)(
             partial(_done, objective=objective, seed=seed), [one for each in tasks for one in each]
@@ -199,11 +210,13 @@ def forecasts(
     found = list[Forecast]()
     for one, each in zip(judged, tasks, strict=True):
         parts = [next(every) for _ in each]
-        if isinstance(parts[0], Forecast):
+        if one.name in held:
+            found.append(held[one.name])
+        elif isinstance(parts[0], Forecast):
             found.append(parts[0])
         else:
-            known = [part if isinstance(part, UnitBudgets) else None for part in parts]
-            found.append(_forecast_units(one, objective, known))
+            of_units = [part if isinstance(part, UnitBudgets) else None for part in parts]
+            found.append(_forecast_units(one, objective, of_units))
     return combined_forecasts(judged, found)
 
 

@@ -25,6 +25,7 @@ CREATE TABLE IF NOT EXISTS checksums (
     key BLOB NOT NULL, first INTEGER NOT NULL, checksum BLOB NOT NULL, PRIMARY KEY (key, first)
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS refused (key BLOB PRIMARY KEY, reason TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS forecasts (key BLOB PRIMARY KEY, found TEXT NOT NULL) WITHOUT ROWID;
 """,
 )
 
@@ -89,6 +90,16 @@ class Ledger:
         """Keep the reason why the trials of a key cannot be run."""
         with self._database.transaction() as execute:
             execute("INSERT OR REPLACE INTO refused VALUES (?, ?)", (key, reason))
+
+    def forecast(self, key: bytes) -> str:
+        """What is expected of a design; empty where it is not known."""
+        rows = self._database.read("SELECT found FROM forecasts WHERE key = ?", key)
+        return str(rows[0][0]) if rows else ""
+
+    def keep_forecast(self, key: bytes, found: str) -> None:
+        """Keep what is expected of a design."""
+        with self._database.transaction() as execute:
+            execute("INSERT OR REPLACE INTO forecasts VALUES (?, ?)", (key, found))
 
     def stretch(self, key: bytes, number: int) -> bytes | None:
         """A stretch of a chain, None where it is not done yet."""

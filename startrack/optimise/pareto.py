@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +12,16 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Refused, arcsec, one_of, whole
 from startrack.design import Campaign, DesignSpace, Judged, Objective, fewest_trials_beyond
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import PENALTY, combined, missed
-from startrack.optimise.forecast import Forecast, expect, expected_objective
+from startrack.optimise.emulator import emulator
+from startrack.optimise.evaluate import Foresight, combined, foresee_all, missed
+from startrack.optimise.explore import WIDTH, Explorer
+from startrack.optimise.forecast import Forecast
 from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.search import least_of_all
-from startrack.optimise.units import errors_of, fresh_units, level_interval_of_units
+from startrack.optimise.steps import explore, feasible_start
+from startrack.optimise.units import fresh_units, level_interval_of_units
 
 METHODS = ("epsilon", "weighted")
+SAME = 1e-3  # of ln(goal), by which a limit may be exceeded
 UNITS = {"mass": "kg", "power": "W", "data rate": "bit / s", "volume": "m3", "cost": "1"}
 
 
@@ -77,36 +79,31 @@ def front(
     The first finds all points of the front, the second only those where it is convex.
     Source: Miettinen (1999), Nonlinear Multiobjective Optimization, 3.1 and 3.2.
 
+    Emulators of both goals, through the forecasts of an `Explorer`, propose all points at once;
+    their forecasts improve the emulators, until none is new.
+
     Returns  the points that are not dominated by the budget, in order of the first
     Raises    ValueError where no design in the design space meets the requirements.
-    Accuracy  model: the budget's; `measured` shows it.
+    Accuracy  model: the budget's; `measured` shows it, over units on twice as many fresh ones as
+              the budget has.
     """
     whole(2, 1000, points=points)
     one_of(METHODS, method=method)
     if campaign.units is not None:
         _check_levels(goals, campaign)
-    forecasts = _Forecasts(space, campaign, goals, runner.seed)
-    first, second = (
-        forecasts.least(partial(_weighted, fraction), space.start) for fraction in (1.0, 0.0)
-    )
-    if method == "epsilon":
-        steps = np.linspace(forecasts(first)[1], forecasts(second)[1], points)
-        scores = [partial(_limited, limit) for limit in steps]
-    else:
-        scores = [partial(_weighted, fraction) for fraction in np.linspace(1, 0, points)]
-    found = [first]
-    for score in scores[1:-1]:
-        found.append(forecasts.least(score, found[-1]))
-    found.append(second)
-    kept = [
-        found[i] for i in undominated(np.array([forecasts(coordinates) for coordinates in found]))
-    ]
-    kept.sort(key=lambda coordinates: float(forecasts(coordinates)[0]))
+    start = feasible_start(space, campaign.requirements)
+    if start.short:
+        raise Refused("no design in the design space meets the requirements that need no trials")
+    search = _Search(space, campaign, goals, runner, start.coordinates)
+    for _ in range(ROUNDS):
+        new = search.proposals(points, method)
+        if not new:
+            break
+        search.explorer.forecast(new)
     result = []
-    for coordinates in kept:
-        result.append(
-            _measured(space, campaign, goals, runner, coordinates, forecasts(coordinates))
-        )
+    for number in search.front(points, method):
+        coordinates, pair = search.explorer.points[number], search.pairs[number]
+        result.append(_measured(space, campaign, goals, runner, coordinates, pair))
         if watch:
             watch(result[-1])
     return result
@@ -120,14 +117,6 @@ def _check_levels(goals: Goals, campaign: Campaign) -> None:
                 f"campaign.unit_trials must be at least {fewest} for the goal {goal} over units, "
                 f"got {campaign.trials_per_unit}"
             )
-
-
-def _limited(limit: float, pair: Floats) -> float:
-    return float(pair[0] + PENALTY * max(0.0, pair[1] - limit))
-
-
-def _weighted(fraction: float, pair: Floats) -> float:
-    return float(fraction * pair[0] + (1 - fraction) * pair[1])
 
 
 def undominated(values: Floats) -> list[int]:
@@ -156,57 +145,111 @@ def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
     return models.get(goal)
 
 
-class _Forecasts:
-    """Logarithms of both goals by the budget, computed once for each design."""
+ROUNDS = 4  # of proposals for all points of a front; chosen by hand
 
-    def __init__(self, space: DesignSpace, campaign: Campaign, goals: Goals, seed: int) -> None:
-        self._space, self._campaign, self._seed = space, campaign, seed
-        self._goals = (goals.first, goals.second)
-        self._known = dict[bytes, tuple[Floats, float]]()
 
-    def __call__(self, coordinates: Floats) -> Floats:
-        return self._known_or_new(coordinates)[0]
+class _Search:
+    """The forecasts of a design space, and both goals of each.
 
-    def _known_or_new(self, coordinates: Floats) -> tuple[Floats, float]:
-        key = coordinates.tobytes()
-        if key not in self._known:
-            self._known[key] = self._new(coordinates)
-        return self._known[key]
+    explorer  of the first goal that is an error, or of the campaign's objective
+    """
 
-    def _new(self, coordinates: Floats) -> tuple[Floats, float]:
-        try:
-            case = self._space.design(coordinates)
-            _, margins = expect(case, self._campaign, self._seed)
-        except Refused:
-            return np.full(2, math.nan), math.nan
-        pair = []
-        for goal in self._goals:
-            model = cost_of(self._campaign, goal)
-            pair.append(
-                model(case)
-                if model
-                else expected_objective(case, self._campaign, goal, self._seed) / arcsec
-            )
-        return np.log(pair), missed(margins)
+    def __init__(
+        self, space: DesignSpace, campaign: Campaign, goals: Goals, runner: TrialRunner,
+        start: Floats,
+    ) -> None:  # fmt: skip
+        self._space, self._goals, self._runner = space, (goals.first, goals.second), runner
+        errors = [goal for goal in self._goals if goal not in UNITS]
+        self._campaign = replace(campaign, objective=(errors or [campaign.objective])[0])
+        self._known = list[Floats]()
+        self.explorer = Explorer(space, self._campaign, runner)
+        explore({"": self.explorer}, {"": start}, self._campaign)
 
-    def least(self, score: Callable[[Floats], float], start: Floats) -> Floats:
-        """The least of a score of both goals, of all designs so far that meet the requirements.
+    @property
+    def pairs(self) -> Floats:
+        """Logarithms (n, 2) of both goals of all designs so far; NaN where one has none."""
+        new = self.explorer.points[len(self._known) :]
+        values = self.explorer.values[len(self._known) :]
+        columns = [self._goal(goal, new, values) for goal in self._goals]
+        self._known += list(np.transpose(columns).reshape(-1, 2))
+        return np.array(self._known)
 
-        Raises  ValueError where none does.
-        """
+    def _goal(self, goal: str, points: Sequence[Floats], values: Sequence[Foresight]) -> Floats:
+        if model := cost_of(self._campaign, goal):
+            costs = [
+                model(self._space.design(point)) if value.margins else math.nan
+                for point, value in zip(points, values, strict=True)
+            ]
+            return np.log(costs)
+        if goal != self._campaign.objective:
+            other = replace(self._campaign, objective=goal)
+            values = foresee_all(self._space, other, points, self._runner, enough=-math.inf)
+        return np.array([value.expected for value in values])
 
-        def penalised(coordinates: Floats) -> float:
-            pair, short = self._known_or_new(coordinates)
-            return score(pair) + PENALTY * short
+    def _met(self, pairs: Floats) -> NDArray[np.bool_]:
+        short = np.array([missed(value.margins) for value in self.explorer.values])
+        return (short == 0) & np.isfinite(pairs).all(axis=1)
 
-        fraction = max(1, self._campaign.analytic_evaluations // 2)
-        least_of_all(penalised, start, fraction, fraction)
-        met = {key: score(pair) for key, (pair, short) in self._known.items() if short == 0}
-        if not met:
+    def proposals(self, points: int, method: str) -> list[Floats]:
+        """New designs that the emulators expect on the front."""
+        pairs, known = self.pairs, np.array(self.explorer.points)
+        told = np.isfinite(pairs).all(axis=1)
+        first, second = (emulator(known[told], pairs[told, k]) for k in range(2))
+        like, found = self.explorer.emulators, list[Floats]()
+        near = self.explorer.starts()
+        ends = [
+            replace(like, objective=one).least(np.vstack([near, self._best(pairs, weight)]))[0]
+            for one, weight in ((first, 1.0), (second, 0.0))
+        ]
+        high, low = (float(second.expected(end[None])[0]) for end in ends)
+        for part in np.linspace(0, 1, points):
+            limit = high + part * (low - high)
+            starts = np.vstack([near, ends, self._best(pairs, 1 - part, limit)])
+            if method == "epsilon":
+                # As a margin, near zero on the scale of `Scale`.
+                room = replace(
+                    second,
+                    mean=(limit - second.mean) / WIDTH,
+                    weight=-second.weight / WIDTH,
+                    size=second.size / WIDTH,
+                )
+                limited = replace(like, objective=first, margins=like.margins | {"goal": room})
+                point = ends[1] if part == 1 else limited.least(starts)[0]
+            else:
+                sums = pairs[told] @ [1 - part, part]
+                both = emulator(known[told], sums, first)
+                point = replace(like, objective=both).least(starts)[0]
+            if self.explorer.is_new(point, found):
+                found.append(point)
+        return found
+
+    def _best(self, pairs: Floats, weight: float, limit: float = math.inf) -> Floats:
+        """The best design (1, d) so far by the weight of the first goal, under a limit."""
+        score = pairs @ [weight, 1 - weight]
+        allowed = self._met(pairs) & ((pairs[:, 1] <= limit) | (weight == 0))
+        score = np.where(allowed, score, np.inf)
+        return self.explorer.points[int(score.argmin())][None]
+
+    def front(self, points: int, method: str) -> list[int]:
+        """Numbers of the designs at most so many limits or weights away from each other."""
+        pairs = self.pairs
+        met = np.flatnonzero(self._met(pairs))
+        if not len(met):
             raise Refused(
                 "no design in the design space meets the requirements that need no trials"
             )
-        return np.frombuffer(min(met, key=met.__getitem__))
+        some = pairs[met]
+        high, low = some[some[:, 0].argmin(), 1], some[:, 1].min()
+        chosen = list[int]()
+        for part in np.linspace(0, 1, points):
+            score = some @ [1 - part, part]
+            if method == "epsilon":
+                allowed = some[:, 1] <= high + part * (low - high) + SAME
+                score = np.where(allowed, some[:, 0], np.inf)
+            chosen.append(int(score.argmin()))
+        unique = sorted(set(chosen), key=lambda number: float(some[number, 0]))
+        kept = undominated(some[unique])
+        return [int(met[unique[number]]) for number in kept]
 
 
 def _measured(
@@ -219,7 +262,7 @@ def _measured(
 ) -> Point:
     judged = campaign.judged(space.design(coordinates))
     tried = {
-        one.name: fresh_units(one, campaign, runner)
+        one.name: fresh_units(one, campaign, runner, 2 * one.units.count)
         if one.units is not None
         else runner.run(one.case, campaign.most_trials, campaign.fidelity, FRESH)
         for one in judged
@@ -248,11 +291,10 @@ def _over_units(
 ) -> Interval:
     """Arcsec, the level of the objective over the fresh units in all conditions of a weight."""
     counted = [one for one in judged if one.name in tried and one.units is not None]
-    errors = [
-        errors_of(objective, tried[one.name], one.units, campaign) for one in counted if one.units
-    ]
-    weights, fraction = [one.weight for one in counted], campaign.units or 0.5
-    found = level_interval_of_units(errors, weights, fraction, seed)
+    units, weights = counted[0].units, [one.weight for one in counted]
+    assert units
+    outcomes = [tried[one.name] for one in counted]
+    found = level_interval_of_units(objective, outcomes, units, campaign, weights, seed)
     return Interval(*(each / arcsec for each in (found.value, found.low, found.high)))
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import startrack
 from startrack.core import POINTS, Refused, is_code, origin_of
-from startrack.design import Case, Fidelity
+from startrack.design import Campaign, Case, Fidelity
 from startrack.detection import STREAK
 from startrack.montecarlo import Serial, run
 from startrack.optimise.ledger import Ledger
@@ -133,6 +133,16 @@ class TrialRunner:
     def workers(self) -> int:
         """Number of workers."""
         return self._workers
+
+    def forecast_key(self, case: Case, campaign: Campaign, limits: tuple[float, ...]) -> bytes:
+        """Of a design's forecast, by all that it depends on.
+
+        limits  on what is forecast
+        """
+        judged = case, campaign.requirements, campaign.conditions, campaign.over_units(case)
+        text = f"{startrack.__version__} {self.seed} forecast {campaign.objective} {limits} "
+        text += described(judged)
+        return hashlib.blake2b(text.encode(), digest_size=16).digest()
 
     def _key(self, case: Case, fidelity: Fidelity, first: int, units: Units | None = None) -> bytes:
         written = described(case)

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from startrack.core import Floats, Refused, arcsec, whole
+from startrack.core import Floats, Refused, Streams, whole
 from startrack.design import Campaign, DesignSpace
 from startrack.metrics import Interval
-from startrack.optimise.forecast import expected_objective
+from startrack.optimise.emulator import Emulator, emulator
+from startrack.optimise.evaluate import foresee_all
+from startrack.optimise.runner import TrialRunner
 
 STEP = 0.01  # of each range, for derivatives; chosen by hand: the budget is smooth over it
-# Base designs of the Sobol indices, a power of two; each needs d + 2 budgets. Chosen by hand: more
-# designs narrow the intervals, which the result states.
-DESIGNS = 64
-RESAMPLES = 999  # of the bootstrap, as scipy's own
-BOOTSTRAP = 2  # names the stream of the resampling
+# Designs over the space. Chosen by hand: more narrow the intervals, which the result states.
+DESIGNS = 128
+BASE = 2**12  # base designs of the indices, each emulated in d + 2 places: an error of 1 %
+GROUPS = 16  # of designs, of which each is left out once; chosen by hand
 
 
 @dataclass(frozen=True)
@@ -45,17 +46,19 @@ class Sensitivity:
 
 
 def sensitivities(
-    space: DesignSpace, campaign: Campaign, seed: int, designs: int = DESIGNS
+    space: DesignSpace, campaign: Campaign, runner: TrialRunner, designs: int = DESIGNS
 ) -> list[Sensitivity]:
     """Derivatives at the design, excursions to the bounds, and Sobol indices over the space.
 
     All by the analytic budget, which has no noise. The indices are of ln(error), as an error over
-    a wide range spans decades. Estimators: Saltelli et al. (2010), table 2 (b), for the first and
-    Jansen (1999), table 2 (f) there, for the total, at the points of scipy.stats.sobol_indices.
-    Intervals: bootstrap (bias-corrected and accelerated) over the base designs.
+    a wide range spans decades, and of an emulator through the budgets of designs of a Sobol
+    sequence. Estimators: Saltelli et al. (2010), table 2 (b), for the first and Jansen (1999),
+    table 2 (f) there, for the total. Intervals: two standard errors by a jackknife over groups of
+    the designs that the emulator is made of (Efron and Tibshirani 1993, An Introduction to the
+    Bootstrap, 11.5).
 
-    seed     of the points and of the bootstrap
-    designs  base designs, a power of two
+    runner   whose seed is that of the points and of the units
+    designs  over the space, a power of two
     Returns  in order of the variables; of one alone both indices are 1
     Raises    ValueError where the budget expects no attitude at the design, or nearly nowhere.
     Accuracy  model: the budget's; designs without an attitude count with the largest error.
@@ -63,71 +66,69 @@ def sensitivities(
     whole(2, 2**20, designs=designs)
     if designs & (designs - 1):
         raise Refused(f"designs must be a power of two, got {designs}")
-
-    def log_error(coordinates: Floats) -> float:
-        try:
-            case = space.design(np.clip(coordinates, 0, 1))
-            error = expected_objective(case, campaign, seed=seed)
-        except Refused:
-            return math.nan
-        return math.log(error / arcsec) if error > 0 else math.nan
-
-    centre = space.start
-    here = log_error(centre)
+    d, centre = len(space), space.start
+    near = [np.clip(centre[i] + step, 0, 1) for i in range(d) for step in (-STEP, STEP)]
+    moved = [_moved(centre, k // 2, float(at)) for k, at in enumerate(near)]
+    ends = [_moved(centre, i, at) for i in range(d) for at in (0.0, 1.0)]
+    over = _spread(d, designs, Streams(runner.seed, 0)("designs of the indices"))
+    [here] = _log_errors(space, campaign, [centre], runner)
     if not math.isfinite(here):
         raise Refused("the design must be expected to find its attitude, it is not")
-    fractions = _indices(log_error, len(space), designs, seed)
+    found = _log_errors(space, campaign, [*moved, *ends, *(over if d > 1 else [])], runner)
+    step, end = found[: 2 * d].reshape(d, 2), np.exp(found[2 * d : 4 * d]).reshape(d, 2)
+    fractions = (
+        _indices(over, _filled(found[4 * d :])) if d > 1 else [(Interval(1.0, 1.0, 1.0),) * 2]
+    )
     result = []
     for i, variable in enumerate(space.variables):
-        ends = [_moved(centre, i, at) for at in (0.0, 1.0)]
-        step = [_moved(centre, i, float(np.clip(centre[i] + s, 0, 1))) for s in (-STEP, STEP)]
-        change = log_error(step[1]) - log_error(step[0])
-        values = [space.values(coordinates)[variable.name] for coordinates in step]
-        slope = (
-            change / (values[1] - values[0]) * space.values(centre)[variable.name] + 0.0
-        )  # not -0
-        low, high = (math.exp(log_error(coordinates)) for coordinates in ends)
+        values = [space.values(point)[variable.name] for point in moved[2 * i : 2 * i + 2]]
+        slope = float(step[i, 1] - step[i, 0]) / (values[1] - values[0])
+        slope = slope * space.values(centre)[variable.name] + 0.0  # not -0
+        low, high = end[i].tolist()
         result.append(Sensitivity(variable.name, math.exp(here), low, high, slope, *fractions[i]))
     return result
 
 
-def _indices(
-    log_error: Callable[[Floats], float], d: int, designs: int, seed: int
-) -> list[tuple[Interval, Interval]]:
-    """First-order and total index of each of d variables, with their 95 % intervals."""
-    if d == 1:  # which scipy cannot
-        return [(Interval(1.0, 1.0, 1.0),) * 2]
-    evaluated: list[tuple[Floats, Floats, Floats]] = []
+def _log_errors(
+    space: DesignSpace, campaign: Campaign, points: Sequence[Floats], runner: TrialRunner
+) -> Floats:
+    """ln(error / arcsec) of designs, whatever they cost; NaN where no attitude is expected."""
+    limits = -math.inf, math.inf  # in conditions with a weight alone
+    found = foresee_all(space, campaign, points, runner, runner.seed, *limits)
+    return np.array([one.expected for one in found])
 
-    def keeping(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, Floats]:
-        evaluated.append((f_A, f_B, f_AB))
-        return _saltelli_jansen(f_A, f_B, f_AB)
 
-    indices = scipy.stats.sobol_indices(
-        func=lambda points: _filled(np.array([log_error(coordinates) for coordinates in points.T]))[
-            None
-        ],
-        n=designs,
-        dists=[scipy.stats.uniform()] * d,
-        rng=np.random.default_rng(seed),
-        method=keeping,
-    )
-    ((f_a, f_b, f_ab),) = evaluated
-    # Not by the result's own bootstrap, which draws from the system's random numbers.
-    interval = scipy.stats.bootstrap(
-        [np.arange(designs)],
-        lambda chosen: _saltelli_jansen(f_a[:, chosen], f_b[:, chosen], f_ab[..., chosen]),
-        n_resamples=RESAMPLES,
-        confidence_level=0.95,
-        rng=np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP))),
-    ).confidence_interval
-    values = np.array([indices.first_order, indices.total_order]).reshape(2, d)
-    low, high = (np.reshape(bound, (2, d)) for bound in (interval.low, interval.high))
-    first, total = (
-        [Interval(*map(float, each)) for each in zip(values[k], low[k], high[k], strict=True)]
-        for k in range(2)
-    )
-    return list(zip(first, total, strict=True))
+def _spread(d: int, count: int, random: np.random.Generator) -> Floats:
+    """Points (n, d) of a scrambled Sobol sequence."""
+    return np.asarray(scipy.stats.qmc.Sobol(d, rng=random).random(count))
+
+
+def _indices(points: Floats, values: Floats) -> list[tuple[Interval, Interval]]:
+    """First-order and total index of each of d variables, with their 95 % intervals.
+
+    values  (n,) at points (n, d)
+    """
+    d = points.shape[1]
+    base = _spread(2 * d, BASE, Streams(0, 0)("base designs of the indices"))
+    first, second = base[:, :d], base[:, d:]
+    mixed = np.array([np.where(np.arange(d) == i, second, first) for i in range(d)])
+    every = np.concatenate([first, second, *mixed])
+
+    def of(known: Emulator) -> Floats:
+        f_a, f_b, *f_ab = known.expected(every).reshape(d + 2, 1, BASE)
+        return np.concatenate(_saltelli_jansen(f_a, f_b, np.array(f_ab)))
+
+    known, group = emulator(points, values), np.arange(len(points)) % min(GROUPS, len(points))
+    value = of(known)
+    without = np.array([of(known.of_some(group != one)) for one in np.unique(group)])
+    count = len(without)
+    error = np.sqrt((count - 1) / count * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+    low, high = value - 2 * error, value + 2 * error
+    each = [Interval(*map(float, bounds)) for bounds in zip(value[0], low[0], high[0], strict=True)]
+    total = [
+        Interval(*map(float, bounds)) for bounds in zip(value[1], low[1], high[1], strict=True)
+    ]
+    return list(zip(each, total, strict=True))
 
 
 def _saltelli_jansen(f_a: Floats, f_b: Floats, f_ab: Floats) -> tuple[Floats, Floats]:

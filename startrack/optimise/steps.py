@@ -19,7 +19,15 @@ from startrack.optimise.explore import Explorer
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
 from startrack.optimise.units import errors_of, fresh_units
-from startrack.verification import Answer, Looks, YieldClaim, boresights, claims_of, counted
+from startrack.verification import (
+    Answer,
+    Looks,
+    YieldClaim,
+    boresights,
+    claims_of,
+    cost_margins,
+    counted,
+)
 from startrack.verification import margins as margins_of
 
 EMULATOR = "emulator"
@@ -98,7 +106,10 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
 
     def score(coordinates: Floats) -> float:
         try:
-            tried.append(missed(margins_of(requirements, space.design(coordinates))))
+            case = space.design(coordinates)
+            short = missed(cost_margins(requirements, case))
+            # A design that costs too much needs no images to be worse than those that do not.
+            tried.append(short + 1 if short else missed(margins_of(requirements, case)))
         except Refused:
             return math.nan
         return tried[-1]
@@ -107,10 +118,10 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
         return "met" if 0.0 in tried else ""
 
     found = least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
-    margins = {}
-    if math.isfinite(found.score):
-        margins = margins_of(requirements, space.design(found.coordinates))
-    return FeasibleStart(found.coordinates, found.score, margins)
+    if not math.isfinite(found.score):
+        return FeasibleStart(found.coordinates, found.score, {})
+    margins = margins_of(requirements, space.design(found.coordinates))
+    return FeasibleStart(found.coordinates, missed(margins), margins)
 
 
 # Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand: the
@@ -204,7 +215,10 @@ def refine(
         if point is None:
             ending = explorer.ending
             break
-        tried.append(evaluate(explorer.space, campaign, point, runner, correction=correction))
+        known = explorer.forecast_of(point)
+        tried.append(
+            evaluate(explorer.space, campaign, point, runner, None, correction, known=known)
+        )
         watch(tried[-1])
     correction = correct(tried, explorer.best, EVERYWHERE)
 
@@ -218,7 +232,10 @@ def refine(
     last = list[Evaluation]()
     for one in tried[:FINALISTS]:
         point, most = np.array(one.coordinates), campaign.most_trials
-        last.append(evaluate(explorer.space, campaign, point, runner, most, correction))
+        known = explorer.forecast_of(point)
+        last.append(
+            evaluate(explorer.space, campaign, point, runner, most, correction, known=known)
+        )
         watch(last[-1])
     last.sort(key=lambda one: (not one.feasible, one.score))
     return [*last, *tried[FINALISTS:]], ending
@@ -263,7 +280,8 @@ def best_branch(
     scores = {}
     for label, explorer in explorers.items():
         point, most = explorer.best, campaign.most_trials
-        done = evaluate(explorer.space, campaign, point, runner, most)
+        known = explorer.forecast_of(point)
+        done = evaluate(explorer.space, campaign, point, runner, most, known=known)
         watch(done)
         scores[label] = done.score + correct([done], point, EVERYWHERE)(point)
     return min(scores, key=scores.__getitem__)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,32 @@ def errors_of(
     """The objective (n,) of each fresh unit, radian; infinite where no trial is solved."""
     found = unit_errors(objective, outcomes, outcomes["trial"] // how(units, campaign).trials)
     return np.where(np.isnan(found), np.inf, found)
+
+
+def noise_of(
+    objective: Objective, outcomes: NDArray[np.void], units: OverUnits, campaign: Campaign
+) -> float:
+    """Variance of ln(error) of a fresh unit, in the mean over these, by how few its trials are.
+
+        variance = sum over environments (sum of its (q_i - q))^2 / n^2 g / (g - 1) / (4 q^2)
+
+    of the n squares q_i of a unit in g environments, whose trials have part of the error in common,
+    and their mean q. Zero for an error that a fraction of the trials does not exceed.
+    """
+    if objective.fraction is not None:
+        return 0.0
+    order = how(units, campaign)
+    squares = objective.squares(outcomes).reshape(-1, order.trials)
+    mean = np.nanmean(squares, axis=1, keepdims=True)
+    apart = np.nan_to_num(squares / mean - 1)
+    begin = np.unique(
+        np.arange(order.trials) * order.environments // order.trials, return_index=True
+    )
+    sums = np.add.reduceat(apart, begin[1], axis=1)
+    groups = sums.shape[1]
+    if groups < 2:
+        return 0.0
+    return float((sums**2).sum(axis=1).mean()) / order.trials**2 * groups / (groups - 1) / 4
 
 
 @dataclass(frozen=True)
@@ -109,15 +136,12 @@ def compare_units(
     if over is None:
         return None
     objective = Objective.read(campaign.objective)
-    errors = [
-        [errors_of(objective, each, over, campaign) for each in outcomes if len(each)]
+    weights, n = [one.weight for one in best[0]], campaign.fresh_units
+    chosen = _choices(n, seed)
+    before, after = (
+        _levels(_measured(objective, outcomes, over, campaign), weights, over.fraction, chosen)
         for _, outcomes in (start, best)
-    ]
-    weights = [one.weight for one in best[0]]
-    n = campaign.fresh_units
-    rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))
-    chosen = np.vstack([np.arange(n), rng.integers(0, n, (RESAMPLES, n))])
-    before, after = (_levels(each, weights, over.fraction, chosen) for each in errors)
+    )
     limits = best[0][0].needs.accuracy or (Accuracy(objective, predicted),)
     yields = [
         UnitYield(
@@ -135,30 +159,84 @@ def compare_units(
     )  # fmt: skip
 
 
+class MeasuredUnits(NamedTuple):
+    """An error of n units by few trials.
+
+    error  (n,) radian, of each
+    noise  1, variance of ln(error) of a unit, by how few its trials are
+    """
+
+    error: Floats
+    noise: float
+
+
 def level_interval_of_units(
-    errors: Sequence[Floats], weights: Sequence[float], fraction: float, seed: int
+    objective: Objective,
+    outcomes: Sequence[NDArray[np.void]],
+    units: OverUnits,
+    campaign: Campaign,
+    weights: Sequence[float],
+    seed: int,
 ) -> Interval:
     """The level over units, radian, as a geometric mean over conditions, with its interval.
 
-    errors  (n,) of the units in each condition
+    outcomes  of the fresh units in each condition
     """
-    n = len(errors[0])
+    found = _measured(objective, outcomes, units, campaign)
+    return _interval(_levels(found, weights, units.fraction, _choices(len(found[0].error), seed)))
+
+
+def _measured(
+    objective: Objective, outcomes: Sequence[NDArray[np.void]], units: OverUnits, campaign: Campaign
+) -> list[MeasuredUnits]:
+    return [
+        MeasuredUnits(
+            errors_of(objective, each, units, campaign), noise_of(objective, each, units, campaign)
+        )
+        for each in outcomes
+        if len(each)
+    ]
+
+
+def _choices(count: int, seed: int) -> NDArray[np.int64]:
+    """(1 + RESAMPLES, n) all units, then units with repetition."""
     rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))
-    chosen = np.vstack([np.arange(n), rng.integers(0, n, (RESAMPLES, n))])
-    return _interval(_levels(errors, weights, fraction, chosen))
+    return np.vstack([np.arange(count), rng.integers(0, count, (RESAMPLES, count))])
 
 
 def _levels(
-    errors: Sequence[Floats], weights: Sequence[float], fraction: float, chosen: NDArray[np.int64]
+    found: Sequence[MeasuredUnits],
+    weights: Sequence[float],
+    fraction: float,
+    chosen: NDArray[np.int64],
 ) -> Floats:
     """The level of each choice of units; NaN where a condition has no trials."""
-    if len(errors) < len(weights):
+    if len(found) < len(weights):
         return np.full(len(chosen), np.nan)
     logs = [
-        weight * np.log(quantile_of_few(one[chosen], fraction))
-        for one, weight in zip(errors, weights, strict=True)
+        weight * np.log(quantile_of_few(without_noise(one.error[chosen], one.noise), fraction))
+        for one, weight in zip(found, weights, strict=True)
     ]
     return np.asarray(np.exp(np.sum(logs, axis=0) / sum(weights)))
+
+
+def without_noise(errors: Floats, noise: float) -> Floats:
+    """Errors (..., n) of units with the spread that they would have by many trials.
+
+        ln e' = m + sqrt(max(1 - noise / v, 0)) (ln e - m)
+
+    with the mean m and the variance v of the ln e: the noise of few trials would make the level of
+    a large fraction of the units too large.
+
+    noise  1, variance of ln e that few trials make
+    Accuracy  model: the law of the units' errors keeps its shape.
+    """
+    if not (noise and np.isfinite(errors).all()):
+        return errors
+    logs = np.log(errors)
+    mean, variance = logs.mean(axis=-1, keepdims=True), logs.var(axis=-1, ddof=1, keepdims=True)
+    part = np.sqrt(np.maximum(1 - noise / np.maximum(variance, 1e-300), 0.0))
+    return np.asarray(np.exp(mean + part * (logs - mean)))
 
 
 def _interval(values: Floats) -> Interval:

@@ -403,6 +403,7 @@ def _smeared(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
     return psf, path.weight, offset, float(np.abs(offset).max())
 
 
+@lru_cache(maxsize=8)
 def _jitter_blur(instrument: Instrument) -> float:
     """Metre on the detector, sigma of the blur by expected jitter."""
     still = replace(instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)

@@ -134,9 +134,9 @@ def index_resolution(camera: Camera) -> float:
     return indexed_field(camera) / POINTS
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def separated(selection: Selection, resolution: float) -> SeparableStars:
-    """`separable_stars` by resolution; kept for the 8 last pairs."""
+    """`separable_stars` by resolution; kept for the 16 last pairs, as a search needs them again."""
     stars, name = merged(open_sky(selection).stars, resolution)
     order = np.argsort(stars.magnitude_g, kind="stable")
     return SeparableStars(Sky(stars[order]), name[order])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -37,6 +39,8 @@ TILTS = math.pi / 32, 9 * math.pi / 32
 WEIGHTS = 0.25, 0.75
 LOST = 1e4  # pixel, shift of a star that is not detected beside its neighbour
 SNR = 100.0  # of the brightest pixel of the star in the chart
+WIDER = math.log(1.25)  # pairs are kept for all reaches that are smaller by less than this
+FAINTER = 1.0  # magnitude beyond the tracker's catalogue, whose stars have no shift
 
 
 @kept(8)
@@ -49,7 +53,8 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     at the centre of their light.
 
     catalog  the true one, or that of the tracker
-    Returns  (n, 3) pixel, ICRS axes, in the order of `separable_stars`
+    Returns  (n, 3) pixel, ICRS axes, in the order of `separable_stars`; zero for stars that are
+             FAINTER than the tracker's catalogue
     Accuracy  model: pairs at one angle to the columns represent all; smear and scale are those of
               the boresight. numerical: of streaks, two angles stand for all, which moves the error
               of an attitude by 0.1 % where they are below 6 pixels and by 1 % at 13 pixels.
@@ -57,15 +62,18 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     camera = case.instrument.camera
     resolution = index_resolution(camera)
     stars = separated(catalog, resolution).sky.stars
-    magnitude = stars.magnitude_g + colour_correction(case, stars.colour)
-    star, other = _pairs(catalog, resolution, _reach(case) / camera.focal_length_px).T
-    apart = stars.direction[other] - stars.direction[star]
-    angle = np.linalg.norm(apart, axis=1)
-    distance, contrast = angle * camera.focal_length_px, magnitude[other] - magnitude[star]
+    # Rounded up, so that cameras of similar focal lengths share the pairs.
+    reach = math.exp(math.ceil(math.log(_reach(case) / camera.focal_length_px) / WIDER) * WIDER)
+    near = _pairs(catalog, resolution, reach, case.believed_catalog.limit_g + FAINTER)
+    distance = near.angle * camera.focal_length_px
+    magnitude, other = near.magnitude + colour_correction(case, near.colour)
+    contrast = other - magnitude
     pull = _shift(case, distance, contrast)
     pull[(distance < _merged(case)) & (contrast < 0)] = LOST
-    moved = np.zeros((len(stars), 3))
-    np.add.at(moved, star, (pull / np.maximum(angle, 1e-12))[:, None] * apart)
+    along = pull / np.maximum(near.angle, 1e-12)
+    moved = np.empty((len(stars), 3))
+    for axis, apart in enumerate(near.apart):
+        moved[:, axis] = np.bincount(near.star, along * apart, len(stars))
     return moved
 
 
@@ -138,11 +146,33 @@ def _reach(case: Case) -> float:
     return case.tracker.detection.window // 2 + RING + 2.0 + smear
 
 
-@kept(8)
-def _pairs(catalog: Selection, resolution: float, radius: float) -> Ints:
-    """All pairs (k, 2) of separable stars within a radius, radian, each in both orders."""
-    pair = _tree(catalog, resolution).query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
-    return np.concatenate([pair, pair[:, ::-1]])
+class _Pairs(NamedTuple):
+    """Pairs of near stars, each in both orders.
+
+    star       (k,) indices of separable stars
+    magnitude, colour  (2, k) G and BP - RP, of these stars and of the others
+    angle      (k,) radian
+    apart      (3, k) from the star to the other, ICRS axes
+    """
+
+    star: Ints
+    magnitude: Floats
+    colour: Floats
+    angle: Floats
+    apart: Floats
+
+
+@kept(16)
+def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float) -> _Pairs:
+    """All pairs of separable stars within a radius (radian) whose star is no fainter than asked."""
+    stars = separated(catalog, resolution).sky.stars
+    tree = _tree(catalog, resolution)
+    pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
+    both = np.concatenate([pair, pair[:, ::-1]]).T
+    both = both[:, stars.magnitude_g[both[0]] <= faintest]
+    apart = stars.direction[both[1]] - stars.direction[both[0]]
+    angle, along = np.linalg.norm(apart, axis=1), np.ascontiguousarray(apart.T)
+    return _Pairs(both[0].copy(), stars.magnitude_g[both], stars.colour[both], angle, along)
 
 
 @lru_cache(maxsize=4)
@@ -170,8 +200,8 @@ def systematic_variance(case: Case) -> Floats:
               assumes UNKNOWN_FLOOR; what a residual changes by with temperature is not known to the
               tracker.
     """
-    as_designed = _systematic_variance(case.as_designed)
     design = case.as_designed
+    as_designed = _systematic_variance(_of_any_device(design))
     known = case.tracker.attitude.centroid_floor is not None
     if case.design is None or known or design.instrument.residual is None:
         return as_designed
@@ -206,6 +236,12 @@ def _residual_law(design: Case) -> Floats:
         calibration.tangential if calibration else False,
         calibration.map if calibration else 0,
     )
+
+
+def _of_any_device(case: Case) -> Case:
+    """The case of one device; what a tracker knows of single stars is the same for all."""
+    detector = replace(case.instrument.detector, device_seed=0)
+    return replace(case, instrument=replace(case.instrument, detector=detector))
 
 
 @lru_cache(maxsize=8)
