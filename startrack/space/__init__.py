@@ -1,7 +1,7 @@
-"""Where things are around the Earth: orbits, Sun, Moon and planets, the Earth's limb.
+"""Where things are around the Earth, and how warm: orbits, Sun, Moon, planets, the Earth's limb.
 
-vectors  Products of many vectors that lie component by component.
-earth    Size, gravity and spin of the Earth; place and line of sight -> angle to its limb.
+earth    Size, gravity and spin of the Earth; place and line of sight -> angle to its limb; products
+         of many vectors that lie component by component.
 bodies   Dates -> Sun, Moon, planets and axes of the Earth: one at a time, and as tables.
 orbit    Elements, two lines or a table of states -> position and velocity over time.
 heat     Orbit, Sun and surfaces -> temperatures of a platform and of a head on it over an orbit.
@@ -31,6 +31,12 @@ from startrack.space.earth import (
     SPIN,
     SQUARED_ECCENTRICITY,
     EarthSeen,
+    angle,
+    cross,
+    dot,
+    from_body,
+    times,
+    unit,
 )
 from startrack.space.heat import Heat, Warmth, heater_power, view_of_earth, warmth
 from startrack.space.orbit import (
@@ -49,7 +55,6 @@ from startrack.space.orbit import (
     sun_synchronous,
     two_line_record,
 )
-from startrack.space.vectors import angle, cross, dot, from_body, times, unit
 
 # Public; the other imports serve other rooms.
 __all__ = ["Heat", "Warmth", "heater_power", "warmth"]

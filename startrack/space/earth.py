@@ -1,4 +1,8 @@
-"""The Earth as a body: size, gravity and spin; place and line of sight -> angle to its limb."""
+"""The Earth as a body: size, gravity and spin; place and line of sight -> angle to its limb.
+
+Products of vectors of many places, which lie component by component, (3, n), and of matrices that do
+so, (3, 3, n), are here, too.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,6 @@ import math
 import numpy as np
 
 from startrack.core import Floats, Ints, deg
-from startrack.space.vectors import angle, dot
 
 # WGS 84 (NIMA TR8350.2, 2000), table 3.1, and the gravity model EGM96.
 EARTH_RADIUS = 6_378_137.0  # metre, at the equator
@@ -19,6 +22,44 @@ J2 = 1.08262668e-3  # 1
 SPIN = 7.292115146706979e-5  # radian / second, IERS conventions 2010
 OBLATE = 1 / POLAR_RADIUS**2 - 1 / EARTH_RADIUS**2  # 1 / m^2
 TWILIGHT = 6 * deg  # depression of the Sun to which the limb counts as lit; chosen by hand
+
+
+def dot(a: Floats, b: Floats) -> Floats:
+    """(n,) scalar products of (3, n)."""
+    total = a[0] * b[0]
+    total += a[1] * b[1]
+    total += a[2] * b[2]
+    return total
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """(3, n) vector products of (3, n)."""
+    return np.stack([
+        a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    ])  # fmt: skip
+
+
+def unit(a: Floats) -> Floats:
+    """(3, n) of length one."""
+    return a / np.sqrt(dot(a, a))
+
+
+def times(matrix: Floats, a: Floats) -> Floats:
+    """(3, n) products of (3, 3, n) matrices and (3, n) vectors."""
+    return np.stack([dot(row, a) for row in matrix])
+
+
+def from_body(body: Floats, line: Floats) -> Floats:
+    """(3, n) in ICRS axes of a direction (3,) in body axes; body (3, 3, n), see `Instants`."""
+    total = body[0] * line[0]
+    total += body[1] * line[1]
+    total += body[2] * line[2]
+    return total
+
+
+def angle(cosine: Floats) -> Floats:
+    """(n,) radian of cosines that rounding may have moved beyond one."""
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
 class EarthSeen:

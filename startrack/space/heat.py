@@ -11,9 +11,8 @@ import numpy as np
 
 from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, utc
 from startrack.space.bodies import barycentric, seen_from
-from startrack.space.earth import EARTH_RADIUS, GM
+from startrack.space.earth import EARTH_RADIUS, GM, cross, dot, unit
 from startrack.space.orbit import Kepler, node_at, sun_synchronous
-from startrack.space.vectors import cross, dot, unit
 
 STEFAN = 5.670374419e-8  # W / (m2 K4), CODATA 2018
 SOLAR = 1361.0  # W / m2 at 1 au: Kopp and Lean (2011), Geophysical Research Letters 38, L01706
