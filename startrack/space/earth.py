@@ -1,7 +1,7 @@
 """The Earth as a body: size, gravity and spin; place and line of sight -> angle to its limb.
 
-Products of vectors of many places, which lie component by component, (3, n), and of matrices that do
-so, (3, 3, n), are here, too.
+Products of vectors of many places, which lie component by component, (3, n), and of matrices,
+(3, 3, n), are here, too.
 """
 
 from __future__ import annotations
