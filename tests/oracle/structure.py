@@ -16,6 +16,7 @@ from scipy.sparse.linalg import spsolve
 
 NU = 0.33
 PLANE = np.array([[1, NU, 0], [NU, 1, 0], [0, 0, (1 - NU) / 2]]) / (1 - NU**2)  # over E
+EDGE = 1e-7  # metre, so that rounding does not make one side thicker than the other
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 
 
@@ -86,11 +87,11 @@ def turn(head, expansion, mean, gradient, tube, panel, side):
     level, top = height + base, height + base + above
     x = (np.arange(columns) - (columns - 1) / 2) * side
     y = (np.arange(round((top + base) / side)) + 0.5) * side
-    in_foot = (np.abs(np.abs(x) - span / 2) < foot / 2) & (y < height)[:, None]
-    in_base = (np.abs(x) < (span + foot) / 2) & ((y > height) & (y < level))[:, None]
-    in_wall = np.abs(np.abs(x - offset) - diameter / 2) < wall / 2
+    in_foot = (np.abs(np.abs(x) - span / 2) < foot / 2 - EDGE) & (y < height)[:, None]
+    in_base = (np.abs(x) < (span + foot) / 2 - EDGE) & ((y > height) & (y < level))[:, None]
+    in_wall = np.abs(np.abs(x - offset) - diameter / 2) < wall / 2 - EDGE
     in_tube = in_wall & ((y > level) & (y < top))[:, None]
-    in_lens = (np.abs(x - offset) < (diameter + wall) / 2) & (y > top)[:, None]
+    in_lens = (np.abs(x - offset) < (diameter + wall) / 2 - EDGE) & (y > top)[:, None]
     warm = np.broadcast_to(mean + gradient * (x - offset), in_foot.shape).copy()
     warm += np.where(in_tube, tube * (x - offset) / diameter, 0.0)
     solid = in_foot | in_base | in_tube | in_lens
@@ -120,8 +121,24 @@ LOADS = [  # kelvin: mean, gradient per metre, tube; metre: offset of the lens
 ]  # fmt: skip
 
 
+def random_heads(count):
+    """Heads of random sizes, in whole millimetres, whose feet are not thicker than high."""
+    random = np.random.default_rng(0)
+    while count:
+        length, diameter, wall, height, foot, base = (
+            random.integers(low, high + 1) * 1e-3
+            for low, high in ((30, 100), (20, 80), (1, 3), (4, 20), (2, 8), (3, 8))
+        )
+        span = round(diameter * random.uniform(1.15, 2) * 1e3 / 2) * 2e-3
+        if height >= foot:
+            count -= 1
+            named = {"length": length, "focal": length, "diameter": diameter, "wall": wall}
+            named |= {"height": height, "foot": foot, "base": base, "span": span}
+            yield {name: round(float(value), 6) for name, value in named.items()}
+
+
 def cases(side):
-    for shape in SHAPES:
+    for shape in (*SHAPES, *random_heads(16)):
         for mean, gradient, tube, offset in LOADS:
             head = HEAD | shape | {"offset": offset}
             expansion = 8.6e-6 if mean else 23.6e-6
