@@ -142,6 +142,7 @@ STEPS = {
     "instrument.detector.exposure": 1.5,
 }
 STIFFER = {"aluminium": "titanium", "titanium": "invar", "invar": "carbon"}
+FEET, THIN = "instrument.structure.feet_thickness", 2e-3  # metre: they give way to a panel
 WATT = 0.5  # of a heater
 DEEPER = 0.5  # magnitude
 ORDERS = {1: 3, 3: 5, 5: 7, 7: 7}
@@ -179,7 +180,9 @@ def levers(case: Case) -> Iterator[Change]:
         if now == value or value is None:
             continue
         if isinstance(value, str):
-            yield Change(name, replaced_all(case, {name: value}), f"to {value} from {now}")
+            thin = {FEET: THIN} if found_at(case, FEET) > THIN else {}
+            changed = replaced_all(case, {name: value, **thin})
+            yield Change(name, changed, f"to {value} from {now}" + ", thin feet" * bool(thin))
             continue
         text = f"to {value_text(case, name, value)} from {value_text(case, name, now)}"
         yield Change(name, replaced_all(case, {name: value}), "on" if value is True else text)
@@ -190,6 +193,10 @@ def levers(case: Case) -> Iterator[Change]:
     if structure is not None and (structure.gradient_x or structure.gradient_y):
         less = {name: found_at(case, name) / 2 for name in gradients}
         yield Change("instrument.structure.gradient_x and _y", replaced_all(case, less), "halved")
+    if structure is not None and structure.detector_offset:
+        name = "instrument.structure.detector_offset"
+        less = {name: structure.detector_offset / 2}
+        yield Change(name, replaced_all(case, less), "halved")
 
 
 def _value(case: Case, name: str) -> Any:
