@@ -25,7 +25,7 @@ from startrack.optimise.evaluate import Evaluation, evaluate, foresee
 from startrack.optimise.explore import Explorer, Landscape, Span
 from startrack.optimise.forecast import expect, expected_objective
 from startrack.optimise.ledger import Ledger
-from startrack.optimise.optimise import Optimum, optimize
+from startrack.optimise.optimise import Optimum, Stage, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Found, Search, least
@@ -64,6 +64,7 @@ __all__ = [
     "Search",
     "Sensitivity",
     "Span",
+    "Stage",
     "Tolerance",
     "TrialRunner",
     "UnitYield",
