@@ -15,13 +15,17 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import command
 import numpy as np
+import scipy
 
 from startrack import Case, load_design, shipped
 from startrack.budget import units
@@ -33,6 +37,15 @@ from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import _unit_budgets, forecasts
 from startrack.optimise.steps import explore
 from startrack.population import middle_of
+
+try:
+    import cma
+except ImportError:  # such a peer is left out
+    cma = None
+try:
+    import optuna
+except ImportError:
+    optuna = None
 
 UNITS = ("nanosatellite", "high_accuracy")  # judged over their units
 ALONE = "noise_only"
@@ -53,9 +66,13 @@ def main() -> None:
     for name in (ALONE,) if options.quick else (ALONE, "nanosatellite"):
         figures["regret"][name] = regrets(name, options.seeds, options.quick)
     figures["unmoved"] = [each for one in figures["regret"].values() for each in one.pop("unmoved")]
+    figures["peers"] = {name: one.pop("peers") for name, one in figures["regret"].items()}
     if options.optimize:
-        figures["optimize_warm_s"] = optimize("nanosatellite")
-        figures["optimize_high_accuracy_s"] = optimize("high_accuracy")
+        figures["optimize_warm_s"] = seconds_of("optimize", "nanosatellite")
+        figures["optimize_high_accuracy_s"] = seconds_of("optimize", "high_accuracy")
+        figures["pareto_s"] = seconds_of("pareto", "nanosatellite", "--points", "12")
+        figures["sensitivity_s"] = seconds_of("sensitivity", "nanosatellite")
+        figures["sample_s"] = seconds_of("sample", "nanosatellite")
     print(json.dumps(figures, indent=1))
     command.save(options, figures)
 
@@ -142,9 +159,18 @@ def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:
     scores = [score(end) for end in ends]
     start = ends[int(np.argmin(scores))]
     search = Search(evaluations=10 if quick else LONG, first_step=0.1, last_step=1e-4)
-    best = min(*scores, least(score, start, search).score)
+    most = int(np.median(counts))
+    others = {
+        peer: [_least_of(search, score, len(space), most, seed) for seed in range(1, seeds + 1)]
+        for peer, search in PEERS.items()
+    }
+    found = [*scores, least(score, start, search).score, *chain(*others.values())]
+    best = min(found)
     missed = [math.expm1(one - best) for one in scores]
+    for peer, values in others.items():
+        print(f"{name} {peer}: {np.median(values):.4f}, best {best:.4f}", flush=True)
     return {
+        "peers": {peer: math.expm1(np.median(values) - best) for peer, values in others.items()},
         "median": float(np.median(missed)),
         "worst": max(missed),
         "forecasts": float(np.median(counts)),
@@ -152,19 +178,81 @@ def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:
     }
 
 
-def optimize(name: str) -> float:
-    """Seconds of `startrack optimize` on two workers, kernels compiled."""
+class _Used(Exception):
+    """All forecasts were used."""
+
+
+Score = Callable[[Floats], float]
+
+
+def _least_of(
+    search: Callable[[Score, int, int, int], None], score: Score, count: int, most: int, seed: int
+) -> float:
+    """The least score that a search finds in so many forecasts."""
+    values = list[float]()
+
+    def kept(point: Floats) -> float:
+        if len(values) == most:
+            raise _Used
+        values.append(score(np.clip(point, 0, 1)))
+        return values[-1] if math.isfinite(values[-1]) else BAD
+
+    with suppress(_Used):
+        search(kept, count, most, seed)
+    return min(values)
+
+
+BAD = 30.0  # of a design without an attitude, for searches that must have a number
+
+
+def _sbplx(score: Score, count: int, most: int, seed: int) -> None:
+    """Plain Sbplx, from a random start, and again from another one when it has converged."""
+    random = np.random.default_rng(seed)
+    while True:
+        least(score, random.random(count), Search(evaluations=most))
+
+
+def _evolution(score: Score, count: int, most: int, seed: int) -> None:
+    """SciPy's differential evolution, in populations of 5 designs per variable."""
+    scipy.optimize.differential_evolution(
+        score, [(0.0, 1.0)] * count, popsize=5, maxiter=most, rng=seed, polish=False
+    )
+
+
+def _cma(score: Score, count: int, most: int, seed: int) -> None:
+    """CMA-ES (Hansen 2016), from the middle of the space."""
+    options = {"bounds": [0, 1], "seed": seed, "verbose": -9, "maxfevals": most}
+    cma.fmin2(score, np.full(count, 0.5), 0.3, options, restarts=9)
+
+
+def _optuna(score: Score, count: int, most: int, seed: int) -> None:
+    """Optuna's TPE sampler."""
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+
+    def objective(trial: Any) -> float:
+        return score(np.array([trial.suggest_float(str(k), 0, 1) for k in range(count)]))
+
+    study.optimize(objective, n_trials=most)
+
+
+PEERS: dict[str, Callable[[Score, int, int, int], None]] = {
+    "Sbplx": _sbplx,
+    "differential evolution": _evolution,
+    **({"CMA-ES": _cma} if cma else {}),
+    **({"TPE": _optuna} if optuna else {}),
+}
+
+
+def seconds_of(*words: str) -> float:
+    """Seconds of a command on two workers, kernels compiled: its name, a design, options."""
     with tempfile.TemporaryDirectory() as folder:
-        words = [
-            sys.executable,
-            "-m",
-            "startrack.cli",
-            "optimize",
-            str(shipped(f"designs/{name}.toml")),
-        ]
+        name, design, *more = words
+        path = str(shipped(f"designs/{design}.toml"))
+        call = [sys.executable, "-m", "startrack.cli", name, path, *more]
         began = time.perf_counter()
         subprocess.run(
-            [*words, "--out", str(Path(folder) / "out")], check=False, capture_output=True
+            [*call, "--out", str(Path(folder) / "out")], check=False, capture_output=True
         )
         return time.perf_counter() - began
 

@@ -29,9 +29,16 @@ def command(options: argparse.Namespace) -> int:
     """Write best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
     with (
         open_campaign(options, "optimising") as (case, campaign, runner, out),
-        progress("designs", campaign.evaluations) as advance,
+        progress("optimising", 100) as advance,
     ):
-        optimum = optimise.optimize(case, campaign, runner, lambda _: advance(1))
+        done = 0.0
+
+        def show(stage: optimise.Stage) -> None:
+            nonlocal done
+            step, done = max(100 * stage.part - done, 0.0), max(100 * stage.part, done)
+            advance(step, f"{stage.name}, best {stage.best:.3g} arcsec")
+
+        optimum = optimise.optimize(case, campaign, runner, watch_stage=show)
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
     save_design(out / "best.toml", Design(optimum.best, campaign), note)

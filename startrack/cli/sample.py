@@ -30,7 +30,7 @@ def command(options: argparse.Namespace) -> int:
         open_campaign(options, "sampling around") as (case, campaign, runner, out),
         progress("designs", optimise.designs_needed(len(campaign.variables))) as advance,
     ):
-        tolerance = optimise.sample(case, campaign, runner, lambda _: advance(1))
+        tolerance = optimise.sample(case, campaign, runner, advance)
     values = optimise.tolerance_values(tolerance)
     if not tolerance.chains.converged:
         reason = tolerance.chains.reason_unconverged

@@ -195,7 +195,7 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
     with Progress(*columns, console=Console(stderr=True)) as bars:
         task = bars.add_task(title, total=total, note="")
 
-        def advance(count: int, note: str = "") -> None:
+        def advance(count: float, note: str = "") -> None:
             bars.advance(task, count)
             if note:
                 bars.update(task, note=note)

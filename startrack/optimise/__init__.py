@@ -21,11 +21,11 @@ tables       The results of studies as CSV, JSON lines and Markdown.
 
 from startrack.optimise.allocation import Allocation, Change, Gain, allocation, halved, levers
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
-from startrack.optimise.evaluate import Evaluation, evaluate, foresee
+from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee
 from startrack.optimise.explore import Explorer, Landscape, Span
-from startrack.optimise.forecast import expect, expected_objective
+from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.ledger import Ledger
-from startrack.optimise.optimise import Optimum, optimize
+from startrack.optimise.optimise import Optimum, Stage, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Found, Search, least
@@ -54,6 +54,8 @@ __all__ = [
     "ComparedUnits",
     "Ensembles",
     "Evaluation",
+    "Forecast",
+    "Foresight",
     "Found",
     "Gain",
     "Goals",
@@ -64,6 +66,7 @@ __all__ = [
     "Search",
     "Sensitivity",
     "Span",
+    "Stage",
     "Tolerance",
     "TrialRunner",
     "UnitYield",

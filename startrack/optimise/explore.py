@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
@@ -213,6 +213,7 @@ class Explorer:
     points  unit-cube coordinates of the designs
     values  their forecasts
     ending  why no more are worth it; empty as long as some are
+    watch   called after new forecasts
     """
 
     space: DesignSpace
@@ -223,6 +224,7 @@ class Explorer:
     points: list[Floats] = field(default_factory=list)
     values: list[Foresight] = field(default_factory=list)
     ending: str = ""
+    watch: Callable[[], None] | None = None
     _emulators: tuple[int, Emulators] | None = None
     _spanned: float = np.inf  # a score below it has spans whose ends have no forecast
 
@@ -242,6 +244,8 @@ class Explorer:
         enough = self.score + BAD if self._all_matter else -math.inf
         self.values += foresee_all(self.space, self.campaign, new, self.runner, self.seed, enough)
         self.points += new
+        if self.watch:
+            self.watch()
 
     @property
     def _all_matter(self) -> bool:

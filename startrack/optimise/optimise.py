@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -90,12 +91,66 @@ class Optimum:
         return dict(sorted(short.items(), key=lambda one: -one[1]))
 
 
+class Stage(NamedTuple):
+    """How far an optimisation has come.
+
+    name  of what it does
+    part  1, of the time that all will take, as on the nanosatellite
+    best  arcsec, the objective of the best design so far, as expected; NaN before the first
+    """
+
+    name: str
+    part: float
+    best: float
+
+
+# Of the time, until forecasts and until trials of the search have ended: on the nanosatellite.
+FORECAST, TRIED = 0.4, 0.5
+FRESH_SETS = 3  # of fresh trials: of the start, of the best, and of the best at rest
+USUAL = 8  # forecasts per variable, as in most searches
+
+
+class _Progress:
+    """The stages of an optimisation, as they are reported."""
+
+    def __init__(self, campaign: Campaign, watch: Callable[[Stage], None] | None) -> None:
+        self._campaign, self._watch, self._best = campaign, watch, math.nan
+        self._tried, self._fresh = 0, 0
+
+    def forecast(self, explorers: Mapping[str, Explorer]) -> None:
+        """Report that designs were forecast."""
+        count = sum(len(one.points) for one in explorers.values())
+        usual = sum(USUAL * len(one.space) for one in explorers.values())
+        score = min(one.score for one in explorers.values())
+        if math.isfinite(score):
+            self._best = math.exp(score)
+        if not self._tried:
+            self._tell(f"{count} forecasts", FORECAST * min(count / usual, 1.0))
+
+    def tried(self) -> None:
+        """Report that a design was tried."""
+        self._tried += 1
+        part = min(self._tried / self._campaign.evaluations, 1.0)
+        self._tell(f"{self._tried} designs tried", FORECAST + (TRIED - FORECAST) * part)
+
+    def fresh(self, trials: int) -> None:
+        """Report that so many more fresh trials were done."""
+        self._fresh, one = self._fresh + trials, self._campaign
+        over = one.fresh_units * one.trials_per_unit if one.units else one.fresh_trials
+        part = min(self._fresh / over / FRESH_SETS, 1.0)
+        self._tell(f"{self._fresh} fresh trials", TRIED + (1 - TRIED) * part)
+
+    def _tell(self, name: str, part: float) -> None:
+        if self._watch:
+            self._watch(Stage(name, part, self._best))
+
+
 def optimize(
     case: Case,
     campaign: Campaign,
     runner: TrialRunner,
     watch: Watch | None = None,
-    watch_fresh: Callable[[int], None] | None = None,
+    watch_stage: Callable[[Stage], None] | None = None,
     adapt: Callable[[Case], Case] | None = None,
 ) -> Optimum:
     """Forecast designs where they tell most, then run trials where they decide.
@@ -109,7 +164,7 @@ def optimize(
     fidelity.
 
     watch        called with each evaluation
-    watch_fresh  called with the number of fresh trials just done
+    watch_stage  called with how far it has come
     adapt        as in DesignSpace; it refuses a design by `Refused`
     Raises       ValueError where the campaign names no variables.
     Accuracy     model: that of the budget, where trials are too few to correct it.
@@ -118,10 +173,11 @@ def optimize(
         branch.label: DesignSpace(branch.case, campaign.variables, campaign.links, adapt)
         for branch in branches(case, campaign.choices)
     }
-    tried = list[Evaluation]()
+    tried, progress = list[Evaluation](), _Progress(campaign, watch_stage)
 
     def record(done: Evaluation) -> None:
         tried.append(done)
+        progress.tried()
         if watch:
             watch(done)
 
@@ -131,11 +187,10 @@ def optimize(
     starts = {label: one.coordinates for label, one in nearest.items() if one.short == 0}
     landscape = None
     if starts:
-        left = explore(
-            {label: Explorer(spaces[label], campaign, runner, label) for label in starts},
-            starts,
-            campaign,
-        )
+        explorers = {label: Explorer(spaces[label], campaign, runner, label) for label in starts}
+        for explorer in explorers.values():
+            explorer.watch = partial(progress.forecast, explorers)
+        left = explore(explorers, starts, campaign)
         label = best_branch(left, campaign, runner, record)
         finalists, ending = refine(left[label], _left(campaign, tried), runner, record)
         landscape = landscape_of(left[label], np.array(finalists[0].coordinates))
@@ -147,8 +202,8 @@ def optimize(
             "no design in the design space meets the requirements that need no trials",
         )
     space = spaces[label]
-    first = _fresh(campaign.judged(case), campaign, runner, watch_fresh)
-    best, second, assured = _verify(space, finalists[:FINALISTS], campaign, runner, watch_fresh)
+    first = _fresh(campaign.judged(case), campaign, runner, progress.fresh)
+    best, second, assured = _verify(space, finalists[:FINALISTS], campaign, runner, progress.fresh)
     objective, needs = Objective.read(campaign.objective), campaign.requirements
     winner = space.design(np.array(best.coordinates))
     counted = [one for one in campaign.judged(winner) if one.weight]
@@ -216,7 +271,7 @@ def _verify(
     for one in finalists:
         judged = campaign.judged(space.design(np.array(one.coordinates)))
         fresh = _fresh(judged, campaign, runner, watch)
-        shown = _shown(judged, campaign, runner, fresh)
+        shown = _shown(judged, campaign, runner, fresh, watch)
         results.append((one, fresh, shown))
         margins = one.margins | shown.margins
         if one.summary and all(margin >= 0 for margin in margins.values()):
@@ -229,6 +284,7 @@ def _shown(
     campaign: Campaign,
     runner: TrialRunner,
     fresh: Mapping[str, NDArray[np.void]],
+    watch: Callable[[int], None] | None,
 ) -> _Shown:
     """The margins that need trials, from fresh ones; of the bound that must hold."""
     margins, fraction = dict[str, float](), Interval(math.nan, 0.0, 1.0)
@@ -237,9 +293,11 @@ def _shown(
         if outcomes is None:
             try:
                 if one.units is not None:
-                    outcomes = fresh_units(one, campaign, runner)
+                    outcomes = fresh_units(one, campaign, runner, watch=watch)
                 else:
-                    outcomes = runner.run(one.case, campaign.fresh_trials, campaign.fidelity, FRESH)
+                    outcomes = runner.run(
+                        one.case, campaign.fresh_trials, campaign.fidelity, FRESH, watch
+                    )
             except Refused:
                 outcomes = np.empty(0, OUTCOMES)
         found = confirm_requirements(one, campaign, runner, outcomes)

@@ -249,7 +249,7 @@ def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
         "promised": tolerance.expected,
         "kept": tolerance.kept,
         **chain_values(tolerance.chains),
-        "designs": len(tolerance.evaluations),
+        "designs": tolerance.designs,
     }
 
 
@@ -290,9 +290,10 @@ def tolerance_table(tolerance: Tolerance) -> str:
         f"arcsec and meet the requirements: {chain_text(tolerance.chains)}. The response surface "
         f"has an error of {100 * tolerance.surface_error:.1f} % by leave-one-out and of "
         f"{100 * tolerance.check_error:.1f} % at {tolerance.checks} designs not in the fit "
-        f"({len(tolerance.evaluations)} designs in all); it predicted that a fraction of "
-        f"{tolerance.expected:.2f} of these is within the limits, Monte Carlo found "
-        f"{tolerance.kept:.2f}.",
+        f"({tolerance.designs} designs in all); it predicted that a fraction of "
+        f"{tolerance.expected:.2f} of these is within the limits, the budget found "
+        f"{tolerance.kept:.2f}. The budget is corrected by {tolerance.centre.trials} trials of the "
+        "design.",
     ]
     return "\n".join(lines)
 

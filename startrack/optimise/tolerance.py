@@ -13,7 +13,7 @@ from scipy import special
 from startrack.core import Floats, Refused
 from startrack.design import Campaign, Case, DesignSpace
 from startrack.optimise.ensemble import Chains, draw, thinned
-from startrack.optimise.evaluate import Evaluation, evaluate
+from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all
 from startrack.optimise.runner import TrialRunner
 
 
@@ -66,6 +66,7 @@ def _terms(coordinates: Floats) -> Floats:
 
 # Chosen by hand: more designs reduce the surface's error and cost trials in proportion.
 DESIGNS_PER_TERM = 2.5
+PART = 12  # designs that are forecast between two messages of progress
 CHECKS = 12  # designs that check the surface; chosen by hand, as above
 START_WIDTH = 0.3  # of the region, half of it, in which walkers start; chosen by hand
 LEAST_ERROR = 1e-6  # of a surface, so that an exact fit has a finite density
@@ -80,13 +81,14 @@ class Tolerance:
                    meets the limit and the requirements
     limit          radian, largest error that is allowed
     surface_error  ln(error), leave-one-out error of the response surface
-    check_error    ln(error), rms difference to Monte Carlo at designs of the region that are
-                   not in the fit
+    check_error    ln(error), rms difference to the budget at designs of the region that are not in
+                   the fit
     expected       1, mean probability by the surface that these designs keep the limit and the
                    requirements
-    kept           1, fraction of them that did by Monte Carlo
-    checks         how many of these designs there were
-    evaluations    all designs that were evaluated
+    kept           1, fraction of them that do by the budget
+    checks         how many of these designs there are
+    centre         the design by trials, which correct the budget
+    designs        number of all that were forecast
     """
 
     space: DesignSpace
@@ -97,7 +99,8 @@ class Tolerance:
     expected: float
     kept: float
     checks: int
-    evaluations: tuple[Evaluation, ...]
+    centre: Evaluation
+    designs: int
 
     @property
     def samples(self) -> Floats:
@@ -106,51 +109,52 @@ class Tolerance:
 
 
 def sample(
-    case: Case,
-    campaign: Campaign,
-    runner: TrialRunner,
-    watch: Callable[[Evaluation], None] | None = None,
+    case: Case, campaign: Campaign, runner: TrialRunner, watch: Callable[[int], None] | None = None
 ) -> Tolerance:
     """Sample the tolerance region around a design.
 
-    Monte Carlo at designs of a Latin hypercube around the case; a quadratic fit of ln(error) and
-    of each margin; emcee (Foreman-Mackey et al. 2013, PASP 125, 306) on
+    Analytic budgets at designs of a Latin hypercube around the case, corrected by trials of the
+    case itself; a quadratic fit of ln(error) and of each margin; emcee (Foreman-Mackey et al. 2013,
+    PASP 125, 306) on
 
         p(design) ~ P(ln error <= ln limit) * prod_i P(margin_i >= 0)
 
-    with normal distributions of the surfaces' errors. The density has no Monte Carlo noise. Some
-    designs of the region are then evaluated by Monte Carlo to check the surface.
+    with normal distributions of the surfaces' errors. Some designs of the region are then forecast
+    to check the surface.
 
+    watch     called with the number of designs that were just forecast
     Raises    ValueError where the campaign names no variables or the centre cannot be tried.
-    Accuracy  model: a quadratic; its error is in the result, measured in two ways.
+    Accuracy  model: a quadratic, whose error is in the result, measured in two ways; and the
+              budget's differences from the centre, whose trials correct what it has in common.
     """
     space = DesignSpace(case, campaign.variables, campaign.links)
-    campaign = replace(campaign, trials=campaign.sample_trials, most_trials=campaign.sample_trials)
     d = len(space)
     low = np.maximum(space.start - campaign.span, 0)
     high = np.minimum(space.start + campaign.span, 1)
     rng = np.random.default_rng(runner.seed)
     cube = scipy.stats.qmc.LatinHypercube(d, rng=rng).random(designs_needed(d) - CHECKS)
     cube[0] = (space.start - low) / (high - low)
-    evaluations: list[Evaluation] = []
 
-    def measure(points: Floats) -> list[Evaluation]:
-        for u in points:
-            evaluations.append(evaluate(space, campaign, low + (high - low) * u, runner))
+    def forecast(points: Floats) -> list[Foresight]:
+        found = list[Foresight]()
+        for part in np.array_split(low + (high - low) * points, max(1, len(points) // PART)):
+            found += foresee_all(space, campaign, list(part), runner, dear=math.inf)
             if watch:
-                watch(evaluations[-1])
-        return evaluations[-len(points) :]
+                watch(len(part))
+        return found
 
-    tried = measure(cube)
-    if not tried[0].error > 0:
-        raise Refused(f"the design must work to be sampled around: {tried[0].note or 'unsolved'}")
-    at, results = _results(2 * cube - 1, tried)
+    known = forecast(cube)
+    centre = evaluate(space, campaign, space.start, runner, campaign.sample_trials, known=known[0])
+    if not (centre.error > 0 and centre.expected > 0):
+        raise Refused(f"the design must work to be sampled around: {centre.note or 'unsolved'}")
+    shift = _shift(centre, known[0])
+    at, results = _results(2 * cube - 1, known, shift)
     # A margin that is the same for all designs needs no surface.
     moving = np.ptp(results, axis=0) > 0
     if (results[0, 1:][~moving[1:]] < 0).any():
         raise Refused("the design misses a requirement that no variable changes")
     surface = fit(at, results[:, moving])
-    limit = math.log(tried[0].error) + math.log1p(campaign.margin)
+    limit = math.log(centre.error) + math.log1p(campaign.margin)
     log_probability = region(surface, limit)
 
     def middle(rng: np.random.Generator, n: int) -> Floats:
@@ -158,10 +162,9 @@ def sample(
 
     chains = draw(log_probability, middle, runner.seed, ledger=runner.ledger)
     picks = thinned(chains.flat, CHECKS)
-    checked = measure((picks + 1) / 2)
-    at, truth = _results(picks, checked)
+    at, truth = _results(picks, forecast((picks + 1) / 2), shift)
     difference = surface(at)[:, 0] - truth[:, 0] if len(at) else np.array([np.nan])
-    kept = [one.feasible and math.log(one.error) <= limit for one in checked]
+    kept = (truth[:, 0] <= limit) & (truth[:, 1:] >= 0).all(axis=1)
     return Tolerance(
         space,
         replace(chains, samples=low + (high - low) * (chains.samples + 1) / 2),
@@ -169,10 +172,20 @@ def sample(
         float(surface.error[0]),
         float(np.sqrt(np.mean(difference**2))),
         float(np.exp(log_probability(picks)).mean()),
-        float(np.mean(kept)),
+        float(kept.sum() / len(picks)),
         len(at),
-        tuple(evaluations),
+        centre,
+        designs_needed(d),
     )
+
+
+def _shift(centre: Evaluation, known: Foresight) -> Floats:
+    """What trials of the centre add to the budget's ln(error) and to each margin that both have.
+
+    The error of the surface is in ln(radian), as that of the trials.
+    """
+    apart = [centre.margins[name] - margin for name, margin in known.margins.items()]
+    return np.array([math.log(centre.error) - known.expected, *apart])
 
 
 def designs_needed(dimensions: int) -> int:
@@ -193,8 +206,11 @@ def region(surface: Surface, limit: float) -> Callable[[Floats], Floats]:
     return log_probability
 
 
-def _results(points: Floats, tried: list[Evaluation]) -> tuple[Floats, Floats]:
-    """Coordinates (n, d), and ln(error) and margins (n, k), of the designs that were solved."""
-    solved = [i for i, one in enumerate(tried) if one.error > 0]
-    rows = [[math.log(tried[i].error), *tried[i].margins.values()] for i in solved]
-    return points[solved], np.array(rows)
+def _results(points: Floats, found: list[Foresight], shift: Floats) -> tuple[Floats, Floats]:
+    """Coordinates (n, d), and ln(error) and margins (n, k), of designs that have an attitude.
+
+    shift  (k,) is added to each
+    """
+    solved = [i for i, one in enumerate(found) if math.isfinite(one.expected)]
+    rows = [[found[i].expected, *found[i].margins.values()] for i in solved]
+    return points[solved], np.array(rows).reshape(len(rows), -1) + shift

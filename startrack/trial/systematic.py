@@ -200,8 +200,8 @@ def systematic_variance(case: Case) -> Floats:
               assumes UNKNOWN_FLOOR; what a residual changes by with temperature is not known to the
               tracker.
     """
-    design = case.as_designed
-    as_designed = _systematic_variance(_of_any_device(design))
+    design = _of_any_device(case.as_designed)
+    as_designed = _systematic_variance(design)
     known = case.tracker.attitude.centroid_floor is not None
     if case.design is None or known or design.instrument.residual is None:
         return as_designed

@@ -1,13 +1,17 @@
 """Forecasts of known functions: the best is found, limits hold, and what is said is true."""
 
 import math
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from startrack.optimise import explore
+from startrack.design import DesignSpace
+from startrack.optimise import Ledger, TrialRunner, explore
 from startrack.optimise.evaluate import Foresight
 from startrack.optimise.explore import Explorer, Scale
+from startrack.optimise.forecast import forecasts
 
 
 class Requirements:
@@ -141,3 +145,39 @@ def test_a_chance_is_emulated_by_the_logarithm_of_what_it_lacks():
 def test_the_same_seed_goes_the_same_way(monkeypatch):
     first, second = (explored(monkeypatch, limited, 2, 40, seed=4) for _ in range(2))
     assert np.array_equal(first.points, second.points)
+
+
+def test_an_interrupted_search_computes_no_forecast_again(small, tmp_path, monkeypatch):
+    """Of five designs three were forecast before; and the same is known of all."""
+    space = DesignSpace(small.case, small.campaign.variables[:2])
+    computed = []
+
+    def counted(*args, **named):
+        computed.append(1)
+        return forecasts(*args, **named)
+
+    monkeypatch.setattr(sys.modules[Foresight.__module__], "forecasts", counted)
+    points = list(np.linspace(0.3, 0.5, 10).reshape(5, 2))
+    with Ledger(tmp_path / "ledger.sqlite") as ledger:
+        first = Explorer(space, small.campaign, TrialRunner(2, ledger=ledger))
+        first.forecast(points[:3])
+    before = len(computed)
+    with Ledger(tmp_path / "ledger.sqlite") as ledger:
+        again = Explorer(space, small.campaign, TrialRunner(2, ledger=ledger))
+        again.forecast(points[:3])
+        assert len(computed) == before > 0
+        assert again.values == first.values
+        again.forecast(points[3:])
+    assert len(computed) > before
+
+
+def test_a_design_that_costs_too_much_is_not_forecast(small):
+    """Its margins are known, and teach where the limit is; the objective is not."""
+    tight = replace(small.campaign.requirements, max_mass=0.01)
+    campaign = replace(small.campaign, requirements=tight, variables=small.campaign.variables[:2])
+    explorer = Explorer(DesignSpace(small.case, campaign.variables), campaign)
+    explorer.forecast([np.full(2, 0.5)])
+    (value,) = explorer.values
+    assert value.left_out
+    assert value.margins["mass"] < 0
+    assert not value.conditions

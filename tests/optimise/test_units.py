@@ -125,7 +125,8 @@ def test_start_and_best_are_compared_over_the_same_units():
 def test_the_noise_of_few_trials_does_not_raise_the_level_over_units():
     """Of units whose ln(error) scatters by 0.15: the level by 5 trials is that of the law.
 
-    Without the correction it is 17 % too large, three times the allowed difference.
+    Of 40 seeds it is 1.2 % too small in the mean and scatters by 2.1 %; without the correction it
+    is 10 % too large. The allowed difference is 5 %: a false alarm in 4 % of the seeds.
     """
     random, campaign = np.random.default_rng(3), replace(CAMPAIGN, fresh_units=400, unit_trials=5)
     error = 1e-5 * np.exp(0.15 * random.standard_normal(400))
