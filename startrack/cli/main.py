@@ -145,6 +145,8 @@ def _run(options: argparse.Namespace) -> int:
         terminal = import_module("startrack.cli.terminal")
         core = import_module("startrack.core")
         with (
+            # What overflows shows in the result, or is refused with a sentence.
+            import_module("numpy").errstate(all="ignore"),
             core.code_of_command(getattr(options, "allow_code", False)),
             core.limited_memory(memory_of(options, core.memory_limit())),
             terminal.report_compiling(),

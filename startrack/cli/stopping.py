@@ -157,6 +157,7 @@ def one_line(error: object) -> str:
     """What an error or a warning says, on one line of printable characters."""
     # A KeyError shows its key alone.
     text = f"no {error}" if isinstance(error, KeyError) else str(error)
+    text = ", ".join([text, *getattr(error, "__notes__", [])])  # such as the trial
     words = " ".join(text.split())
     clean = "".join(letter if letter.isprintable() else "?" for letter in words)
     return clean if len(clean) <= LONGEST else f"{clean[: LONGEST - 3]}..."

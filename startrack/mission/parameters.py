@@ -458,14 +458,14 @@ def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
 def _from(folder: Path, file: str) -> str:
     """The path of a file from a folder; as it is where they are on different drives."""
     try:
-        return Path(os.path.relpath(Path(file).resolve(), folder.resolve())).as_posix()
+        return Path(os.path.relpath(os.path.realpath(file), os.path.realpath(folder))).as_posix()
     except ValueError:
-        return str(Path(file).resolve())
+        return os.path.realpath(file)
 
 
 def _shipped_as(file: str, folder: Path) -> str:
     """The name of a shipped file, where no file of the folder has it; else its path from there."""
-    root, full = shipped("missions").resolve().parent, Path(file).resolve()
+    root, full = shipped("missions").resolve().parent, Path(os.path.realpath(file))
     if full.is_relative_to(root) and not (folder / full.relative_to(root)).exists():
         return full.relative_to(root).as_posix()
     return _from(folder, file)

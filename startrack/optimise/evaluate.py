@@ -124,6 +124,10 @@ def evaluate(
         return Evaluation(
             tuple(coordinates), values, math.nan, math.nan, refused, {}, None, str(reason)
         )
+    except Exception as fault:
+        named_values = ", ".join(f"{name} = {value:g}" for name, value in values.items())
+        fault.add_note(f"of the design with {named_values}")
+        raise
     summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
     for one in judged if tried else ():
         by_trials = tried.get(one.name)
