@@ -122,6 +122,7 @@ def across(outcomes):
     return np.sqrt(np.mean(outcomes["error_x"] ** 2 + outcomes["error_y"] ** 2))
 
 
+@pytest.mark.slow
 def test_windows_with_an_own_centroid_are_as_frames(installed, plain):
     case = changed(plain, CENTROID)
     windows, frames = (run_trials(case, 5, range(3), one) for one in list(Fidelity)[1::-1])

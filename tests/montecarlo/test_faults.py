@@ -117,6 +117,7 @@ def test_the_time_budget_does_not_follow_the_wall_clock(case, outcomes, monkeypa
     assert 10 * 10 <= len(got) <= 20 * 10
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
     store = tmp_path / "campaign.sqlite"
     command = [*COMMAND, "--store", str(store), "--trials", "1000000", "--workers", "2"]
