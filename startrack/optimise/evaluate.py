@@ -243,8 +243,8 @@ def foresee_all(
         return [one(case) for case in cases]
     keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
     held = {key: runner.ledger.forecast(key) for key in keys}
-    new = [(key, case) for key, case in zip(keys, cases, strict=True) if key and not held[key]]
-    for (key, _), found in zip(new, runner.map(one, [case for _, case in new]), strict=True):
+    new = {key: case for key, case in zip(keys, cases, strict=True) if key and not held[key]}
+    for key, found in zip(new, runner.map(one, new.values()), strict=True):
         held[key] = found.text()
         runner.ledger.keep_forecast(key, held[key])
     return [Foresight.read(held[key]) if key else NOTHING for key in keys]
