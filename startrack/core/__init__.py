@@ -120,6 +120,7 @@ from startrack.core.values import (
     LineOfSight,
     Matches,
     Psf,
+    PsfTable,
     Spots,
     Stars,
     Status,
