@@ -1,11 +1,13 @@
 """How large is the package, and does it lean on names that other packages do not publish?
 
-python experiments/house.py [--json FILE] [--quick]
+python experiments/house.py [--json FILE] [--quick] [--numba VERSION ...]
 
 Counts lines and files of the package, public names, and names of other packages that begin with an
 underscore or stand in numba's inside, outside the one file that may use them
-(startrack/core/compiler.py). Then times the first and a later `startrack simulate`, which --quick
-leaves out. `python experiments/speed.py --against COMMIT` times the stages beside another commit.
+(startrack/core/compiler.py). Then times the first and a later `startrack simulate`, compares trials
+on plain numba, counts the places that an addition takes by the tests that make it, and times the
+stages beside commit 975808b, all of which --quick leaves out. With --numba a few tests run on other
+versions of numba, which pip puts beside this one.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import argparse
 import ast
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -23,15 +26,29 @@ from pathlib import Path
 from typing import Any
 
 import command
+import speed_against
 
 import startrack
 
 HOME = Path(startrack.__file__).parent
 OPTIONAL = HOME / "core" / "compiler.py"  # may use what numba does not publish
+REFERENCE = "975808b"  # commit that kernels are compared with
+PLACES = {"one": 1, "two": 2, "three": 3}
+TESTS = ("tests/core/test_kernel.py", "tests/test_places_to_add.py")  # of a version of numba
+TRIALS = """
+import hashlib, sys
+if len(sys.argv) > 1:
+    sys.modules["startrack.core.compiler"] = None  # as where numba has other names
+from startrack import Fidelity, load_design, run_trials, shipped
+case = load_design(shipped("designs/noise_only.toml")).case
+for fidelity in Fidelity:
+    print(hashlib.sha256(run_trials(case, 1, range(2), fidelity).tobytes()).hexdigest())
+"""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--numba", nargs="+", default=[], metavar="VERSION", help="to test with")
     options = command.read(parser)
     files = [path for path in HOME.rglob("*.py*") if path.suffix in (".py", ".pyi")]
     private = [name for path in files if path != OPTIONAL for name in private_names(path)]
@@ -46,6 +63,13 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             for name in ("simulate_cold_s", "simulate_warm_s"):
                 figures[name] = simulate(Path(folder))
+            figures["plain_numba_same"] = int(plain_numba_same(Path(folder)))
+        figures["places_to_add"] = places_to_add()
+        if speed_against.is_checkout():
+            stages = speed_against.compare(REFERENCE, False)
+            figures["kernel_ratio"] = {name: row["ratio"] for name, row in stages.items()}
+    if options.numba:
+        figures["numba_versions"] = {version: passed_on(version) for version in options.numba}
     print(json.dumps(figures, indent=1))
     command.save(options, figures)
 
@@ -87,6 +111,41 @@ def simulate(folder: Path) -> float:
     began = time.perf_counter()
     subprocess.run(words, env=environment, check=True, capture_output=True)
     return time.perf_counter() - began
+
+
+def plain_numba_same(folder: Path) -> bool:
+    """Whether trials of all fidelities are the same, to the bit, without numba's inside."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "kernels")}
+    outcomes = [
+        subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", TRIALS, *words],
+            env=environment, check=True, capture_output=True,
+        ).stdout
+        for words in ([], ["plain"])
+    ]  # fmt: skip
+    return outcomes[0] == outcomes[1]
+
+
+def places_to_add() -> dict[str, int | None]:
+    """Places by what is added, as tests say that make each addition; None where one fails."""
+    words = [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider", TESTS[1]]
+    shown = subprocess.run(words, cwd=HOME.parent, capture_output=True, text=True).stdout
+    found = re.findall(r"::test_an?_(\w+)_is_(one|two|three)_places? (PASSED|FAILED)", shown)
+    return {name: PLACES[count] if end == "PASSED" else None for name, count, end in found}
+
+
+def passed_on(version: str) -> bool:
+    """Whether TESTS pass on a version of numba, which pip puts into a folder for as long."""
+    with tempfile.TemporaryDirectory() as folder:
+        words = ["-m", "pip", "install", "--quiet", "--target", folder, f"numba=={version}"]
+        subprocess.run([sys.executable, *words], check=True)
+        paths = [folder, str(HOME.parent)]
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(paths), "NUMBA_CACHE_DIR": f"{folder}/kernels",
+        }  # fmt: skip
+        words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", *TESTS]
+        ended = subprocess.run([sys.executable, *words], cwd=HOME.parent, env=environment)
+    return ended.returncode == 0
 
 
 if __name__ == "__main__":

@@ -25,6 +25,12 @@ _specification = importlib.util.spec_from_file_location(
 )
 command = importlib.util.module_from_spec(_specification)
 _specification.loader.exec_module(command)
+# Those whose smallest sizes take longest: all others together take as long.
+LONG = {
+    "all", "attitude", "budget_against_trials", "camera_posterior", "cameras", "campaign", "design",
+    "earth_loop", "ecosystem", "exclusion", "fidelities", "first_run", "identification", "lens",
+    "optimiser", "profile_trial", "radiometry", "robust", "search", "speed", "terrain",
+}  # fmt: skip
 EXPECTED = {
     name: command.expectations(name)
     for name in tomllib.loads((ROOT / "experiments" / "expected.toml").read_text())
@@ -96,7 +102,13 @@ def parent():
         process.stdin.close()
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(path, id=path.stem, marks=pytest.mark.slow if path.stem in LONG else ())
+        for path in SCRIPTS
+    ],
+)
 def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
     assert "command.read(" in script.read_text(), (
         f"{script.name} must read its options with `command.read`, which adds --quick and --json, "
@@ -113,6 +125,10 @@ def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
     assert left == ["figures.json", "stderr", "stdout"], (
         f"{script.name} --quick must leave no file that is not asked for"
     )
+
+
+def test_a_long_experiment_is_one():
+    assert {path.stem for path in SCRIPTS} >= LONG
 
 
 def test_expectations_are_of_experiments_and_their_claims_stand_in_the_pages():

@@ -106,7 +106,7 @@ def _identifier(records: Records) -> Ints:
     parts = [text.split() for text in records.columns["TYC"]]
     for line, part in zip(records.line, parts, strict=True):
         if len(part) != 3 or not all(digits.isdecimal() and len(digits) < 6 for digits in part):
-            raise ValueError(
+            raise Refused(
                 f"{records.path}, line {line}: TYC must be three numbers, got {' '.join(part)!r}"
             )
     region, number, component = np.array(parts, np.int64).T
@@ -164,16 +164,16 @@ def column_names(columns: tuple[str, ...]) -> dict[str, str]:
     for text in columns:
         quantity, equals, name = (part.strip() for part in text.partition("="))
         if not equals or quantity not in MAPPED or not name or quantity in named:
-            raise ValueError(
+            raise Refused(
                 f"columns must each be QUANTITY=COLUMN, with each quantity once, of "
                 f"{', '.join(MAPPED)}, got {text!r}"
             )
         named[quantity] = name
     for either in (("ra",), ("dec",), ("magnitude_g", "magnitude_v"), ("epoch",)):
         if not set(either) & set(named):
-            raise ValueError(f"columns must name {' or '.join(either)}, got {', '.join(columns)}")
+            raise Refused(f"columns must name {' or '.join(either)}, got {', '.join(columns)}")
     if "magnitude_g" in named and "magnitude_v" in named:
-        raise ValueError("columns must name one of magnitude_g and magnitude_v, got both")
+        raise Refused("columns must name one of magnitude_g and magnitude_v, got both")
     return named
 
 
@@ -199,7 +199,7 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     pm_ra, pm_dec, parallax = (values.get(n, nothing) for n in ("pm_ra", "pm_dec", "parallax"))
     epochs = np.unique(values["epoch"])
     if len(epochs) != 1:
-        raise ValueError(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
+        raise Refused(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
     return assemble(
         path,
         float(epochs[0]),
@@ -218,7 +218,7 @@ def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
         except ValueError:
             pass
     if name.lower() not in table.colnames:
-        raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+        raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
     values, wanted = numbers(path, table, name.lower()), MAPPED[quantity]
     given = table[name.lower()].unit
     if given is None or not wanted:
@@ -226,7 +226,7 @@ def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
     try:
         return np.asarray(values * given.to(wanted), float)
     except Exception:  # astropy's own, and those of units that it does not know
-        raise ValueError(
+        raise Refused(
             f"{path}: {name} must have a unit that converts to {wanted}, got {given}"
         ) from None
 
@@ -245,7 +245,7 @@ def read_hyg(path: Path) -> Catalog:
     table = csv_table(path)
     for name in ("id", "hip", "ra", "dec", "mag", "dist"):
         if name not in table.colnames:
-            raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+            raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
     line = np.arange(2, len(table) + 2)
     stars = numbers(path, table, "mag") > -20
     table, line = table[stars], line[stars]
@@ -253,7 +253,7 @@ def read_hyg(path: Path) -> Catalog:
     identifier = np.where(hip > 0, -hip, number)
     wrong = ~(np.abs(identifier) < 2.0**63)
     if wrong.any():
-        raise ValueError(f"{path}, line {line[np.argmax(wrong)]}: id must be a whole number")
+        raise Refused(f"{path}, line {line[np.argmax(wrong)]}: id must be a whole number")
     identifier = identifier.astype(np.int64)
     distance = numbers(path, table, "dist")
     near = (distance > 0) & (distance < UNKNOWN_DISTANCE)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from startrack.core import Floats, Ints, require_memory, shown
+from startrack.core import Floats, Ints, Refused, require_memory, shown
 from startrack.io import read_bytes, require_fits, unpacked
 
 NEEDED = 5  # bytes of memory for a byte of text; Tycho-2 takes 2.5 GB for 0.5 GB
@@ -48,7 +48,7 @@ class Records:
             )
         if len(bad):
             where = f"{self.path}, line {self.line[bad[0]]}"
-            raise ValueError(f"{where}: {name} must be a number, got {texts[bad[0]]!r}")
+            raise Refused(f"{where}: {name} must be a number, got {texts[bad[0]]!r}")
         return values
 
     def integers(self, name: str) -> Ints:
@@ -61,9 +61,9 @@ class Records:
         if len(wrong):
             text = self.columns[name][wrong[0]]
             where = f"{self.path}, line {self.line[wrong[0]]}"
-            raise ValueError(f"{where}: {name} must be a whole number, got {text!r}")
+            raise Refused(f"{where}: {name} must be a whole number, got {text!r}")
         if (np.abs(values) >= 2.0**63).any() or np.isnan(values).any():
-            raise ValueError(f"{self.path}: {name} must be a number of 64 bits in each line")
+            raise Refused(f"{self.path}: {name} must be a number of 64 bits in each line")
         return values.astype(np.int64)
 
 
@@ -89,7 +89,7 @@ def fixed_width(
     lines = text_lines(path, record)
     for number, line in enumerate(lines, 1):
         if len(line) < needed:
-            raise ValueError(
+            raise Refused(
                 f"{path}, line {number}: must have at least {needed} characters, got {len(line)}"
             )
     columns = {
@@ -113,7 +113,7 @@ def separated(path: Path, fields: Mapping[str, int], count: int, record: int) ->
     for number, line in enumerate(lines, 1):
         row = line.split("|")
         if len(row) != count:
-            raise ValueError(
+            raise Refused(
                 f"{path}, line {number}: must have {count} fields between bars, got {len(row)}"
             )
         for name, place in fields.items():
@@ -132,7 +132,7 @@ def text_lines(path: Path, record: int) -> list[str]:
     text = content(path)
     lines = text.splitlines()
     if not text.endswith("\n") and len(lines[-1]) < record:
-        raise ValueError(
+        raise Refused(
             f"{path}, line {len(lines)}: the last line must be whole, got {len(lines[-1])} "
             f"characters and no end of line: the file is cut"
         )
@@ -147,9 +147,9 @@ def content(path: Path) -> str:
     data = unpacked(path, read_bytes(path, "a star catalogue"), NEEDED)
     require_memory(len(data) * NEEDED, f"{path}, a star catalogue of {len(data)} bytes,")
     if not data.strip():
-        raise ValueError(f"{path} must hold stars, got an empty file")
+        raise Refused(f"{path} must hold stars, got an empty file")
     if b"\0" in data:
-        raise ValueError(f"{path} must be text, got a zero byte at {data.index(0)}")
+        raise Refused(f"{path} must be text, got a zero byte at {data.index(0)}")
     return data.decode("latin-1")
 
 
@@ -163,7 +163,7 @@ def csv_table(path: Path, ended: bool = True) -> Any:
 
     text = content(path)
     if ended and not text.endswith("\n"):
-        raise ValueError(
+        raise Refused(
             f"{path}, line {len(text.splitlines())}: the last line must end, got "
             f"{text.splitlines()[-1][-20:]!r} and no end of line: the file is cut"
         )
@@ -177,7 +177,7 @@ def csv_table(path: Path, ended: bool = True) -> Any:
     except MemoryError:
         raise
     except Exception as error:  # of the parts of its parsers, which each raise their own
-        raise ValueError(
+        raise Refused(
             f"{path} must be a table of comma-separated rows, got: {_first_line(error)}"
         ) from None
     return in_lower_case(path, table)
@@ -191,7 +191,7 @@ def in_lower_case(path: Path, table: Any) -> Any:
     names = [name.lower() for name in table.colnames]
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"{path} must have one column {shown(name)}, got {names.count(name)}")
+            raise Refused(f"{path} must have one column {shown(name)}, got {names.count(name)}")
     table.rename_columns(table.colnames, names)
     return table
 
@@ -211,11 +211,11 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
     try:
         values = np.asarray(np.ma.filled(np.ma.asarray(column).astype(float), np.nan))
     except (ValueError, TypeError, OverflowError):
-        raise ValueError(
+        raise Refused(
             f"{path}: {name} must be numbers, got {shown(column[0])} and others"
         ) from None
     if values.shape != (len(table),):
-        raise ValueError(f"{path}: {name} must be a number in each row, got {values.shape[1:]}")
+        raise Refused(f"{path}: {name} must be a number in each row, got {values.shape[1:]}")
     return values
 
 
@@ -226,12 +226,10 @@ def whole_numbers(path: Path, table: Any, name: str) -> Ints:
     """
     column = table[name]
     if column.dtype.kind not in "iu" or column.shape != (len(table),):
-        raise ValueError(f"{path}: {name} must be whole numbers, got {shown(column[0])}")
+        raise Refused(f"{path}: {name} must be whole numbers, got {shown(column[0])}")
     masked = np.ma.getmaskarray(np.ma.asarray(column))
     if masked.any():
-        raise ValueError(
-            f"{path}: {name} must be in each row, got none in row {masked.argmax() + 1}"
-        )
+        raise Refused(f"{path}: {name} must be in each row, got none in row {masked.argmax() + 1}")
     return np.asarray(column, np.int64)
 
 
@@ -254,7 +252,7 @@ def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) ->
                 if not (0 <= minutes < 60 and 0 <= seconds <= 60):
                     raise ValueError
             except ValueError:
-                raise ValueError(
+                raise Refused(
                     f"{records.path}, line {records.line[i]}: {name} must be three numbers such "
                     f"as 16 42 58, got {text!r}"
                 ) from None
@@ -285,7 +283,7 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
             with fits.open(io.BytesIO(data), checksum=True, memmap=False) as file:
                 tables = [unit for unit in file if isinstance(unit, fits.BinTableHDU)]
                 if not tables:
-                    raise ValueError("it has no table")
+                    raise Refused("it has no table")
                 header, data = tables[0].header, tables[0].data
                 columns = {
                     name.lower(): data[name].astype(data[name].dtype.newbyteorder("="))
@@ -294,7 +292,7 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
     except (MemoryError, FileNotFoundError):
         raise
     except Exception as error:  # astropy and numpy each raise their own
-        raise ValueError(f"{path} must be a whole FITS table, got: {_first_line(error)}") from None
+        raise Refused(f"{path} must be a whole FITS table, got: {_first_line(error)}") from None
     return header, columns
 
 
@@ -320,10 +318,10 @@ def votable(path: Path) -> Any:
     except (MemoryError, FileNotFoundError):
         raise
     except Exception as error:  # expat, astropy and numpy each raise their own
-        raise ValueError(f"{path} must be a whole VOTable, got: {_first_line(error)}") from None
+        raise Refused(f"{path} must be a whole VOTable, got: {_first_line(error)}") from None
     said = NROWS.search(data)  # astropy does not hold the file to it
     if said and int(said[1]) != len(table):
-        raise ValueError(f"{path} must have the {int(said[1])} rows it says, got {len(table)}")
+        raise Refused(f"{path} must have the {int(said[1])} rows it says, got {len(table)}")
     return in_lower_case(path, table)
 
 

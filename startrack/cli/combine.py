@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -70,7 +71,7 @@ def _must_be_several(paths: list[Path]) -> None:
         raise WrongUse(
             f"campaigns must be two or more, each of a different fidelity, got {paths[0]}"
         )
-    files = [path.resolve() for path in paths]
+    files = [os.path.realpath(path) for path in paths]
     for path, resolved in zip(paths, files, strict=True):
         if files.count(resolved) > 1:
             raise WrongUse(f"campaigns must be different files, got {path} more than once")

@@ -8,18 +8,25 @@ from __future__ import annotations
 
 import argparse
 import gc
+import io
 import os
 import sys
 import traceback
 import warnings
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
 from importlib import import_module
 from typing import TextIO, cast
 
 from startrack import __version__
 from startrack.cli.options import load, memory_of, postpone
-from startrack.cli.stopping import ignore_signals, one_line, status_and_sentence, stopped_by_signals
+from startrack.cli.stopping import (
+    ignore_signals,
+    one_line,
+    open_streams,
+    status_and_sentence,
+    stopped_by_signals,
+)
 
 # Each command is a file of this name with `declare`, its table of options, and `command(options)`.
 # Only that of the called command is imported, and what it computes with when it runs.
@@ -90,18 +97,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     with stopped_by_signals():
         try:
+            if alone:
+                open_streams()
             # Imports what the command needs, which takes seconds that a signal may fall into.
-            status, message = _run(_parser(arguments).parse_args(arguments)), ""
+            status, message = _run(_parsed(arguments)), ""
         except (Exception, KeyboardInterrupt) as error:
             status, message = status_and_sentence(error)
             if "--debug" in arguments and not isinstance(error, KeyboardInterrupt):
                 traceback.print_exception(error)
     if message:
-        print(f"startrack {_called(arguments)}: {message}", file=sys.stderr)
+        with suppress(OSError):  # where nobody can read it, the status says enough
+            print(f"startrack {_called(arguments)}: {message}", file=sys.stderr)
     if alone:
         ignore_signals()
         gc.freeze()  # or Python looks for garbage in all that the process leaves: 0.6 s
     return int(status)
+
+
+def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options of a command; ends where only help was asked for.
+
+    Raises  OSError where help cannot be written, which argparse keeps to itself.
+    """
+    text = io.StringIO()
+    try:
+        with redirect_stdout(text):
+            return _parser(arguments).parse_args(arguments)
+    except SystemExit:
+        print(text.getvalue(), end="", flush=True)
+        raise
 
 
 def _called(arguments: Sequence[str]) -> str:
@@ -121,6 +145,8 @@ def _run(options: argparse.Namespace) -> int:
         terminal = import_module("startrack.cli.terminal")
         core = import_module("startrack.core")
         with (
+            # What overflows shows in the result, or is refused with a sentence.
+            import_module("numpy").errstate(all="ignore"),
             core.code_of_command(getattr(options, "allow_code", False)),
             core.limited_memory(memory_of(options, core.memory_limit())),
             terminal.report_compiling(),

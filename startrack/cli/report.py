@@ -50,7 +50,7 @@ def command(options: argparse.Namespace) -> int:
             options.conditions,
         )
         store = Store(options.campaign)
-        store.require_code()
+        store.require_inputs()
     with store, progress("trials repeated", repeated(store, depth)) as advance:
         html = write_report(store, title, depth, advance, options.author)
         trials = len(store.outcomes())

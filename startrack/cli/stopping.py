@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -94,6 +95,25 @@ def ignore_signals() -> None:
             signal.signal(getattr(signal, name), signal.SIG_IGN)
 
 
+def open_streams() -> None:
+    """Open what is closed of the standard streams, so that no other file gets its number.
+
+    Raises  OSError without a standard output, since results go there.
+    """
+    closed = False
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+            setattr(sys, name, os.fdopen(number, mode))
+            if name == "stdout":
+                closed = True
+    if closed:
+        raise OSError("standard output must be open, such as > /dev/null")
+
+
 def status_and_sentence(error: BaseException) -> tuple[int, str]:
     """The exit status and the sentence of what a command raised."""
     match error:
@@ -105,8 +125,11 @@ def status_and_sentence(error: BaseException) -> tuple[int, str]:
             return Exit.WRONG_USE, one_line(error)
         case BrokenPipeError():
             # What reads the output has ended, such as `head`: no one would read a message.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            _drop_output()
             return Exit.FAILED, ""
+        case OSError(errno=errno.ENOSPC, filename=None):
+            _drop_output()  # what it still holds does not fit either
+            return Exit.FAILED, one_line(error)
         case OSError(filename=str() | bytes() as name):
             return Exit.FAILED, f"{os.fsdecode(name)}: {error.strerror}"
         case BrokenExecutor():
@@ -126,10 +149,15 @@ def status_and_sentence(error: BaseException) -> tuple[int, str]:
     )
 
 
+def _drop_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+
+
 def one_line(error: object) -> str:
     """What an error or a warning says, on one line of printable characters."""
     # A KeyError shows its key alone.
     text = f"no {error}" if isinstance(error, KeyError) else str(error)
+    text = ", ".join([text, *getattr(error, "__notes__", [])])  # such as the trial
     words = " ".join(text.split())
     clean = "".join(letter if letter.isprintable() else "?" for letter in words)
     return clean if len(clean) <= LONGEST else f"{clean[: LONGEST - 3]}..."

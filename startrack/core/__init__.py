@@ -40,6 +40,7 @@ from startrack.core.checks import (
     within,
 )
 from startrack.core.declared import (
+    FILE,
     FINITE,
     NON_NEGATIVE,
     NUMBER_OR_TEXT,
@@ -51,6 +52,7 @@ from startrack.core.declared import (
     bare,
     code_in,
     fields_of,
+    inputs_of,
     unit_of,
 )
 from startrack.core.extension import (
@@ -59,10 +61,12 @@ from startrack.core.extension import (
     allow_code,
     call_code,
     code_of_command,
+    file_digest,
     is_code,
     origin_of,
     require_code,
     returned,
+    software,
     used_code,
 )
 from startrack.core.field_psf import LEAST, FieldPsf
@@ -116,6 +120,7 @@ from startrack.core.values import (
     LineOfSight,
     Matches,
     Psf,
+    PsfTable,
     Spots,
     Stars,
     Status,

@@ -14,10 +14,19 @@ import types
 import typing
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from startrack.core.checks import finite, non_negative, one_of, positive, refusal, whole, within
-from startrack.core.extension import full_name, is_code, one_of_or_code, received, sent_with
+from startrack.core.extension import (
+    file_digest,
+    full_name,
+    is_code,
+    one_of_or_code,
+    origin_of,
+    received,
+    sent_with,
+)
 from startrack.core.units import Unit
 
 NUMBER_OR_TEXT = float | str
@@ -30,6 +39,7 @@ class Range(NamedTuple):
     above      whether `low` itself is not allowed
     choices    the texts of which it must be one; empty where any is allowed
     code       group of code that it may name instead, as module:function; "" for none
+    file       whether it may be the path of a file, on whose content a result depends
     """
 
     low: float = -math.inf
@@ -37,6 +47,7 @@ class Range(NamedTuple):
     above: bool = False
     choices: Collection[str] = ()
     code: str = ""
+    file: bool = False
 
     def holds(self, value: float) -> bool:
         """Whether a number lies within."""
@@ -45,6 +56,8 @@ class Range(NamedTuple):
     def check(self, name: str, value: Any, integer: bool) -> None:
         """Refuse a value outside."""
         named: dict[str, Any] = {name: value}
+        if self.file:
+            return
         if self.code:
             one_of_or_code(self.choices, **named)
         elif self.choices:
@@ -67,6 +80,7 @@ class Range(NamedTuple):
 FINITE = Range()
 POSITIVE = Range(0.0, above=True)
 NON_NEGATIVE = Range(0.0)
+FILE = Range(file=True)
 
 
 class Field(NamedTuple):
@@ -185,16 +199,36 @@ def _with_full_names(rule: _Rule, value: Any) -> Any:
 
 def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
     """Key, group and name of all code that a parameter object names."""
+    for key, rule, name in _named_in(value, place):
+        if rule.code and is_code(name):
+            yield key, rule.code, name
+
+
+def inputs_of(value: Any) -> dict[str, str]:
+    """Key and name of the files and of the code that a parameter object names -> their digests.
+
+    What a result depends on beside the values of the object. What is shipped with startrack is
+    not among them.
+    """
+    digests = {}
+    for key, rule, name in _named_in(value):
+        if rule.code and is_code(name):
+            digests[f"{key} {name}"] = origin_of(key, name).digest
+        elif rule.file and name and Path(name).is_file():
+            digests[f"{key} {name}"] = file_digest(Path(name))
+    return digests
+
+
+def _named_in(value: Any, place: str = "") -> Iterator[tuple[str, Range, str]]:
     kind: Any = type(value)
     for name, field in fields_of(kind).items():
         inner = getattr(value, name)
         where = f"{place}.{name}" if place else name
         for item in inner if isinstance(inner, tuple) else (inner,):
-            if field.range and field.range.code:
-                if is_code(item):
-                    yield where, field.range.code, item
+            if field.range and (field.range.code or field.range.file):
+                yield where, field.range, item
             elif hasattr(item, "__dataclass_fields__"):
-                yield from code_in(item, where)
+                yield from _named_in(item, where)
 
 
 class CarriesCode(Parameters):

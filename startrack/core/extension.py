@@ -14,7 +14,7 @@ import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from importlib import import_module, metadata
 from pathlib import Path
 from types import ModuleType
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from startrack.core.checks import Refused, refusal, shown
 
+WITHOUT_RESULTS = {"benchmark", "cli", "plots", "report"}  # rooms that change no trial
 ENVIRONMENT = "STARTRACK_ALLOW_CODE"
 FORM = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 SOURCES = (".py", ".so", ".pyd")
@@ -235,6 +236,32 @@ def _digest(package: ModuleType) -> str:
         content = path.read_bytes()
         total.update(f"{name}\0{len(content)}\0".encode() + content)
     return total.hexdigest()
+
+
+@cache
+def software() -> str:
+    """Version of startrack, with a digest of its sources where it has them: "0.1.0+1a2b3c4d"."""
+    import startrack
+
+    home, state = Path(startrack.__file__).parent, hashlib.blake2b(digest_size=4)
+    for path in sorted(home.rglob("*.py")):
+        place = path.relative_to(home)
+        if place.parts[0] not in WITHOUT_RESULTS:
+            state.update(f"\n{place.as_posix()}\n".encode() + path.read_bytes())
+    has_sources = (home / "__init__.py").exists()
+    return f"{startrack.__version__}+{state.hexdigest()}" if has_sources else startrack.__version__
+
+
+def file_digest(path: Path) -> str:
+    """Of the content of a file."""
+    status = path.stat()
+    return _file_digest(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=64)
+def _file_digest(path: Path, modified: int, size: int) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 
 
 def sent_with(named: Iterable[tuple[str, str, str]]) -> dict[str, str]:

@@ -11,7 +11,7 @@ from startrack.core.arrays import Floats
 from startrack.core.interpolation import lagrange_weights, local_weights
 from startrack.core.interpret import instead_of
 from startrack.core.kernel import kernel
-from startrack.core.values import Psf
+from startrack.core.values import Psf, PsfTable, arranged
 
 # Electron in a pixel, below which a term of a star is left out, and the curve between the samples
 # of its table; chosen by hand.
@@ -55,6 +55,11 @@ class FieldPsf:
         at = (np.ascontiguousarray(array, float) for array in (x, y, colour))
         _add_near(self.value, self.x, self.y, self.colour, *at, values)
         return values
+
+    @cached_property
+    def arranged(self) -> PsfTable:
+        """The tables for the kernels."""
+        return arranged(self.table, self.oversampling, several=True)
 
     @cached_property
     def peak(self) -> Floats:

@@ -6,6 +6,8 @@ import html
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +128,75 @@ class Light:
     stray_sources: tuple[StrayLightSource, ...] = ()
 
 
+EMPTY = np.empty(0)
+NO_BEND = np.array([np.inf])
+# Of the peak, by which a table may differ from the product of its middle lines.
+PRODUCT_TOLERANCE = 1e-14
+
+
+class PsfTable(NamedTuple):
+    """The tables of a PSF, arranged for the kernels.
+
+    The pixels of a star are `oversampling` samples apart. So a star is the sum of 36 images, one
+    for each interpolation weight, whose pixels are neighbours when the table is sorted by strides.
+
+    strides       (oversampling, oversampling, k) 1, for each first row and column of samples: the
+                  pixels row by row, `across` of them in a row; of the first table
+    several       (tables, oversampling, oversampling, k) float32, of all tables of a FieldPsf
+    bend          (tables,) 1, error of straight lines between the samples of each table of a
+                  FieldPsf; infinite otherwise
+    line, column  (m,) along x and along y, whose product is the only table; empty otherwise
+    samples       along a side of a table
+    oversampling  samples per pixel
+    across        pixels of a side of the table, rounded up
+    """
+
+    strides: Floats
+    several: NDArray[np.float32]
+    bend: Floats
+    line: Floats
+    column: Floats
+    samples: int
+    oversampling: int
+    across: int
+
+
+def arranged(tables: Floats, oversampling: int, several: bool) -> PsfTable:
+    """Tables (k, m, m) of a PSF for the kernels; `several`: of a FieldPsf."""
+    count, side, _ = tables.shape
+    step = oversampling
+    across = -(-side // step)
+    padded = np.zeros((count, across * step, across * step))
+    padded[:, :side, :side] = tables
+    strides = padded.reshape(count, across, step, across, step).transpose(0, 2, 4, 1, 3)
+    # Kernels read whole rows, also from the last pixels on.
+    room = np.zeros((count, step, step, across * (across + 2)))
+    room[..., : across**2] = strides.reshape(count, step, step, -1)
+    if several:
+        lines, bend = (EMPTY, EMPTY), np.array([_bend(table) for table in tables])
+        all_tables = np.ascontiguousarray(room, np.float32)
+    else:
+        lines, bend = _separate(tables[0]), NO_BEND
+        all_tables = np.empty((0, *room.shape[1:]), np.float32)
+    return PsfTable(room[0].copy(), all_tables, bend, *lines, side, step, across)
+
+
+def _bend(table: Floats) -> float:
+    """Largest error of straight lines between samples: an eighth of the second differences."""
+    return sum(float(np.abs(np.diff(table, 2, axis=axis)).max()) for axis in (0, 1)) / 8
+
+
+def _separate(table: Floats) -> tuple[Floats, Floats]:
+    """The line (along x) and the column of which the table is the product, if it is one."""
+    middle = table.shape[0] // 2
+    line, column, peak = table[middle], table[:, middle], table[middle, middle]
+    alike = (
+        peak > 0
+        and np.abs(np.outer(column, line) - table * peak).max() <= PRODUCT_TOLERANCE * peak**2
+    )
+    return (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else (EMPTY, EMPTY)
+
+
 @dataclass(frozen=True, eq=False)
 class Psf:
     """The image of a point, integrated over pixels.
@@ -145,6 +216,11 @@ class Psf:
     def half_width(self) -> float:
         """Pixel, from the centre of the table to its edge."""
         return (self.table.shape[0] // 2) / self.oversampling
+
+    @cached_property
+    def arranged(self) -> PsfTable:
+        """The table for the kernels."""
+        return arranged(self.table[None], self.oversampling, several=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,50 +3,14 @@
 from __future__ import annotations
 
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import LEAST, FieldPsf, Floats, Psf, instead_of, kernel, read_only
+from startrack.core import LEAST, FieldPsf, Floats, Psf, PsfTable, instead_of, kernel, read_only
 
 UNIT_GAIN = read_only(np.ones((1, 1)))
-EMPTY = np.empty(0)
-NO_BEND = np.array([np.inf])
 TAPS = 6
-PRODUCT_TOLERANCE = (
-    1e-14  # of the peak, by which a table may differ from the product of its middle lines
-)
-
-
-class PsfTable(NamedTuple):
-    """The tables of a PSF, arranged for the kernels.
-
-    The pixels of a star are `oversampling` samples apart. So a star is the sum of 36 images, one
-    for each interpolation weight, whose pixels are neighbours when the table is sorted by strides.
-
-    strides       (oversampling, oversampling, k) 1, for each first row and column of samples: the
-                  pixels row by row, `across` of them in a row; of the first table
-    several       (tables, oversampling, oversampling, k) float32, of all tables of a FieldPsf
-    bend          (tables,) 1, error of straight lines between the samples of each table of a
-                  FieldPsf; infinite otherwise
-    line, column  (m,) along x and along y, whose product is the only table; empty otherwise
-    samples       along a side of a table
-    oversampling  samples per pixel
-    across        pixels of a side of the table, rounded up
-    """
-
-    strides: Floats
-    several: NDArray[np.float32]
-    bend: Floats
-    line: Floats
-    column: Floats
-    samples: int
-    oversampling: int
-    across: int
-
-
-_shapes: WeakKeyDictionary[Psf | FieldPsf, PsfTable] = WeakKeyDictionary()
 
 
 def stamp(
@@ -85,45 +49,7 @@ def stamp_paths(
     even = UNIT_GAIN if gain is None else read_only(gain)
     # One layout: the kernel is compiled anew for each.
     x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
-    _stamp(image, psf_table(psf), weight, x, y, electrons, even)
-
-
-def psf_table(psf: Psf | FieldPsf) -> PsfTable:
-    """The arranged tables of a PSF, made once."""
-    if psf not in _shapes:
-        tables = psf.table if isinstance(psf, FieldPsf) else psf.table[None]
-        count, side, _ = tables.shape
-        step = psf.oversampling
-        across = -(-side // step)
-        padded = np.zeros((count, across * step, across * step))
-        padded[:, :side, :side] = tables
-        strides = padded.reshape(count, across, step, across, step).transpose(0, 2, 4, 1, 3)
-        # Kernels read whole rows, also from the last pixels on.
-        room = np.zeros((count, step, step, across * (across + 2)))
-        room[..., : across**2] = strides.reshape(count, step, step, -1)
-        lines = (EMPTY, EMPTY) if isinstance(psf, FieldPsf) else _separate(psf.table)
-        several, bend = np.empty((0, *room.shape[1:]), np.float32), NO_BEND
-        if isinstance(psf, FieldPsf):
-            several = np.ascontiguousarray(room, np.float32)
-            bend = np.array([_bend(table) for table in tables])
-        _shapes[psf] = PsfTable(room[0].copy(), several, bend, *lines, side, step, across)
-    return _shapes[psf]
-
-
-def _bend(table: Floats) -> float:
-    """Largest error of straight lines between samples: an eighth of the second differences."""
-    return sum(float(np.abs(np.diff(table, 2, axis=axis)).max()) for axis in (0, 1)) / 8
-
-
-def _separate(table: Floats) -> tuple[Floats, Floats]:
-    """The line (along x) and the column of which the table is the product, if it is one."""
-    middle = table.shape[0] // 2
-    line, column, peak = table[middle], table[:, middle], table[middle, middle]
-    alike = (
-        peak > 0
-        and np.abs(np.outer(column, line) - table * peak).max() <= PRODUCT_TOLERANCE * peak**2
-    )
-    return (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else (EMPTY, EMPTY)
+    _stamp(image, psf.arranged, weight, x, y, electrons, even)
 
 
 class Work(NamedTuple):

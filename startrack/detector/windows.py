@@ -7,7 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import FieldPsf, Floats, Frame, Ints, Psf, Streams, Workspace, kept, kernel
+from startrack.core import (
+    FieldPsf,
+    Floats,
+    Frame,
+    Ints,
+    Psf,
+    PsfTable,
+    Streams,
+    Workspace,
+    kept,
+    kernel,
+)
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_window, draw_number, draws_of, work_row
 from startrack.detector.exposure import Places, colours, to_frame
@@ -15,7 +26,7 @@ from startrack.detector.imperfections import tracks
 from startrack.detector.law import Law, Tables, law_of
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
-from startrack.detector.stamp import UNIT_GAIN, PsfTable, Work, add_path, psf_table, work_arrays
+from startrack.detector.stamp import UNIT_GAIN, Work, add_path, work_arrays
 
 NO_HITS = np.empty(0, np.int64), np.empty(0)
 
@@ -82,7 +93,7 @@ def expose_within(
         places = weight, x, y
     else:
         part = star[:, None]
-    points = StarPaths(psf_table(psf), *places, part)
+    points = StarPaths(psf.arranged, *places, part)
     _render(image, windows, pixels, points, *hits, draws_of(law, tables, streams))
     return to_frame(image, detector)
 

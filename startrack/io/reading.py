@@ -61,11 +61,12 @@ def regular_file(path: Path, what: str = "a file") -> Path:
     except ValueError as error:  # a zero byte in the name
         raise ValueError(f"{str(path)!r} must be the name of a file: {error}") from None
     if not stat.S_ISREG(kind):
-        raise ValueError(f"{path} must be {what}, but is {_kind(kind)}")
+        raise ValueError(f"{path} must be {what}, but is {kind_of(kind)}")
     return path
 
 
-def _kind(mode: int) -> str:
+def kind_of(mode: int) -> str:
+    """What a file's mode says that it is, in words."""
     names = {
         stat.S_ISDIR: "a folder",
         stat.S_ISFIFO: "a FIFO",

@@ -6,7 +6,10 @@ import csv
 import io
 import json
 import os
+import shutil
 import socket
+import stat
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -16,12 +19,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.io.reading import kind_of
+
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
 
+OPEN = "/proc/"  # where Linux has the open files of processes
 DRAFT = ".startrack-draft-"  # in the names of files that are not whole yet
 
 
@@ -29,9 +35,20 @@ DRAFT = ".startrack-draft-"  # in the names of files that are not whole yet
 def whole(path: Path) -> Iterator[Path]:
     """A path to write to, which takes the place of `path` when all went well.
 
-    The folder is made where it is missing. An error leaves what was there before.
+    The folder is made where it is missing. An error leaves what was there before. A link stays, and
+    what it points to is replaced. A FIFO, a terminal or another stream gets the bytes in the end.
+
+    Raises  OSError for a folder, a disk or a socket, which no file may replace.
     """
     path = Path(path)
+    if _is_stream(path):
+        with tempfile.TemporaryDirectory() as folder:
+            draft = Path(folder) / f"draft{path.suffix}"
+            yield draft
+            with draft.open("rb") as content, path.open("wb") as stream:
+                shutil.copyfileobj(content, stream)
+        return
+    path = Path(os.path.realpath(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     # The suffix stays last, because writers of pictures tell the format by it.
     draft = path.with_name(f".{path.stem}{DRAFT}{os.getpid()}{path.suffix}")
@@ -40,6 +57,25 @@ def whole(path: Path) -> Iterator[Path]:
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether a path names a stream, not a file that may be replaced or made.
+
+    Raises  OSError where it is neither.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    if stat.S_ISFIFO(mode) or stat.S_ISCHR(mode):
+        return True
+    if not stat.S_ISREG(mode):
+        raise OSError(f"{path} must be a file, a new name or a stream, but is {kind_of(mode)}")
+    # What this process has open is a stream, too, wherever it leads.
+    return os.path.realpath(path.parent).startswith(OPEN) or (
+        path.is_symlink() and os.readlink(path).startswith(OPEN)
+    )
 
 
 def save_text(path: Path, text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +14,13 @@ from startrack.io.saving import forget_owner, note_owner, owner
 
 # Runs one statement with its values, in a transaction.
 Execute = Callable[..., sqlite3.Cursor]
+# The table of `Database.keep` and `kept`.
+ROWS = """
+CREATE TABLE IF NOT EXISTS rows (
+    key BLOB NOT NULL, number INTEGER NOT NULL, data BLOB NOT NULL, checksum BLOB NOT NULL,
+    PRIMARY KEY (key, number)
+) WITHOUT ROWID;
+"""
 
 
 class FileKind(NamedTuple):
@@ -26,7 +34,7 @@ class FileKind(NamedTuple):
 
     what: str
     application: int
-    tables: str
+    tables: str = ROWS
     version: int = 0
 
 
@@ -105,7 +113,7 @@ class Database:
         if version != self.kind.version:
             raise ValueError(
                 f"{self.path} must be a {self.kind.what} of format {self.kind.version}, got format "
-                f"{version}"
+                f"{version}; begin another file"
             )
 
     @contextmanager
@@ -125,6 +133,27 @@ class Database:
         """All rows of a query."""
         with self._translated_errors():
             return self._base.execute(query, values).fetchall()
+
+    def keep(self, key: bytes, number: int, data: bytes) -> None:
+        """Commit a row of a file of ROWS, with a checksum of all of it."""
+        with self.transaction() as execute:
+            row = (key, number, data, _checksum(key, number, data))
+            execute("INSERT INTO rows VALUES (?, ?, ?, ?)", row)
+
+    def kept(self, key: bytes) -> list[tuple[int, bytes]]:
+        """Number and data of the rows of a key, in order.
+
+        Raises  ValueError, with the file and the row, where one is not as it was written.
+        """
+        query = "SELECT number, data, checksum FROM rows WHERE key = ? ORDER BY number"
+        rows = self.read(query, key)
+        for number, data, known in rows:
+            if known != _checksum(key, number, data):
+                raise ValueError(
+                    f"{self.path} is damaged: row {number} of {key.hex()} is not as it was "
+                    "written; delete the file, and the same command does it all again"
+                )
+        return [(number, data) for number, data, _ in rows]
 
     def close(self) -> None:
         """Merge the log into the file."""
@@ -153,3 +182,12 @@ class Database:
             raise OSError(
                 f"{self.path} cannot be written: {error}; what it held is whole"
             ) from None
+
+
+def _checksum(key: bytes, number: Any, data: Any) -> bytes:
+    """Of a row; that of no row where the columns hold something else."""
+    if not isinstance(data, bytes):
+        return b""
+    return hashlib.blake2b(
+        b"%r %b\n%b" % (number, key.hex().encode(), data), digest_size=8
+    ).digest()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import os
 import re
 import tomllib
 import typing
@@ -316,7 +317,8 @@ def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> lis
 
 
 def _read_layers(path: Path, what: str, joined: Joined, above: tuple[Path, ...]) -> Layers:
-    if path.resolve() in above:
+    real = Path(os.path.realpath(path))  # `resolve` has no OSError for a loop
+    if real in above:
         raise Refused(f"{above[0]}: base and include must not lead back to {path}")
     if len(above) == DEEPEST:
         raise Refused(f"{above[0]} must have at most {DEEPEST} files below each other")
@@ -328,7 +330,7 @@ def _read_layers(path: Path, what: str, joined: Joined, above: tuple[Path, ...])
         raise Refused(f"{path}: include must be a list of names of files, got {shown(more)}")
     layers = Layers()
     for key, name in [("base", below)] * (below is not None) + [("include", name) for name in more]:
-        read = _read_layers(_found(path, key, str(name)), what, joined, (*above, path.resolve()))
+        read = _read_layers(_found(path, key, str(name)), what, joined, (*above, real))
         layers.lay(read.table, read.origin, joined=joined)
     layers.lay(own, str(path), joined=joined)
     return layers

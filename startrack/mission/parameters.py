@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Mounting
 from startrack.core import (
+    FILE,
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
@@ -61,7 +62,7 @@ class Orbit:
     eccentricity: Annotated[float, "mean"] = 0.0
     epoch: Annotated[str | None, "UTC, of the elements; None: the begin of the mission"] = None
     tle: Annotated[tuple[str, ...], "two-line element set, moved by SGP4 (extra `earth`)"] = ()
-    oem: Annotated[str | None,
+    oem: Annotated[str | None, FILE,
         "file with a CCSDS orbit ephemeris message; or a SPICE kernel of one body (.bsp; extra "
         "`spice`)"] = None  # fmt: skip
 
@@ -130,7 +131,7 @@ class Attitude(Parameters):
         "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
     height: Annotated[float, Unit("m"), Range(-500.0, 9000.0),
         "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
-    aem: Annotated[str | None,
+    aem: Annotated[str | None, FILE,
         "file with a CCSDS attitude ephemeris message, of quaternions from ICRF or EME2000 to "
         "the body; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc; extra "
         "`spice`)"] = None  # fmt: skip
@@ -457,14 +458,14 @@ def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
 def _from(folder: Path, file: str) -> str:
     """The path of a file from a folder; as it is where they are on different drives."""
     try:
-        return Path(os.path.relpath(Path(file).resolve(), folder.resolve())).as_posix()
+        return Path(os.path.relpath(os.path.realpath(file), os.path.realpath(folder))).as_posix()
     except ValueError:
-        return str(Path(file).resolve())
+        return os.path.realpath(file)
 
 
 def _shipped_as(file: str, folder: Path) -> str:
     """The name of a shipped file, where no file of the folder has it; else its path from there."""
-    root, full = shipped("missions").resolve().parent, Path(file).resolve()
+    root, full = shipped("missions").resolve().parent, Path(os.path.realpath(file))
     if full.is_relative_to(root) and not (folder / full.relative_to(root)).exists():
         return full.relative_to(root).as_posix()
     return _from(folder, file)

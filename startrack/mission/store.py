@@ -12,49 +12,41 @@ from typing import Any
 
 import numpy as np
 
-import startrack
-from startrack.io import Database, FileKind, read_bytes, to_table
+from startrack.core import file_digest, inputs_of, software
+from startrack.io import Database, FileKind, to_table
 from startrack.mission.engine import Flown, Plan, fly_part, merged, parts_of
-from startrack.mission.files import LARGEST
+from startrack.mission.files import clock_of
 from startrack.mission.parameters import Loaded
 from startrack.mission.rendered import Checked, checked
 from startrack.mission.surrogate import Correction
 
-STORE = FileKind(
-    "mission store",
-    0x5354524D,  # "STRM" in the file's header
-    """
-CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS parts (
-    first INTEGER PRIMARY KEY, flown BLOB NOT NULL, checksum BLOB NOT NULL
-);
-""",
-)
+# "STRM" in the file's header. Files of format 0 had rows without a checksum.
+STORE = FileKind("mission store", 0x5354524D, version=1)
+CHECKS = -1  # number of the row of what the trials of the plan say
 
 
-def key_of(loaded: Loaded) -> str:
+def key_of(loaded: Loaded) -> bytes:
     """What the result of a mission depends on, as a hash: not where its files lie.
 
-    That is the mission, the designs of its heads and its files of orbit and attitude as they are
-    now, and the version of startrack.
+    That is the mission, the designs of its heads, the content of all files that these name, and the
+    version of startrack.
     """
     mission = loaded.mission
     orbit, law = mission.orbit, mission.attitude
-    files = [
-        read_bytes(Path(file), "a file of the mission", LARGEST)
-        for file in (orbit.oem, law.aem)
-        if file
-    ]
     bare = replace(
         mission,
         orbit=replace(orbit, oem=orbit.oem and "oem"),
         attitude=replace(law, aem=law.aem and "aem"),
         heads=tuple(replace(head, design="design") for head in mission.heads),
     )
-    content = [startrack.__version__, to_table(bare)]
-    content += [to_table(design.case) for design in loaded.designs]
+    parts = [bare, *(design.case for design in loaded.designs)]
+    whole = (mission, *parts[1:])
+    content: list[Any] = [software(), *map(to_table, parts)]
+    content += [list(inputs_of(part).values()) for part in whole]
+    if law.aem and (clock := clock_of(Path(law.aem))).is_file():
+        content.append(file_digest(clock))
     text = json.dumps(content, sort_keys=True, default=str).encode()
-    return hashlib.blake2b(b"\0".join([text, *files]), digest_size=16).hexdigest()
+    return hashlib.blake2b(text, digest_size=16).digest()
 
 
 def flown_from(
@@ -76,21 +68,16 @@ def flown_from(
     try:
         key = key_of(plan.loaded)
         with database.transaction() as execute:
-            if database.read("SELECT value FROM about WHERE name = 'key'") != [(key,)]:
-                execute("DELETE FROM about")
-                execute("DELETE FROM parts")
-                execute("INSERT INTO about VALUES ('key', ?)", (key,))
-        plan, checks = _checked(plan, database, advance)
+            execute("DELETE FROM rows WHERE key != ?", (key,))
+        held = dict(database.kept(key))
+        plan, checks = _checked(plan, database, key, held.get(CHECKS), advance)
         parts = []
         for first, count in parts_of(plan.loaded.mission.time.steps):
-            rows = database.read("SELECT flown, checksum FROM parts WHERE first = ?", first)
-            if rows:
-                parts.append(_read(path, *rows[0]))
+            if first in held:
+                parts.append(_read(held[first]))
             else:
                 parts.append(fly_part(plan, first, count))
-                data = _written(parts[-1])
-                with database.transaction() as execute:
-                    execute("INSERT INTO parts VALUES (?, ?, ?)", (first, data, _sum(data)))
+                database.keep(key, first, _written(parts[-1]))
             advance(count)
     finally:
         database.close()
@@ -98,10 +85,9 @@ def flown_from(
 
 
 def _checked(
-    plan: Plan, database: Database, advance: Callable[[int], None]
+    plan: Plan, database: Database, key: bytes, held: bytes | None, advance: Callable[[int], None]
 ) -> tuple[Plan, tuple[Checked, ...]]:
-    rows = database.read("SELECT value FROM about WHERE name = 'checks'")
-    if not rows:
+    if held is None:
         plan, checks = checked(plan, advance)
         kept = [
             {
@@ -110,11 +96,10 @@ def _checked(
             }
             for check in checks
         ]
-        with database.transaction() as execute:
-            execute("INSERT INTO about VALUES ('checks', ?)", (json.dumps(kept),))
+        database.keep(key, CHECKS, json.dumps(kept).encode())
         return plan, checks
     surrogates, checks_ = list(plan.surrogates), []
-    for entry in json.loads(rows[0][0]):
+    for entry in json.loads(held):
         check: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in entry["check"].items()
         }
@@ -133,10 +118,6 @@ def _plain(correction: Correction | None) -> dict[str, Any]:
     return {k: v.tolist() if isinstance(v, np.ndarray) else list(v) for k, v in values.items()}
 
 
-def _sum(data: bytes) -> bytes:
-    return hashlib.blake2b(data, digest_size=8).digest()
-
-
 def _written(flown: Flown) -> bytes:
     """All arrays of a part; lists as arrays, the chances of the heads one after the other."""
     values = {field.name: getattr(flown, field.name) for field in fields(flown)}
@@ -148,9 +129,7 @@ def _written(flown: Flown) -> bytes:
     return file.getvalue()
 
 
-def _read(path: Path | None, data: bytes, known: bytes) -> Flown:
-    if _sum(data) != known:
-        raise ValueError(f"{path} is damaged: a part of the mission is not as it was written")
+def _read(data: bytes) -> Flown:
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         values = {name: file[name] for name in file.files}
     ends = values.pop("ends")

@@ -45,7 +45,7 @@ from startrack.montecarlo.sketch import (
     resume_sketch,
     save_sketch,
 )
-from startrack.montecarlo.store import Store, checksum, export, impossible, origin
+from startrack.montecarlo.store import Store, export, origin
 from startrack.montecarlo.workers import Certificates, Serial, cluster, dask_pool, one_thread, pool
 
 # Public; the other imports serve other rooms.

@@ -85,7 +85,7 @@ def _must_belong(first: _Part, other: _Part) -> None:
     for name in sorted(first.about.keys() | other.about.keys() - {WITHOUT_TRIALS}):
         stored, asked = first.about.get(name), other.about.get(name)
         if stored != asked and name != WITHOUT_TRIALS:
-            if name in ("case", "code") and stored and asked:
+            if name in ("case", "code", "inputs") and stored and asked:
                 where = difference(json.loads(stored), json.loads(asked), name)
             else:
                 where = f"{name} is {stored!r} there, {asked!r} here"

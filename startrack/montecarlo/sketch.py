@@ -5,6 +5,7 @@ Sketches of parts of a campaign add to that of the whole, with the same bytes in
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import time
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import Floats, Ints, code_in, origin_of
+from startrack.core import Floats, Ints, inputs_of
 from startrack.design import Case
 from startrack.io import read_bytes, save_text, to_table
 from startrack.metrics import (
@@ -35,7 +36,8 @@ from startrack.montecarlo.run import blocks
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import difference, origin
 
-FORMAT = "startrack sketch 1"
+FORMAT = "startrack sketch 2"
+EARLIER = "startrack sketch 1"  # without a checksum
 LARGEST = 2**27  # byte; the usual has 1 MB
 # What reading another file as a sketch raises.
 DAMAGED = ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError
@@ -187,7 +189,7 @@ def about_of(case: Case, seed: int, sampling: Sampling, limits: Limits) -> dict[
     """What sketches of one campaign have in common, as JSON has it."""
     about = {
         "case": to_table(case),
-        "code": [origin_of(key, name) for key, _, name in code_in(case)],
+        "inputs": inputs_of(case),
         "seed": seed,
         "sampling": str(sampling),
         "limits": limits._asdict(),
@@ -285,7 +287,15 @@ def save_sketch(path: Path, sketch: Sketch) -> None:
             name: [bins.index.tolist(), bins.count.tolist()] for name, bins in sketch.bins.items()
         },
     }
-    save_text(path, json.dumps(table, sort_keys=True, separators=(",", ":")) + "\n")
+    save_text(path, _text(table | {"checksum": _checksum(table)}) + "\n")
+
+
+def _text(table: dict[str, Any]) -> str:
+    return json.dumps(table, sort_keys=True, separators=(",", ":"))
+
+
+def _checksum(table: dict[str, Any]) -> str:
+    return hashlib.blake2b(_text(table).encode(), digest_size=8).hexdigest()
 
 
 def load_sketch(path: Path) -> Sketch:
@@ -293,8 +303,10 @@ def load_sketch(path: Path) -> Sketch:
     data = read_bytes(path, "a sketch of trials", LARGEST)
     try:
         table = json.loads(data)
-        if table["format"] != FORMAT:
+        if table["format"] not in (FORMAT, EARLIER):
             raise ValueError(f"its format is {table['format']!r}")
+        if table["format"] == FORMAT and table.pop("checksum") != _checksum(table):
+            raise ValueError("it is damaged, its checksum is wrong")
         made = Sketch(dict(table["about"]), _joined([(int(a), int(b)) for a, b in table["ranges"]]))
         made.counts = {name: int(table["counts"][name]) for name in COUNTS}
         made.sums = {name: int(table["sums"][name], 16) for name in SUMS}

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import startrack
-from startrack.core import Code, code_in, origin_of, whole
+from startrack.core import Code, code_in, inputs_of, origin_of, software, whole
 from startrack.design import Campaign, Case, Fidelity
 from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_table
 from startrack.io import whole as whole_file
@@ -38,7 +37,7 @@ PACKAGES = ("numpy", "scipy", "numba", "astropy", "opencv-contrib-python-headles
 def origin() -> dict[str, str]:
     """Versions and machine, as text."""
     return {
-        "startrack": startrack.__version__,
+        "startrack": software(),
         "python": platform.python_version(),
         **{package: version(package) for package in PACKAGES},
         "system": platform.platform(),
@@ -126,6 +125,9 @@ class Store:
             self._case = from_table(Case, self._table)
             held_code = json.loads(about.get("code", "[]"))
             self.code = tuple(Code(*map(str, text)) for text in held_code)
+            # Stores without them are from before each block had to have a checksum.
+            self._checksums = "inputs" in about
+            self._inputs: dict[str, str] = json.loads(about.get("inputs", "{}"))
             if not set(OUTCOMES.names or ()) <= set(self.dtype.names or ()):
                 raise ValueError("its trials lack fields")
             if self.dtype.hasobject or self.dtype.itemsize > LARGEST_TRIAL:
@@ -166,18 +168,20 @@ class Store:
         other = difference(stored, asked)
         if other:
             raise ValueError(f"{self.path} holds trials of another design: {other}")
-        self.require_code()
+        self.require_inputs()
 
-    def require_code(self) -> None:
-        """Refuse to run trials with other code than that of the trials that are held.
+    def require_inputs(self) -> None:
+        """Refuse to run trials with other files or code than those of the trials that are held.
 
-        Raises  ValueError where a file of it differs, or where it may not run.
+        Raises  ValueError where one of them differs, or where code may not run.
         """
-        for before, now in zip(self.code, _code_of(self.case), strict=True):
-            if before != now:
+        before, now = self._inputs, inputs_of(self.case)
+        for name in before.keys() | now.keys():
+            if before.get(name) != now.get(name):
+                there, here = (str(some.get(name))[:8] for some in (before, now))
                 raise ValueError(
-                    f"{self.path} holds trials with other files of {now.name}: digest "
-                    f"{before.digest[:8]} there, {now.digest[:8]} here; begin another store"
+                    f"{self.path} holds trials with another content of {name}: digest {there} "
+                    f"there, {here} here; begin another store"
                 )
 
     @property
@@ -254,17 +258,18 @@ class Store:
         """The blocks in order, all of them checked; those checked before are not checked again."""
         rows = self._database.read("SELECT first, trials, outcomes FROM blocks ORDER BY first")
         sums: dict[Any, Any] | None = None
-        blocks, damaged, last = list[tuple[range, bytes]](), 0, 0
+        blocks, damaged, last = list[tuple[range, bytes]](), list[Any](), 0
         for first, trials, data in rows:
             key = (first, trials, data if isinstance(data, str) else hash(data))
             if key not in self._checked:
                 if sums is None:
                     sums = dict(self._sums())
-                if fault(first, trials, data, sums.get(first), self.dtype):
-                    damaged += 1
+                known = sums.get(first, b"" if self._checksums else None)
+                if fault(first, trials, data, known, self.dtype):
+                    damaged.append(first)
                     continue
             if first < last:
-                damaged += 1
+                damaged.append(first)
                 continue
             self._checked.add(key)
             last = first + trials
@@ -272,9 +277,9 @@ class Store:
         if damaged:
             saved = sum(len(numbers) for numbers, _ in blocks)
             raise ValueError(
-                f"{self.path} is damaged: {damaged} of its {len(rows)} blocks of trials are not as "
-                f"they were written; {saved} trials are whole; begin another store, or delete "
-                "those blocks with sqlite3"
+                f"{self.path} is damaged: {len(damaged)} of its {len(rows)} blocks of trials are "
+                f"not as they were written, the first of them at trial {damaged[0]!r:.40}; {saved} "
+                "trials are whole; begin another store, or delete those blocks with sqlite3"
             )
         return blocks
 
@@ -310,18 +315,15 @@ def fault(first: Any, trials: Any, data: Any, expected: Any, dtype: np.dtype[Any
     if not isinstance(data, bytes) or len(data) != trials * dtype.itemsize:
         return f"it holds no {trials} trials"
     table = np.frombuffer(data, dtype)
+    if (table["trial"] != first + np.arange(len(table))).any():
+        return "its trials have other numbers"
     if expected is not None:
         return "" if checksum(data) == expected else "its checksum is wrong"
-    return impossible(table, first)
+    return impossible(table)
 
 
-def impossible(table: NDArray[np.void], first: int | None = None) -> str:
-    """What no trial has as its outcome; empty where there is nothing of it.
-
-    first  number of the first trial, None: unknown
-    """
-    if first is not None and (table["trial"] != first + np.arange(len(table))).any():
-        return "its trials have other numbers"
+def impossible(table: NDArray[np.void]) -> str:
+    """What no trial has as its outcome; empty where there is nothing of it."""
     for name in ("solved", "false"):
         if (table[name].view(np.uint8) > 1).any():
             return f"{name} is neither true nor false"
@@ -342,6 +344,7 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
     about = {
         "case": json.dumps(to_table(case), sort_keys=True),
         **({"code": json.dumps(code)} if (code := _code_of(case)) else {}),
+        "inputs": json.dumps(inputs_of(case)),
         "seed": str(seed),
         "fidelity": sampling.fidelity.value,
         "attitudes": sampling.attitudes,

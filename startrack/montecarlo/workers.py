@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import cv2
 
-from startrack.core import begin_limited, whole
+from startrack.core import begin_limited, software, whole
 
 
 class Serial(Executor):
@@ -157,10 +157,8 @@ class Certificates(NamedTuple):
 
 def versions() -> dict[str, str]:
     """What must be the same on all machines, so that a trial has the same result on each."""
-    import startrack
-
     return {
-        "startrack": startrack.__version__,
+        "startrack": software(),
         "numba": metadata.version("numba"),
         "numpy": metadata.version("numpy"),
     }

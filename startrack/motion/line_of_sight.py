@@ -70,7 +70,8 @@ def trace(
 ) -> LineOfSight:
     """The line of sight of one realisation of a motion; arguments and errors as `slew`."""
     positive(exposure=exposure, pixel_angle=pixel_angle)
-    within(0, 1.55, half_field=half_field)
+    named = "half of the diagonal field of view (instrument.optics.focal_length, detector)"
+    within(0, 1.55, **{named: half_field})
     if not motion.speed.any():
         return LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     wave, damping = _probes(pixel_angle, half_field)

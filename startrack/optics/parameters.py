@@ -8,6 +8,7 @@ from typing import Annotated
 
 from startrack.core import (
     ALL,
+    FILE,
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
@@ -77,7 +78,7 @@ class Optics(Parameters):
         "sigma of the Gaussian blur of an atmosphere per axis; 0: none"] = 0.0  # fmt: skip
     transmission: Annotated[Curve,
         "fraction of the light that the lens passes, over wavelength"] = ALL  # fmt: skip
-    lens_file: Annotated[str,
+    lens_file: Annotated[str, FILE,
         'a lens table: a shipped one by its name, or the path of a FITS file; "": none. The '
         "table is scaled to `focal_length` and stopped down to `f_number`; it gives the "
         "distortion, and `aberrations` and `blur` add to it"] = ""  # fmt: skip
@@ -87,7 +88,7 @@ class Optics(Parameters):
     family_field: Annotated[float | None, Unit("rad", "deg"), Range(0.001, WIDEST),
         "half field that a lens of a family is made for; None: that of the published lens"
     ] = None  # fmt: skip
-    psf_file: Annotated[str,
+    psf_file: Annotated[str, FILE,
         "images of a point, measured or exported: the path of a FITS file (`startrack lens "
         'measure` and `import` write them), or a shipped one by its name; "": none. `blur`, '
         "`seeing` and `as_built` add to it; f-number and pupil say how much light there is"

@@ -124,6 +124,10 @@ def evaluate(
         return Evaluation(
             tuple(coordinates), values, math.nan, math.nan, refused, {}, None, str(reason)
         )
+    except Exception as fault:
+        named_values = ", ".join(f"{name} = {value:g}" for name, value in values.items())
+        fault.add_note(f"of the design with {named_values}")
+        raise
     summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
     for one in judged if tried else ():
         by_trials = tried.get(one.name)
@@ -239,8 +243,8 @@ def foresee_all(
         return [one(case) for case in cases]
     keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
     held = {key: runner.ledger.forecast(key) for key in keys}
-    new = [(key, case) for key, case in zip(keys, cases, strict=True) if key and not held[key]]
-    for (key, _), found in zip(new, runner.map(one, [case for _, case in new]), strict=True):
+    new = {key: case for key, case in zip(keys, cases, strict=True) if key and not held[key]}
+    for key, found in zip(new, runner.map(one, new.values()), strict=True):
         held[key] = found.text()
         runner.ledger.keep_forecast(key, held[key])
     return [Foresight.read(held[key]) if key else NOTHING for key in keys]

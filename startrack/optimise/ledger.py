@@ -8,33 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.io import Database, FileKind
-from startrack.montecarlo import checksum, impossible
 from startrack.trial import OUTCOMES
 
-LEDGER = FileKind(
-    "ledger of startrack",
-    0x53544C47,  # "STLG" in the file's header
-    """
-CREATE TABLE IF NOT EXISTS trials (
-    key BLOB NOT NULL, first INTEGER NOT NULL, outcomes BLOB NOT NULL, PRIMARY KEY (key, first)
-) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS stretches (
-    key BLOB NOT NULL, number INTEGER NOT NULL, steps BLOB NOT NULL, PRIMARY KEY (key, number)
-) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS checksums (
-    key BLOB NOT NULL, first INTEGER NOT NULL, checksum BLOB NOT NULL, PRIMARY KEY (key, first)
-) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS refused (key BLOB PRIMARY KEY, reason TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS forecasts (key BLOB PRIMARY KEY, found TEXT NOT NULL) WITHOUT ROWID;
-""",
-)
-
-
-def fault_of(table: NDArray[np.void], data: bytes, known: bytes | None) -> str:
-    """What is wrong with outcomes; empty where nothing is; known: None without a checksum."""
-    if known is not None:
-        return "" if checksum(data) == known else "their checksum is wrong"
-    return impossible(table)
+# "STLG" in the file's header. Files of format 0 had rows without a checksum.
+LEDGER = FileKind("ledger of startrack", 0x53544C47, version=1)
 
 
 class Ledger:
@@ -46,8 +23,8 @@ class Ledger:
     def __init__(self, path: Path | None = None):
         """Open the ledger of a file, or make a new one; None keeps it in memory.
 
-        Raises  ValueError where the file is no ledger, OSError where it cannot be opened or another
-                process has it.
+        Raises  ValueError where the file is no ledger, or of another format; OSError where it
+                cannot be opened or another process has it.
         """
         self.path = path
         self._database = Database(path, LEDGER)
@@ -55,62 +32,46 @@ class Ledger:
     def held(self, key: bytes) -> NDArray[np.void]:
         """The outcomes kept under a key, in the order in which they came.
 
-        Raises  ValueError where they are not as they were written.
+        Raises  ValueError, with file and row, where they are not as they were written.
         """
-        rows = self._database.read(
-            "SELECT first, outcomes, checksum FROM trials LEFT JOIN checksums USING (key, first) "
-            "WHERE key = ? ORDER BY first",
-            key,
-        )
-        done = 0
-        for first, data, known in rows:
-            length = len(data) if isinstance(data, bytes) else -1
-            wrong = first != done or length <= 0 or length % OUTCOMES.itemsize
-            if wrong or fault_of(np.frombuffer(data, OUTCOMES), data, known):
+        blocks, done = list[bytes](), 0
+        for first, data in self._database.kept(key):
+            if first != done:
                 raise ValueError(
-                    f"{self.path} is damaged: trials of a design are not as they were written; "
-                    "delete it, and the same command does its trials again"
+                    f"{self.path} is damaged: trial {done} of {key.hex()} is missing; delete it, "
+                    "and the same command does its trials again"
                 )
-            done += length // OUTCOMES.itemsize
-        return np.frombuffer(b"".join(row[1] for row in rows), OUTCOMES)
+            blocks.append(data)
+            done += len(data) // OUTCOMES.itemsize
+        return np.frombuffer(b"".join(blocks), OUTCOMES)
 
     def keep(self, key: bytes, first: int, outcomes: NDArray[np.void]) -> None:
         """Keep outcomes after the `first` ones that the key already has."""
-        data = outcomes.tobytes()
-        with self._database.transaction() as execute:
-            execute("INSERT INTO trials VALUES (?, ?, ?)", (key, first, data))
-            execute("INSERT INTO checksums VALUES (?, ?, ?)", (key, first, checksum(data)))
+        self._database.keep(key, first, outcomes.tobytes())
 
     def refusal(self, key: bytes) -> str:
         """Why the trials of a key cannot be run; empty where they can."""
-        rows = self._database.read("SELECT reason FROM refused WHERE key = ?", key)
-        return str(rows[0][0]) if rows else ""
+        return b"".join(data for _, data in self._database.kept(b"refused" + key)).decode()
 
     def keep_refusal(self, key: bytes, reason: str) -> None:
         """Keep the reason why the trials of a key cannot be run."""
-        with self._database.transaction() as execute:
-            execute("INSERT OR REPLACE INTO refused VALUES (?, ?)", (key, reason))
+        self._database.keep(b"refused" + key, 0, reason.encode())
 
     def forecast(self, key: bytes) -> str:
         """What is expected of a design; empty where it is not known."""
-        rows = self._database.read("SELECT found FROM forecasts WHERE key = ?", key)
-        return str(rows[0][0]) if rows else ""
+        return b"".join(data for _, data in self._database.kept(b"forecast" + key)).decode()
 
     def keep_forecast(self, key: bytes, found: str) -> None:
         """Keep what is expected of a design."""
-        with self._database.transaction() as execute:
-            execute("INSERT OR REPLACE INTO forecasts VALUES (?, ?)", (key, found))
+        self._database.keep(b"forecast" + key, 0, found.encode())
 
     def stretch(self, key: bytes, number: int) -> bytes | None:
         """A stretch of a chain, None where it is not done yet."""
-        query = "SELECT steps FROM stretches WHERE key = ? AND number = ?"
-        rows = self._database.read(query, key, number)
-        return rows[0][0] if rows else None
+        return dict(self._database.kept(key)).get(number)
 
     def keep_stretch(self, key: bytes, number: int, steps: bytes) -> None:
         """Keep a stretch of a chain."""
-        with self._database.transaction() as execute:
-            execute("INSERT INTO stretches VALUES (?, ?, ?)", (key, number, steps))
+        self._database.keep(key, number, steps)
 
     def close(self) -> None:
         """Merge the log into the file."""

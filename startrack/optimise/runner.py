@@ -7,15 +7,12 @@ import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
-from functools import lru_cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-import startrack
-from startrack.core import POINTS, Refused, is_code, origin_of
+from startrack.core import Refused, inputs_of, software
 from startrack.design import Campaign, Case, Fidelity
 from startrack.detection import STREAK
 from startrack.montecarlo import Serial, run
@@ -140,8 +137,9 @@ class TrialRunner:
         limits  on what is forecast
         """
         judged = case, campaign.requirements, campaign.conditions, campaign.over_units(case)
-        text = f"{startrack.__version__} {self.seed} forecast {campaign.objective} {limits} "
-        text += described(judged)
+        inputs = inputs_of(case), inputs_of(campaign.requirements)
+        text = f"{software()} {self.seed} forecast {campaign.objective} {limits} "
+        text += f"{described(judged)} {inputs}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
 
     def _key(self, case: Case, fidelity: Fidelity, first: int, units: Units | None = None) -> bytes:
@@ -149,45 +147,25 @@ class TrialRunner:
         if not math.hypot(*known_smear(case)) > STREAK:  # trials are as without a known smear
             detection = replace(case.tracker.detection, smear_x=0.0, smear_y=0.0)
             written = described(replace(case, tracker=replace(case.tracker, detection=detection)))
-        text = f"{startrack.__version__} {self.seed} {fidelity} {first} {written}"
-        if units:
-            text += f" {units}"
+        text = f"{software()} {self.seed} {fidelity} {first} {written} {inputs_of(case)} {units}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
 
 
-def described(value: Any, name: str = "") -> str:
+def described(value: Any) -> str:
     """All that a parameter object holds, with all digits, but for what is as by default.
 
-    So that a new parameter changes no text of a design that does not name it. A file is described
-    by its content, too, and code by its files.
-
-    name  of the field that the value is of
+    So that a new parameter changes no text of a design that does not name it.
     """
     if is_dataclass(value):
         inner = [
-            f"{each.name}={described(getattr(value, each.name), each.name)}{_code(each, value)}"
+            f"{each.name}={described(getattr(value, each.name))}"
             for each in fields(value)
             if each.init and not _is_default(each, getattr(value, each.name))
         ]
         return f"{type(value).__name__}({', '.join(inner)})"
     if isinstance(value, tuple):
         return f"({', '.join(described(one) for one in value)})"
-    if isinstance(value, str) and (name == "source" or name.endswith("_file")):
-        path = Path(value)
-        if path.is_file():
-            status = path.stat()
-            return f"{value!r} {_digest(path, status.st_mtime_ns, status.st_size)}"
     return repr(value)
-
-
-def _code(field: Field[Any], value: Any) -> str:
-    """Packages and digests of the code that a field names; empty for none."""
-    if "code" not in field.metadata:
-        return ""
-    held, key = getattr(value, field.name), POINTS[field.metadata["code"]]
-    names = [one for one in (held if isinstance(held, tuple) else (held,)) if is_code(one)]
-    origins = [origin_of(key, name) for name in names]
-    return "".join(f" {one.package} {one.digest}" for one in origins)
 
 
 def _is_default(field: Field[Any], value: Any) -> bool:
@@ -195,10 +173,3 @@ def _is_default(field: Field[Any], value: Any) -> bool:
     if field.default_factory is not MISSING:
         default = field.default_factory()
     return type(value) is type(default) and bool(value == default)
-
-
-@lru_cache(maxsize=64)
-def _digest(path: Path, modified: int, size: int) -> str:
-    """Of the content of a file that has not changed since."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()

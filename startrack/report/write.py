@@ -84,7 +84,7 @@ def write_report(
             f"{store.path} holds trials of startrack {store.startrack}, which this startrack "
             f"{version} cannot repeat"
         )
-    store.require_code()
+    store.require_inputs()
     outcomes = store.outcomes()
     if not len(outcomes):
         raise ValueError(f"{store.path} must hold trials, but holds none")

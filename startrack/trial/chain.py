@@ -80,7 +80,11 @@ def run_trials(
     outcomes = np.empty(len(numbers), OUTCOMES)
     outcomes["trial"] = numbers
     if fidelity is Fidelity.COVARIANCE:
-        outcomes[list(Outcome._fields)] = drawn_outcomes(case, seed, numbers, icrs_to_camera)
+        try:
+            outcomes[list(Outcome._fields)] = drawn_outcomes(case, seed, numbers, icrs_to_camera)
+        except Exception as error:
+            error.add_note(f"in trials {numbers[0]} to {numbers[-1]} of seed {seed}")
+            raise
         return outcomes
     for n, number in enumerate(numbers):
         streams = Streams(seed, number)

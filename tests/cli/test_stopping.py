@@ -101,3 +101,23 @@ def test_an_alarm_is_the_callers():
     finally:
         signal.signal(signal.SIGALRM, before)
     assert heard == ["alarm", "alarm"]
+
+
+@pytest.mark.parametrize(
+    ("words", "streams", "status", "sentence"),
+    [
+        ("--help", ">&-", 1, "standard output must be open"),
+        ("--help", ">/dev/full", 1, "No space left on device"),
+        ("keys --help", "2>&- >/dev/null", 0, ""),
+        ("keys nonsense", "2>/dev/full", 2, ""),
+        ("keys", ">/dev/full", 1, "No space left on device"),
+        ("keys", ">&- 2>&-", 1, ""),
+    ],
+)
+def test_closed_and_full_streams_have_a_status(words, streams, status, sentence):
+    line = f"{sys.executable} -m startrack.cli {words} {streams}"
+    ended = subprocess.run(["sh", "-c", line], capture_output=True, text=True)
+    assert ended.returncode == status
+    assert sentence in ended.stderr
+    assert "Error" not in ended.stderr
+    assert len(ended.stderr.splitlines()) == bool(sentence)

@@ -29,7 +29,9 @@ def icrs_to_itrs(date: str) -> Rotation:
     return fly(Aircraft(date, 10 * deg, 47 * deg, 3e3, speed=100.0), np.zeros(1)).icrs_to_itrs[0]
 
 
-@pytest.fixture(scope="module", params=["quick", pytest.param("all", marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module", params=[pytest.param(part, marks=pytest.mark.slow) for part in ("quick", "all")]
+)
 def folders(request, tmp_path_factory):
     """What the commands write in each of the years; a quick run is of those with dates."""
     folder, years = tmp_path_factory.mktemp("years"), [str(year) for year in YEARS]

@@ -82,7 +82,14 @@ def test_a_default_may_be_written_into_a_file():
     assert load_design(shipped("designs/noise_only.toml"), changes) == plain
 
 
-@pytest.mark.parametrize("command", [["keys"], ["keys", "--schema"], ["init", "all.toml", "--all"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["keys"],
+        pytest.param(["keys", "--schema"], marks=pytest.mark.slow),
+        pytest.param(["init", "all.toml", "--all"], marks=pytest.mark.slow),
+    ],
+)
 def test_without_docstrings_and_sources_all_stays(command, tmp_path):
     """As `python -OO` compiles it, where nothing can read a source."""
     outputs = []

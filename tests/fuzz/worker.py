@@ -112,10 +112,7 @@ FAULTS: dict[str, dict[str, object]] = {
     },
     "JSON with NaN": {"startrack.cli.requirements.print_result": _writes_nan},
     "memory beyond the limit": {"startrack.detection.detect": _takes_memory},
-    "a command that hangs": {
-        "startrack.cli.solve.open_sky": _hangs,
-        "startrack.cli.terminal.open_sky": _hangs,
-    },
+    "a command that hangs": {"startrack.cli.terminal.open_sky": _hangs},
     "sizes of numbers are not limited": {"startrack.io.tables.moderate": _same},
 }
 

@@ -1,12 +1,14 @@
 """A folder of results is written to by one process at a time."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pytest
 
-from startrack.io import claimed_folder, save_figure
+from startrack.io import claimed_folder, save_figure, save_text
 
 
 @pytest.mark.parametrize("name", ["no\udcfftext", r"$\frac{", "a $b$", "star\x07"])
@@ -22,6 +24,7 @@ def test_any_name_of_a_file_may_stand_in_a_title(tmp_path, name):
 
 HOLD = """
 import sys
+from pathlib import Path
 from pathlib import Path
 from startrack.io import claimed_folder
 from startrack.io.saving import whole
@@ -56,3 +59,34 @@ def test_a_folder_that_nothing_was_written_to_is_not_left_behind(tmp_path):
     with claimed_folder(tmp_path / "out"):
         pass
     assert not (tmp_path / "out").exists()
+
+
+def test_a_file_takes_the_place_of_files_only(tmp_path):
+    """A link stays and its file is replaced; a FIFO and a terminal get the bytes."""
+    true, link, fifo = (tmp_path / name for name in ("true.txt", "link.txt", "fifo.txt"))
+    link.symlink_to(true)
+    save_text(link, "first")
+    save_text(link, "second")
+    assert link.is_symlink()
+    assert true.read_text() == "second"
+    os.mkfifo(fifo)
+    reader = subprocess.Popen(["cat", str(fifo)], stdout=subprocess.PIPE, text=True)
+    save_text(fifo, "words")
+    assert reader.communicate(timeout=60)[0] == "words"
+    assert fifo.is_fifo()
+    held, terminal = os.openpty()
+    save_text(Path(os.ttyname(terminal)), "more words")
+    assert os.read(held, 100) == b"more words"
+    for number in (held, terminal):
+        os.close(number)
+    save_text(Path("/dev/null"), "words")
+    assert Path("/dev/null").is_char_device()
+    with pytest.raises(OSError, match="must be a file, a new name or a stream, but is a folder"):
+        save_text(tmp_path, "words")
+    for name in ("a", "b"):
+        (tmp_path / name).symlink_to(tmp_path / ("b" if name == "a" else "a"))
+    with pytest.raises(OSError, match="Too many levels of symbolic links"):
+        save_text(tmp_path / "a", "words")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "a", "b", "fifo.txt", "link.txt", "true.txt",
+    ]  # fmt: skip

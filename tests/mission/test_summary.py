@@ -118,3 +118,14 @@ def test_a_stopped_mission_goes_on(tmp_path, monkeypatch, trials):
     turned = dataclasses.replace(moved, azimuth=0.1)
     other = dataclasses.replace(loaded.mission, heads=(turned, *heads[1:]))
     assert key_of(dataclasses.replace(loaded, mission=other)) != key_of(loaded)
+    orbit, law, clock = (tmp_path / name for name in ("a.bsp", "a.bc", "a.tsc"))
+    filed = dataclasses.replace(
+        loaded.mission,
+        orbit=dataclasses.replace(loaded.mission.orbit, altitude=None, oem=str(orbit)),
+        attitude=dataclasses.replace(loaded.mission.attitude, law="aem", aem=str(law)),
+    )
+    keys = set()
+    for content, file in enumerate((orbit, law, clock) * 2):
+        file.write_bytes(b"%d" % content)
+        keys.add(key_of(dataclasses.replace(loaded, mission=filed)))
+    assert len(keys) == 6

@@ -37,18 +37,21 @@ def test_the_log_and_the_summary_agree(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_two_processes_on_one_store_are_shown_apart(tmp_path):
-    """The second ends with one sentence, the first with all of its trials."""
+    """The second ends with one sentence while the first goes on, which keeps its trials."""
     store = tmp_path / "campaign.sqlite"
-    command = [*COMMAND, "--store", str(store), "--trials", "300", "--workers", "1"]
+    command = [*COMMAND, "--store", str(store), "--trials", "1000000", "--workers", "1"]
     first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while not store.exists() or not store.stat().st_size:
         time.sleep(0.02)
     second = subprocess.run(command, capture_output=True, text=True)
     assert second.returncode == 1
     assert f"is in use by another process, {first.pid} on " in second.stderr
-    assert first.wait() == 0
+    while not done(store):
+        time.sleep(0.1)
+    first.send_signal(signal.SIGINT)
+    assert first.wait(60) == 130
     with Store(store) as held:
-        assert len(held.outcomes()) == 300
+        assert len(held.outcomes()) > 0
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
@@ -117,6 +120,7 @@ def test_the_time_budget_does_not_follow_the_wall_clock(case, outcomes, monkeypa
     assert 10 * 10 <= len(got) <= 20 * 10
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
     store = tmp_path / "campaign.sqlite"
     command = [*COMMAND, "--store", str(store), "--trials", "1000000", "--workers", "2"]

@@ -149,6 +149,11 @@ def test_sketches_that_overlap_or_differ_are_refused(about, outcomes, tmp_path):
     spoilt = json.loads((tmp_path / "a").read_text())
     spoilt["counts"]["judged"] = 3
     (tmp_path / "a").write_text(json.dumps(spoilt))
+    with pytest.raises(ValueError, match=r"a must be a sketch .*its checksum is wrong"):
+        load_sketch(tmp_path / "a")
+    del spoilt["checksum"]
+    spoilt["format"] = "startrack sketch 1"
+    (tmp_path / "a").write_text(json.dumps(spoilt))
     with pytest.raises(ValueError, match=r"a must be a sketch .*its bins of .* contradict"):
         load_sketch(tmp_path / "a")
     spoilt["bins"]["across"] = [[10**30], [1]]

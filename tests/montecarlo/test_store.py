@@ -10,11 +10,17 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from astropy.io import fits
 
 from startrack.design.case import Fidelity
+from startrack.design.parameter import replaced
+from startrack.io import shipped
 from startrack.io.tables import to_table
+from startrack.metrics import STATED_ALONE
 from startrack.montecarlo.sampling import Sampling
+from startrack.montecarlo.sketch import Sketch, about_of
 from startrack.montecarlo.store import Store, export, fault
+from startrack.optimise.runner import TrialRunner
 from startrack.trial.chain import OUTCOMES
 
 
@@ -261,14 +267,51 @@ def test_outcomes_without_a_checksum_must_be_possible(outcomes, field, value, wo
     assert words in fault(0, 4, table.tobytes(), None, table.dtype)
 
 
-def test_a_store_without_checksums_is_read_and_continued(path, case, outcomes):
+def test_a_store_without_checksums_is_read_and_not_continued(path, case, outcomes):
+    """As those of earlier versions are; one whose checksums were lost is damaged."""
     with Store(path, case, 3) as store:
         store.keep(0, outcomes(4))
-    with sqlite3.connect(path) as base:
+    with contextlib.closing(sqlite3.connect(path)) as base, base:
         base.execute("DROP TABLE checksums")
-    base.close()
+    with Store(path) as store, pytest.raises(ValueError, match=r"1 of its 1 blocks .* at trial 0"):
+        store.outcomes()
+    with contextlib.closing(sqlite3.connect(path)) as base, base:
+        base.execute("DELETE FROM about WHERE name = 'inputs'")
+        base.execute("UPDATE about SET value = '0.1.0' WHERE name = 'startrack'")
     with Store(path) as store:
         assert len(store.outcomes()) == 4
-    with Store(path, case, 3) as store:
-        store.keep(4, outcomes(4, first=4))
-        assert len(store.outcomes()) == 8
+    with pytest.raises(ValueError, match=r"trials of startrack 0\.1\.0, which this startrack 0\.1"):
+        Store(path, case, 3)
+
+
+FILES = {
+    "catalog.source": "stars/bright.fits",
+    "tracker.catalog.source": "stars/bright.fits",
+    "instrument.optics.lens_file": "lenses/double_gauss.fits",
+    "instrument.optics.psf_file": "psfs/chandra-aca.fits",
+}
+
+
+@pytest.mark.parametrize("key", FILES)
+def test_trials_of_another_content_of_a_file_are_not_mixed(path, case, tmp_path, key):
+    """The same name and the same design, but another file."""
+    file = tmp_path / "input.fits"
+    file.write_bytes(shipped(FILES[key]).read_bytes())
+    optics = dataclasses.replace(case.instrument.optics, psf="auto", blur=0.0)
+    instrument = dataclasses.replace(case.instrument, optics=optics)
+    tracker = dataclasses.replace(case.tracker, catalog=case.catalog)
+    case = dataclasses.replace(case, instrument=instrument, tracker=tracker)
+    case = replaced(case, key, str(file))
+    sketch = about_of(case, 3, Sampling(), STATED_ALONE)
+    runner = TrialRunner(3)
+    ledger = runner._key(case, Fidelity.FRAME, 0)
+    Store(path, case, 3).close()
+    Store(path, case, 3).close()
+    with fits.open(file, mode="update", checksum=True) as parts:
+        parts[0].header["NOTE"] = "another"
+    with pytest.raises(ValueError, match=rf"another content of {key} \S+input.fits: digest"):
+        Store(path, case, 3)
+    other = about_of(case, 3, Sampling(), STATED_ALONE)
+    with pytest.raises(ValueError, match=rf"another campaign: inputs\.{key} .*input.fits is"):
+        Sketch(sketch).add(Sketch(other))
+    assert runner._key(case, Fidelity.FRAME, 0) != ledger

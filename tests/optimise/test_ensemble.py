@@ -47,6 +47,7 @@ def test_a_banana_has_its_moments():
     assert y.var() == pytest.approx(2.25, abs=6 * 10 * error)  # y is nearly a chi-square
 
 
+@pytest.mark.slow
 def test_ensembles_that_found_different_peaks_are_not_believed():
     """Two peaks 40 sigma apart; each ensemble starts at one."""
 
@@ -98,6 +99,7 @@ def test_a_noisy_log_probability_is_refused():
         draw(lambda p: gauss(p) + rng.normal(0, 3, len(p)), wide, 1)
 
 
+@pytest.mark.slow
 def test_noise_that_is_small_leaves_the_law_as_it_is():
     """exp(noise) has the same mean everywhere: the samples keep the law (pseudo-marginal)."""
     rng = np.random.default_rng(0)

@@ -1,12 +1,16 @@
 """A search takes a refusal for an infeasible design, and stops at a fault."""
 
+import re
+
 import numpy as np
 import pytest
 
 from startrack import Refused
+from startrack.cli.stopping import status_and_sentence
 from startrack.design import DesignSpace
 from startrack.optimise import Ledger, TrialRunner, runner
 from startrack.optimise.evaluate import evaluate
+from startrack.trial import chain
 
 
 def score(small, ledger):
@@ -21,16 +25,34 @@ def ledger(tmp_path):
 
 
 def reasons(ledger):
-    return ledger._database.read("SELECT reason FROM refused")
+    rows = ledger._database.read("SELECT data FROM rows WHERE length(key) > 16")
+    return [reason.decode() for (reason,) in rows]
 
 
-def test_a_fault_of_a_stage_stops_it_and_is_not_kept(small, ledger, monkeypatch):
-    """The shapes of two arrays do not match, which is a ValueError of numpy."""
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (lambda: np.zeros(2) + np.zeros(3), "could not be broadcast"),
+        (lambda: np.linalg.inv(np.zeros((2, 2))), "Singular matrix"),
+        (lambda: b"\xff".decode(), "invalid start byte"),
+    ],
+)
+def test_a_fault_of_a_trial_stops_it_and_is_not_kept(small, ledger, monkeypatch, fault, words):
+    """ValueError, LinAlgError and UnicodeDecodeError, all three of them ValueErrors."""
+    true = chain.run_trial
+
+    def spoilt(case, attitude, streams, fidelity):
+        return fault() if streams.trial == 5 else true(case, attitude, streams, fidelity)
+
     with monkeypatch.context() as broken:
-        broken.setattr(runner, "run", lambda *_: np.zeros(2) + np.zeros(3))
-        with pytest.raises(ValueError, match="could not be broadcast"):
+        broken.setattr(chain, "run_trial", spoilt)
+        with pytest.raises(ValueError, match=words) as raised:
             score(small, ledger)
-    assert reasons(ledger) == []
+    (name,) = (variable.name for variable in small.campaign.variables[:1])
+    status, sentence = status_and_sentence(raised.value)
+    assert status == 1
+    assert re.search(rf"in trial 5 of seed 7, of the design with {name} = \d", sentence)
+    assert ledger._database.read("SELECT * FROM rows") == []
     mended = score(small, ledger)
     assert mended.note == ""
     assert mended.trials == small.campaign.trials
@@ -43,7 +65,7 @@ def test_a_refusal_is_an_infeasible_design_and_is_kept(small, ledger, monkeypatc
     with monkeypatch.context() as refused:
         refused.setattr(runner, "run", refuse)
         assert score(small, ledger).note == "lens must fit"
-    assert reasons(ledger) == [("lens must fit",)]
+    assert reasons(ledger) == ["lens must fit"]
     assert score(small, ledger).note == "lens must fit"
 
 

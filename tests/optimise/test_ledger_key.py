@@ -57,19 +57,38 @@ def test_the_content_of_a_catalogue_file_is_in_it(tmp_path):
     assert key(one) != before
 
 
-def test_a_ledger_without_the_newer_tables_opens(tmp_path):
+def test_a_ledger_of_another_format_is_refused(tmp_path):
     path = tmp_path / "new" / "ledger.sqlite"
-    held = np.zeros(3, OUTCOMES)
-    with Ledger(path) as ledger:
-        ledger.keep(bytes.fromhex(KEY), 0, held)
+    Ledger(path).close()
     with closing(connect(path)) as base, base:
-        base.execute("DROP TABLE refused")
         assert base.execute("PRAGMA application_id").fetchone() == (0x53544C47,)
+        base.execute("PRAGMA user_version = 0")
+    with pytest.raises(ValueError, match="ledger of startrack of format 1, got format 0; begin"):
+        Ledger(path)
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [
+        ("UPDATE rows SET data = zeroblob(length(data)) WHERE number = 3", "row 3 of 52e1"),
+        ("UPDATE rows SET number = number + 1 WHERE number = 3", "row 4 of 52e1"),
+        ("UPDATE rows SET data = 'text'", "row 0 of 52e1"),
+        ("DELETE FROM rows WHERE number = 0", "trial 0 of 52e1.* is missing"),
+        ("UPDATE rows SET data = CAST('x' AS BLOB) WHERE length(key) > 16", "of 7265667573"),
+    ],
+)
+def test_damage_of_a_ledger_is_no_other_result(tmp_path, damage, sentence):
+    path, key = tmp_path / "ledger.sqlite", bytes.fromhex(KEY)
     with Ledger(path) as ledger:
-        assert ledger.refusal(b"other") == ""
-        ledger.keep_refusal(b"other", "too dark")
-        assert ledger.refusal(b"other") == "too dark"
-        assert ledger.held(bytes.fromhex(KEY)).tobytes() == held.tobytes()
+        ledger.keep(key, 0, np.zeros(3, OUTCOMES))
+        ledger.keep(key, 3, np.ones(2, OUTCOMES))
+        ledger.keep_refusal(key, "too dark")
+        assert ledger.refusal(key) == "too dark"
+        assert len(ledger.held(key)) == 5
+    with closing(connect(path)) as base, base:
+        assert base.execute(damage).rowcount
+    with Ledger(path) as ledger, pytest.raises(ValueError, match="damaged: .*" + sentence):
+        ledger.held(key), ledger.refusal(key)
 
 
 def test_a_ledger_is_no_store(tmp_path):

@@ -242,7 +242,13 @@ def test_killed_it_goes_on_to_the_same_answer(small, tmp_path):
     assert whole == cut
 
 
-@pytest.mark.parametrize("search", ["direct+sbplx", "bobyqa", "GN_ISRES"])
+@pytest.mark.parametrize(
+    "search",
+    [
+        "direct+sbplx",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("bobyqa", "GN_ISRES")),
+    ],
+)
 def test_a_campaign_names_the_algorithms_of_nlopt(small, campaign, search):
     named = dataclasses.replace(campaign, search=search, evaluations=3, fresh_trials=12)
     optimum = optimize(small.case, named, TrialRunner(5))
