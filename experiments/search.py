@@ -140,7 +140,7 @@ def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:
         explorer, began = Explorer(space, campaign, label=f"seed {seed}"), time.process_time()
         explore({"": explorer}, {"": space.start}, campaign)
         ends.append(explorer.best)
-        counts.append(len(explorer.points))
+        counts.append(sum(not value.left_out for value in explorer.values))
         spans = explorer.spans(explorer.best)
         still = np.abs(explorer.best - space.start) < 1e-6
         unmoved += [

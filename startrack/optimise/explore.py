@@ -450,10 +450,12 @@ class Landscape(NamedTuple):
 def landscape_of(explorer: Explorer, best: Floats) -> Landscape:
     """The landscape around a design."""
     names = [variable.name for variable in explorer.space.variables]
+    every = zip(explorer.points, explorer.values, strict=True)
+    tried = [(point, value) for point, value in every if not value.left_out]
     return Landscape(
-        tuple(tuple(point.tolist()) for point in explorer.points),
-        tuple(value.expected for value in explorer.values),
-        tuple(not missed(value.margins) for value in explorer.values),
+        tuple(tuple(point.tolist()) for point, _ in tried),
+        tuple(value.expected for _, value in tried),
+        tuple(not missed(value.margins) for _, value in tried),
         max(0.0, explorer.score - explorer.lowest()),
         dict(zip(names, explorer.spans(best), strict=True)),
         explorer.prices(best),
