@@ -52,4 +52,4 @@ from startrack.space.orbit import (
 from startrack.space.vectors import angle, cross, dot, from_body, times, unit
 
 # Public; the other imports serve other rooms.
-__all__ = ["Heat", "Warmth", "heater_power", "warmth"]
+__all__ = ["Heat", "Warmth", "warmth"]
