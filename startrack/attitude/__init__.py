@@ -37,7 +37,6 @@ from startrack.attitude.wahba import davenport, foam, quest, svd
 __all__ = [
     "Alignment",
     "AttitudeInput",
-    "AttitudeMethod",
     "Mounting",
     "Observability",
     "SharedErrors",

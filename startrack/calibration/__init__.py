@@ -31,7 +31,6 @@ __all__ = [
     "Calibrated",
     "Calibration",
     "CameraPosterior",
-    "DetectorPosterior",
     "FieldFit",
     "Level",
     "Names",
@@ -45,5 +44,4 @@ __all__ = [
     "orders_of",
     "read_star_table",
     "sample_camera",
-    "sample_detector",
 ]

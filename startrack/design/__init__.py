@@ -63,7 +63,6 @@ __all__ = [
     "Accuracy",
     "CameraCalibration",
     "Campaign",
-    "CaseNumber",
     "Change",
     "Choice",
     "Condition",

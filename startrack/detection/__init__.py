@@ -79,13 +79,10 @@ __all__ = [
     "DarkMap",
     "Detection",
     "DetectionInput",
-    "DetectionMethod",
     "DetectionPlan",
     "StarModel",
     "detect",
-    "detect_near",
     "divide_flat",
     "plan_detection",
     "subtract_dark",
-    "without_pixels",
 ]

@@ -94,7 +94,6 @@ __all__ = [
     "Pattern",
     "RegionOfInterest",
     "Scan",
-    "TailLaw",
     "Thermal",
     "expected",
     "expose",

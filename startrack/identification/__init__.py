@@ -40,7 +40,6 @@ from startrack.identification.track import track
 __all__ = [
     "Identification",
     "IdentificationInput",
-    "IdentificationMethod",
     "LensFit",
     "PatternIndex",
     "PatternIndexes",

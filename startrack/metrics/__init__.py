@@ -64,7 +64,7 @@ from startrack.metrics.summary import (
 # Public; the other imports serve other rooms.
 __all__ = [
     "LEVELS", "Indices", "Interpretation", "Interval", "Limits", "Outcome", "Star", "Summary",
-    "attitude_bound", "centre_of_gravity_error", "centroid_bound", "correct", "fewest_trials",
+    "attitude_bound", "centre_of_gravity_error", "centroid_bound", "correct",
     "fraction_interval", "indices", "judge", "level", "level_interval", "levels", "reproducibility",
     "rms_interval", "summarise",
 ]  # fmt: skip

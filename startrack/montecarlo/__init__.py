@@ -55,5 +55,5 @@ __all__ = [
     "chances", "cluster", "combined", "dask_pool", "differences", "endings", "export",
     "load_sketch", "mean_square", "merge_sketches", "merge_stores", "plain", "pool", "probability",
     "quantile_interval", "resume", "resume_sketch", "run", "save_sketch", "stratified", "warm",
-    "where_likely", "with_causes",
+    "with_causes",
 ]  # fmt: skip

@@ -60,7 +60,6 @@ __all__ = [
     "Optics",
     "PsfFile",
     "PsfInput",
-    "PsfModel",
     "Pupil",
     "Residual",
     "Segment",

@@ -23,14 +23,4 @@ from startrack.scene.parameters import DARK, Orbit, Scene
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, blackbody_photons
 
 # Public; the other imports serve other rooms.
-__all__ = [
-    "WAVELENGTH",
-    "DiffuseSource",
-    "LightInput",
-    "Limb",
-    "Orbit",
-    "Scene",
-    "Sight",
-    "illuminate",
-    "load_limb",
-]
+__all__ = ["WAVELENGTH", "LightInput", "Limb", "Orbit", "Scene", "Sight", "illuminate", "load_limb"]

@@ -57,4 +57,4 @@ from startrack.space.orbit import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["Heat", "Warmth", "heater_power", "warmth"]
+__all__ = ["Heat", "Warmth", "warmth"]

@@ -107,6 +107,7 @@ def folder(compiled):
     (compiled / "outer.py").write_text(OUTER)
 
 
+@pytest.mark.slow
 def test_processes_that_compile_at_once_find_the_same(tmp_path):
     """And the next one finds it on disk."""
     (tmp_path / "inner.py").write_text(INNER)

@@ -9,6 +9,7 @@ from startrack.optimise.runner import TrialRunner
 from startrack.optimise.tolerance import designs_needed, fit, region, sample
 
 
+@pytest.mark.slow
 def test_the_region_of_a_known_surface_is_found():
     """ln rms = (x/a)^2 + (y/b)^2 below a sharp limit: a uniform ellipse, variances a^2 / 4."""
     rng = np.random.default_rng(0)

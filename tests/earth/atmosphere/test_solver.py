@@ -28,6 +28,7 @@ def test_optical_depth_of_molecules():
     assert depth(Air("none"), GREEN)[0] == pytest.approx(0.0973, rel=0.005)
 
 
+@pytest.mark.slow
 def test_rural_particles_are_those_of_shettle_and_fenn():
     """Their rural aerosol at 0 % humidity, as LOWTRAN 7 prints it."""
     rural = particles("rural", SHETTLE)
