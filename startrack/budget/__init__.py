@@ -1,25 +1,22 @@
 """What the error is made of, cause by cause, by analysis and by trials.
 
-causes     Causes of error, under the terms of the standard, and the case without each of them.
-budget     Budget: a line for each cause of error, their sum, and the whole; about and across.
+budget     Causes of error and the case without each; Budget: a line for each, and their sum.
 fields     Sky and camera -> the stars of many fields, and how their errors become those of
            attitudes.
 fixed      Case and fields of stars -> errors that are constant from frame to frame.
 analytic   Case -> its Budget in milliseconds, without a trial.
 left_out   Case and its fields of stars -> effects that the analytic budget leaves out.
 check      Case and its analytic budget -> what some trials say of it.
-survey     Case -> number of stars, availability and error over the sky.
 exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.
 indices    Simulated sequences -> the error indices of the standard, over members and times.
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
 units      Case -> error budgets of many units at an age: classes of error and levels.
 residuals  Case -> errors of single stars in trials, over their position in the field and magnitude.
-curves     Case -> its error over slew rate, by analysis and by trials, and that of its stars.
+curves     Case -> its error over the sky and over slew rate, and that of its stars.
 """
 
 from startrack.budget.analytic import analytic
-from startrack.budget.budget import Budget, Law, Line, Sample, Spread
-from startrack.budget.causes import Cause, causes
+from startrack.budget.budget import Budget, Cause, Law, Line, Sample, Spread, causes
 from startrack.budget.check import Check, check, differences
 from startrack.budget.curves import (
     LONGEST,
@@ -27,11 +24,14 @@ from startrack.budget.curves import (
     Curve,
     ErrorCurves,
     Slew,
+    Survey,
     analytic_curve,
+    circles,
     error_curves,
     rates_computed,
     slew_rates,
     slews,
+    survey,
 )
 from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
@@ -39,7 +39,6 @@ from startrack.budget.indices import INDICES, indices_of
 from startrack.budget.left_out import caveats, noise_only, refusal
 from startrack.budget.measured import measured
 from startrack.budget.residuals import Residuals, StarErrors, residuals, star_errors
-from startrack.budget.survey import Survey, circles, survey
 from startrack.budget.units import UnitBudgets, joined, unit_budgets
 from startrack.trial import Term
 

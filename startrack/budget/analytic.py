@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from startrack.budget.budget import Budget, Law, Line
-from startrack.budget.causes import NEIGHBOURS, Cause, causes, refuse_scans
+from startrack.budget.budget import NEIGHBOURS, Budget, Cause, Law, Line, causes, refuse_scans
 from startrack.budget.fields import (
     FIELDS,
     Attitudes,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.budget.causes import Cause
+from startrack.budget.budget import Cause
 from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Ints

@@ -13,8 +13,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Mounting, solve
-from startrack.budget.budget import Budget, Line, Sample
-from startrack.budget.causes import ALWAYS, NEIGHBOURS, bare, causes, refuse_scans
+from startrack.budget.budget import (
+    ALWAYS,
+    NEIGHBOURS,
+    Budget,
+    Line,
+    Sample,
+    bare,
+    causes,
+    refuse_scans,
+)
 from startrack.catalog import open_sky
 from startrack.core import Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument

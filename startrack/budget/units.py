@@ -11,8 +11,7 @@ import numpy as np
 
 from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
-from startrack.budget.budget import Law, Line
-from startrack.budget.causes import Term, causes
+from startrack.budget.budget import Law, Line, Term, causes
 from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
 from startrack.core import Floats, Refused, whole
