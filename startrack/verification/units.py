@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import arcsec
+from startrack.core import Floats, arcsec
 from startrack.design import YEAR, Campaign, Case, Judged
 from startrack.io import aligned
 from startrack.metrics import Interval, bracketed, correct
@@ -59,6 +59,38 @@ class UnitRow:
 
 
 @dataclass(frozen=True)
+class StatedErrors:
+    """Errors over units as data sheets state them, by the trials of the design's own condition.
+
+    age        second
+    with_bias  (3,) radian, rms over all units and trials
+    without    (3,) radian, the same without the mean of each unit
+    """
+
+    age: float
+    with_bias: Floats
+    without: Floats
+
+
+def _stated(outcomes: NDArray[np.void], how: Units) -> StatedErrors:
+    used = outcomes[outcomes["solved"] & ~outcomes["false"]]
+    errors = np.column_stack([used[f"error_{axis}"] for axis in "xyz"])
+    _, place, count = np.unique(
+        used["trial"] // how.trials, return_inverse=True, return_counts=True
+    )
+    mean = np.zeros((len(count), 3))
+    np.add.at(mean, place, errors)
+    left = errors - (mean / count[:, None])[place]
+    # A mean of n trials takes 1 / n of their variance.
+    freed = max(len(used) - len(count), 1)
+    return StatedErrors(
+        how.age,
+        np.sqrt((errors**2).sum(axis=0) / max(len(used), 1)),
+        np.sqrt((left**2).sum(axis=0) / freed),
+    )
+
+
+@dataclass(frozen=True)
 class UnitVerification:
     """All verdicts by yields.
 
@@ -67,6 +99,7 @@ class UnitVerification:
     trials  of each
     alpha   probability that any pass is wrong, and that any fail is
     left    conditions that could not be judged, and why
+    stated  errors at each age
     """
 
     rows: tuple[UnitRow, ...]
@@ -74,6 +107,7 @@ class UnitVerification:
     trials: int
     alpha: float
     left: tuple[str, ...]
+    stated: tuple[StatedErrors, ...] = ()
 
     def at(self, number: int) -> Answer:
         """Of all requirements at one of the ages: fail where one fails, pass where all pass."""
@@ -114,15 +148,17 @@ def verify_units(
     ages = tuple(dict.fromkeys((0.0, case.end_of_life)))
     claims = sum(len(condition.needs.accuracy) + 1 for condition in judged)
     tails = alpha, alpha / max(claims, 1)
-    rows = list[UnitRow]()
+    rows, stated = list[UnitRow](), list[StatedErrors]()
     for condition in judged:
         at_ages = list[dict[str, YieldVerdict]]()
         for age in ages:
             how = Units(trials_each, min(ENVIRONMENTS, trials_each), age)
             outcomes = counted(condition.needs, condition.case, seed, trials(condition.case, how))
+            if len(stated) < len(ages):
+                stated.append(_stated(outcomes, how))
             at_ages.append(dict(_at(condition, outcomes, how, over.fraction, tails)))
         rows += _rows(condition, at_ages, over.fraction)
-    return UnitVerification(tuple(rows), count, trials_each, alpha, left)
+    return UnitVerification(tuple(rows), count, trials_each, alpha, left, tuple(stated))
 
 
 def _at(
@@ -174,6 +210,14 @@ def unit_values(verified: UnitVerification) -> dict[str, Any]:
         "trials_each": verified.trials,
         "not_judged": list(verified.left),
         "wrong_verdict_probability": verified.alpha,
+        "as_published_arcsec": [
+            {
+                "age_years": errors.age / YEAR,
+                "with_bias": _pair(errors.with_bias),
+                "without_bias": _pair(errors.without),
+            }
+            for errors in verified.stated
+        ],
         "requirements": [
             {
                 "condition": row.condition,
@@ -197,6 +241,22 @@ def unit_values(verified: UnitVerification) -> dict[str, Any]:
     }
 
 
+def _pair(errors: Floats) -> dict[str, float]:
+    across = float(np.sqrt((errors[:2] ** 2).mean()))
+    return {"across": across / arcsec, "about": float(errors[2]) / arcsec}
+
+
+def _stated_text(errors: StatedErrors) -> str:
+    parts = []
+    for label, values in (("with bias", errors.with_bias), ("without", errors.without)):
+        across, about = _pair(values).values()
+        parts.append(
+            f"{label} {across:.3g} across and {about:.3g} about (3 sigma {3 * across:.3g} and "
+            f"{3 * about:.3g})"
+        )
+    return f"rms per axis over units at {errors.age / YEAR:g} yr, arcsec: {', '.join(parts)}"
+
+
 def unit_text(verified: UnitVerification) -> str:
     """The table of yields, begin and end of life side by side, and what it means."""
     ages = [f"{verdict.age / YEAR:g} yr" for verdict in verified.rows[0].ages]
@@ -213,6 +273,7 @@ def unit_text(verified: UnitVerification) -> str:
     verdicts = ", ".join(f"{verified.at(k).loud} at {age}" for k, age in enumerate(ages))
     return "\n".join([
         *lines, "", f"verdict: {verdicts}", *statistics,
+        *(_stated_text(errors) for errors in verified.stated),
         *(f"not judged: {reason}" for reason in verified.left),
         f"of {verified.count} units with {verified.trials} trials each, "
         f"{100 * verified.rows[0].least:g} % must meet each limit with their own trials; a pass or "

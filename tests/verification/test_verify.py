@@ -195,3 +195,6 @@ def test_units_are_judged_by_their_yield_at_both_ends_of_life():
     assert found.answer is Answer.FAIL
     assert asked == [0, YEAR] * 2  # also at rest
     assert "verdict: pass at 0 yr, FAIL at 1 yr" in unit_text(found)
+    # Each unit has one error: with its bias (0.2 * 3^2 + 0.8 * 0.5^2)^(1/2), without it nothing.
+    assert found.stated[1].with_bias[0] == pytest.approx(2**0.5 * arcsec)
+    assert np.abs(found.stated[1].without).max() < 1e-12 * arcsec
