@@ -45,16 +45,21 @@ class Serial(Executor):
         return map(fn, *iterables)
 
 
-class _Spawn(SpawnContext):
-    """Starts processes with a fresh interpreter, as forks of one with threads can hang."""
+class Recorded(SpawnContext):
+    """Starts processes, and knows them all.
 
-    def __init__(self) -> None:
+    method  "spawn", with a fresh interpreter, as forks of one with threads can hang; or another
+            one of `multiprocessing`
+    """
+
+    def __init__(self, method: str = "spawn") -> None:
         super().__init__()
+        self.method = method
         self.processes = list[Any]()
 
     def Process(self, *args: Any, **options: Any) -> Any:  # type: ignore[override]
         """A process, not started yet."""
-        process = multiprocessing.get_context("spawn").Process(*args, **options)
+        process = multiprocessing.get_context(self.method).Process(*args, **options)  # type: ignore[attr-defined]
         self.processes.append(process)
         return process
 
@@ -68,10 +73,11 @@ class Lasting(Executor):
 
     def __init__(self, workers: int):
         self._workers = workers
+        self._broken = False
         self._pool = self._fresh()
 
     def _fresh(self) -> ProcessPoolExecutor:
-        self._context = _Spawn()
+        self._context = Recorded()
         return ProcessPoolExecutor(
             self._workers, mp_context=self._context, initializer=_begin_worker
         )
@@ -79,11 +85,26 @@ class Lasting(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call in one of the processes."""
         try:
-            return self._pool.submit(fn, *args, **kwargs)
+            future = self._pool.submit(fn, *args, **kwargs)
         except BrokenExecutor:
-            self._pool.shutdown(wait=True)
+            self._end_broken()
             self._pool = self._fresh()
-            return self._pool.submit(fn, *args, **kwargs)
+            future = self._pool.submit(fn, *args, **kwargs)
+        future.add_done_callback(self._watch)
+        return future
+
+    def _watch(self, future: Future[Any]) -> None:
+        if not future.cancelled() and isinstance(future.exception(), BrokenExecutor):
+            self._broken = True
+
+    def _end_broken(self) -> None:
+        # Trap: the standard pool ends its processes when one dies, but not one that it starts at
+        # the same time, for which it then waits for ever.
+        for process in self._context.processes:
+            if process.pid is not None:
+                process.kill()
+        self._pool.shutdown(wait=True)
+        self._broken = False
 
     def kill(self) -> None:
         """End the processes at once, whatever they do: what they did not return is lost."""
@@ -95,6 +116,8 @@ class Lasting(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes."""
+        if self._broken:
+            self._end_broken()
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
 

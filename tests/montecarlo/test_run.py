@@ -10,7 +10,7 @@ import pytest
 
 from startrack.metrics import summarise
 from startrack.montecarlo.run import blocks, run
-from startrack.montecarlo.workers import Lasting, Serial, pool
+from startrack.montecarlo.workers import Lasting, Recorded, Serial, pool
 from startrack.trial.chain import OUTCOMES
 
 SEED = 5
@@ -130,9 +130,9 @@ class Poisoned(Lasting):
     """
 
     def _fresh(self):
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([__name__])
-        return ProcessPoolExecutor(self._workers, mp_context=context)
+        multiprocessing.get_context("forkserver").set_forkserver_preload([__name__])
+        self._context = Recorded("forkserver")
+        return ProcessPoolExecutor(self._workers, mp_context=self._context)
 
     def submit(self, fn, /, *args, **kwargs):
         return super().submit(deadly, args[2])
