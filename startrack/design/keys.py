@@ -195,9 +195,9 @@ def template(product: str = "", optional: bool = False) -> str:
         table["tracker"]["detection"]["saturation"] = float(2 ** detector["bits"] - 1)
         # The example's detector ages by a law of its own; another one by that of the class.
         del table["tracker"]["detection"]["dark_map_age"]
-        own = [row for row in table.pop("variation") if row["name"] != AGEING]
-        if own:
-            table["variation"] = own
+        rows = [row for row in table.pop("variation") if row["name"] != AGEING]
+        if rows:
+            table["variation"] = rows
     keys = {key.name: key for key in design_keys()}
     head = "# A star tracker; the values are those of an example. All keys: startrack keys"
     return "\n".join([head, *_tables(table, "", keys, optional)]) + "\n"
