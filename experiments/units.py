@@ -24,7 +24,7 @@ import chandra
 import command
 import numpy as np
 
-from startrack import Camera, Streams, arcsec, load_design, shipped
+from startrack import Camera, Refused, Streams, arcsec, load_design, shipped
 from startrack.budget import Term, UnitBudgets, analytic, unit_budgets
 from startrack.core import Floats
 from startrack.design import (
@@ -522,7 +522,7 @@ def levers_gain(seed: int, units: int, quick: bool) -> dict[str, Any]:
                         # Feet of another material than the panel are thin, as in the shipped parts.
                         thin = {FEET: 2e-3} if name.endswith("material") else {}
                         tried = replaced_all(case, {name: value, **thin})
-                    except ValueError:
+                    except Refused:
                         continue
                     if (costs(tried) > most * (1 + 1e-9)).any() or found_at(case, name) == value:
                         continue

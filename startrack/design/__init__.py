@@ -45,7 +45,7 @@ from startrack.design.parameter import text as value_text
 from startrack.design.products import products
 from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements, cost_of
 from startrack.design.structure import Structure
-from startrack.design.variables import Choice, DesignSpace, Link, Variable, branches
+from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (
     YEAR,
     Moment,

@@ -10,7 +10,15 @@ import numpy as np
 
 from startrack.budget import unit_budgets
 from startrack.core import Floats, Refused
-from startrack.design import Accuracy, Case, Objective, found_at, replaced_all, value_text
+from startrack.design import (
+    OF_IMAGES,
+    Accuracy,
+    Case,
+    Objective,
+    found_at,
+    replaced_all,
+    value_text,
+)
 from startrack.metrics import Interval, quantile_of_few
 from startrack.verification import units_expected
 
@@ -145,8 +153,7 @@ STIFFER = {"aluminium": "titanium", "titanium": "invar", "invar": "carbon"}
 FEET, THIN = "instrument.structure.feet_thickness", 2e-3  # metre: they give way to a panel
 WATT = 0.5  # of a heater
 DEEPER = 0.5  # magnitude
-ORDERS = {1: 3, 3: 5, 5: 7, 7: 7}
-NODES = {0: 5, 2: 4, 3: 5, 4: 6, 5: 7, 6: 8, 7: 9, 8: 9, 9: 9}  # of a map
+HIGHEST, FIRST_MAP, FINEST_MAP = 7, 5, 9  # order of a polynomial; nodes along a side
 
 
 def levers(case: Case) -> Iterator[Change]:
@@ -158,18 +165,20 @@ def levers(case: Case) -> Iterator[Change]:
     wanted = dict[str, Any]()
     for name, factor in STEPS.items():
         now = _value(case, name)
-        if now:
+        # Images in a file are those of one lens.
+        if now and not (case.instrument.optics.psf_file and name in OF_IMAGES):
             wanted[name] = round(now * factor) if isinstance(now, int) else now * factor
     listed, calibration = case.tracker.catalog, case.tracker.calibration
     if listed is not None and listed.limit_g + DEEPER <= case.catalog.limit_g:
         wanted["tracker.catalog.limit_g"] = listed.limit_g + DEEPER
     if calibration is not None:
-        wanted["tracker.calibration.order"] = ORDERS[calibration.order]
+        wanted["tracker.calibration.order"] = min(calibration.order + 2, HIGHEST)
         wanted["tracker.calibration.tangential"] = True
-        wanted["tracker.calibration.map"] = NODES[calibration.map]
+        finer = min(calibration.map + 2, FINEST_MAP) if calibration.map else FIRST_MAP
+        wanted["tracker.calibration.map"] = finer
         unused = "frames" if calibration.place == "ground" else "positions"
         wanted.pop(f"tracker.calibration.{unused}", None)
-    structure = getattr(case.instrument, "structure", None)
+    structure = case.instrument.structure
     if structure is not None:
         wanted["instrument.structure.material"] = STIFFER.get(structure.material)
         wanted["instrument.structure.heater"] = structure.heater + WATT

@@ -9,7 +9,7 @@ import pytest
 from startrack.core import Camera, arcsec, um
 from startrack.io import shipped
 from startrack.optics import Optics, open_surfaces
-from startrack.optics.as_built import KINDS, _elements, _traced, element_slopes
+from startrack.optics.as_built import KINDS, SHIFT, TURN, _elements, _traced, element_slopes
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle/as_built.json").read_text("utf-8"))
 
@@ -18,17 +18,21 @@ def test_chief_rays_move_as_those_of_another_program():
     checked = 0
     for case in ORACLE["cases"]:
         surfaces = open_surfaces(shipped(f"lenses/{case['lens']}.fits"))
-        off = np.zeros((2, len(surfaces), 4))
+        kinds, ways = _elements(surfaces)
         first, last = case["surfaces"]
-        span = slice(first, last + 1)
-        vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])[:-1]
-        if case["kind"] == "decentre":
-            off[1, span, 1] = ORACLE["shift_mm"] * 1e-3
-        elif case["kind"] == "tilt":
-            off[1, span, 1] = ORACLE["turn_rad"] * (vertex[span] - vertex[span].mean())
-            off[1, span, 3] = ORACLE["turn_rad"]
-        else:
-            off[1, last, 3] = ORACLE["turn_rad"]
+        span = slice(last if case["kind"] == "wedge" else first, last + 1)
+        size = ORACLE["shift_mm"] * 1e-3 / SHIFT
+        if case["kind"] != "decentre":
+            size = ORACLE["turn_rad"] / TURN
+        # The way, towards y, in which these surfaces and no others are off.
+        [way] = [
+            way * size
+            for kind, way in zip(kinds, ways[1:], strict=True)
+            if KINDS[kind] == case["kind"]
+            and way[span, 1::2].any()
+            and np.flatnonzero(way.any(axis=1)).tolist() == list(range(len(surfaces)))[span]
+        ]
+        off = np.stack([np.zeros_like(way), way])
         placed = _traced(surfaces, np.array(case["tangent"]), np.zeros((1, 2)), off)
         moved = (placed[1] - placed[0]) * 1e3
         size = np.abs(case["moved_mm"]).max()
