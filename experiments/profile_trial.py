@@ -41,6 +41,7 @@ DESIGN = "designs/noise_only.toml"
 ROUNDS = 3
 AT_ONCE = 50  # spots are drawn by the thousand, frames are not
 FILES = 5  # of a fidelity, that are named
+CALLS = 50  # of functions outside by functions outside, one within the other
 LEAST = 0.01  # fraction of a room that has a row
 
 OUTCOME = f"""
@@ -142,14 +143,29 @@ def rooms(found: Profile) -> dict[str, float]:
 
 
 def spendings(stats: Mapping[Function, tuple[Any, ...]]) -> Iterator[tuple[str, float]]:
-    """Files and seconds."""
-    for function, (_, _, own, _, callers) in stats.items():
+    """Files and seconds.
+
+    A function outside hands its seconds to its callers, in proportion to the time within it for
+    each, and so on until a file of startrack has them.
+    """
+    outside = {}
+    for function, (_, _, own, _, _) in stats.items():
         if file := ours(function):
             yield file, own
-            continue
-        for caller, (_, _, _, within) in callers.items():
-            if file := ours(caller):
-                yield file, within
+        else:
+            outside[function] = own
+    for _ in range(CALLS):
+        above: defaultdict[Function, float] = defaultdict(float)
+        for function, seconds in outside.items():
+            callers = {caller: within for caller, (_, _, _, within) in stats[function][4].items()}
+            total = sum(callers.values())
+            for caller, within in callers.items():
+                part = seconds * within / total if total else 0.0
+                if file := ours(caller):
+                    yield file, part
+                else:
+                    above[caller] += part
+        outside = dict(above)
 
 
 def ours(function: Function) -> str:
