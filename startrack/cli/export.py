@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from startrack.cli.options import (
     DESIGN,
+    SEED,
     Exit,
     Option,
     Options,
@@ -24,8 +25,9 @@ from startrack.cli.options import (
 
 if wanted(__name__):
     from startrack import mission, onboard
-    from startrack.cli.terminal import example, finite, print_result, read_design
+    from startrack.cli.terminal import example, finite, print_result, progress, read_design
     from startrack.core import arcsec, deg
+    from startrack.design import YEAR
 
 if TYPE_CHECKING:
     from startrack.design import Case
@@ -40,6 +42,12 @@ declare = Parts(
         "thermo-elastic swing; availability over the slew rate and the angles to Sun, Moon and "
         "Earth; latency; the convention of the quaternion.",
         *DESIGN,
+        Option("--unit RANK", "whose error: that of the middle unit, of the one that 95 %% do not "
+               "exceed, of the worst, or the unit as designed, without what differs between units "
+               "(default: 95, at the end of life)", ("middle", "95", "worst", "designed"), "95"),
+        Option("--units N", "units among which it is found", whole(1, 10000), 20),
+        Option("--age YEARS", "of the unit (default: the end of its life)", decimal(0, 100)),
+        SEED,
         Option("--also FORM", "fmu: startrack_head.fmu (FMI 2.0, co-simulation), with a library "
                "for this platform where there is a C compiler; basilisk: startrack_basilisk.py, "
                "for its starTracker module; 42: startrack_42.txt, the block of a spacecraft file",
@@ -92,20 +100,29 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _aocs(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:
-    with as_wrong_use():
-        model = mission.head_model(case, name)
+    age = None if options.age is None else options.age * YEAR
+    choice = mission.UnitChoice(options.unit, options.units, options.seed, age)
+    units = options.units if case.differs and options.unit != "designed" else 0
+    with as_wrong_use(), progress("units and rates", units + len(mission.SMEARS)) as step:
+        model = mission.head_model(case, name, choice, step)
     files = mission.write_model(options.out, model)
     also, notes = _also(options, case, model)
     files += also
     text = [_wrote(options, files), *notes]
-    for name in ("noise", "pixel", "field"):
-        across, about = (item[0] / arcsec for item in getattr(model, name))
-        text.append(f"{name:8s}{across:10.3f} across, {about:.3f} about (arcsec rms, at rest)")
+    text.append(model.unit)
+    for name, error in model.at_rest.items():
+        across, about = (part / arcsec for part in error)
+        row = f"{name:8s}{across:10.3f} across, {about:.3f} about"
+        if name in model.begin:
+            across, about = (part / arcsec for part in model.begin[name])
+            row += f"; on the first day {across:.3f}, {about:.3f}"
+        text.append(f"{row} (arcsec rms, at rest)")
     text.append(
         f"period {model.period:.4g} s, latency {model.latency:.4g} s, rates up to "
         f"{model.rate[-1] / deg:.3g} deg/s; Sun {model.sun / deg:.1f}, "
         f"Moon {model.moon / deg:.1f}, lit limb {model.limb / deg:.1f} deg"
     )
+    text += model.left_out
     return {**finite(model.table), "files": [str(file) for file in files]}, "\n".join(text)
 
 

@@ -21,7 +21,9 @@ summary     Flown -> availability by number of heads, times without an attitude,
 
 from startrack.mission.engine import Flown, Plan, fly, plan_of
 from startrack.mission.exports import (
+    SMEARS,
     HeadModel,
+    UnitChoice,
     head_model,
     write_42,
     write_basilisk,

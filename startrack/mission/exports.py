@@ -13,28 +13,41 @@ import shutil
 import subprocess
 import tempfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from dataclasses import field as data_field
 from pathlib import Path
+from textwrap import fill
 from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from startrack.budget import Budget, Law, Term, analytic
-from startrack.core import Floats, Refused, arcsec, deg
-from startrack.design import Case, turning
+from startrack.budget import Term, analytic, caveats, unit_budgets
+from startrack.core import Floats, Refused, arcsec, deg, whole
+from startrack.design import YEAR, Case, Moment, turning
 from startrack.io import save_json, save_text
 from startrack.io import whole as whole_file
 from startrack.mission.heads import limits_of
 from startrack.mission.parameters import Head
 from startrack.mission.summary import timing_of
+from startrack.population import unit_of
 
 # Pixels that a star moves in an exposure at the rates of the table, besides 0; chosen by hand.
 SMEARS: tuple[float, ...] = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
 LEAST = 0.5  # availability below which the table of rates ends
 # Stars' errors over a pixel repeat with it, and are unlike after a fraction of it; chosen by hand.
 PIXEL_LENGTH = 0.5  # pixel
+ENVIRONMENTS = 24  # of a unit: the rms of its swing is within 15 %
+RANKS = {"middle": 0.5, "95": 0.95, "worst": 1.0, "designed": math.nan}
+CLASSES = {  # of the model, by those of ECSS-E-ST-60-20C
+    "noise": (Term.NOISE,),
+    "pixel": (Term.PIXEL,),
+    "field": (Term.FIELD,),
+    "bias": (Term.BIAS, Term.ABERRATION, Term.MEASUREMENT_DATE),
+    "swing": (Term.THERMO_ELASTIC,),
+}
+CHANGING = ("noise", "pixel", "field")  # with the rate
 SOURCES = ("startrack_head.c", "startrack_head.h")
 CONVENTION = (
     "quaternion x, y, z, w (scalar last) of icrs_to_camera, which takes directions from ICRS axes "
@@ -59,6 +72,9 @@ class HeadModel:
                    error, FOV spatial error
     available      (r,) 1, fraction of the sky and time with an attitude
     bias, swing    radian rms, across and about: constant, and thermo-elastic over an orbit
+    unit           which unit of the design it is, at which age, a phrase
+    begin          radian rms at rest on its first day: class -> (across, about)
+    left_out       what the design has and the model lacks, a sentence each
     pixel_length, field_length   radian that the boresight turns while these errors change
     sun, moon, limb  radian, exclusion angles
     """
@@ -78,6 +94,19 @@ class HeadModel:
     sun: float
     moon: float
     limb: float
+    unit: str = "the unit as designed"
+    begin: dict[str, tuple[float, float]] = data_field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def at_rest(self) -> dict[str, tuple[float, float]]:
+        """Radian rms at rest, across and about, of each class of error."""
+        table = {name: getattr(self, name) for name in CHANGING}
+        return {
+            **{name: (across[0], about[0]) for name, (across, about) in table.items()},
+            "bias": self.bias,
+            "swing": self.swing,
+        }
 
     @property
     def table(self) -> dict[str, Any]:
@@ -85,61 +114,151 @@ class HeadModel:
         return {"convention": CONVENTION, **asdict(self)}
 
 
-def head_model(case: Case, name: str) -> HeadModel:
-    """The error model of a design, by its analytic budget at each rate.
+@dataclass(frozen=True)
+class UnitChoice:
+    """Which unit of a design a model is of.
 
-    Raises    ValueError where the budget refuses the case, or no field has an attitude at rest.
-    Accuracy  model: that of `budget.analytic` for the variances; that errors over the pixel and the
-              field are Gauss-Markov, with half a pixel and a field as their lengths, is an
-              assumption. A roll counts as no rate. Faster than the table, whose smear ends at 12
-              pixels, there is no attitude.
+    rank   of `RANKS`: by rms across the boresight with bias, of `count` units of `seed`, at `age`
+    age    second; None: at the end of life
     """
-    rates, budgets = _over_rates(case)
+
+    rank: str = "95"
+    count: int = 20
+    seed: int = 1
+    age: float | None = None
+
+
+def head_model(
+    case: Case,
+    name: str,
+    choice: UnitChoice | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> HeadModel:
+    """The error model of one unit of a design, by its analytic budget at each rate.
+
+    choice    None: the unit of 20 that 95 % do not exceed, at the end of life. A design whose units
+              do not differ has only the unit as designed.
+    progress  called with 1 for each unit, and for each rate of at most `len(SMEARS)`
+    Raises    ValueError where the budget refuses the case, or no field has an attitude at rest.
+    Accuracy  model: that of `budget.unit_budgets` for the variances; that errors over the pixel and
+              the field are Gauss-Markov, with half a pixel and a field as their lengths, is an
+              assumption. A roll counts as no rate. Faster than the table, whose smear ends at 12
+              pixels, there is no attitude. A bias is drawn with the rms of the unit's.
+    """
+    choice = choice or UnitChoice()
+    step = progress or (lambda done: None)
+    one = _unit_of(turning(case, 0.0), choice, step)
+    rates, found = _over_rates(case, one.classes, step)
     limits = limits_of(Head(name or "head", ""), case)
     camera, detector = case.instrument.camera, case.instrument.detector
 
-    def rms(*terms: Term) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        square = [[np.square(budget.term(term)) for term in terms] for budget in budgets]
-        across, about = np.sqrt(np.sum(square, axis=1)).T
-        return tuple(map(float, across)), tuple(map(float, about))
+    def over_rates(name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return tuple(each[name][0] for each in found), tuple(each[name][1] for each in found)
 
-    bias = rms(Term.BIAS, Term.ABERRATION, Term.MEASUREMENT_DATE)
-    swing = rms(Term.THERMO_ELASTIC)
+    expected = analytic(one.case)
+    left_out = caveats(case, expected.left_out, expected.refused)
+    if one.begin:
+        left_out.append("the phase of the swing in the orbit is drawn")
+    period, latency = timing_of(case)
     return HeadModel(
         name,
-        *timing_of(case),
+        period,
+        latency,
         tuple(rates),
-        rms(Term.NOISE),
-        rms(Term.PIXEL),
-        rms(Term.FIELD),
-        tuple(float(budget.availability) for budget in budgets),
-        (bias[0][0], bias[1][0]),
-        (swing[0][0], swing[1][0]),
+        over_rates("noise"),
+        over_rates("pixel"),
+        over_rates("field"),
+        tuple(each["available"][0] for each in found),
+        found[0]["bias"],
+        found[0]["swing"],
         PIXEL_LENGTH / camera.focal_length_px,
         2 * math.atan(min(detector.columns, detector.rows) / 2 / camera.focal_length_px),
         limits.sun,
         limits.moon,
         limits.earth,
+        one.name,
+        one.begin,
+        tuple(left_out),
     )
 
 
-def _over_rates(case: Case) -> tuple[list[float], list[Budget[Law]]]:
+Classes = dict[str, tuple[float, float]]  # radian rms, across and about; "available": 1, twice
+
+
+class _Unit(NamedTuple):
+    """A unit of a design: in words, at rest, its classes of error at a rate, on its first day."""
+
+    name: str
+    case: Case
+    classes: Callable[[Case], Classes]
+    begin: Classes
+
+
+def _unit_of(rest: Case, choice: UnitChoice, step: Callable[[int], None]) -> _Unit:
+    if choice.rank not in RANKS:
+        raise Refused(f"unit must be one of {', '.join(RANKS)}, got {choice.rank!r}")
+    if not rest.differs or choice.rank == "designed":
+        return _Unit("the unit as designed", rest, _designed, {})
+    whole(1, 10**4, units=choice.count)
+    seed, age = choice.seed, rest.end_of_life if choice.age is None else choice.age
+    budgets = unit_budgets(rest, seed, choice.count, age, ENVIRONMENTS, progress=step)
+    rms = np.array([budgets.whole(unit).rms() for unit in range(choice.count)])
+    order = np.argsort((rms[:, :2] ** 2).sum(axis=1), kind="stable")
+    number = int(order[max(math.ceil(RANKS[choice.rank] * choice.count), 1) - 1])
+
+    def at(case: Case, age: float) -> Classes:
+        one = unit_budgets(case, seed, 1, age, ENVIRONMENTS, first=number)
+        terms = {term: values[0] for term, values in one.terms.items()} | {Term.BIAS: one.bias[0]}
+        return _classes(terms, float(one.availability[0]))
+
+    begin = at(rest, 0.0)
+    del begin["available"]
+    of = {"middle": "the middle one", "95": "95 % err less or as much", "worst": "the worst"}
+    name = (
+        f"unit {number} of {choice.count} of seed {seed} at {age / YEAR:g} yr: "
+        f"{of[choice.rank]}, by rms across with bias at rest"
+    )
+    drawn = unit_of(rest, seed, Moment(number, 0, 0, age))
+    return _Unit(name, drawn, lambda case: at(case, age), begin)
+
+
+def _designed(case: Case) -> Classes:
+    budget = analytic(case)
+    terms = {term: np.asarray(budget.term(term)) for term in Term}
+    # A term of the whole design has one value across, and one about.
+    errors = {term: np.array([each[0], each[0], each[1]]) for term, each in terms.items()}
+    return _classes(errors, float(budget.availability))
+
+
+def _classes(terms: Mapping[Term, Floats], available: float) -> Classes:
+    """Of the rms (3,) of each term about the axes of the camera."""
+    found: Classes = {"available": (available, available)}
+    for name, parts in CLASSES.items():
+        square = sum((terms[term] ** 2 for term in parts if term in terms), np.zeros(3))
+        found[name] = math.sqrt((square[0] + square[1]) / 2), math.sqrt(square[2])
+    return found
+
+
+def _over_rates(
+    case: Case, classes: Callable[[Case], Classes], step: Callable[[int], None]
+) -> tuple[list[float], list[Classes]]:
     """The rates of the table, up to the last at which half of the sky has an attitude."""
     pixel = 1 / case.instrument.camera.focal_length_px / case.instrument.detector.exposure
-    rates, budgets = [0.0], [analytic(turning(case, 0.0))]
+    rates, found = [0.0], [classes(turning(case, 0.0))]
     for smear in SMEARS:
         rate = smear * pixel
         try:
-            budget = analytic(turning(case, rate))
+            at_rate = classes(turning(case, rate))
         except Refused:  # no field has an attitude
             break
-        if budget.availability < LEAST:
+        if at_rate["available"][0] < LEAST:
             break
         rates.append(rate)
-        budgets.append(budget)
+        found.append(at_rate)
+        step(1)
     if len(rates) < 2:  # two rows at least, as tables have
-        rates, budgets = [0.0, SMEARS[0] * pixel / 100], [budgets[0], budgets[0]]
-    return rates, budgets
+        rates, found = [0.0, SMEARS[0] * pixel / 100], [found[0], found[0]]
+    return rates, found
 
 
 def write_model(folder: Path, model: HeadModel) -> list[Path]:
@@ -172,7 +291,9 @@ def _data(model: HeadModel) -> str:
         "LIMB": model.limb,
     }
     lines = [
-        "/* Numbers of one design for startrack_head.c; radian and second. */",
+        "/* Numbers of one design for startrack_head.c; radian and second.",
+        *(f"   {line}" for line in fill(said_of(model), 96).splitlines()),
+        "*/",
         "#ifndef STARTRACK_HEAD_DATA_H",
         "#define STARTRACK_HEAD_DATA_H",
         "",
@@ -191,6 +312,11 @@ def _data(model: HeadModel) -> str:
     for name in ("bias", "swing"):
         lines.append(f"static const double startrack_{name}[2] = {_row(getattr(model, name))};")
     return "\n".join([*lines, "", "#endif", ""])
+
+
+def said_of(model: HeadModel) -> str:
+    """Which unit the model is of, and what it lacks, in sentences."""
+    return " ".join(f"{one[:1].upper()}{one[1:]}." for one in (model.unit, *model.left_out))
 
 
 def _row(values: tuple[float, ...]) -> str:
@@ -307,9 +433,10 @@ def _description(model: HeadModel, guid: str, files: Sequence[str]) -> str:
     listed = "".join(f'<File name="{name}"/>' for name in files if name.endswith(".c"))
     ends = "\n".join(f'      <Unknown index="{number}"/>' for number in outputs)
     variables = "\n".join(rows)
+    about = quoteattr(f"{said_of(model)} {CONVENTION}")
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName={quoteattr(model.name or IDENTIFIER)}
-    guid="{guid}" description={quoteattr(CONVENTION)} generationTool="startrack">
+    guid="{guid}" description={about} generationTool="startrack">
   <CoSimulation modelIdentifier="{IDENTIFIER}" canHandleVariableCommunicationStepSize="true"
       canNotUseMemoryManagementFunctions="true"><SourceFiles>{listed}</SourceFiles></CoSimulation>
   <UnitDefinitions>
@@ -379,13 +506,18 @@ def write_basilisk(path: Path, model: HeadModel, rate: float) -> None:
     save_text(path, _BASILISK.format(
         name=model.name, rate=rate, period=model.period, latency=model.latency, keep=keep,
         step=step, bound=bound, sun=model.sun, moon=model.moon, limb=model.limb,
+        bias=model.bias, swing=model.swing, said=fill(said_of(model), 99),
+        available=float(np.interp(rate, model.rate, model.available)),
     ))  # fmt: skip
 
 
 _BASILISK = '''"""Error of the star tracker {name!r} for Basilisk's starTracker, by startrack.
 
 At {rate!r} rad/s across the boresight; run the module once a frame, each {period!r} s. The sum of
-noise, pixel and field errors is one first-order process; bias, swing and availability are left out.
+noise, pixel and field errors is one first-order process; the module has no place for the bias, the
+swing and the availability, which stand below for the scenario.
+
+{said}
 """
 
 PERIOD = {period!r}  # second, between frames
@@ -394,6 +526,8 @@ KEEP = {keep!r}  # A in camera axes x, y, z (boresight): correlation from frame 
 STEP = {step!r}  # P in camera axes, radian
 BOUND = {bound!r}  # radian, ten times the rms
 SUN, MOON, LIMB = {sun!r}, {moon!r}, {limb!r}  # radian, exclusion angles
+BIAS, SWING = {bias!r}, {swing!r}  # radian rms, across and about; not set by configure
+AVAILABLE = {available!r}  # 1, fraction of the sky with an attitude; not set by configure
 
 
 def configure(sensor, dcm_cb):
@@ -443,7 +577,12 @@ def write_42(
         (f"{field[0] / deg:.6g}  {field[1] / deg:.6g}", "field, deg, horizontal and vertical"),
         (f"{sun}  {limb}  {moon}", "exclusion angles of Sun, Earth and Moon, deg"),
         (f"{across}  {across}  {about}", "noise equivalent angle, arcsec rms, x, y, z"),
-        ("0", "node"),
+        ("0", f"node; left out: {_arcsec_of('bias', model)}, {_arcsec_of('swing', model)}"),
     )
     head = "============================== ST 0 ====================================="
     save_text(path, "\n".join([head, *(f"{value:<28}! {about}" for value, about in rows), ""]))
+
+
+def _arcsec_of(name: str, model: HeadModel) -> str:
+    across, about = (error / arcsec for error in getattr(model, name))
+    return f"{name} {across:.3g} and {about:.3g} arcsec rms across and about"

@@ -2,9 +2,11 @@
 
 import ctypes
 import json
+import math
 import shutil
 import subprocess
 import zipfile
+from dataclasses import replace
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
@@ -12,9 +14,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack import Fidelity, load_design, run_trials, shipped
-from startrack.design import turning
-from startrack.mission.exports import head_model, write_42, write_basilisk, write_fmu, write_model
+from startrack import Fidelity, arcsec, load_design, run_trials, shipped
+from startrack.design import Variation, turning
+from startrack.mission.exports import (
+    UnitChoice,
+    head_model,
+    write_42,
+    write_basilisk,
+    write_fmu,
+    write_model,
+)
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -85,6 +94,46 @@ def test_errors_are_those_of_trials(run, smear):
         got = np.sqrt((errors[:, columns] ** 2).mean() / expected)
         assert got == pytest.approx(1, abs=0.10), axes
     assert errors[:, 3].mean() == pytest.approx(right.mean(), abs=0.01)
+
+
+SIGMA = 40  # arcsec
+
+
+@pytest.fixture(scope="module")
+def worst():
+    """Of 12 units that differ in their mounting, and swing alike about the other axis."""
+    variation = (
+        Variation("instrument.mounting.x", sigma=f"{SIGMA / 8} arcsec", per="environment"),
+        Variation("instrument.mounting.y", sigma=f"{SIGMA} arcsec", per="unit"),
+    )
+    case = replace(CASE, variation=variation)
+    return case, head_model(case, "worst", UnitChoice("worst", 12))
+
+
+def test_a_model_of_units_has_their_bias_and_swing(worst):
+    """By the law of the mounting alone: no budget and no trial."""
+    case, model = worst
+    per_axis = SIGMA * arcsec / math.sqrt(2)
+    # The largest of twelve normal draws, within its 99 %.
+    assert 1.1 < model.bias[0] / per_axis < 3.5
+    assert model.swing[0] / per_axis * 8 == pytest.approx(1, abs=0.35)  # of 24 draws: 15 % rms
+    assert model.bias[1] == pytest.approx(0, abs=1e-9)
+    assert model.begin["bias"] == pytest.approx(model.bias)
+    designed = head_model(case, "designed", UnitChoice("designed"))
+    assert designed.bias == (0, 0)
+    assert "what differs between units" in " ".join(designed.left_out)
+
+
+def test_a_model_says_what_it_lacks(worst, tmp_path):
+    model = worst[1]
+    write_model(tmp_path, model)
+    write_basilisk(tmp_path / "b.py", model, 0.0)
+    write_42(tmp_path / "42.txt", model, (0.1, 0.1), 0.0)
+    for name in ("startrack_head.json", "startrack_head_data.h", "b.py"):
+        text = " ".join((tmp_path / name).read_text().split())
+        assert model.unit[1:] in text, name
+        assert all(one[1:] in text for one in model.left_out), name
+    assert f"bias {model.bias[0] / arcsec:.3g}" in (tmp_path / "42.txt").read_text()
 
 
 def test_the_spectrum_is_that_of_the_model(run, model):
