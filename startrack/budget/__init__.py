@@ -36,7 +36,7 @@ from startrack.budget.curves import (
 from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
 from startrack.budget.indices import INDICES, indices_of
-from startrack.budget.left_out import caveats, noise_only, refusal
+from startrack.budget.left_out import ADVICE, advice, caveats, noise_only, refusal, unseen
 from startrack.budget.measured import measured
 from startrack.budget.residuals import Residuals, StarErrors, residuals, star_errors
 from startrack.budget.units import UnitBudgets, joined, unit_budgets

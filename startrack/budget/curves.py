@@ -198,6 +198,7 @@ class Survey:
     solved         (m,) 1, probability that they are enough for an attitude
     across, about  (m,) radian, rms error across (per axis) and about the boresight; NaN where
                    there is no attitude
+    faintest       (m,) G of a sunlike star as bright as the faintest that is likely to count; NaN
     """
 
     direction: Floats
@@ -205,6 +206,7 @@ class Survey:
     solved: Floats
     across: Floats
     about: Floats
+    faintest: Floats
 
     def fraction(self, stars: float) -> float:
         """Fraction of the sky with at least so many stars."""
@@ -219,12 +221,17 @@ def survey(case: Case, places: int = DIRECTIONS) -> Survey:
         raise Refused(BLIND)
     found, law = solved.attitudes, solved.budget.whole.spread
     square = np.where(found.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)
+    counts, seen = found.gain[:, 3, 0] > 0.5, solved.stars
+    faintest = np.full(len(found.stars), np.nan)
+    inside = np.repeat(np.arange(len(found.stars)), np.diff(seen.first))
+    np.fmax.at(faintest, inside[counts], seen.magnitude[counts])
     return Survey(
         view.attitude.inv().apply([0.0, 0.0, 1.0]),
         found.stars,
         found.solved,
         np.sqrt(square[:, :2].mean(axis=1)),
         np.sqrt(square[:, 2]),
+        faintest,
     )
 
 

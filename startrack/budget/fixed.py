@@ -170,5 +170,7 @@ def of_the_camera(case: Case, cause: Cause) -> tuple[Floats, Floats] | None:
         rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
         return rate * case.time_tag_error, np.zeros(3)
     if cause.name == "jitter":
+        if case.tracker.reference == "mean":
+            return np.zeros(3), np.zeros(3)
         return np.zeros(3), jitter_rms(instrument.motion, instrument.detector.exposure)
     return None

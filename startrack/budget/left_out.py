@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from startrack.core import Floats, Psf
+from startrack.budget.budget import Budget
+from startrack.core import Floats, Psf, arcsec
 from startrack.design import Case
-from startrack.trial import detection_plan, left_out, smear_of
+from startrack.trial import (
+    HITS,
+    LENS_COLOUR,
+    LENS_FIELD,
+    METHOD,
+    READ,
+    SHOT,
+    SHUTTER,
+    detection_plan,
+    left_out,
+    smear_of,
+)
 
 # From these on an effect may change the error by more than 15 %, or the availability by more than
 # a percent. Chosen by hand from the designs of experiments/budget_against_trials.py.
@@ -23,6 +36,62 @@ PART = 0.01  # of the sky
 CROWDED = 0.03  # fraction of the stars that share their window with another
 FAR = 0.5  # of the match radius, rms displacement of stars by wrong beliefs
 REFUSED = 0.3  # of the stars above the threshold
+
+# What each cause is, and the keys that change it.
+ADVICE = {
+    SHOT: "the light of the stars: instrument.optics.f_number, instrument.optics.focal_length, "
+    "instrument.detector.exposure, tracker.detection.max_spots",
+    READ: "instrument.detector.read_noise beside the light of the stars in their windows: less "
+    "blur (instrument.optics.defocus), a longer instrument.detector.exposure",
+    METHOD: "pixels sample the image coarsely: more blur (instrument.optics.defocus), or "
+    'tracker.detection.centroid = "likelihood"',
+    "PRNU": "pixels respond unequally: instrument.detector.prnu, or more blur",
+    "DSNU": "dark signal differs from pixel to pixel: instrument.detector.thermal.temperature, "
+    "instrument.detector.exposure, tracker.detection.dark_map",
+    "read-out": "instrument.detector.settling, instrument.detector.lag, "
+    "instrument.detector.nonlinearity, instrument.detector.adc_inl",
+    "neighbours": "fainter stars in the window: a smaller tracker.detection.window, less blur",
+    LENS_FIELD: "the image of a star differs over the field: instrument.optics.defocus, another "
+    "lens, fewer tracker.detection.max_spots",
+    LENS_COLOUR: "stars of other colours lie elsewhere: tracker.focal_length_by_colour, a "
+    "narrower instrument.optics.transmission",
+    SHUTTER: "rows are exposed one after the other: instrument.detector.row_delay, "
+    "instrument.motion.rate_x",
+    "camera model": "the tracker's calibration is wrong: tracker.calibration",
+    "proper motion": "the tracker's catalogue is of another year: tracker.catalog.epoch",
+    "parallax": "tracker.catalog.parallax",
+    "aberration": "tracker.catalog.aberration, tracker.catalog.orbital_velocity",
+    "mounting": "the tracker is mounted otherwise than it believes: tracker.mounting",
+    "mounting swing": "heat turns the mounting over an orbit: instrument.mounting.swing_x",
+    "time stamp": "tracker.delay",
+    "jitter": "the spacecraft moves within an exposure, and the attitude asked for is that at its "
+    'middle: instrument.detector.exposure, instrument.motion.tones; tracker.reference = "mean" '
+    "asks for the mean",
+    HITS: "particles hit pixels: instrument.detector.hits",
+}
+# What a tracker cannot see in the spots that it weights.
+UNSEEN = ("jitter", "camera model", "proper motion", "parallax", "aberration", "mounting",
+          "mounting swing", "time stamp", SHUTTER, HITS)  # fmt: skip
+PARTS_SHOWN = 4  # causes, the largest
+
+
+def advice(budget: Budget[Any]) -> list[str]:
+    """Of the largest causes across the boresight, what they are and what changes them."""
+    lines = sorted(budget.lines, key=lambda line: -line.across)[:PARTS_SHOWN]
+    return [
+        f"{line.name} ({line.across / arcsec:.3g} arcsec across): {ADVICE[line.name]}"
+        for line in lines
+        if line.name in ADVICE
+    ]
+
+
+def unseen(budget: Budget[Any]) -> str:
+    """Why a stated covariance may be too small, a sentence; empty where nothing is known."""
+    lines = [line for line in budget.lines if line.name in UNSEEN and line.across > 0]
+    parts = [f"{line.name} ({line.across / arcsec:.3g} arcsec across)" for line in lines]
+    of_units = "unit", "instrument.structure"  # which the unit as designed does not have
+    parts += [one for one in budget.left_out if not any(word in one for word in of_units)]
+    return f"the tracker does not know of {'; '.join(parts)}" if parts else ""
 
 
 def of_the_case(case: Case) -> Iterator[str]:

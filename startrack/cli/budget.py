@@ -24,12 +24,14 @@ if wanted(__name__):
     import numpy as np
 
     from startrack.budget import (
+        ADVICE,
         INDICES,
         Budget,
         Check,
         Line,
         Spread,
         Term,
+        advice,
         analytic,
         caveats,
         check,
@@ -38,6 +40,7 @@ if wanted(__name__):
         measured,
         rates_computed,
         survey,
+        unseen,
     )
     from startrack.cli import terminal
     from startrack.cli.units import budgets_of, levers_of, tolerances_of
@@ -113,14 +116,17 @@ def command(options: argparse.Namespace) -> int:
         f"{alone}{_table(expected, by_trials)}\n"
         f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
         f"assumes {assumed}",
-        "\n".join([*caveats(case, expected.left_out, expected.refused), *_checked(checked)]),
+        "\n".join(advice(expected)),
+        "\n".join(
+            [*caveats(case, expected.left_out, expected.refused), *_checked(checked, expected)]
+        ),
     ]
     if by_trials:
         result |= {"seed": options.seed, "measured": _values(by_trials)}
         result |= {"members": options.montecarlo, "times": options.times}
+    required, units = campaign.requirements.accuracy if campaign else (), None
     if options.units:
-        required = campaign.requirements.accuracy if campaign else ()
-        result["units"], lines = budgets_of(case, required, options)
+        result["units"], lines, units = budgets_of(case, required, options)
         text.append(lines)
     if options.tolerances:
         result["tolerances"], lines = tolerances_of(case, campaign, options)
@@ -133,8 +139,8 @@ def command(options: argparse.Namespace) -> int:
         text.append(_index_table(result["indices"], options))
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
-        required = campaign.requirements.accuracy if campaign else ()
-        draw_budget(options.out / "budget.png", expected, by_trials, Path(path).stem, required)
+        picture = options.out / "budget.png"
+        draw_budget(picture, expected, by_trials, Path(path).stem, required, units)
         draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
         with terminal.progress("slew rates", rates_computed(case)) as advance:
             curves = error_curves(case, options.seed, advance=advance)
@@ -146,9 +152,9 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
 
 
-def _checked(checked: Check) -> list[str]:
+def _checked(checked: Check, expected: Budget[Any]) -> list[str]:
     """What the check by trials says, a line each."""
-    doubt = [checked.summary.doubt] if checked.summary.doubt else []
+    doubt = [checked.summary.doubt, unseen(expected)] if checked.summary.doubt else []
     trials = f"{checked.summary.trials} trials ({checked.fidelity})"
     if not checked.differs:
         return [*doubt, f"{trials} agree with the formula"]
@@ -199,6 +205,8 @@ def _values(budget: Budget[Any]) -> dict[str, Any]:
 
 def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
     values: dict[str, Any] = {} if line.term is None else {"term": line.term.value}
+    name = getattr(line, "name", "")
+    values |= {"advice": ADVICE[name]} if name in ADVICE else {}
     values |= {"across": line.across / arcsec, "about": line.about / arcsec}
     values["levels"] = {
         way.value: {

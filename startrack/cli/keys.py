@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
+from collections.abc import Sequence
 from textwrap import fill
 
 from startrack.cli.options import Exit, Option, Options, WrongUse, wanted
@@ -17,17 +19,50 @@ if wanted(__name__):
 
 WIDEST = 100  # letters of a line
 
+# Words of datasheets that no key is called by, and the keys that set them.
+DATASHEET = {
+    "field of view": ("instrument.optics.focal_length", "instrument.detector.columns",
+                      "instrument.detector.rows", "instrument.detector.pixel_pitch"),
+    "fov": ("instrument.optics.focal_length", "instrument.detector.columns",
+            "instrument.detector.rows", "instrument.detector.pixel_pitch"),
+    "aperture": ("instrument.optics.f_number", "instrument.optics.focal_length"),
+    "update rate": ("instrument.detector.frame_rate", "instrument.detector.pixel_rate",
+                    "campaign.requirements.min_update_rate"),
+    "integration time": ("instrument.detector.exposure",),
+    "exclusion": ("instrument.baffle.angle", "instrument.baffle.transmittance",
+                  "campaign.requirements.min_keep_out.sun"),
+    "slew": ("instrument.motion.rate_x", "instrument.motion.rate_y", "instrument.motion.rate_z"),
+    "angular rate": ("instrument.motion.rate_x", "instrument.motion.rate_y",
+                     "instrument.motion.rate_z"),
+    "radiation": ("instrument.detector.age", "instrument.detector.hits"),
+    "mass": ("campaign.requirements.max_mass",),
+    "power": ("campaign.requirements.max_power",),
+    "nea": ("campaign.requirements.max_across", "campaign.requirements.max_about"),
+    "accuracy": ("campaign.requirements.max_across", "campaign.requirements.max_about",
+                 "campaign.requirements.level"),
+    "sensitivity": ("tracker.catalog.limit_g", "tracker.detection.threshold"),
+    "magnitude limit": ("tracker.catalog.limit_g", "tracker.detection.threshold"),
+    "limiting magnitude": ("tracker.catalog.limit_g", "tracker.detection.threshold"),
+    "distortion": ("instrument.optics.k1", "instrument.optics.k2", "instrument.optics.k3",
+                   "tracker.calibration.order"),
+    "spot size": ("instrument.optics.blur", "instrument.optics.defocus"),
+    "alignment": ("instrument.mounting", "tracker.mounting"),
+}  # fmt: skip
+
 
 declare = Options(
     "Prints each key of a design file with its type, the unit that its value is written with, "
     "its range and default, what it means, and which fidelities take it where some do not (in "
     "brackets: run without it): all, or those of one table. For example\n\n"
-    "  startrack keys instrument.detector\n\n"
+    "  startrack keys instrument.detector\n"
+    "  startrack keys field of view\n\n"
+    "Words that are no table are looked for in names and meanings, and among the words of "
+    "datasheets. "
     "--schema prints a JSON Schema of them, by which editors complete and check design files: "
     "with taplo, as in VS Code's Even Better TOML, by a first line\n\n"
     "  #:schema ./design.schema.json",
-    Option("table TABLE", "table or key, such as instrument.optics (default: all)", default="",
-           many="?"),
+    Option("table TABLE", "table or key, such as instrument.optics, or words (default: all)",
+           default=[], many="*"),
     Option("--schema", "print the JSON Schema of a whole design file"),
 )  # fmt: skip
 
@@ -37,9 +72,10 @@ def command(options: argparse.Namespace) -> int:
     if options.schema:
         print(json.dumps(design_schema(), indent=1))
         return Exit.DONE
-    table = options.table
+    table = " ".join(options.table)
     keys = design_keys()
     chosen = [key for key in keys if f"{key.name}.".startswith(f"{table}." if table else "")]
+    chosen = chosen or ([] if "." in table else _searched(table, keys))
     if not chosen:
         near = difflib.get_close_matches(table, [key.name for key in keys], 3)
         raise WrongUse(
@@ -50,6 +86,18 @@ def command(options: argparse.Namespace) -> int:
     for key in chosen:
         print_result(options, key._asdict(), _text(key, width))
     return Exit.DONE
+
+
+def _searched(words: str, keys: Sequence[Key]) -> list[Key]:
+    """The keys that words of a datasheet mean, or whose name or meaning has all the words."""
+    asked = words.lower().replace("_", " ").replace("-", " ")
+    named = [name for term, names in DATASHEET.items() for name in names
+             if re.search(rf"\b{term}\b", asked)]  # fmt: skip
+    if named:
+        return [key for key in keys if key.name in named]
+    parts = asked.split()
+    texts = {key: f"{key.name} {key.meaning} {key.unit}".lower().replace("_", " ") for key in keys}
+    return [key for key, text in texts.items() if parts and all(part in text for part in parts)]
 
 
 def _text(key: Key, width: int) -> str:

@@ -29,12 +29,13 @@ if wanted(__name__):
     import numpy as np
 
     from startrack import mission, report
+    from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
     from startrack.core import Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, save_text, shipped, write_fits
     from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
     from startrack.montecarlo import cluster, export, pool
-    from startrack.plots import draw_beta, draw_frame, draw_mission, draw_placement
+    from startrack.plots import draw_beta, draw_mission, draw_placement
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
@@ -200,8 +201,7 @@ def _render(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
         causes = [str(cause.name).lower() for cause in mission.Blind if scene.blind & cause]
         state = f"blind by {', '.join(causes)}" if causes else "valid"
         title = f"{head.name} at {options.frame:g} s, {state}; {pointing_text(attitude, 3, 1)}"
-        saturation = scene.case.tracker.detection.saturation
-        draw_frame(png, record.frame, title, camera, attitude, record.stars, saturation)
+        draw_record(png, scene.case, record, title)
         error = math.hypot(outcome.error_x, outcome.error_y)
         good = bool(outcome.solved and not outcome.false)
         solved &= good

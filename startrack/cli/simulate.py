@@ -6,6 +6,7 @@ import argparse
 import math
 from datetime import timedelta
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from startrack.cli.options import (
     DESIGN,
@@ -25,13 +26,18 @@ if wanted(__name__):
     from startrack.cli.terminal import example, pointing_text, print_result, quaternion, read_design
     from startrack.core import Streams
     from startrack.io import FrameFiles, celestial, pointing, write_fits
-    from startrack.plots import draw_frame
+    from startrack.plots import draw_frame, draw_solution
     from startrack.scene import date_of
-    from startrack.trial import observe, random_attitude
+    from startrack.trial import observe, random_attitude, searched
+
+if TYPE_CHECKING:
+    from startrack.design import Case
+    from startrack.trial import Record
 
 
 declare = Options(
-    "Writes frame.fits, with its WCS and a table of its true stars, and frame.png. Without --ra, "
+    "Writes frame.fits, with its WCS and a table of its true stars; frame.png, with its spots "
+    "and true stars; and raw.png, where the tracker has a dark map. Without --ra, "
     "--dec and --roll it uses the random attitude of this seed and trial; if one is given, the "
     "others are 0.",
     *DESIGN,
@@ -74,11 +80,15 @@ def command(options: argparse.Namespace) -> int:
         f"{pointing_text(attitude, 3, 1)}; field {math.degrees(camera.fov_x):.2f} "
         f"deg; exposure {1e3 * record.frame.exposure:g} ms"
     )
-    saturation = case.tracker.detection.saturation
-    draw_frame(png, record.frame, title, matrix, attitude, record.stars, saturation)
+    found = (
+        f"the tracker finds {record.outcome.spots} spots, matches {record.outcome.stars}: "
+        f"{record.estimate.status}"
+    )
+    raw = draw_record(png, case, record, f"{title}\n{found}")
     result = {
         "fits": str(fits),
         "png": str(png),
+        "raw_png": str(raw) if raw else None,
         "pixels": [str(file) for file in pixels],
         "icrs_to_camera_xyzw": quaternion(attitude),
         "ra_deg": ra,
@@ -92,8 +102,26 @@ def command(options: argparse.Namespace) -> int:
     print_result(
         options,
         result,
-        f"{title}\nthe tracker finds {record.outcome.spots} spots, matches "
-        f"{record.outcome.stars}: {record.estimate.status}\nwrote "
-        f"{', '.join(map(str, [fits, *pixels]))} and {png}",
+        f"{title}\n{found}\nwrote "
+        f"{', '.join(str(file) for file in (fits, *pixels, raw) if file)} and {png}",
     )
     return Exit.DONE
+
+
+def draw_record(path: Path, case: Case, record: Record, title: str) -> Path | None:
+    """A frame as its tracker searches it, with spots and true stars; beside it raw.png.
+
+    Returns  the picture of all pixels; None where the tracker has no dark map, so that it is that
+    """
+    saturation = case.tracker.detection.saturation
+    if case.instrument.detector.scan:
+        draw_frame(path, record.frame, title, saturation=saturation)
+        return None
+    seen, raw = searched(case, record.frame), None
+    sky = case.instrument.camera, record.icrs_to_camera, record.stars
+    if seen is not record.frame:
+        raw = path.with_name("raw.png" if path.stem == "frame" else f"{path.stem}-raw.png")
+        draw_frame(raw, record.frame, title, *sky, saturation)
+        title += "; dark map taken off"
+    draw_solution(path, seen, record.spots, record.matches, *sky[1:], title, saturation)
+    return raw

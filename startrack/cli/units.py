@@ -55,8 +55,8 @@ def require_units(case: Case) -> None:
 
 def budgets_of(
     case: Case, required: tuple[Accuracy, ...], options: argparse.Namespace
-) -> tuple[list[dict[str, Any]], str]:
-    """What the budgets of some units say: values for JSON, one for each age, and their text."""
+) -> tuple[list[dict[str, Any]], str, UnitBudgets]:
+    """What the budgets of some units say: values for JSON, one for each age; text; at the last."""
     with as_wrong_use():
         require_units(case)
     ages = list(dict.fromkeys((0.0, case.end_of_life)))
@@ -65,7 +65,7 @@ def budgets_of(
             unit_budgets(case, options.seed, options.units, age, progress=advance) for age in ages
         ]
     values = [_values(at_age, required) for at_age in budgets]
-    return values, _text(values)
+    return values, _text(values), budgets[-1]
 
 
 def tolerances_of(

@@ -276,6 +276,11 @@ class Tracker(Parameters):
     motion: Annotated[Motion | None,
         "how it believes the camera to turn, None for as it does, jitter apart; where lines "
         "scan, each spot has its own time"] = None  # fmt: skip
+    reference: Annotated[str, Range(choices=("instant", "mean")),
+        'attitude that it is judged by: "instant", that in the middle of the exposure, for which '
+        'control wants it and ECSS-E-ST-60-20C states errors; "mean", that over the exposure, '
+        "which leaves jitter within the exposure to the spacecraft, as makers' noise figures do"
+    ] = "instant"  # fmt: skip
     calibrated_at: Annotated[float | None, Unit("K", "degC", absolute=True), Range(1, 1000),
         "temperature of the lens when the camera was calibrated, None for that which it has; a "
         "lens table says what differs"] = None  # fmt: skip

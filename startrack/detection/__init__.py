@@ -45,6 +45,7 @@ from startrack.detection.parameters import LONGEST_STREAK, Detection
 from startrack.detection.pixels import (
     DarkFrames,
     DarkMap,
+    corrected,
     correction_image,
     divide_flat,
     pixels,

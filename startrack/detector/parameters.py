@@ -67,6 +67,9 @@ class Detector(Parameters):
     offset: Annotated[int, Range(0), "digital number of an empty pixel"] = 0
     pixel_rate: Annotated[float, Unit("pix / s", "Mpix / s"), POSITIVE,
         "pixel / second of the read-out, which sets the update rate"] = 40e6  # fmt: skip
+    frame_rate: Annotated[float | None, Unit("Hz"), POSITIVE,
+        "frames a second; None: the next exposure begins when the frame before is read. At most "
+        "such that the longer of exposure and read-out fits into a period"] = None  # fmt: skip
     device_seed: Annotated[int, Range(0, 2**63 - 1), "seed of the maps of one device"] = 0
     binning: Annotated[int, Range(1, 64),
         "pixels of the array on a side of a pixel of the image, added as charge; dark_current, "
@@ -124,6 +127,8 @@ class Detector(Parameters):
             )
         if self.region:
             self._check(self.region)
+        if self.frame_rate:
+            self._check_rate(self.frame_rate)
         if self.scan:
             self._check_scan(self.scan)
 
@@ -137,6 +142,16 @@ class Detector(Parameters):
                     f"region must lie on the array's {array} {name}, got {start} to "
                     f"{start + length * self.binning}"
                 )
+
+    def _check_rate(self, rate: float) -> None:
+        if self.scan:
+            raise Refused("frame_rate must be left out where lines scan")
+        most = 1 / max(self.exposure, self.rows * self.columns / self.pixel_rate)
+        if rate > most * (1 + 1e-9):
+            raise Refused(
+                f"frame_rate must be at most {most:.4g} Hz, by exposure and pixel_rate, got "
+                f"{rate:g} Hz"
+            )
 
     def _check_scan(self, scan: Scan) -> None:
         matrix_only = {
@@ -245,7 +260,9 @@ class Detector(Parameters):
 
     @property
     def update_rate(self) -> float:
-        """Frames per second: exposure, then read-out; a detector of lines does both at once."""
+        """Frames per second: as asked for, else exposure, then read-out; lines do both at once."""
+        if self.frame_rate:
+            return self.frame_rate
         if self.scan:
             return 1 / (self.exposure * self.rows)
         return 1 / (self.exposure + self.rows * self.columns / self.pixel_rate)

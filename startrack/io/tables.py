@@ -13,7 +13,7 @@ import re
 import tomllib
 import typing
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -61,14 +61,9 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
         raise Refused(f"{place or 'the file'} must be a table, got {shown(table)}")
     fields = fields_of(kind)  # type: ignore[arg-type]
     table = _with_new_keys(kind, table, place)
-    for key in table:
-        if key not in fields:
-            near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
-            raise Refused(
-                f"{_join(place, shown(key)[1:-1])} is unknown; "
-                + (f"did you mean {near[0]}? " if near else "")
-                + f"known here are {', '.join(fields) or 'no keys'}"
-            )
+    unknown = list(_unknown(kind, table, place))
+    if unknown:
+        raise Refused("; ".join(unknown))
     values = {key: _read(fields[key], value, _join(place, key)) for key, value in table.items()}
     missing = [name for name, field in fields.items() if name not in values and field.required]
     if missing:
@@ -77,6 +72,21 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
         return kind(**values)
     except (ValueError, TypeError, ArithmeticError) as error:
         raise Refused(_join(place, _sentence(error))) from None
+
+
+def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[str]:
+    """What is said of each unknown key of a table, and of the tables in it."""
+    fields = fields_of(kind)
+    for key, value in table.items():
+        key = current_key(kind, key)
+        inner = fields[key].kind if key in fields else None
+        if inner is None:
+            near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
+            known = ", ".join(fields) or "no keys"
+            hint = f"did you mean {near[0]}?" if near else f"known here are {known}"
+            yield f"{_join(place, shown(key)[1:-1])} is unknown; {hint}"
+        elif dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
+            yield from _unknown(inner, value, _join(place, key))
 
 
 def _sentence(error: Exception) -> str:
@@ -268,6 +278,17 @@ class Layers:
             else:
                 self.origin[inner] = origin if isinstance(origin, str) else origin[inner]
 
+    def drop(self, place: str) -> None:
+        """Take out a value or a table."""
+        table: Any = self.table
+        *outer, last = place.split(".")
+        for name in outer:
+            table = table.get(name) if isinstance(table, dict) else None
+        if not isinstance(table, dict) or last not in table:
+            raise Refused(f"{SET} {place}= must name a key that the files have, and none has it")
+        del table[last]
+        self.origin = {name: at for name, at in self.origin.items() if not _within(name, place)}
+
     def blamed(self, message: str, path: Path) -> str:
         """A message on a place in the table, with the file that the value there is from."""
         match = PLACE.match(message)
@@ -292,13 +313,18 @@ def read_layers(
     joined   keys of the outermost table whose lists of tables are added to those of the files
              below; an entry replaces one below that is alike in some keys, given with defaults
     changes  "key = value" each, over all files: "instrument.optics.f_number=2.0". A value that is
-             no TOML is a text: "instrument.optics.blur=3 um".
+             no TOML is a text: "instrument.optics.blur=3 um". Without a value, the key is taken out
+             of the files, so that its default holds: "instrument.detector.age=".
     Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
              itself by way of others, or a change is none.
     """
     layers = _read_layers(path, what, joined, ())
     for change in changes:
-        layers.lay(_changed(change), SET)
+        key, _, text = change.partition("=")
+        if "=" in change and not text.strip() and KEY.fullmatch(key.strip()):
+            layers.drop(key.strip())
+        else:
+            layers.lay(_changed(change), SET)
     return layers
 
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from startrack.budget import Budget, Curve, ErrorCurves, Line, Residuals, Survey, Term
-from startrack.core import Floats, Ints, arcsec, deg
-from startrack.design import Accuracy, Case
+from startrack.budget import Budget, Curve, ErrorCurves, Line, Residuals, Survey, Term, UnitBudgets
+from startrack.core import Floats, Ints, arcsec, deg, is_code
+from startrack.design import YEAR, Accuracy, Case
+from startrack.detection import STREAK
 from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import quantile_interval
 from startrack.plots import style
@@ -46,22 +47,30 @@ def draw_budget(
     by_trials: Budget[Any] | None,
     title: str,
     required: Sequence[Accuracy] = (),
+    units: UnitBudgets | None = None,
 ) -> Figure:
     """A bar for each cause, from zero; measured values as points with their 95 % intervals.
 
     required  limits on the error; those of other statistics than the rms per axis are named only
+    units     whose classes of error follow below the causes of the unit as designed
     """
-    names: dict[str, Line[Any]] = {line.name: line for line in expected.lines}
+    names: dict[str, Line[Any] | _OfUnits] = {line.name: line for line in expected.lines}
     beside = {line.name: line for line in by_trials.lines} if by_trials else {}
-    order = [*names, *(name for name in beside if name not in names), "end to end"]
-    names["end to end"] = expected.whole
+    whole = "as designed" if units else "end to end"
+    order = [*names, *(name for name in beside if name not in names), whole]
+    names[whole] = expected.whole
     if by_trials:
-        beside["end to end"] = by_trials.whole
+        beside[whole] = by_trials.whole
+    of_units = _of_units(units) if units else {}
+    names |= of_units
+    order += of_units
     text = (
         f"; points: measured in {by_trials.whole.spread.error.shape[0]} members"
         if by_trials
         else ""
     )
+    if units:
+        text += f"; below: rms over {len(units)} units at {units.age / YEAR:g} yr"
     figure = style.picture(2.2 + 2 * 0.27 * len(order), f"{title}: error by cause, analytic{text}")
     panels = figure.subplots(2, 1)
     for axes, kind in zip(panels, ("across", "about"), strict=True):
@@ -77,11 +86,31 @@ def draw_budget(
     return style.save_picture(path, figure)
 
 
+class _OfUnits(NamedTuple):
+    """A class of error over units, as a line of a budget: radian rms across and about."""
+
+    term: Term | None
+    across: float
+    about: float
+
+
+def _of_units(units: UnitBudgets) -> dict[str, _OfUnits]:
+    parts = {Term.BIAS: units.bias} | units.terms
+    square = {term: (error**2).mean(axis=0) for term, error in parts.items()}
+    whole = np.sum(list(square.values()), axis=0)
+
+    def row(term: Term | None, part: Floats) -> _OfUnits:
+        return _OfUnits(term, float(np.sqrt(part[:2].mean())), float(np.sqrt(part[2])))
+
+    rows = {f"units: {term.value}": row(term, square[term]) for term in Term if term in square}
+    return {**rows, "units: all, with bias": row(None, whole)}
+
+
 def _bars(
     axes: Axes,
     order: list[str],
-    names: dict[str, Line[Any]],
-    beside: dict[str, Line[Any]],
+    names: Mapping[str, Line[Any] | _OfUnits],
+    beside: Mapping[str, Line[Any]],
     kind: str,
 ) -> list[float]:
     """The bars of a panel; returns the largest value of each, arcsec."""
@@ -128,13 +157,14 @@ def _required(axes: Axes, limits: Sequence[Accuracy], largest: float) -> None:
         if limit.objective.fraction is None and not (
             limit.objective.radial and limit.objective.axes != "about"
         ):
-            axes.axvline(value, color=style.PURPLE, lw=2, ls="--", label="requirement, end to end")
-            axes.set_xlim(0, max(axes.get_xlim()[1], 1.1 * value) if value < 5 * largest else None)
-            if value >= 5 * largest:
+            if value < 5 * largest:
+                axes.axvline(value, color=style.PURPLE, lw=2, ls="--", label="requirement")
+                axes.set_xlim(0, max(axes.get_xlim()[1], 1.1 * value))
+            else:
                 text += ", beyond the axis"
         else:
             text += " (no line: these bars are rms per axis)"
-        style.panel_title(axes, text)
+        style.panel_title(axes, text, 64)
 
 
 def _once(figure: Figure) -> tuple[list[Any], list[str]]:
@@ -157,8 +187,11 @@ def draw_sky(path: Path | None, survey: Survey, case: Case, title: str) -> Figur
         + ", ".join(f"{100 * survey.fraction(n):.1f}" for n in (few, 5, 8))
         + " %. Right ascension grows to the left",
     )
+    full = np.ptp(survey.stars) < 0.05  # as many as the tracker keeps, everywhere
     maps = (
-        (survey.stars, "detected stars in the field (number)", 1.0),
+        (survey.faintest, f"faintest of the {survey.stars[0]:.0f} stars that count (G)", 1.0)
+        if full
+        else (survey.stars, "detected stars in the field (number)", 1.0),
         (survey.across / arcsec, "error across the boresight (arcsec rms per axis)", TOP),
         (survey.about / arcsec, "error about the boresight (arcsec rms)", TOP),
     )
@@ -180,7 +213,7 @@ def draw_sky(path: Path | None, survey: Survey, case: Case, title: str) -> Figur
         axes.grid(alpha=0.35)
         style.colour_bar(shown, axes, values, label, orientation="horizontal", shrink=0.7,
                          aspect=32, pad=0.03)  # fmt: skip
-        style.panel_title(axes, _worst(axes, survey, values, least=k == 0))
+        style.panel_title(axes, _worst(axes, survey, values, least=k == 0 and not full))
     return style.save_picture(path, figure)
 
 
@@ -208,7 +241,7 @@ def draw_curves(path: Path | None, curves: ErrorCurves, case: Case, title: str) 
         [["rates"] * 2, ["stars"] * 2, ["place", "count"]], height_ratios=(1.05, 1, 1)
     )
     rates, stars, place, count = (panels[name] for name in ("rates", "stars", "place", "count"))
-    _over_rate(rates, curves)
+    _over_rate(rates, curves, case)
     good = np.hypot(*curves.seen.error.T) < 1.0
     seen = Residuals(*(column[good] for column in curves.seen))
     _over_magnitude(stars, curves.stars, seen)
@@ -219,7 +252,7 @@ def draw_curves(path: Path | None, curves: ErrorCurves, case: Case, title: str) 
     return style.save_picture(path, figure)
 
 
-def _over_rate(axes: Axes, curves: ErrorCurves) -> None:
+def _over_rate(axes: Axes, curves: ErrorCurves, case: Case) -> None:
     curve, tried = curves.curve, curves.tried
     rates = curve.rate[:: curves.steps]
     shown = curve.rate / deg
@@ -240,6 +273,10 @@ def _over_rate(axes: Axes, curves: ErrorCurves) -> None:
     ]
     differs = [style.number(rate / deg) for rate, checked in tried if checked.differs]
     _shade_rates(axes, curve)
+    streaks = STREAK / case.instrument.camera.focal_length_px / case.instrument.detector.exposure
+    if curve.rate[0] < streaks < curve.rate[-1] and not is_code(case.tracker.detection.centroid):
+        axes.axvline(streaks / deg, color=style.GREY, ls="-.", lw=1.2,
+                     label="from here streaks are fitted (likelihood)")  # fmt: skip
     axes.set_xscale("symlog", linthresh=max(rates[1] / deg, 1e-9))
     axes.set(yscale="log", xlim=(-0.2 * shown[1], 1.15 * shown[-1]))
     axes.set_xticks(rates / deg, [style.number(rate) for rate in rates / deg])

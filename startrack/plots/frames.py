@@ -14,7 +14,7 @@ from matplotlib.colors import FuncNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import maximum_filter, rank_filter
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Matches, Spots, Stars, arcsec, deg
@@ -100,9 +100,13 @@ def draw_solution(
     icrs_to_camera: Rotation | None,
     stars: Stars,
     title: str,
+    saturation: float | None = None,
 ) -> Figure:
-    """The image with its spots, matched and not, and stars of the catalogue."""
-    figure, axes = _image(frame, title)
+    """The image with its spots, matched and not, and stars of the catalogue.
+
+    saturation  digital number from which on pixels are saturated
+    """
+    figure, axes = _image(frame, title, saturation)
     matched = np.zeros(len(spots), bool)
     matched[matches.spot] = True
     for chosen, colour, marker, label in (
@@ -264,6 +268,7 @@ def _scale_bar(axes: Axes, camera: Camera) -> None:
 CELLS = 640  # along the longer side; a picture of 1280 pixels shows each with two
 FEW_CELLS = 360  # up to which each is a pixel where the picture is 400 wide
 BRIGHT = 5.0  # noise above the background, from which on a cell is drawn wider
+TAIL = 2.33  # noise that 1 % of normal numbers exceed
 RANGE = 4.0  # noise from black to white, at least
 DARK = 1.5  # noise above the background up to which a pixel is black
 
@@ -333,17 +338,22 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
     finite = reduced[np.isfinite(reduced)]
     if not len(finite):
         return Stretch(reduced, block, False, 0.0, 1.0, 1.0, limit, saturated)
-    median, above = np.percentile(finite, [50, 84])
+    median, above, tail = np.percentile(finite, [50, 84, 99])
     largest = float(finite.max())
     # Of a constant frame, one digital number.
     noise = max(float(above - median), 1e-3 * (largest - float(median))) or 1.0
+    # Where the noise is less than a digital number, or of hot pixels, its tail counts.
+    noise = max(noise, float(tail - median) / TAIL)
     black = float(median) + DARK * noise
     if saturated:
         black = min(black, limit - RANGE * noise)
     white = max(min(largest, limit), black + RANGE * noise)
     wider = max(reduced.shape) > FEW_CELLS
     if wider:
-        bright = np.where(reduced > median + BRIGHT * noise, reduced, -np.inf)
+        # A star covers two cells side by side, unless they are large; a hot pixel stays small.
+        second = rank_filter(reduced, -2, 3, mode="nearest") if block < 3 else reduced
+        wide = np.minimum(reduced, second) > median + BRIGHT * noise
+        bright = np.where(wide, reduced, -np.inf)
         reduced = np.maximum(reduced, maximum_filter(bright, 3, mode="nearest"))
     return Stretch(reduced, block, wider, black, noise, white, limit, saturated)
 

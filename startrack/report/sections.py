@@ -38,7 +38,7 @@ from startrack.report.page import (
     records,
     table,
 )
-from startrack.trial import observe
+from startrack.trial import observe, searched
 
 OTHER = 2 * 10**8  # number of the first trial in the other conditions, which no command repeats
 
@@ -330,7 +330,7 @@ def show(case: Case, seed: int, number: int, icrs_to_camera: Rotation) -> str:
         path = Path(folder) / "frame.jpg"
         draw_solution(
             path,
-            record.frame,
+            searched(case, record.frame),
             record.spots,
             record.matches,
             record.estimate.icrs_to_camera,

@@ -208,6 +208,10 @@ def run(
     """
     if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
         raise Refused("a sequence must have a time tag error of 0 and the believed mounting")
+    if case.tracker.reference != "instant":
+        raise Refused(
+            f'tracker.reference of a sequence must be "instant", got "{case.tracker.reference}"'
+        )
     streams = Streams(seed, number)
     true = flight(case.instrument, sequence, random_attitude(streams), streams)
     rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None

@@ -40,6 +40,7 @@ from startrack.trial.chain import (
     run_random_trial,
     run_trial,
     run_trials,
+    searched,
     shrunk,
     solve_matches,
 )

@@ -27,7 +27,7 @@ from startrack.core import (
     Streams,
 )
 from startrack.design import Case, Fidelity, Tracker
-from startrack.detection import detect
+from startrack.detection import corrected, detect
 from startrack.detector import expose
 from startrack.identification import PatternIndexes, identify, refit
 from startrack.metrics import JUDGED, Outcome, judge
@@ -165,6 +165,15 @@ def _detected(case: Case, frame: Frame) -> Spots:
     return straighten(
         spots, detector.scan, detector.exposure, case.believed_motion, case.believed_camera
     )
+
+
+def searched(case: Case, frame: Frame) -> Frame:
+    """A frame as its tracker searches it: less its dark map, hot pixels as their neighbours."""
+    plan = detection_plan(case)
+    if plan.correction is None:
+        return frame
+    pixels = corrected(frame.image.astype(np.float32), plan.correction, plan.settings.saturation)
+    return replace(frame, image=pixels)
 
 
 def _identified(case: Case, spots: Spots) -> Matches:

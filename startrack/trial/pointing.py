@@ -78,12 +78,16 @@ def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -
     """The attitude icrs_to_camera that a tracker must report, so that the spacecraft's is correct.
 
     Its time tag may be late, and the mounting may differ from the believed one: the reference is
-    the spacecraft's attitude at the time tag, in the axes of the believed camera.
+    the spacecraft's attitude at the time tag, or its mean over the exposure, in the axes of the
+    believed camera.
     """
     truth = icrs_to_camera
     if case.time_tag_error:
         path = realise_motion(case.instrument.motion, case.instrument.detector.exposure, streams)
         truth = Rotation.from_rotvec(path.at(np.array([case.time_tag_error]))[0]) * truth
+    if case.tracker.reference == "mean":
+        seen = line_of_sight(case.instrument, streams)
+        truth = Rotation.from_rotvec(seen.weight @ seen.rotation) * truth
     mounting, believed = case.instrument.mounting, case.believed_mounting
     if mounting == believed:
         return truth

@@ -1,13 +1,15 @@
 """What a budget says that it leaves out, and what some trials say of it."""
 
+import re
 from dataclasses import replace
 
 import pytest
 
-from startrack.budget import analytic, caveats, check
+from startrack.budget import ADVICE, advice, analytic, caveats, check, unseen
 from startrack.core.units import deg
-from startrack.design import Fidelity, replaced
+from startrack.design import Fidelity, design_keys, replaced
 from startrack.detector import Hits
+from startrack.motion import Tone
 from startrack.scene import Scene
 
 
@@ -55,3 +57,19 @@ def test_a_smear_that_the_tracker_does_not_know_is_named_and_found_by_trials(cas
     found = check(case, budget, 1)
     assert "across" in found.differs[0]
     assert "squared is" in found.summary.doubt
+
+
+def test_advice_names_keys_that_there_are(case):
+    keys = {key.name for key in design_keys()}
+    for name, text in ADVICE.items():
+        named = re.findall(r"(?:instrument|tracker)\.[a-z_.]*[a-z_]", text)
+        assert named, name
+        assert set(named) <= keys, name
+    budget = analytic(case)
+    assert advice(budget)[0].startswith("read noise")
+    assert unseen(budget) == ""
+
+
+def test_jitter_is_named_where_the_covariance_cannot_hold_it(case):
+    shaken = replaced(case, "instrument.motion.tones", (Tone(30.0, rms_x=5e-6),))
+    assert unseen(analytic(shaken)).startswith("the tracker does not know of jitter")

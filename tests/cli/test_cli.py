@@ -12,7 +12,9 @@ import pytest
 from astropy.io import fits
 
 from startrack.benchmark import STAGES
+from startrack.cli.keys import DATASHEET
 from startrack.cli.main import COMMANDS, main
+from startrack.design import design_keys
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
 from startrack.io import shipped
@@ -237,6 +239,17 @@ def test_keys_of_a_table(call):
     status, found, err = call("keys", "instrument.optic")
     assert (status, found) == (2, [])
     assert "similar are instrument.optics" in err
+
+
+def test_keys_are_found_by_the_words_of_datasheets(call):
+    keys = {key.name for key in design_keys()}
+    for words, names in DATASHEET.items():
+        assert set(names) <= keys, words
+        found = call("keys", *words.split(), "--json")[1]
+        assert {one["name"] for one in found} == set(names), words
+    for words in ("frame rate", "read noise", "full well", "quantum efficiency", "lifetime"):
+        found = call("keys", *words.split(), "--json")[1]
+        assert any(words.replace(" ", "_") in one["name"] for one in found), words
 
 
 def test_an_old_key_is_one_line_on_standard_error(capsys, tmp_path):

@@ -125,7 +125,7 @@ def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):
 def test_the_frame_of_an_instant_is_rendered(flown, capsys, tmp_path, monkeypatch):
     """Its attitude is that of the timeline, its error of the size that the mission expects."""
     survey_less(monkeypatch)
-    monkeypatch.setattr("startrack.cli.mission.draw_frame", draw_nothing)
+    monkeypatch.setattr("startrack.cli.mission.draw_record", draw_nothing)
     status = main(["mission", *DAY, "--frame", "3000", "--out", str(tmp_path / "f"), "--json"])
     heads = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert status == 0

@@ -88,6 +88,10 @@ def test_rates_of_a_matrix():
     assert one.update_rate == pytest.approx(1 / 0.15)
     assert one.data_rate == pytest.approx(60_000 * 12 / 0.15)
     assert one.integration == 0.1
+    # Read while the next frame is exposed: at most ten a second.
+    assert replace(one, frame_rate=4.0).data_rate == pytest.approx(60_000 * 12 * 4)
+    with pytest.raises(ValueError, match=r"frame_rate must be at most 10 Hz, .* got 10\.5 Hz"):
+        replace(one, frame_rate=10.5)
 
 
 def test_rates_of_lines():

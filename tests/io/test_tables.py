@@ -7,6 +7,7 @@ from typing import Annotated
 import pytest
 
 from startrack.core import Unit
+from startrack.design import Case
 from startrack.io import from_table, read_table, to_table
 from startrack.io.tables import DEEPEST, read_layers
 
@@ -154,7 +155,6 @@ def test_names_are_those_beside_the_file_that_names_them_or_of_the_catalogue(tmp
         ("t.x=true", True),
         ("t.x={ y = 1 }", {"y": 1}),
         ("t.x=1\nother = 2", "1\nother = 2"),
-        ("t.x=", ""),
     ],
 )
 def test_a_change_lies_over_all(written, change, value):
@@ -162,6 +162,18 @@ def test_a_change_lies_over_all(written, change, value):
         "a": 1,
         "t": {"x": value, "z": 2},
     }
+
+
+def test_a_change_without_a_value_takes_a_key_out(written):
+    assert table(written(top="a = 1\n[t]\nx = 1\nz = 2"), "t.x =") == {"a": 1, "t": {"z": 2}}
+    assert table(written(top="a = 1\n[t]\nx = 1\nz = 2"), "t=") == {"a": 1}
+    with pytest.raises(ValueError, match=r"--set t\.y= must name a key that the files have"):
+        table(written(top="[t]\nx = 1"), "t.y=")
+
+
+def test_all_unknown_keys_are_named_at_once():
+    with pytest.raises(ValueError, match=r"f_numbr is unknown.*; tracker\.wondow is unknown"):
+        from_table(Case, {"instrument": {"optics": {"f_numbr": 2}}, "tracker": {"wondow": 3}})
 
 
 def test_a_change_may_name_a_table_that_is_not_there(written):

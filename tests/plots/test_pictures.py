@@ -235,7 +235,7 @@ def test_a_sky_that_is_alike_everywhere_has_no_offset(drawn, small):
     across[:3] = 50 * arcsec
     about = np.where(np.arange(400) < 40, np.nan, 5 * arcsec)
     alike = 99.9999 + 1e-6 * random.random(400)
-    found = Survey(direction, alike, np.ones(400), across, about)
+    found = Survey(direction, alike, np.ones(400), across, about, alike)
     figure, _ = drawn(draw_sky, found, small.case, "alike")
     bars = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
     extends = [axes._colorbar.extend for axes in bars]

@@ -2,15 +2,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from startrack.core.streams import Streams
 from startrack.core.values import Status
+from startrack.design import replaced
 from startrack.design.files import load_design
 from startrack.io import shipped
 from startrack.metrics import Outcome
+from startrack.motion import Motion, Tone
 from startrack.trial.chain import lost_in_space, observe, pattern_indexes, run_random_trial
 from startrack.trial.images import psf_of
-from startrack.trial.pointing import random_attitude
+from startrack.trial.pointing import random_attitude, reference_attitude
 from startrack.trial.systematic import systematic_variance
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -103,3 +106,21 @@ def test_a_frame_is_solved_as_in_a_trial():
     np.testing.assert_array_equal(estimate.covariance, record.estimate.covariance)
     *_, other = lost_in_space(record.frame, camera, indexes, tracker, known[0])
     assert np.trace(other.covariance) > 1.2 * np.trace(estimate.covariance)
+
+
+def test_the_mean_attitude_is_the_reference_where_it_is_asked_for():
+    """By the mean of a sinusoid over an exposure, sinc(f T) of its value in the middle."""
+    frequency, rms, exposure = 17.0, 5e-6, CASE.instrument.detector.exposure
+    for phase in (0.3, 2.0):
+        tone = Tone(frequency, rms_x=rms, phase=phase)
+        case = replaced(CASE, "instrument.motion", Motion(tones=(tone,)))
+        mean = dataclasses.replace(
+            case, tracker=dataclasses.replace(case.tracker, reference="mean")
+        )
+        at, streams = Rotation.identity(), Streams(1, 1)
+        turn = reference_attitude(mean, at, streams) * reference_attitude(case, at, streams).inv()
+        middle = np.sqrt(2) * rms * np.cos(phase)
+        # The sky turns against the camera.
+        expected = (np.sinc(frequency * exposure) - 1) * middle
+        assert abs(turn.as_rotvec()[0]) == pytest.approx(abs(expected), rel=0.02)
+        assert turn.as_rotvec()[1:] == pytest.approx(0, abs=1e-12)
