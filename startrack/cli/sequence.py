@@ -67,10 +67,14 @@ def command(options: argparse.Namespace) -> int:
 def _rows(tracking: Tracking) -> list[Row]:
     return [
         Row("across_rms_arcsec", tracking.across, "filter across the boresight", ARCSEC,
-            note="rms per axis"),
+            note="rms per axis, after frames that measured it"),
         Row("about_rms_arcsec", tracking.about, "filter about the boresight", ARCSEC, note="rms"),
         Row("single_rms_arcsec", tracking.single, "frames alone, across", ARCSEC,
             note="rms per axis"),
+        Row("coasted_rms_arcsec", tracking.coasted, "while it coasts, across", ARCSEC,
+            note="rms per axis, of all frames"),
+        Row("worst_arcsec", tracking.worst, "worst, all axes", ARCSEC, note="of all frames"),
+        Row("beyond", tracking.beyond, "half a degree off or more", PERCENT, note="of the frames"),
         Row("known", tracking.known, "attitude known", PERCENT, note="of the frames"),
         Row("losses_per_hour", tracking.losses_per_hour, "losses of track, per hour"),
         Row("reacquisition", tracking.reacquisition, "from loss to attitude", SECOND),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +18,13 @@ class Tracking:
     """Statistics of many sequences; the intervals hold with 95 % confidence.
 
     known            fraction of frames after which the filter is within half a degree of the truth
-    across, about    radian, rms of the filter's error in these frames, per axis across and about
-                     the boresight
+    across, about    radian, rms of the filter's error after these frames where they measured it,
+                     per axis across and about the boresight
     single           radian, rms per axis across the boresight of such frames alone
+    coasted          radian, rms of the filter's error across where it coasts, however far off
+    beyond           fraction of frames after which the filter states an attitude that is half a
+                     degree off or more
+    worst            radian, largest error of the filter, of all frames and axes together
     losses_per_hour  times that a known attitude was dropped or contradicted, per hour; NaN for
                      sequences of one frame, which have no duration
     reacquisition    second, mean time from a loss to the next attitude of the frames; losses that
@@ -31,6 +36,9 @@ class Tracking:
     across: Interval
     about: Interval
     single: Interval
+    coasted: Interval
+    beyond: Interval
+    worst: float
     known: Interval
     losses_per_hour: Interval
     reacquisition: Interval
@@ -50,9 +58,12 @@ def summarise_sequences(table: NDArray[np.void]) -> Tracking:
     waits = np.array([wait for sequence in lost for wait in sequence])
     count = len(waits)
     return Tracking(
-        rms_interval(_means(apart, "filtered_x", "filtered_y")),
-        rms_interval(_means(apart, "filtered_z")),
-        rms_interval(_means(apart, "error_x", "error_y")),
+        rms_interval(_means(apart, _measured, "filtered_x", "filtered_y")),
+        rms_interval(_means(apart, _measured, "filtered_z")),
+        rms_interval(_means(apart, _measured, "error_x", "error_y")),
+        rms_interval(_means(apart, _coasted, "filtered_x", "filtered_y")),
+        _mean(np.array([float((_error(one) > FALSE_ANGLE).mean()) for one in apart])),
+        float(np.nanmax(_error(table), initial=0.0)),
         _known_fraction(apart),
         _rate(count, hours),
         _mean(waits[np.isfinite(waits)]),
@@ -60,12 +71,29 @@ def summarise_sequences(table: NDArray[np.void]) -> Tracking:
     )
 
 
-def _means(apart: list[NDArray[np.void]], *names: str) -> NDArray[np.float64]:
-    """Mean square over the known frames of each sequence that has any."""
+Choice = Callable[[NDArray[np.void]], NDArray[np.bool_]]
+
+
+def _measured(sequence: NDArray[np.void]) -> NDArray[np.bool_]:
+    seen = np.isin(sequence["mode"], (Mode.ACQUIRED, Mode.TRACKED))
+    return np.asarray(seen & _known(sequence) & ~sequence["false"])
+
+
+def _coasted(sequence: NDArray[np.void]) -> NDArray[np.bool_]:
+    return np.asarray(sequence["mode"] == Mode.COASTED)
+
+
+def _error(table: NDArray[np.void]) -> NDArray[np.float64]:
+    """(frames,) radian, of the filter about all axes; NaN without an attitude."""
+    return np.asarray(np.sqrt(sum(table[f"filtered_{axis}"] ** 2 for axis in "xyz")))
+
+
+def _means(apart: list[NDArray[np.void]], choice: Choice, *names: str) -> NDArray[np.float64]:
+    """Mean square over the chosen frames of each sequence that has any."""
     squares = []
     for sequence in apart:
         square = np.mean([sequence[name] ** 2 for name in names], axis=0)
-        good = np.isfinite(square) & _known(sequence) & ~sequence["false"]
+        good = np.isfinite(square) & choice(sequence)
         if good.any():
             squares.append(float(square[good].mean()))
     return np.array(squares)
@@ -99,8 +127,7 @@ def _known_fraction(apart: list[NDArray[np.void]]) -> Interval:
 
 
 def _known(sequence: NDArray[np.void]) -> NDArray[np.bool_]:
-    error = np.sqrt(sum(sequence[f"filtered_{axis}"] ** 2 for axis in "xyz"))
-    return np.asarray(error <= FALSE_ANGLE)  # NaN without an attitude
+    return np.asarray(_error(sequence) <= FALSE_ANGLE)  # NaN without an attitude
 
 
 def _mean(values: NDArray[np.float64]) -> Interval:

@@ -77,6 +77,13 @@ def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
     assert tracking.losses_per_hour.value * 5.5 / 3600 == pytest.approx(1, rel=0.05)
     assert 1.4 < tracking.reacquisition.value < 2.1  # second, as long as the slew
     assert 0.6 < tracking.known.value < 0.95
+    coasts = lost["mode"] == Mode.COASTED
+    across = np.hypot(lost["filtered_x"], lost["filtered_y"])
+    assert tracking.worst == pytest.approx(
+        np.nanmax(np.hypot(across, lost["filtered_z"])), rel=1e-12
+    )
+    assert np.nanmax(across[~coasts]) > tracking.across.value
+    assert tracking.coasted.value > 10 * tracking.across.value
     row = to_qtable(tracking)
     assert row["reacquisition"][0].to_value("s") == tracking.reacquisition.value
     assert row["across_high"][0].to_value("arcsec") * arcsec == pytest.approx(tracking.across.high)
