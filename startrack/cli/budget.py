@@ -99,15 +99,18 @@ def command(options: argparse.Namespace) -> int:
     if options.levers and not options.units:
         raise WrongUse("--levers needs --units")
     sequence = terminal.read_sequence(options.profile) if options.profile else None
-    expected = analytic(case)
+    with terminal.stage("error budget"):
+        expected = analytic(case)
     options.units = options.units or (UNITS if case.varying else None)
     by_trials = _measured(case, options) if options.montecarlo else None
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
-    floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
+    with terminal.stage("single stars"):
+        floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
     result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
     result |= {"star_without_noise_g": TYPICAL}
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
-    checked = check(case, expected, options.seed)
+    with terminal.stage("trials beside the formula"):
+        checked = check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
     result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
     result["check"] |= to_json(summary_rows(checked.summary))
@@ -141,7 +144,8 @@ def command(options: argparse.Namespace) -> int:
         options.out.mkdir(parents=True, exist_ok=True)
         picture = options.out / "budget.png"
         draw_budget(picture, expected, by_trials, Path(path).stem, required, units)
-        draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
+        with terminal.stage("the sky"):
+            draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
         with terminal.progress("slew rates", rates_computed(case)) as advance:
             curves = error_curves(case, options.seed, advance=advance)
         draw_curves(options.out / "curves.png", curves, case, Path(path).stem)

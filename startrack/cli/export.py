@@ -25,7 +25,7 @@ from startrack.cli.options import (
 
 if wanted(__name__):
     from startrack import mission, onboard
-    from startrack.cli.terminal import example, finite, print_result, progress, read_design
+    from startrack.cli.terminal import example, finite, print_result, progress, read_design, stage
     from startrack.core import arcsec, deg
     from startrack.design import YEAR
 
@@ -167,7 +167,9 @@ def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict
             options.per_field,
             options.pattern_stars,
         )
-        guide = onboard.guide_stars(case, settings, onboard.read_variables(options.variable_list))
+        with stage("guide stars"):
+            variables = onboard.read_variables(options.variable_list)
+            guide = onboard.guide_stars(case, settings, variables)
     files = onboard.write_guide(options.out, guide)
     size = files[0].stat().st_size
     values = {

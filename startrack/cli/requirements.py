@@ -12,9 +12,9 @@ from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaig
 
 if wanted(__name__):
     from startrack.budget import caveats
-    from startrack.cli.terminal import example, print_result, read_design
-    from startrack.core import arcsec, um
-    from startrack.design import Objective
+    from startrack.cli.terminal import example, print_result, read_design, stage
+    from startrack.core import arcsec, deg, um
+    from startrack.design import Objective, Requirements
     from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective, units_text
@@ -44,7 +44,8 @@ def command(options: argparse.Namespace) -> int:
     campaign = design.campaign
     if campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
-    budget, margins = expect(design.case, campaign)
+    with stage("error budget"):
+        budget, margins = expect(design.case, campaign)
     over = campaign.over_units(design.case)
     objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
     error = expected_objective(design.case, campaign) / arcsec
@@ -70,10 +71,14 @@ def command(options: argparse.Namespace) -> int:
     }
     result |= {"accuracy": limits} if limits else {}
     rows = [
-        [name, f"{margin:+.3f}", "" if margin >= 0 else "NOT MET"]
+        [name, *_limited(needs, name, margin), f"{margin:+.3f}", "" if margin >= 0 else "NOT MET"]
         for name, margin in margins.items()
     ]
-    lines = aligned([["requirement", "margin", ""], *rows], (0, 2))
+    rows += [
+        [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]
+        for body, angle in needs.min_keep_out.angles.items()
+    ]
+    lines = aligned([["requirement", "value", "limit", "margin", ""], *rows], (0, 4))
     lines += [
         "",
         *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
@@ -89,6 +94,29 @@ def command(options: argparse.Namespace) -> int:
     ]
     print_result(options, result, *lines)
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _limited(needs: Requirements, name: str, margin: float) -> tuple[str, str]:
+    """Value and limit of a margin, with their unit; empty where the margin has no limit."""
+    most = {
+        "mass": (needs.max_mass, "kg"),
+        "power": (needs.max_power, "W"),
+        "volume": (needs.max_volume and needs.max_volume * 1e6, "cm3"),
+        "data rate": (needs.max_data_rate and needs.max_data_rate / 1e6, "Mbit/s"),
+        "cost": (needs.max_cost, ""),
+        **{one.name: (one.most / arcsec, "arcsec") for one in needs.accuracy},
+    }
+    least = {"update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
+             "availability": (needs.min_availability, "", 1.0)}  # fmt: skip
+    asked = name.partition(" (")[0]
+    if asked in least:
+        limit, unit, scale = least[asked]
+        value = limit + margin * scale
+    else:
+        bound, unit = most.get(asked, (None, ""))
+        limit = bound or 0.0
+        value = limit * (1 - margin)
+    return (f"{value:.4g} {unit}".strip(), f"{limit:.4g} {unit}".strip()) if limit else ("", "")
 
 
 def _earth_requirements(options: argparse.Namespace) -> int | None:

@@ -23,7 +23,14 @@ from startrack.cli.options import (
 )
 
 if wanted(__name__):
-    from startrack.cli.terminal import example, pointing_text, print_result, quaternion, read_design
+    from startrack.cli.terminal import (
+        example,
+        pointing_text,
+        print_result,
+        quaternion,
+        read_design,
+        stage,
+    )
     from startrack.core import Streams
     from startrack.io import FrameFiles, celestial, pointing, write_fits
     from startrack.plots import draw_frame, draw_solution
@@ -61,7 +68,8 @@ def command(options: argparse.Namespace) -> int:
         attitude = pointing(*(angle or 0.0 for angle in angles))
     else:
         attitude = random_attitude(streams)
-    record = observe(case, attitude, streams)
+    with stage("rendering"):
+        record = observe(case, attitude, streams)
     camera = case.instrument.camera
     ra, dec, roll = celestial(attitude)
     fits, png = options.out / "frame.fits", options.out / "frame.png"

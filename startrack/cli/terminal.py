@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -38,6 +39,7 @@ from startrack.sequence import Sequence, load_sequence
 EXAMPLE = "designs/nanosatellite.toml"
 CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
+SILENT = 30.0  # second, between two lines where there is no terminal
 UNKEPT_CODE = (
     "startrack: compiled code cannot be kept, as no folder can be written to: each run compiles "
     "again, up to a minute; set NUMBA_CACHE_DIR to a folder that can be written to"
@@ -169,12 +171,12 @@ def finite(value: Any) -> Any:
 
 @contextmanager
 def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """A bar on standard error where that is a terminal.
+    """A bar on standard error where that is a terminal; else a line now and then.
 
     Yields a function of the number of steps done, and of a note to show beside the bar.
     """
     if not sys.stderr.isatty():
-        yield lambda count, note="": None
+        yield _lines(title, total)
         return
     from rich.console import Console
     from rich.progress import (
@@ -201,6 +203,36 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
                 bars.update(task, note=note)
 
         yield advance
+
+
+def _lines(title: str, total: int) -> Callable[..., None]:
+    """A function that prints a line each SILENT seconds in which it is called."""
+    begun = shown = time.monotonic()
+    done = 0.0
+
+    def advance(count: float, note: str = "") -> None:
+        nonlocal done, shown
+        done += count
+        now = time.monotonic()
+        if now - shown >= SILENT and 0 < done < total:
+            shown = now
+            left = (now - begun) * (total - done) / done
+            text = f"{title}: {done:.0f} of {total}, some {left:.0f} s left"
+            print_message(f"startrack: {text}{f', {note}' if note else ''}")
+
+    return advance
+
+
+@contextmanager
+def stage(title: str) -> Iterator[None]:
+    """A moving sign beside a name on a terminal, while a step without a bar runs."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(title):
+        yield
 
 
 @contextmanager

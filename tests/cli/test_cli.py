@@ -14,6 +14,7 @@ from astropy.io import fits
 from startrack.benchmark import STAGES
 from startrack.cli.keys import DATASHEET
 from startrack.cli.main import COMMANDS, main
+from startrack.cli.terminal import progress
 from startrack.design import design_keys
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
@@ -405,3 +406,17 @@ def test_what_a_command_imports_late_is_there_when_it_runs(tmp_path):
     )
     assert done.returncode == 2
     assert "campaigns must be two or more" in done.stderr
+
+
+def test_long_work_says_so_without_a_terminal(capsys, monkeypatch):
+    """Of a clock that goes a minute a step: a line a step, and none at the end."""
+    clock = iter(60.0 * step for step in range(10))
+    monkeypatch.setattr("startrack.cli.terminal.time.monotonic", lambda: next(clock))
+    with progress("trials", 3) as advance:
+        for _ in range(3):
+            advance(1, "best 4.2")
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
+        "startrack: trials: 1 of 3, some 120 s left, best 4.2",
+        "startrack: trials: 2 of 3, some 60 s left, best 4.2",
+    ]
