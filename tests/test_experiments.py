@@ -27,7 +27,7 @@ command = importlib.util.module_from_spec(_specification)
 _specification.loader.exec_module(command)
 # Those whose smallest sizes take longest: four fifths of the time of all.
 LONG = {
-    "all", "attitude", "chandra", "detection", "frame_picture", "house", "units", "variance",
+    "all", "attitude", "chandra", "day", "detection", "frame_picture", "house", "units", "variance",
     "budget_against_trials", "camera_posterior", "cameras", "campaign", "design",
     "earth_loop", "ecosystem", "exclusion", "fidelities", "first_run", "identification", "lens",
     "optimiser", "profile_trial", "radiometry", "robust", "search", "speed", "terrain",
