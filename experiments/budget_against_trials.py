@@ -60,7 +60,9 @@ def effects(case: Case) -> dict[str, Case]:
     still = {"tracker__detection__smear_x": 0.0, "tracker__detection__smear_y": 0.0}
     return {
         "none": case,
-        "rolling shutter, 20 us a row": changed(case, **{detector + "row_delay": 20e-6}),
+        "rolling shutter, 20 us a row": changed(
+            case, **{detector + "row_delay": 20e-6, "tracker.row_delay": 0.0}
+        ),
         "blur of 1 um": changed(case, **{optics + "blur": 1e-6}),
         "distortion not calibrated": replace(
             case, tracker=replace(case.tracker, camera=replace(camera, k1=camera.k1 + 0.01))

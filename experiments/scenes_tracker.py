@@ -143,7 +143,8 @@ def everything(plain: Case) -> Case:
     case = with_motion(case, tones=(hum,), broadband=rumble)
     case = replace(case, scene=NIGHT, instrument=replace(case.instrument, baffle=BAFFLE))
     faint = replace(case.catalog, limit_g=8.0)
-    tracker = replace(case.tracker, catalog=case.catalog)
+    # A tracker that does not know when its rows are exposed.
+    tracker = replace(case.tracker, catalog=case.catalog, row_delay=0.0)
     return replace(case, catalog=faint, tracker=tracker)
 
 

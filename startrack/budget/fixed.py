@@ -125,13 +125,19 @@ def displacement(
 
 
 def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
-    """Pixel (n, 2) by which the sky turns between the middle row's exposure and a star's own."""
-    camera, motion = case.instrument.camera, case.instrument.motion
+    """Pixel (n, 2) by which the sky turns between the middle row's exposure and a star's own.
+
+    Less what the tracker takes off by the row delay and the rates that it believes.
+    """
+    camera, delay = case.instrument.camera, case.instrument.detector.row_delay
     direction = np.column_stack([x, y, np.ones(len(x))])
-    row = camera.project(direction)[:, 1]
-    late = case.instrument.detector.row_delay * (row - (camera.rows - 1) / 2)
-    rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
-    turned = Rotation.from_rotvec(-np.multiply.outer(late, rate)).apply(direction)
+    row = camera.project(direction)[:, 1] - (camera.rows - 1) / 2
+    true, known = (
+        np.array([motion.rate_x, motion.rate_y, motion.rate_z])
+        for motion in (case.instrument.motion, case.believed_motion)
+    )
+    turn = np.multiply.outer(row, delay * true - case.believed_row_delay * known)
+    turned = Rotation.from_rotvec(-turn).apply(direction)
     return camera.focal_length_px * (_plane(turned) - np.column_stack([x, y]))
 
 

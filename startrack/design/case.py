@@ -281,6 +281,10 @@ class Tracker(Parameters):
         'control wants it and ECSS-E-ST-60-20C states errors; "mean", that over the exposure, '
         "which leaves jitter within the exposure to the spacecraft, as makers' noise figures do"
     ] = "instant"  # fmt: skip
+    row_delay: Annotated[float | None, Unit("s", "us"), NON_NEGATIVE,
+        "second between the exposures of two rows, by which it moves each spot to the middle of "
+        "the frame's exposure at the rates that it knows; None for that of the detector as "
+        "designed, 0 for no correction"] = None  # fmt: skip
     calibrated_at: Annotated[float | None, Unit("K", "degC", absolute=True), Range(1, 1000),
         "temperature of the lens when the camera was calibrated, None for that which it has; a "
         "lens table says what differs"] = None  # fmt: skip
@@ -471,6 +475,12 @@ class Case(CarriesCode):
     def believed_motion(self) -> Motion:
         """How the tracker believes the camera to turn; its rates count."""
         return self.tracker.motion or self.as_designed.instrument.motion
+
+    @property
+    def believed_row_delay(self) -> float:
+        """Second between two rows, as the tracker believes it."""
+        believed = self.tracker.row_delay
+        return self.as_designed.instrument.detector.row_delay if believed is None else believed
 
     @property
     def time_tag_error(self) -> float:

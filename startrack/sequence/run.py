@@ -43,6 +43,7 @@ from startrack.sequence.parameters import Sequence
 from startrack.trial import (
     agreeing,
     as_believed,
+    at_one_time,
     boxed,
     detection_plan,
     estimate_of,
@@ -297,9 +298,11 @@ def _see(
     if boxed(case) and predicted is not None:
         plan = detection_plan(case, smear=(x, y))
         spots, matches = take_boxes(case, frame, camera, predicted.icrs_to_camera, plan)
+        spots = at_one_time(spots, case.believed_row_delay, rate, camera)
         return spots, matches, estimate_of(case, agreeing(tracker), spots, matches)
     stars = open_sky(case.believed_catalog).stars
     spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
+    spots = at_one_time(spots, case.believed_row_delay, rate, camera)
     rooms = spots, camera, stars, pattern_indexes(case.believed_catalog)(case.believed_camera)
     if predicted is None:
         matches = identify(*rooms, tracker.identification)

@@ -34,7 +34,7 @@ from startrack.metrics import JUDGED, Outcome, judge
 from startrack.trial.belief import as_believed, detection_plan, smear, with_smear
 from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, take_boxes
 from startrack.trial.covariance import outcomes as drawn_outcomes
-from startrack.trial.exposure import exposure_of, straighten, sweep
+from startrack.trial.exposure import at_one_time, exposure_of, straighten, sweep
 from startrack.trial.pointing import line_of_sight, random_attitude, reference_attitude
 from startrack.trial.spots import spots_of
 from startrack.trial.stars import light_of, stars_in_field
@@ -120,9 +120,10 @@ def run_trial(
         return Outcome(*drawn[0].item())
     if fidelity is Fidelity.WINDOW and boxed(case):
         spots, matches = boxes_in_windows(case, icrs_to_camera, streams)
+        spots = _at_one_time(case, spots)
     else:
         spots_in = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
-        spots = spots_in(case, icrs_to_camera, streams)
+        spots = _at_one_time(case, spots_in(case, icrs_to_camera, streams))
         matches = _identified(case, spots)
     return _judged(case, icrs_to_camera, streams, spots, matches)[1]
 
@@ -140,6 +141,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     if boxed(case):
         expected = expected_attitude(case, icrs_to_camera, streams)
         spots, matches = take_boxes(case, frame, case.believed_camera, expected)
+        spots = _at_one_time(case, spots)
     else:
         spots = _detected(case, frame)
         matches = _identified(case, spots)
@@ -161,10 +163,16 @@ def _detected(case: Case, frame: Frame) -> Spots:
     detector = case.as_designed.instrument.detector
     spots = detect(as_believed(case, frame), detection_plan(case))
     if not detector.scan:
-        return spots
+        return _at_one_time(case, spots)
     return straighten(
         spots, detector.scan, detector.exposure, case.believed_motion, case.believed_camera
     )
+
+
+def _at_one_time(case: Case, spots: Spots) -> Spots:
+    motion = case.believed_motion
+    rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
+    return at_one_time(spots, case.believed_row_delay, rate, case.believed_camera)
 
 
 def searched(case: Case, frame: Frame) -> Frame:

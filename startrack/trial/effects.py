@@ -173,6 +173,18 @@ def _shares_noise(case: Case) -> bool:
     )
 
 
+def _sheared(case: Case) -> bool:
+    """Whether rows are exposed at other times than the tracker takes off by the rates it knows."""
+    true, known = case.instrument.motion, case.believed_motion
+    turn, taken = (
+        [delay * rate for rate in (motion.rate_x, motion.rate_y, motion.rate_z)]
+        for delay, motion in (
+            (case.instrument.detector.row_delay, true), (case.believed_row_delay, known)
+        )
+    )  # fmt: skip
+    return turn != taken
+
+
 def _moves(case: Case) -> tuple[Any, ...]:
     """What moves the stars of a catalogue in time."""
     true, believed = case.catalog, case.believed_catalog
@@ -293,8 +305,8 @@ EFFECTS = [
     ),
     Effect(
         "instrument.detector.row_delay",
-        lambda case: case.instrument.detector.row_delay and case.instrument.motion.rate,
-        SHUTTER, Term.FIELD, lambda case: _with(case, row_delay=0.0),
+        _sheared, SHUTTER, Term.FIELD,
+        lambda case: _believing(_with(case, row_delay=0.0), row_delay=0.0),
     ),
     Effect(
         "instrument.detector.row_delay",

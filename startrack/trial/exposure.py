@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Frame, Light, LineOfSight, Spots, Stars, Streams
+from startrack.core import Camera, Floats, Frame, Light, LineOfSight, Spots, Stars, Streams
 from startrack.design import Case, Instrument
 from startrack.detector import Detector, Exposure, Line, LineExposure, Scan, expected, scan
 from startrack.motion import Motion, realise_motion
@@ -69,6 +69,25 @@ def straighten(
     size = np.array([1 / scanned.phases, 1.0])
     covariance = spots.covariance * np.outer(size, size)
     return replace(spots, x=place[:, 0].copy(), y=place[:, 1].copy(), covariance=covariance)
+
+
+def at_one_time(spots: Spots, row_delay: float, rate: Floats, camera: Camera) -> Spots:
+    """The spots of a rolling shutter as they would be at the middle of the frame's exposure.
+
+    Each is turned back, by the rates that the tracker knows, over the time between the exposure of
+    its row and that of the middle row.
+
+    row_delay  second, as the tracker believes it
+    rate       (3,) radian / second, about the camera's axes, as it believes them
+    camera     as it believes it
+    Accuracy   model: within an exposure the rate is constant; a row is that of the spot's centroid.
+    """
+    if not row_delay or not np.any(rate) or not len(spots):
+        return spots
+    late = row_delay * (spots.y - (camera.rows - 1) / 2)
+    back = Rotation.from_rotvec(np.multiply.outer(late, rate))
+    place = camera.project(back.apply(camera.unproject(np.column_stack([spots.x, spots.y]))))
+    return replace(spots, x=place[:, 0].copy(), y=place[:, 1].copy())
 
 
 def duration(detector: Detector) -> float:

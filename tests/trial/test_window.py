@@ -26,9 +26,10 @@ BLIND = Curve((300e-9, 1200e-9), (1e-9, 1e-9))
 
 def with_detector(**changes):
     detector = dataclasses.replace(CASE.instrument.detector, **changes)
-    return dataclasses.replace(
-        CASE, instrument=dataclasses.replace(CASE.instrument, detector=detector)
-    )
+    # Spots as they are measured: none is moved to the middle of the exposure.
+    tracker = dataclasses.replace(CASE.tracker, row_delay=0.0)
+    instrument = dataclasses.replace(CASE.instrument, detector=detector)
+    return dataclasses.replace(CASE, instrument=instrument, tracker=tracker)
 
 
 def both(case, number, seed=5):
