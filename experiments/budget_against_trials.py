@@ -61,7 +61,7 @@ def effects(case: Case) -> dict[str, Case]:
     return {
         "none": case,
         "rolling shutter, 20 us a row": changed(
-            case, **{detector + "row_delay": 20e-6, "tracker.row_delay": 0.0}
+            case, **{detector + "row_delay": 20e-6, "tracker__row_delay": 0.0}
         ),
         "blur of 1 um": changed(case, **{optics + "blur": 1e-6}),
         "distortion not calibrated": replace(
