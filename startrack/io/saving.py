@@ -81,7 +81,7 @@ def _is_stream(path: Path) -> bool:
 def save_text(path: Path, text: str) -> None:
     """Write a text file whole."""
     with whole(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+        draft.write_text(text, encoding="utf-8", newline="\n")
 
 
 def save_json(path: Path, value: Any) -> None:
