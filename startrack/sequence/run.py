@@ -23,7 +23,6 @@ from startrack.core import (
     Floats,
     Frame,
     Matches,
-    Refused,
     Spots,
     Stars,
     Status,
@@ -60,6 +59,7 @@ from startrack.trial import (
 GATE = 30.7  # chi-square of 3 degrees of freedom, exceeded once in a million by noise alone
 NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
 AXES = "xyz"
+MEAN_POINTS = 64  # of an exposure, whose mean attitude is asked for
 SMEAR_STEP = 0.25  # pixel; a smear that is wrong by half of it costs nothing
 # A row of the table of a sequence: one frame.
 FRAMES: np.dtype[np.void] = np.dtype(
@@ -203,22 +203,17 @@ def run(
     Returns  (frames,) structured array: number of the sequence, time (second), true rate
              (radian / second), Mode, the fields of Outcome for the frame alone, and error and
              stated sigma (radian, camera axes) of the filter after it; NaN where there is none
-    Raises    those of `flight` and of the chain's rooms; ValueError for a case with a time tag
-              error, or with a mounting other than the believed one: they are not modelled in time.
-    Accuracy  model: the tracker gets each frame at the end of its exposure.
+    Raises    those of `flight` and of the chain's rooms.
+    Accuracy  model: the tracker gets each frame at the end of its exposure. A swing of the
+              mounting stays where it is for the whole sequence, at a random phase; the gyroscope
+              has the axes of the camera.
     """
-    if case.time_tag_error or case.instrument.mounting != case.believed_mounting:
-        raise Refused("a sequence must have a time tag error of 0 and the believed mounting")
-    if case.tracker.reference != "instant":
-        raise Refused(
-            f'tracker.reference of a sequence must be "instant", got "{case.tracker.reference}"'
-        )
     streams = Streams(seed, number)
     true = flight(case.instrument, sequence, random_attitude(streams), streams)
     rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None
     seen = None if rates is None else exposure_rates(true, rates)
     table = np.empty(len(true.time), FRAMES)
-    known, camera = TrackerState(), case.believed_camera
+    known, camera, asked = TrackerState(), case.believed_camera, asked_of(case, true, streams)
     for k, frame in enumerate(_kept(case, true, seed, number, recording)):
         if k:
             step = float(true.time[k] - true.time[k - 1])
@@ -234,10 +229,31 @@ def run(
             true.time[k],
             float(np.linalg.norm(true.turns[k].speed)),
             _mode(known, estimate),
-            *judge(estimate, true.attitude[k], len(spots)),
-            *_filtered(known.state, true.attitude[k]),
+            *judge(estimate, asked[k], len(spots)),
+            *_filtered(known.state, asked[k]),
         )
     return table
+
+
+def asked_of(case: Case, true: Flight, streams: Streams) -> Rotation:
+    """The attitudes that a tracker must report in a flight, so that the spacecraft's are correct.
+
+    As `trial.reference_attitude`: at late time tags, as the mean over exposures, in the axes of a
+    mounting that the tracker does not know.
+    """
+    when = np.array([case.time_tag_error])
+    if case.tracker.reference == "mean":
+        exposure = case.instrument.detector.exposure
+        when = when + exposure * ((np.arange(MEAN_POINTS) + 0.5) / MEAN_POINTS - 0.5)
+    asked = true.attitude
+    if when.any():
+        turned = [turn.at(when).mean(axis=0) for turn in true.turns]
+        asked = Rotation.from_rotvec(np.array(turned)) * asked
+    mounting, believed = case.instrument.mounting, case.believed_mounting
+    if mounting != believed:
+        phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
+        asked = believed.camera_to_body().inv() * mounting.camera_to_body(phase) * asked
+    return asked
 
 
 def _kept(

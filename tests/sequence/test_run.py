@@ -11,6 +11,7 @@ import pytest
 from astropy.io import fits
 from scipy import stats
 
+from startrack.attitude import Mounting
 from startrack.core.units import arcsec, deg
 from startrack.io import to_qtable
 from startrack.montecarlo.workers import Serial
@@ -151,11 +152,23 @@ def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
     assert alone.dtype == FRAMES
 
 
-def test_corrections_that_are_not_followed_are_refused(small):
+def test_late_stamps_and_mountings_move_all_errors_alike(small):
+    """By the turn itself: the rate over the lateness of a stamp, or the angle of a mounting."""
+    calm = Sequence((CALM,), period=0.8)
+    plain = run(small.case, calm, 1, 0)
     tracker = dataclasses.replace(small.case.tracker, delay=-0.1)
-    late = dataclasses.replace(small.case, tracker=tracker)
-    with pytest.raises(ValueError, match="time tag error of 0"):
-        run(late, Sequence((CALM,)), 1, 0)
+    late = run(dataclasses.replace(small.case, tracker=tracker), calm, 1, 0)
+    turn = Mounting(y=20 * arcsec)
+    held = dataclasses.replace(small.case.tracker, mounting=Mounting())
+    instrument = dataclasses.replace(small.case.instrument, mounting=turn)
+    turned = run(dataclasses.replace(small.case, tracker=held, instrument=instrument), calm, 1, 0)
+    for name in ("error", "filtered"):
+        moved = [(late[f"{name}_{axis}"] - plain[f"{name}_{axis}"]) / arcsec for axis in AXES]
+        np.testing.assert_allclose(np.abs(moved[0]), 0.005 * 3600, rtol=1e-3)
+        np.testing.assert_allclose(moved[1:], 0, atol=0.05)
+        moved = [(turned[f"{name}_{axis}"] - plain[f"{name}_{axis}"]) / arcsec for axis in AXES]
+        np.testing.assert_allclose(np.abs(moved[1]), 20, rtol=1e-3)
+        np.testing.assert_allclose([moved[0], moved[2]], 0, atol=0.05)
 
 
 def test_sequences_of_one_frame_tell_no_rate_of_losses(small):
