@@ -64,7 +64,8 @@ class Sequence(Parameters):
         "radian / second^(3/2), square root of the spectral density of the angular acceleration "
         "that a filter without gyroscope assumes"] = 60 * arcsec  # fmt: skip
     initial_rate_sigma: Annotated[float, Unit("rad/s", "deg/s"), POSITIVE,
-        "rms rate that the filter assumes at the start"] = 1 * deg  # fmt: skip
+        "rms rate that the filter assumes at the start, and when a frame has no attitude: a "
+        "manoeuvre may have begun"] = 1 * deg  # fmt: skip
     max_coasted_frames: Annotated[int, Range(0, 10**6),
         "frames without attitude after which the prediction is dropped"] = 3  # fmt: skip
 

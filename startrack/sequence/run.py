@@ -112,6 +112,25 @@ def predict_state(
     return replace(known, state=predict(known.state, rate, step, believed))
 
 
+def doubted(
+    before: TrackerState, known: TrackerState, step: float, sequence: Sequence
+) -> TrackerState:
+    """The prediction of a frame that has no attitude, though the frame before it had one.
+
+    A manoeuvre that the tracker was not told of may have begun: without a gyroscope, its rate may
+    have changed by `initial_rate_sigma` at some time since the frame before.
+
+    before  the state at that frame
+    known   the prediction, which holds with a gyroscope and in later frames
+    """
+    if sequence.gyro or before.state is None or before.missed or not step:
+        return known
+    psd = math.hypot(
+        sequence.angular_acceleration_psd, sequence.initial_rate_sigma / math.sqrt(step)
+    )
+    return predict_state(before, None, step, replace(sequence, angular_acceleration_psd=psd))
+
+
 def known_rate(state: State | None, shown: Floats | None) -> Floats:
     """Rate of the camera (3,), radian / second, that the tracker knows in an exposure.
 
@@ -214,13 +233,16 @@ def run(
     seen = None if rates is None else exposure_rates(true, rates)
     table = np.empty(len(true.time), FRAMES)
     known, camera, asked = TrackerState(), case.believed_camera, asked_of(case, true, streams)
+    before, step = known, 0.0
     for k, frame in enumerate(_kept(case, true, seed, number, recording)):
         if k:
-            step = float(true.time[k] - true.time[k - 1])
+            before, step = known, float(true.time[k] - true.time[k - 1])
             known = predict_state(known, None if rates is None else rates[k - 1], step, sequence)
         predicted = known.state
         rate = known_rate(predicted, None if seen is None else seen[k])
         spots, matches, estimate = _see(case, frame, camera, predicted, rate)
+        if estimate.status is not Status.SOLVED:
+            known = doubted(before, known, step, sequence)
         known = update_state(known, estimate, sequence)
         if estimate.status is Status.SOLVED:
             camera = matches.camera
