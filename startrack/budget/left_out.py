@@ -70,7 +70,7 @@ ADVICE = {
     HITS: "particles hit pixels: instrument.detector.hits",
 }
 # What a tracker cannot see in the spots that it weights.
-UNSEEN = ("jitter", "camera model", "proper motion", "parallax", "aberration", "mounting",
+UNSEEN = ("camera model", "proper motion", "parallax", "aberration", "mounting",
           "mounting swing", "time stamp", SHUTTER, HITS)  # fmt: skip
 PARTS_SHOWN = 4  # causes, the largest
 

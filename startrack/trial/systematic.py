@@ -14,6 +14,7 @@ from startrack.attitude import UNKNOWN_FLOOR, SharedErrors
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints, Stars, kept
 from startrack.design import Case, Scope, found_at
+from startrack.motion import jitter_rms
 from startrack.trial.belief import detection_plan
 from startrack.trial.star_errors import errors, lasting
 from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
@@ -265,20 +266,23 @@ def shared_errors(case: Case) -> SharedErrors | None:
 
     Those of the `Residual` that its calibration leaves, by rms and correlation length; and turns of
     the camera to the spacecraft that vary after the calibration: with environment and frame, at
-    launch where it was calibrated on the ground, and from unit to unit where it never was.
+    launch where it was calibrated on the ground, and from unit to unit where it never was. And, as
+    of the case as designed, jitter within the exposure.
 
-    Returns  None where the case is as designed, or shares none
+    Returns  None where the case shares none
     Accuracy  model: what drifts over life, and what temperature changes of a residual, is not known
-              to the tracker.
+              to the tracker; jitter by code of one's own is not.
     """
     if case.design is None:
-        return None
+        camera, turn = case.believed_camera, _jitter(case)
+        none = np.zeros((1, 1, 2, 1))
+        return SharedErrors(camera.columns, camera.rows, none, 0.0, turn) if turn.any() else None
     return _shared_errors(case.as_designed)
 
 
 @lru_cache(maxsize=8)
 def _shared_errors(design: Case) -> SharedErrors | None:
-    camera, turn = design.believed_camera.ideal, _turns(design)
+    camera, turn = design.believed_camera.ideal, _turns(design) + _jitter(design)
     table = np.zeros((1, 1, 2, 1))
     if design.tracker.attitude.centroid_floor is None:
         table = _residual_law(design)
@@ -286,6 +290,14 @@ def _shared_errors(design: Case) -> SharedErrors | None:
     if not (variance or turn.any()):
         return None
     return SharedErrors(camera.columns, camera.rows, table, variance, turn)
+
+
+def _jitter(design: Case) -> Floats:
+    """Radian^2 (3,), of the mean of an exposure about the attitude that is asked for."""
+    instrument = design.instrument
+    if design.tracker.reference == "mean" or instrument.detector.scan:
+        return np.zeros(3)
+    return np.asarray(jitter_rms(instrument.motion, instrument.detector.exposure) ** 2)
 
 
 def _turns(design: Case) -> Floats:

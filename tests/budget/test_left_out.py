@@ -9,7 +9,6 @@ from startrack.budget import ADVICE, advice, analytic, caveats, check, unseen
 from startrack.core.units import deg
 from startrack.design import Fidelity, design_keys, replaced
 from startrack.detector import Hits
-from startrack.motion import Tone
 from startrack.scene import Scene
 
 
@@ -70,6 +69,6 @@ def test_advice_names_keys_that_there_are(case):
     assert unseen(budget) == ""
 
 
-def test_jitter_is_named_where_the_covariance_cannot_hold_it(case):
-    shaken = replaced(case, "instrument.motion.tones", (Tone(30.0, rms_x=5e-6),))
-    assert unseen(analytic(shaken)).startswith("the tracker does not know of jitter")
+def test_what_the_covariance_cannot_hold_is_named(case):
+    wrong = replaced(case, "tracker.camera", replace(case.instrument.camera, k1=0.01))
+    assert unseen(analytic(wrong)).startswith("the tracker does not know of camera model")
