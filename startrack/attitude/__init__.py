@@ -11,7 +11,7 @@ refine      Gauss-Newton on the residuals in the image plane, and the covariance
             with the errors that the stars of a frame share.
 solve       Estimate from Spots and Matches: attitude, covariance and status; by code of one's own.
 camera      Identified frames of one camera -> the camera model that fits them all.
-follow      Filtered attitude and gyroscope bias from attitudes in time and gyroscope rates.
+follow      Filtered attitude, gyroscope bias and lasting errors from attitudes and rates in time.
 """
 
 from startrack.attitude.align import Alignment, Observability, align
@@ -27,7 +27,7 @@ from startrack.attitude.camera import (
     moved_camera,
     typical_square,
 )
-from startrack.attitude.follow import Gyroscope, State, correct, predict, start
+from startrack.attitude.follow import Gyroscope, Lasting, State, correct, predict, start
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
 from startrack.attitude.refine import SharedErrors, attitude_gain, refine
 from startrack.attitude.solve import AttitudeInput, AttitudeMethod, scale_unknown, solve

@@ -1,8 +1,8 @@
-"""Filtered attitude and gyroscope bias from attitudes in time and gyroscope rates."""
+"""Filtered attitude, gyroscope bias and lasting errors from attitudes and rates in time."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,27 +33,54 @@ class State:
 
     icrs_to_camera  attitude
     bias            (3,) radian / second, rate that the gyroscope measures at rest, camera axes
-    covariance      (6, 6) of the small rotation about the camera's axes, radian, and of the bias
+    covariance      (6 + 3 k, 6 + 3 k) of the small rotation about the camera's axes, radian, of
+                    the bias and of the lasting errors
+    lasting         (k, 3) radian, errors of the measured attitudes that last from frame to frame
     """
 
     icrs_to_camera: Rotation
     bias: Floats
     covariance: Floats
+    lasting: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
 
-def start(icrs_to_camera: Rotation, covariance: Floats, bias_sigma: float) -> State:
-    """State from one attitude and a bias of zero.
+@dataclass(frozen=True, eq=False)
+class Lasting:
+    """Parts of the error of a measured attitude that are correlated in time (Gauss-Markov).
+
+    covariance  (k, 3, 3) radian^2 about the camera's axes, of each part, within that of the
+                measurement
+    keep        (k, 3) 1, correlation of each part with that of the frame before, about each axis
+    """
+
+    covariance: Floats
+    keep: Floats
+
+
+def start(
+    icrs_to_camera: Rotation, covariance: Floats, bias_sigma: float, lasting: Lasting | None = None
+) -> State:
+    """State from one attitude, a bias of zero and lasting errors of zero.
 
     covariance  (3, 3) radian^2, of the small rotation about the camera's axes
     bias_sigma  radian / second, standard deviation of the bias per axis
+    lasting     parts of that covariance; None: all of it is new with each attitude
     """
-    full = np.zeros((6, 6))
+    parts = np.zeros((0, 3, 3)) if lasting is None else lasting.covariance
+    full = np.zeros((6 + 3 * len(parts),) * 2)
     full[:3, :3] = covariance
-    full[3:, 3:] = np.eye(3) * bias_sigma**2
-    return State(icrs_to_camera, np.zeros(3), full)
+    full[3:6, 3:6] = np.eye(3) * bias_sigma**2
+    for k, part in enumerate(parts):
+        # The attitude has this error, and the state says that there is none.
+        place = slice(6 + 3 * k, 9 + 3 * k)
+        full[place, place] = part
+        full[:3, place], full[place, :3] = -part, -part
+    return State(icrs_to_camera, np.zeros(3), full, np.zeros((len(parts), 3)))
 
 
-def predict(state: State, rate: Floats, step: float, gyroscope: Gyroscope) -> State:
+def predict(
+    state: State, rate: Floats, step: float, gyroscope: Gyroscope, lasting: Lasting | None = None
+) -> State:
     """Propagate the state over a time step with a constant rate.
 
         A' = exp(-[t]x) A,   t = (rate - bias) step
@@ -66,22 +93,32 @@ def predict(state: State, rate: Floats, step: float, gyroscope: Gyroscope) -> St
 
     rate       (3,) radian / second, measured by the gyroscope, of the camera, in camera axes
     step       second
+    lasting    how the lasting errors of the state go on; None: it has none
     """
     step_rotation = Rotation.from_rotvec(-(rate - state.bias) * step)
-    carry = np.eye(6)
+    carry = np.eye(len(state.covariance))
     carry[:3, :3] = step_rotation.as_matrix()
-    carry[:3, 3:] = _mean_turn(-(rate - state.bias) * step) * step
+    carry[:3, 3:6] = _mean_turn(-(rate - state.bias) * step) * step
     white, walk = gyroscope.angle_random_walk**2, gyroscope.rate_random_walk**2
-    noise = np.kron(
+    noise = np.zeros_like(carry)
+    noise[:6, :6] = np.kron(
         [
             [white * step + walk * step**3 / 3, walk * step**2 / 2],
             [walk * step**2 / 2, walk * step],
         ],
         np.eye(3),
     )
-    return State(
-        step_rotation * state.icrs_to_camera, state.bias, carry @ state.covariance @ carry.T + noise
-    )
+    errors = state.lasting
+    for k in range(len(errors)):
+        assert lasting is not None
+        place, keep = slice(6 + 3 * k, 9 + 3 * k), lasting.keep[k]
+        carry[place, place] = np.diag(keep)
+        fresh = np.sqrt(1 - keep**2)
+        noise[place, place] = lasting.covariance[k] * np.outer(fresh, fresh)
+        errors = errors * 1.0
+        errors[k] *= keep
+    covariance = carry @ state.covariance @ carry.T + noise
+    return State(step_rotation * state.icrs_to_camera, state.bias, covariance, errors)
 
 
 def correct(state: State, icrs_to_camera: Rotation, covariance: Floats) -> State:
@@ -91,18 +128,21 @@ def correct(state: State, icrs_to_camera: Rotation, covariance: Floats) -> State
     predicted to the measured attitude, and the correction is a rotation. Joseph's form keeps the
     covariance positive definite. Source: Markley (2003), J. Guidance 26(2), 311.
 
-    covariance  (3, 3) radian^2, of the measured attitude, about the camera's axes
+    covariance  (3, 3) radian^2, of the measured attitude, about the camera's axes; without that of
+                the lasting errors of the state
     """
     innovation = (icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
-    prior = state.covariance
-    gain = np.linalg.solve(prior[:3, :3] + covariance, prior[:3]).T
+    innovation -= state.lasting.sum(axis=0)
+    prior, many = state.covariance, len(state.lasting)
+    seen = np.hstack([np.eye(3), np.zeros((3, 3)), *[np.eye(3)] * many])
+    gain = np.linalg.solve(seen @ prior @ seen.T + covariance, seen @ prior).T
     change = gain @ innovation
-    rest = np.eye(6)
-    rest[:, :3] -= gain
+    rest = np.eye(len(prior)) - gain @ seen
     return State(
         Rotation.from_rotvec(change[:3]) * state.icrs_to_camera,
-        state.bias + change[3:],
+        state.bias + change[3:6],
         rest @ prior @ rest.T + gain @ covariance @ gain.T,
+        state.lasting + change[6:].reshape(many, 3),
     )
 
 

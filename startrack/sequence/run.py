@@ -6,7 +6,7 @@ import math
 import typing
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Gyroscope, State, correct, predict, start
+from startrack.attitude import Gyroscope, Lasting, State, correct, predict, start
 from startrack.catalog import open_sky
 from startrack.core import (
     Camera,
@@ -49,9 +49,12 @@ from startrack.trial import (
     images_of,
     light_of,
     pattern_indexes,
+    pixel_variance,
     random_attitude,
+    shared_errors,
     smear_of,
     stars_in_field,
+    systematic_variance,
     take_boxes,
     throughput,
 )
@@ -59,6 +62,8 @@ from startrack.trial import (
 GATE = 30.7  # chi-square of 3 degrees of freedom, exceeded once in a million by noise alone
 NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
 AXES = "xyz"
+# Of a pixel, that stars move while their errors over it change; chosen by hand.
+PIXEL_LENGTH = 0.5
 MEAN_POINTS = 64  # of an exposure, whose mean attitude is asked for
 SMEAR_STEP = 0.25  # pixel; a smear that is wrong by half of it costs nothing
 # A row of the table of a sequence: one frame.
@@ -80,25 +85,28 @@ class TrackerState:
     """State of the tracker between two frames.
 
     state   of the filter, None without any attitude yet, or after a loss
+    lasting (2, 3, 3) radian^2, what of the last attitude's error lasts, over pixels and field
     missed  frames without attitude since the last one
     fresh   whether the last frame started the filter
     """
 
     state: State | None = None
+    lasting: Floats = field(default_factory=lambda: np.zeros((2, 3, 3)))
     missed: int = 0
     fresh: bool = False
 
 
 def predict_state(
-    known: TrackerState, shown: Floats | None, step: float, sequence: Sequence
+    known: TrackerState, shown: Floats | None, step: float, sequence: Sequence, lengths: Floats
 ) -> TrackerState:
     """Predict the state at the next frame.
 
     Without a gyroscope the filter assumes one that reads zero: its bias is then minus the rate of
     the camera, and its random walk the angular acceleration.
 
-    shown  (3,) radian / second, output of the gyroscope; None without one
-    step   second
+    shown    (3,) radian / second, output of the gyroscope; None without one
+    step     second
+    lengths  (2,) radian, of `error_lengths`
     """
     if known.state is None:
         return known
@@ -109,11 +117,40 @@ def predict_state(
         else Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
     )
     rate = np.zeros(3) if shown is None else shown
-    return replace(known, state=predict(known.state, rate, step, believed))
+    x, y, z = np.abs(rate - known.state.bias) * step
+    # A turn about x moves stars along y: what changes is their error in y, and that of the turn.
+    moved = np.array([[x, y, np.hypot(x, y)], [np.hypot(x, y) + z / 2] * 3])
+    errors = Lasting(known.lasting, np.exp(-moved / lengths[:, None]))
+    return replace(known, state=predict(known.state, rate, step, believed, errors))
+
+
+def error_lengths(case: Case) -> Floats:
+    """Radian (2,) that a camera turns while errors over pixels, and over the field, change.
+
+    Half a pixel, and half of the field's smaller side.
+    """
+    camera = case.believed_camera
+    half = math.atan(min(camera.columns, camera.rows) / 2 / camera.focal_length_px)
+    return np.array([PIXEL_LENGTH / camera.focal_length_px, half])
+
+
+def lasting_parts(case: Case, spots: Spots, matches: Matches, covariance: Floats) -> Floats:
+    """What of a measured attitude's covariance lasts: (2, 3, 3) over pixels and over the field.
+
+    Accuracy  model: each star's fraction of lasting variance counts by its weight, whatever its
+              place; jitter is new in each frame, what a calibration leaves is of the field.
+    """
+    noise = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
+    systematic, pixel = (part(case)[matches.star] for part in (systematic_variance, pixel_variance))
+    weight = 1 / (noise + systematic)
+    shares = [(weight**2 * part).sum() / weight.sum() for part in (pixel, systematic - pixel)]
+    shared = shared_errors(case)
+    still = covariance - np.diag(shared.turn) if shared else covariance
+    return np.array([max(share, 0.0) * still for share in shares])
 
 
 def doubted(
-    before: TrackerState, known: TrackerState, step: float, sequence: Sequence
+    before: TrackerState, known: TrackerState, step: float, sequence: Sequence, lengths: Floats
 ) -> TrackerState:
     """The prediction of a frame that has no attitude, though the frame before it had one.
 
@@ -128,7 +165,8 @@ def doubted(
     psd = math.hypot(
         sequence.angular_acceleration_psd, sequence.initial_rate_sigma / math.sqrt(step)
     )
-    return predict_state(before, None, step, replace(sequence, angular_acceleration_psd=psd))
+    restless = replace(sequence, angular_acceleration_psd=psd)
+    return predict_state(before, None, step, restless, lengths)
 
 
 def known_rate(state: State | None, shown: Floats | None) -> Floats:
@@ -142,11 +180,15 @@ def known_rate(state: State | None, shown: Floats | None) -> Floats:
     return rate if state is None else rate - state.bias
 
 
-def update_state(known: TrackerState, estimate: Estimate, sequence: Sequence) -> TrackerState:
+def update_state(
+    known: TrackerState, estimate: Estimate, sequence: Sequence, parts: Floats
+) -> TrackerState:
     """Update with the attitude of a frame, or coast for at most `max_coasted_frames` frames.
 
     An attitude that contradicts the prediction restarts the filter, because stars were measured
     and the prediction was not.
+
+    parts  of the covariance of the attitude, as `lasting_parts`
     """
     if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
         missed = known.missed + 1
@@ -157,8 +199,11 @@ def update_state(known: TrackerState, estimate: Estimate, sequence: Sequence) ->
         )
     if known.state is None or _contradicts(known.state, estimate):
         sigma = sequence.initial_rate_sigma if sequence.gyro is None else sequence.gyro.bias
-        return TrackerState(start(estimate.icrs_to_camera, estimate.covariance, sigma), fresh=True)
-    return TrackerState(correct(known.state, estimate.icrs_to_camera, estimate.covariance))
+        errors = Lasting(parts, np.ones((2, 3)))
+        begun = start(estimate.icrs_to_camera, estimate.covariance, sigma, errors)
+        return TrackerState(begun, parts, fresh=True)
+    new = estimate.covariance - parts.sum(axis=0)
+    return TrackerState(correct(known.state, estimate.icrs_to_camera, new), parts)
 
 
 def _contradicts(state: State, estimate: Estimate) -> bool:
@@ -233,17 +278,20 @@ def run(
     seen = None if rates is None else exposure_rates(true, rates)
     table = np.empty(len(true.time), FRAMES)
     known, camera, asked = TrackerState(), case.believed_camera, asked_of(case, true, streams)
-    before, step = known, 0.0
+    before, step, lengths, parts = known, 0.0, error_lengths(case), known.lasting
     for k, frame in enumerate(_kept(case, true, seed, number, recording)):
         if k:
             before, step = known, float(true.time[k] - true.time[k - 1])
-            known = predict_state(known, None if rates is None else rates[k - 1], step, sequence)
+            turned = None if rates is None else rates[k - 1]
+            known = predict_state(known, turned, step, sequence, lengths)
         predicted = known.state
         rate = known_rate(predicted, None if seen is None else seen[k])
         spots, matches, estimate = _see(case, frame, camera, predicted, rate)
         if estimate.status is not Status.SOLVED:
-            known = doubted(before, known, step, sequence)
-        known = update_state(known, estimate, sequence)
+            known = doubted(before, known, step, sequence, lengths)
+        else:
+            parts = lasting_parts(case, spots, matches, estimate.covariance)
+        known = update_state(known, estimate, sequence, parts)
         if estimate.status is Status.SOLVED:
             camera = matches.camera
         table[k] = (

@@ -88,6 +88,8 @@ from startrack.trial.stars import (
 from startrack.trial.systematic import (
     blending_shift,
     focal_stretches,
+    pixel_variance,
+    shared_errors,
     systematic_variance,
     systematic_variance_of,
 )

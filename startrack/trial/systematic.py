@@ -246,6 +246,20 @@ def _of_any_device(case: Case) -> Case:
 
 
 @lru_cache(maxsize=8)
+def pixel_variance(case: Case) -> Floats:
+    """The part of `systematic_variance` that changes while stars cross pixels; zero with a floor.
+
+    Returns  (n,) pixel^2, for the stars of the believed catalogue
+    """
+    design = _of_any_device(case.as_designed)
+    stars = open_sky(design.believed_catalog).stars
+    if design.tracker.attitude.centroid_floor is not None or design.instrument.detector.scan:
+        return np.zeros(len(stars))
+    magnitude = stars.magnitude_g + colour_correction(design, stars.colour)
+    return np.asarray(lasting(errors(design), magnitude) ** 2)
+
+
+@lru_cache(maxsize=8)
 def _systematic_variance(case: Case) -> Floats:
     stars, floor = open_sky(case.believed_catalog).stars, case.tracker.attitude.centroid_floor
     if floor is None and case.instrument.detector.scan:
