@@ -34,7 +34,7 @@ from startrack.design import Campaign, DesignSpace, Moment, Objective, branches
 from startrack.optimise import Search, least
 from startrack.optimise.evaluate import foresee
 from startrack.optimise.explore import Explorer
-from startrack.optimise.forecast import _unit_budgets, forecasts
+from startrack.optimise.forecast import budgets_of_units, forecasts
 from startrack.optimise.steps import explore
 from startrack.population import middle_of
 
@@ -122,11 +122,11 @@ def in_whole_budgets(space: DesignSpace, campaign: Campaign, point: Floats) -> f
         patch.object(units, "_middle", return_value=None),
         patch.object(units, "_measured", of_unit),
     ):
-        _unit_budgets.cache_clear()
+        budgets_of_units.cache_clear()
         try:
             return expected(space, campaign, point)
         finally:
-            _unit_budgets.cache_clear()
+            budgets_of_units.cache_clear()
 
 
 def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:

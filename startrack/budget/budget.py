@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from startrack.core import Floats, Refused, arcsec, html_table, short_text
 from startrack.design import Case
 from startrack.metrics import Interpretation, level
-from startrack.trial import METHOD, READ, SHOT, Term, present
+from startrack.trial import METHOD, READ, SHOT, Effect, Term, present
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,14 @@ NEIGHBOURS = "neighbours"
 ALWAYS = ((SHOT, Term.NOISE), (READ, Term.NOISE), (METHOD, Term.PIXEL), (NEIGHBOURS, Term.FIELD))
 
 
-def causes(case: Case) -> tuple[Cause, ...]:
-    """The causes that a case has, from pixels to the spacecraft, except those of all cases."""
+def causes(case: Case, among: Callable[[Effect], bool] = lambda _: True) -> tuple[Cause, ...]:
+    """The causes that a case has, from pixels to the spacecraft, except those of all cases.
+
+    among  which of them are looked for
+    """
     return tuple(
         Cause(effect.cause, effect.term, effect.without)
-        for effect in present("cause", case)
+        for effect in present("cause", case, among)
         if effect.without
     )
 

@@ -229,8 +229,8 @@ class _Middle(NamedTuple):
         if moved is not None:
             mean = np.tensordot(self.answer, moved, 2).T
             lines.append(Line(CAMERA_MODEL, Term.FIELD, Law(mean, none, weight)))
-        for cause in causes(unit):
-            if cause.term in TURNED and (of_all := of_the_camera(unit, cause)):
+        for cause in causes(unit, lambda effect: effect.term in TURNED):
+            if of_all := of_the_camera(unit, cause):
                 mean, sigma = (none + each for each in of_all)
                 lines.append(Line(cause.name, cause.term, Law(mean, sigma, weight)))
         return self.shared._replace(lines=tuple(lines))
@@ -243,7 +243,7 @@ def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case,
     Kept for the 128 last, because the conditions of a design differ in motion alone.
     """
     unit = placed(case, like, seed, moment)
-    if not any(cause.name in OF_THE_CAMERA for cause in causes(unit)):
+    if not causes(unit, lambda effect: effect.cause in OF_THE_CAMERA):
         return unit, None
     # What the calibration of the mounting takes off is taken off first: a shift of the principal
     # point is hundreds of arcseconds, of which a thousandth would count.

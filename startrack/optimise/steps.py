@@ -18,7 +18,7 @@ from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed
 from startrack.optimise.explore import Explorer
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
-from startrack.optimise.units import errors_of, fresh_units
+from startrack.optimise.units import fresh_units, likely_errors
 from startrack.verification import (
     Answer,
     Looks,
@@ -316,7 +316,8 @@ def confirm_requirements(
         for claim in claims:
             if units is not None and claim.accuracy:
                 asked = YieldClaim(units.fraction)
-                errors = errors_of(claim.accuracy.objective, judged, units, campaign)
+                objective = claim.accuracy.objective
+                errors = likely_errors(objective, one, judged, campaign, runner.seed)
                 bounds = asked.bounds(errors <= claim.limit, *tails)
                 decided = asked.answer(bounds) is not Answer.NOT_SHOWN
                 found[claim.name] = Confirmed(bounds, asked.margin(bounds.low), decided)
