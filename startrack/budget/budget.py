@@ -36,11 +36,13 @@ NEIGHBOURS = "neighbours"
 ALWAYS = ((SHOT, Term.NOISE), (READ, Term.NOISE), (METHOD, Term.PIXEL), (NEIGHBOURS, Term.FIELD))
 
 
-def causes(case: Case, among: Callable[[Effect], bool] = lambda _: True) -> tuple[Cause, ...]:
-    """The causes that a case has, from pixels to the spacecraft, except those of all cases.
+def causes(case: Case) -> tuple[Cause, ...]:
+    """The causes that a case has, from pixels to the spacecraft, except those of all cases."""
+    return causes_among(case, lambda _: True)
 
-    among  which of them are looked for
-    """
+
+def causes_among(case: Case, among: Callable[[Effect], bool]) -> tuple[Cause, ...]:
+    """`causes`, of which some are looked for."""
     return tuple(
         Cause(effect.cause, effect.term, effect.without)
         for effect in present("cause", case, among)
