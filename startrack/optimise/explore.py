@@ -244,8 +244,25 @@ class Explorer:
         enough = self.score + BAD if self._all_matter else -math.inf
         self.values += foresee_all(self.space, self.campaign, new, self.runner, self.seed, enough)
         self.points += new
+        self._complete()
         if self.watch:
             self.watch()
+
+    def _complete(self) -> None:
+        """Forecast the best design in all conditions, until the best one is."""
+        names = {one.name for one in self.campaign.judged(self.space.case)}
+        done = set[int]()
+        while np.isfinite(self.score):
+            best = int(np.argmin([value.score for value in self.values]))
+            if best in done or names <= self.values[best].conditions.keys():
+                return
+            done.add(best)
+            point = [self.points[best]]
+            [self.values[best]] = foresee_all(
+                self.space, self.campaign, point, self.runner, self.seed
+            )
+            if self._emulators:  # which know another value of it
+                self._emulators = 0, self._emulators[1]
 
     @property
     def _all_matter(self) -> bool:
