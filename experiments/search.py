@@ -1,9 +1,9 @@
 """How fast and how right are forecasts, and how near do searches on them come to the best?
 
-python experiments/search.py [--json FILE] [--designs 20] [--seeds 10] [--optimize] [--quick]
+python experiments/search.py [--json FILE] [--designs 20] [--seeds 10] [--no-commands] [--quick]
 
 A forecast is beside the whole budgets of the same units; the best is that of all searches: those
-of all seeds, and long ones by nlopt from the best of each. --optimize times whole commands.
+of all seeds, and long ones by nlopt from the best of each. At last whole commands are timed.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ import scipy
 from startrack import Case, load_design, shipped
 from startrack.budget import units
 from startrack.core import Floats
-from startrack.design import Campaign, DesignSpace, Moment, Objective, branches
+from startrack.design import Campaign, DesignSpace, Moment, Objective, Variable, branches
 from startrack.optimise import Search, least
-from startrack.optimise.evaluate import foresee
+from startrack.optimise.evaluate import foresee, foresee_all
+from startrack.optimise.evaluate import missed as missed_of
 from startrack.optimise.explore import Explorer
-from startrack.optimise.forecast import _unit_budgets, forecasts
+from startrack.optimise.forecast import budgets_of_units, forecasts
 from startrack.optimise.steps import explore
 from startrack.population import middle_of
 
@@ -50,15 +51,53 @@ except ImportError:
 UNITS = ("nanosatellite", "high_accuracy")  # judged over their units
 ALONE = "noise_only"
 LONG = 400  # forecasts of each long search
+PEER_SEEDS = 5  # of the seeds, for which other searches are run
+COMMANDS = {
+    "optimize_warm_s": ("optimize", "nanosatellite"),
+    "optimize_high_accuracy_s": ("optimize", "high_accuracy"),
+    "pareto_s": ("pareto", "nanosatellite", "--points", "12"),
+    "sensitivity_s": ("sensitivity", "nanosatellite"),
+    "sample_s": ("sample", "nanosatellite"),
+}
+# Besides the five of the campaign of noise alone: 30 in all.
+DETECTOR = "instrument.detector."
+MORE = (
+    Variable("instrument.optics.k1", -0.05, 0.05),
+    Variable("instrument.optics.principal_x", -40.0, 40.0),
+    Variable("instrument.optics.principal_y", -40.0, 40.0),
+    Variable(f"{DETECTOR}pixel_pitch", "7 um", "16 um"),
+    Variable(f"{DETECTOR}dark_current", "20 electron / s", "200 electron / s"),
+    Variable(f"{DETECTOR}read_noise", "4 electron", "16 electron"),
+    Variable(f"{DETECTOR}prnu", 0.003, 0.03),
+    Variable(f"{DETECTOR}full_well", "10000 electron", "60000 electron"),
+    Variable(f"{DETECTOR}pixel_rate", "4 Mpix / s", "20 Mpix / s"),
+    Variable(f"{DETECTOR}fill_factor", 0.5, 1.0),
+    Variable(f"{DETECTOR}diffusion", "0 um", "4 um"),
+    Variable(f"{DETECTOR}crosstalk", 0.0, 0.05),
+    Variable(f"{DETECTOR}nonlinearity", 0.0, 0.02),
+    Variable(f"{DETECTOR}settling", 0.0, 0.01),
+    Variable(f"{DETECTOR}bits", 10, 14),
+    Variable("tracker.detection.window", 5, 13),
+    Variable("tracker.detection.edge", 0, 6),
+    Variable("tracker.detection.saturation", 3000.0, 4095.0),
+    Variable("tracker.detection.kernel_sigma", 0.6, 1.6),
+    Variable("tracker.detection.mesh", 16, 64),
+    Variable("tracker.detection.max_spots", 8, 120),
+    Variable("tracker.detection.min_area", 1, 4),
+    Variable("tracker.identification.min_matches", 4, 8),
+    Variable("tracker.identification.focal_tolerance", 1e-4, 5e-3),
+    Variable("tracker.attitude.gate", 3.0, 8.0),
+)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--designs", type=int, default=20, help="random designs of each campaign")
     parser.add_argument("--seeds", type=int, default=10, help="searches of each campaign")
-    parser.add_argument("--optimize", action="store_true", help="time `startrack optimize`, too")
+    parser.add_argument("--no-commands", action="store_true", help="time no whole commands")
     options = command.read(parser, designs=1, seeds=1)
     figures: dict[str, Any] = {"forecast_s": {}, "forecast_error": 0.0, "regret": {}}
+    figures |= dict.fromkeys(COMMANDS)
     for name in UNITS[: 1 if options.quick else None]:
         seconds, error = beside_whole_budgets(name, options.designs, options.quick)
         figures["forecast_s"][name] = seconds
@@ -67,12 +106,9 @@ def main() -> None:
         figures["regret"][name] = regrets(name, options.seeds, options.quick)
     figures["unmoved"] = [each for one in figures["regret"].values() for each in one.pop("unmoved")]
     figures["peers"] = {name: one.pop("peers") for name, one in figures["regret"].items()}
-    if options.optimize:
-        figures["optimize_warm_s"] = seconds_of("optimize", "nanosatellite")
-        figures["optimize_high_accuracy_s"] = seconds_of("optimize", "high_accuracy")
-        figures["pareto_s"] = seconds_of("pareto", "nanosatellite", "--points", "12")
-        figures["sensitivity_s"] = seconds_of("sensitivity", "nanosatellite")
-        figures["sample_s"] = seconds_of("sample", "nanosatellite")
+    figures |= thirty_variables(options.quick)
+    if not (options.no_commands or options.quick):
+        figures |= {name: seconds_of(*words) for name, words in COMMANDS.items()}
     print(json.dumps(figures, indent=1))
     command.save(options, figures)
 
@@ -122,11 +158,11 @@ def in_whole_budgets(space: DesignSpace, campaign: Campaign, point: Floats) -> f
         patch.object(units, "_middle", return_value=None),
         patch.object(units, "_measured", of_unit),
     ):
-        _unit_budgets.cache_clear()
+        budgets_of_units.cache_clear()
         try:
             return expected(space, campaign, point)
         finally:
-            _unit_budgets.cache_clear()
+            budgets_of_units.cache_clear()
 
 
 def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:
@@ -156,25 +192,56 @@ def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:
     def score(point: Floats) -> float:
         return foresee(space, campaign, point)
 
-    scores = [score(end) for end in ends]
+    values = foresee_all(space, campaign, ends)
+    scores = [value.score for value in values]
     start = ends[int(np.argmin(scores))]
     search = Search(evaluations=10 if quick else LONG, first_step=0.1, last_step=1e-4)
     most = int(np.median(counts))
     others = {
-        peer: [_least_of(search, score, len(space), most, seed) for seed in range(1, seeds + 1)]
+        peer: [
+            _least_of(search, score, len(space), most, seed)
+            for seed in range(1, min(seeds, PEER_SEEDS) + 1)
+        ]
         for peer, search in PEERS.items()
     }
     found = [*scores, least(score, start, search).score, *chain(*others.values())]
     best = min(found)
     missed = [math.expm1(one - best) for one in scores]
-    for peer, values in others.items():
-        print(f"{name} {peer}: {np.median(values):.4f}, best {best:.4f}", flush=True)
+    for peer, least_scores in others.items():
+        print(f"{name} {peer}: {np.median(least_scores):.4f}, best {best:.4f}", flush=True)
     return {
         "peers": {peer: math.expm1(np.median(values) - best) for peer, values in others.items()},
         "median": float(np.median(missed)),
         "worst": max(missed),
+        "infeasible": sum(missed_of(value.margins) > 0 for value in values),
         "forecasts": float(np.median(counts)),
         "unmoved": unmoved,
+    }
+
+
+def thirty_variables(quick: bool) -> dict[str, float]:
+    """By how much a search of thirty variables beats that of five, and in how many forecasts."""
+    case, campaign = campaign_of(ALONE)
+    if quick:
+        campaign = replace(campaign, analytic_evaluations=4)
+    found = list[Explorer]()
+    for more, times in (((), 1), (MORE, 10)):
+        most = campaign.analytic_evaluations
+        if found:
+            most = times * len(found[0].points)
+        asked = replace(campaign, variables=(*campaign.variables, *more), analytic_evaluations=most)
+        began, space = time.process_time(), DesignSpace(case, asked.variables, asked.links)
+        explorer = Explorer(space, asked)
+        explore({"": explorer}, {"": space.start}, asked)
+        print(
+            f"{len(space)} variables: {len(explorer.points)} forecasts, {explorer.score:.4f}, "
+            f"{time.process_time() - began:.0f} s; {explorer.ending}", flush=True,
+        )  # fmt: skip
+        found.append(explorer)
+    five, thirty = found
+    return {
+        "thirty_gain": math.exp(five.score - thirty.score),
+        "thirty_forecasts_ratio": len(thirty.points) / len(five.points),
     }
 
 

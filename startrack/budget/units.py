@@ -11,7 +11,7 @@ import numpy as np
 
 from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
-from startrack.budget.budget import Law, Line, Term, causes
+from startrack.budget.budget import Law, Line, Term, causes_among
 from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
 from startrack.core import Floats, Refused, whole
@@ -229,8 +229,8 @@ class _Middle(NamedTuple):
         if moved is not None:
             mean = np.tensordot(self.answer, moved, 2).T
             lines.append(Line(CAMERA_MODEL, Term.FIELD, Law(mean, none, weight)))
-        for cause in causes(unit):
-            if cause.term in TURNED and (of_all := of_the_camera(unit, cause)):
+        for cause in causes_among(unit, lambda effect: effect.term in TURNED):
+            if of_all := of_the_camera(unit, cause):
                 mean, sigma = (none + each for each in of_all)
                 lines.append(Line(cause.name, cause.term, Law(mean, sigma, weight)))
         return self.shared._replace(lines=tuple(lines))
@@ -243,7 +243,7 @@ def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case,
     Kept for the 128 last, because the conditions of a design differ in motion alone.
     """
     unit = placed(case, like, seed, moment)
-    if not any(cause.name in OF_THE_CAMERA for cause in causes(unit)):
+    if not causes_among(unit, lambda effect: effect.cause in OF_THE_CAMERA):
         return unit, None
     # What the calibration of the mounting takes off is taken off first: a shift of the principal
     # point is hundreds of arcseconds, of which a thousandth would count.

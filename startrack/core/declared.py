@@ -39,6 +39,7 @@ class Range(NamedTuple):
     above      whether `low` itself is not allowed
     choices    the texts of which it must be one; empty where any is allowed
     code       group of code that it may name instead, as module:function; "" for none
+    free       whether it may be any other text, too, which whoever reads it checks
     file       whether it may be the path of a file, on whose content a result depends
     """
 
@@ -47,6 +48,7 @@ class Range(NamedTuple):
     above: bool = False
     choices: Collection[str] = ()
     code: str = ""
+    free: bool = False
     file: bool = False
 
     def holds(self, value: float) -> bool:
@@ -56,7 +58,7 @@ class Range(NamedTuple):
     def check(self, name: str, value: Any, integer: bool) -> None:
         """Refuse a value outside."""
         named: dict[str, Any] = {name: value}
-        if self.file:
+        if self.file or self.free:
             return
         if self.code:
             one_of_or_code(self.choices, **named)

@@ -43,6 +43,7 @@ POINTS: Mapping[str, str] = {
     "jitters": "instrument.motion.jitter",
     "requirements": "campaign.requirements.checks",
     "costs": "campaign.requirements.cost_model",
+    "searches": "campaign.search",
 }
 
 

@@ -69,10 +69,11 @@ class Campaign(Parameters):
     analytic_evaluations: Annotated[int, Range(0, 10**6),
         "designs at most of each branch that the analytic budget evaluates, before the first trial"
     ] = 200  # fmt: skip
-    search: Annotated[str,
+    search: Annotated[str, Range(code="searches", free=True),
         'how designs are chosen for the analytic budget: "emulator", where Gaussian processes '
         'through all that are known expect most, or algorithms of nlopt one after the other, such '
-        'as "direct+sbplx" or "GN_ISRES", each with as many evaluations'
+        'as "direct+sbplx" or "GN_ISRES", each with as many evaluations; or code of one\'s own, '
+        "see docs/extensions.md"
     ] = "emulator"  # fmt: skip
     precision: Annotated[float, Range(1e-4, 0.5),
         "fraction of the objective that is worth no further evaluation: a search ends when it "

@@ -23,6 +23,7 @@ from startrack.core import (
     Unit,
 )
 from startrack.design.epoch import believed_from, seen_from
+from startrack.design.parameter import unchecked
 from startrack.design.structure import Structure
 from startrack.design.variation import YEAR, Law, Variation, check_variations, law_of
 from startrack.detection import Box, Detection
@@ -170,6 +171,17 @@ class Instrument(Parameters):
         if self.optics.tabulated and self.detector.scan:
             key = "lens_file" if self.optics.traced else "psf_file of several images"
             raise Refused(f"optics.{key} must be left out where lines scan")
+
+    def __hash__(self) -> int:
+        """Computed once, as that of a Case."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(tuple(getattr(self, part.name) for part in fields(self)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_hash"}
 
     @property
     def lens_temperature(self) -> float:
@@ -441,7 +453,8 @@ class Case(CarriesCode):
 
     def unit_of(self, design: Case) -> Case:
         """The case as the truth of a unit of a design."""
-        return replace(self, design=design)
+        unit: Case = unchecked(self, {"design": design})
+        return unit
 
     @property
     def believed_camera(self) -> Camera:

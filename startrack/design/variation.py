@@ -23,7 +23,7 @@ from startrack.core import (
     finite,
     parse,
 )
-from startrack.design.parameter import find, replaced_all, unit_at
+from startrack.design.parameter import find, replaced_all, unchecked, unit_at
 
 LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
 ABSOLUTE, RELATIVE = "absolute", "relative"
@@ -306,7 +306,7 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     # The maps of its pixels and its residual are those of the unit; a dark map is taken on it.
     device = int(Streams(seed, moment.unit)("device of a unit").integers(2**62))
     if case.tracker.detection.dark_map is not None:
-        design = replaced_all(design, {"instrument.detector.device_seed": device})
+        design = unchecked(design, {"instrument.detector.device_seed": device})
     values["instrument.detector.device_seed"] = device
     try:
         truth = replaced_all(bare, values)

@@ -23,7 +23,10 @@ def response(detector: Detector) -> Floats | None:
     defects = detector.defects
     if not (detector.prnu or (defects and (defects.dead or defects.dead_columns))):
         return None
-    return _response(_device(detector))
+    device = _device(detector)
+    if device.age:  # at any age the same
+        device = replace(device, age=None, thermal=None, pixel_pitch=1.0)
+    return _response(device)
 
 
 def dark(detector: Detector) -> Floats | float:

@@ -27,18 +27,22 @@ from startrack.identification.grids import SkyGrid, VerificationStars, cone, cub
 MAGNITUDE = 0.4 * np.log(10)  # ln of the flux per magnitude
 
 
-def merged(stars: Stars, resolution: float) -> tuple[Stars, Ints]:
+def merged(
+    stars: Stars, resolution: float, pairs: NDArray[np.int64] | None = None
+) -> tuple[Stars, Ints]:
     """Merge stars closer than the resolution, at the centre of their light.
 
     The brightest star of a close group is merged with those within the resolution of it.
 
     resolution  radian
+    pairs       (k, 2) of stars that are so close, by their ranks in brightness; None: searched for
     Returns     the remaining stars, brightest first, with identifier and colour of the brightest
                 of each group; the indices of these in `stars`
     """
     order = np.argsort(stars.magnitude_g, kind="stable")
     direction = stars.direction[order]
-    pairs = cKDTree(direction).query_pairs(2 * np.sin(resolution / 2), output_type="ndarray")
+    if pairs is None:
+        pairs = cKDTree(direction).query_pairs(2 * np.sin(resolution / 2), output_type="ndarray")
     taker = _takers(len(stars), pairs)
     flux = np.exp(-MAGNITUDE * stars.magnitude_g[order])
     light = np.zeros(len(stars))

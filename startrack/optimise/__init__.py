@@ -28,7 +28,7 @@ from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, Stage, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
-from startrack.optimise.search import Algorithm, Found, Search, least
+from startrack.optimise.search import Algorithm, Found, Search, SearchInput, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
 from startrack.optimise.tables import (
     chain_text,
@@ -64,6 +64,7 @@ __all__ = [
     "Optimum",
     "Point",
     "Search",
+    "SearchInput",
     "Sensitivity",
     "Span",
     "Stage",

@@ -244,8 +244,25 @@ class Explorer:
         enough = self.score + BAD if self._all_matter else -math.inf
         self.values += foresee_all(self.space, self.campaign, new, self.runner, self.seed, enough)
         self.points += new
+        self._complete()
         if self.watch:
             self.watch()
+
+    def _complete(self) -> None:
+        """Forecast the best design in all conditions, until the best one is."""
+        names = {one.name for one in self.campaign.judged(self.space.case)}
+        done = set[int]()
+        while np.isfinite(self.score):
+            best = int(np.argmin([value.score for value in self.values]))
+            if best in done or names <= self.values[best].conditions.keys():
+                return
+            done.add(best)
+            point = [self.points[best]]
+            [self.values[best]] = foresee_all(
+                self.space, self.campaign, point, self.runner, self.seed
+            )
+            if self._emulators:  # which know another value of it
+                self._emulators = 0, self._emulators[1]
 
     @property
     def _all_matter(self) -> bool:
@@ -301,7 +318,8 @@ class Explorer:
     def begin(self, start: Floats, most: int) -> None:
         """Forecast the start, and designs over the whole space that do not cost too much."""
         count = min(FIRST * len(self.space) + FIRST_MORE, most)
-        others = list(islice(_affordable(self.space, self.campaign), count - 1))
+        random = self._random(0, "first designs to forecast")
+        others = list(islice(_affordable(self.space, self.campaign, random), count - 1))
         # The first ones say which others are bad.
         self.forecast([start, *others[: BATCH - 1]])
         self.forecast(others[BATCH - 1 :])
@@ -349,8 +367,7 @@ class Explorer:
 
     def starts(self) -> Floats:
         """Designs (m, d) to search from: the best ones, and others that may be good."""
-        seed = self.runner.seed if self.runner else self.seed
-        random = Streams(seed, len(self.points))(f"designs to forecast {self.label}".strip())
+        random = self._random(len(self.points), "designs to forecast")
         order = np.argsort([value.score for value in self.values], kind="stable")[:LEADERS]
         leaders = np.array([self.points[number] for number in order])
         pool = random.random((POOL, len(self.space)))
@@ -358,6 +375,10 @@ class Explorer:
         pool = np.vstack([pool, np.clip(near.reshape(-1, len(self.space)), 0, 1)])
         good = np.argsort(self.emulators.score(pool, SIGMAS), kind="stable")[:LEADERS]
         return np.vstack([leaders[:2], pool[good]])
+
+    def _random(self, number: int, what: str) -> np.random.Generator:
+        seed = self.runner.seed if self.runner else self.seed
+        return Streams(seed, number)(f"{what} {self.label}".strip())
 
     def lowest(self) -> float:
         """The score below which no design is with 98 % confidence, as the emulators see it."""
@@ -405,10 +426,11 @@ class Explorer:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def _affordable(space: DesignSpace, campaign: Campaign) -> Iterator[Floats]:
-    """Points of a Sobol sequence, of which seven in eight do not cost more than they may."""
-    sequence = scipy.stats.qmc.Sobol(len(space), scramble=False)
-    sequence.fast_forward(1)
+def _affordable(
+    space: DesignSpace, campaign: Campaign, random: np.random.Generator
+) -> Iterator[Floats]:
+    """Points of a scrambled Sobol sequence, of which seven in eight cost no more than they may."""
+    sequence = scipy.stats.qmc.Sobol(len(space), rng=random)
     kept, tried = 0, 0
     while True:
         point, tried = np.asarray(sequence.random(1)[0]), tried + 1

@@ -85,10 +85,12 @@ ENVIRONMENTS = 2  # of each unit, in a search; chosen by hand: time against the 
 
 
 @lru_cache(maxsize=16)
-def _unit_budgets(case: Case, seed: int, age: float, first: int, count: int) -> UnitBudgets | None:
+def budgets_of_units(
+    case: Case, seed: int, age: float, first: int, count: int, environments: int = ENVIRONMENTS
+) -> UnitBudgets | None:
     """The analytic budgets of some units, None where one has no attitude; of the 16 last cases."""
     try:
-        return unit_budgets(_coarse(case), seed, count, age, ENVIRONMENTS, first=first, apart=False)
+        return unit_budgets(_coarse(case), seed, count, age, environments, first=first, apart=False)
     except Refused:
         return None
 
@@ -129,7 +131,7 @@ def forecast(one: Judged, objective: Objective, seed: int = 1) -> Forecast:
     if one.units is not None:
         units = one.units
         return _forecast_units(
-            one, objective, [_unit_budgets(one.case, seed, units.age, 0, units.count)]
+            one, objective, [budgets_of_units(one.case, seed, units.age, 0, units.count)]
         )
     budget = _budget(one.case)
     if budget is None:
@@ -183,7 +185,7 @@ def _done(task: _Task, objective: Objective, seed: int) -> Forecast | UnitBudget
     one, units = task
     if one.units is None or units is None:
         return forecast(one, objective)
-    return _unit_budgets(one.case, seed, one.units.age, units.start, len(units))
+    return budgets_of_units(one.case, seed, one.units.age, units.start, len(units))
 
 
 def forecasts(

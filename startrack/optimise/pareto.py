@@ -291,10 +291,8 @@ def _over_units(
 ) -> Interval:
     """Arcsec, the level of the objective over the fresh units in all conditions of a weight."""
     counted = [one for one in judged if one.name in tried and one.units is not None]
-    units, weights = counted[0].units, [one.weight for one in counted]
-    assert units
     outcomes = [tried[one.name] for one in counted]
-    found = level_interval_of_units(objective, outcomes, units, campaign, weights, seed)
+    found = level_interval_of_units(objective, counted, outcomes, campaign, seed)
     return Interval(*(each / arcsec for each in (found.value, found.low, found.high)))
 
 

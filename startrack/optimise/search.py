@@ -11,8 +11,19 @@ from typing import Annotated, Any
 import nlopt
 import numpy as np
 
-from startrack.core import POSITIVE, Floats, Parameters, Range, Refused
+from startrack.core import (
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Streams,
+    call_code,
+    is_code,
+    shown,
+)
 
+CODE = "searches"  # group of code of one's own
 REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
 # Calls for each evaluation, after which a search that repeats points is ended; chosen by hand: a
 # repeated call costs microseconds.
@@ -40,17 +51,22 @@ class Algorithm(StrEnum):
 def algorithms(text: str) -> list[str]:
     """The algorithms that a campaign names one after the other: "direct+sbplx", "GN_ISRES".
 
+    Code of one's own is among them as module:function.
+
     Raises  Refused where nlopt has none of that name that needs no gradient.
     """
     names = list[str]()
     for part in text.split("+"):
+        if is_code(part):
+            names.append(part.strip())
+            continue
         name = part.strip().upper()
         name = Algorithm[name].value if name in Algorithm.__members__ else name
         if not (name.startswith(("LN_", "GN_", "G_")) and hasattr(nlopt, name)):
             short = ", ".join(one.lower() for one in Algorithm.__members__)
             raise Refused(
                 f"campaign.search must be emulator, or algorithms joined by +: {short}, or names "
-                f"of nlopt that begin with LN_ or GN_, got {text!r}"
+                f"of nlopt that begin with LN_ or GN_, or code as module:function, got {text!r}"
             )
         names.append(name)
     return names
@@ -60,7 +76,7 @@ def algorithms(text: str) -> list[str]:
 class Search(Parameters):
     """How long and how finely to search.
 
-    algorithm    by nlopt's name
+    algorithm    by nlopt's name, or code of one's own
     evaluations  points that may be evaluated
     first_step   1, side of the first simplex
     last_step    1, steps below which a local search ends
@@ -72,6 +88,24 @@ class Search(Parameters):
     first_step: Annotated[float, Range(1e-9, 0.5)] = 0.15
     last_step: Annotated[float, POSITIVE] = 2e-3
     seed: Annotated[int, Range(0, 2**32 - 1)] = 0
+
+
+@dataclass(frozen=True, eq=False)
+class SearchInput:
+    """What a search of one's own gets. The best point that it evaluates is its result.
+
+    score        function of a point (d,) of the unit cube, whose least value is searched; infinite
+                 where a design has no attitude or cannot be built. A point that was evaluated
+                 before costs nothing
+    start        (d,)
+    evaluations  points that may be evaluated; with the next one the search ends
+    generator    random numbers
+    """
+
+    score: Callable[[Floats], float]
+    start: Floats
+    evaluations: int
+    generator: np.random.Generator
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +145,9 @@ def least(
     watch = _Watch(score, start, search.evaluations, enough)
     ending = "nlopt converged"
     try:
+        if is_code(search.algorithm):
+            ending = _by_code(watch, start, search)
+            return Found(watch.coordinates, watch.best, len(watch.seen), ending)
         engine = _engine(search, start)
         engine.set_min_objective(watch)
         engine.optimize(np.array(start, float))
@@ -127,6 +164,21 @@ def least(
             raise Refused(f"nlopt refused to search: {error}") from None
         ending = "nlopt gave up"
     return Found(watch.coordinates, watch.best, len(watch.seen), ending)
+
+
+def _by_code(watch: _Watch, start: Floats, search: Search) -> str:
+    """Let code of one's own search; how it ended."""
+
+    def score(point: Floats) -> float:
+        at = np.asarray(point, float)
+        if at.shape != start.shape or not np.isfinite(at).all():
+            raise ValueError(f"a point must be {len(start)} finite numbers, got {shown(point)}")
+        value = watch(at, np.empty(0))
+        return value if value < REFUSED else math.inf
+
+    random = Streams(search.seed, 0)("search by code")
+    call_code(CODE, search.algorithm, SearchInput(score, start.copy(), search.evaluations, random))
+    return f"{search.algorithm} converged"
 
 
 def least_of_all(
@@ -181,8 +233,8 @@ def least_smooth(
         return start
 
 
-class _Enough(Exception):
-    """Raised through nlopt to end the search."""
+class _Enough(BaseException):
+    """Raised through nlopt, or through code of one's own, to end the search."""
 
 
 class _Watch:

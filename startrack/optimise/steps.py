@@ -18,7 +18,7 @@ from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed
 from startrack.optimise.explore import Explorer
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
-from startrack.optimise.units import errors_of, fresh_units
+from startrack.optimise.units import fresh_units, likely_errors
 from startrack.verification import (
     Answer,
     Looks,
@@ -69,12 +69,13 @@ def _search(branch: Explorer, start: Floats, most: int) -> None:
     names = algorithms(branch.campaign.search)
 
     def score(point: Floats) -> float:
-        branch.forecast([point])
-        return branch.values[-1].score
+        return branch.forecast_of(point).score
 
     branch.forecast([start])
     for name in names:
-        ended = least(score, branch.best, Search(name, max(1, most // len(names))))
+        seed = branch.runner.seed if branch.runner else branch.seed
+        search = Search(name, max(1, most // len(names)), seed=seed % 2**32)
+        ended = least(score, branch.best, search)
         branch.ending = ended.ending
 
 
@@ -251,8 +252,11 @@ def _next(
         if not _is_new(here, tried):
             break
         explorer.forecast([here])
-        if not missed(explorer.values[-1].margins):
+        if math.isfinite(explorer.values[-1].score) and not missed(explorer.values[-1].margins):
             return here
+    else:
+        if _is_new(explorer.best, tried):
+            return explorer.best
     ends = [end for span in explorer.spans(here) for end in (span.at_low, span.at_high)]
     points = np.array([end for end in ends if _is_new(end, tried)])
     if not len(points):
@@ -316,7 +320,8 @@ def confirm_requirements(
         for claim in claims:
             if units is not None and claim.accuracy:
                 asked = YieldClaim(units.fraction)
-                errors = errors_of(claim.accuracy.objective, judged, units, campaign)
+                objective = claim.accuracy.objective
+                errors = likely_errors(objective, one, judged, campaign, runner.seed)
                 bounds = asked.bounds(errors <= claim.limit, *tails)
                 decided = asked.answer(bounds) is not Answer.NOT_SHOWN
                 found[claim.name] = Confirmed(bounds, asked.margin(bounds.low), decided)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 from startrack.attitude import Mounting
@@ -25,9 +24,7 @@ def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
     if unit.design is None or case.tracker.calibration is None:
         return unit
     camera, mounting = _beliefs(case, seed, moment.unit, run)
-    return replace(
-        unit, tracker=replace(unit.tracker, camera=camera, camera_model="radial", mounting=mounting)
-    )
+    return _believing(unit, camera, mounting)
 
 
 @lru_cache(maxsize=8)
@@ -55,6 +52,10 @@ def placed(case: Case, like: Case, seed: int, moment: Moment) -> Case:
     if case.tracker.calibration is None:
         return unit
     camera, mounting = _beliefs(case, seed, moment.unit, False)
+    return _believing(unit, camera, mounting)
+
+
+def _believing(unit: Case, camera: Camera, mounting: Mounting) -> Case:
     believed: Case = unchecked(
         unit,
         {"tracker.camera": camera, "tracker.camera_model": "radial", "tracker.mounting": mounting},
@@ -74,7 +75,8 @@ def _built(case: Case, seed: int, moment: Moment) -> Case:
 
 
 def _imaged_as(unit: Case, case: Case) -> Case:
-    return replace(unit, instrument=replace(unit.instrument, imaged=case.instrument))
+    imaged: Case = unchecked(unit, {"instrument.imaged": case.instrument})
+    return imaged
 
 
 def middle_of(case: Case, age: float) -> Case | None:

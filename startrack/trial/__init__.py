@@ -45,7 +45,7 @@ from startrack.trial.chain import (
     solve_matches,
 )
 from startrack.trial.covariance import outcomes
-from startrack.trial.effects import HITS, LENS_COLOUR, SHUTTER, Term, left_out, present
+from startrack.trial.effects import HITS, LENS_COLOUR, SHUTTER, Effect, Term, left_out, present
 from startrack.trial.exposure import at_one_time, expected_electrons
 from startrack.trial.images import detected_spectrum, images_of, psf_of
 from startrack.trial.pointing import (

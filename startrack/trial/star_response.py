@@ -233,11 +233,16 @@ def _measurements(
     size, detection = scale(case), case.tracker.detection
     noise = 0.0 if reading is Reading.SHOT_NOISE else size.noise
     ripple = math.hypot(noise, math.sqrt(size.background))
-    plan = detection_plan(case, replace(detection, max_spots=2**20))
+    plan = detection_plan(case, _of_all_stars(detection))
     # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
     signs = (1, -1) if plan.method.skips_dead and both_signs else (1,)
     pairs = [_measured(case, electrons, sign * ripple, reading, plan) for sign in signs]
     return [place for place, _ in pairs], [covariance for _, covariance in pairs]
+
+
+@lru_cache(maxsize=8)
+def _of_all_stars(detection: Detection) -> Detection:
+    return replace(detection, max_spots=2**20)
 
 
 def _mean(values: list[Floats]) -> Floats:

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky, open_sky
@@ -137,6 +138,24 @@ def index_resolution(camera: Camera) -> float:
 @lru_cache(maxsize=16)
 def separated(selection: Selection, resolution: float) -> SeparableStars:
     """`separable_stars` by resolution; kept for the 16 last pairs, as a search needs them again."""
-    stars, name = merged(open_sky(selection).stars, resolution)
+    pair, chord = _close(selection, 2.0 ** math.ceil(math.log2(resolution)))
+    near = pair[chord <= 2 * math.sin(resolution / 2)]
+    stars, name = merged(open_sky(selection).stars, resolution, near)
     order = np.argsort(stars.magnitude_g, kind="stable")
     return SeparableStars(Sky(stars[order]), name[order])
+
+
+@kept(4)
+def _close(selection: Selection, radius: float) -> tuple[Ints, Floats]:
+    """The pairs (k, 2) of stars of a catalogue within a radius, by rank; their distances, 1."""
+    tree = tree_of(selection)
+    pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
+    apart = tree.data[pair[:, 0]] - tree.data[pair[:, 1]]
+    return pair, np.linalg.norm(apart, axis=1)
+
+
+@lru_cache(maxsize=4)
+def tree_of(selection: Selection) -> cKDTree:
+    """The directions of the stars of a catalogue, by rank in brightness."""
+    stars = open_sky(selection).stars
+    return cKDTree(stars.direction[np.argsort(stars.magnitude_g, kind="stable")])

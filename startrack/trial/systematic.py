@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ from scipy.spatial import cKDTree
 from startrack.attitude import UNKNOWN_FLOOR, SharedErrors
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints, Stars, kept
-from startrack.design import Case, Scope, found_at
+from startrack.design import Case, Scope, found_at, unchecked
 from startrack.motion import jitter_rms
 from startrack.trial.belief import detection_plan
 from startrack.trial.star_errors import errors, lasting
@@ -24,6 +23,7 @@ from startrack.trial.stars import (
     mean_colour,
     separable_stars,
     separated,
+    tree_of,
 )
 from startrack.trial.zones import focal_stretch, lens_variance
 
@@ -40,7 +40,7 @@ TILTS = math.pi / 32, 9 * math.pi / 32
 WEIGHTS = 0.25, 0.75
 LOST = 1e4  # pixel, shift of a star that is not detected beside its neighbour
 SNR = 100.0  # of the brightest pixel of the star in the chart
-WIDER = math.log(1.25)  # pairs are kept for all reaches that are smaller by less than this
+WIDER = math.log(2)  # pairs are kept for all reaches that are smaller by less than this
 FAINTER = 1.0  # magnitude beyond the tracker's catalogue, whose stars have no shift
 
 
@@ -166,19 +166,25 @@ class _Pairs(NamedTuple):
 @kept(16)
 def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float) -> _Pairs:
     """All pairs of separable stars within a radius (radian) whose star is no fainter than asked."""
-    stars = separated(catalog, resolution).sky.stars
-    tree = _tree(catalog, resolution)
-    pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
-    both = np.concatenate([pair, pair[:, ::-1]]).T
-    both = both[:, stars.magnitude_g[both[0]] <= faintest]
+    several = separated(catalog, resolution)
+    stars, every = several.sky.stars, open_sky(catalog).stars
+    bright = np.flatnonzero(stars.magnitude_g <= faintest)
+    # Stars that are merged lie within the resolution of their centre.
+    reach = 2 * math.sin((radius + resolution) / 2)
+    near = cKDTree(stars.direction[bright]).sparse_distance_matrix(
+        tree_of(catalog), reach, output_type="ndarray"
+    )
+    place = np.full(len(every), -1)
+    place[several.name] = np.arange(len(stars))
+    rank = np.argsort(every.magnitude_g, kind="stable")
+    both = np.array([bright[near["i"]], place[rank[near["j"]]]])
+    both = both[:, (both[1] >= 0) & (both[0] != both[1])]
+    both = both[:, np.lexsort(both[::-1])]
     apart = stars.direction[both[1]] - stars.direction[both[0]]
-    angle, along = np.linalg.norm(apart, axis=1), np.ascontiguousarray(apart.T)
-    return _Pairs(both[0].copy(), stars.magnitude_g[both], stars.colour[both], angle, along)
-
-
-@lru_cache(maxsize=4)
-def _tree(catalog: Selection, resolution: float) -> cKDTree:
-    return cKDTree(separated(catalog, resolution).sky.stars.direction)
+    angle = np.linalg.norm(apart, axis=1)
+    inside = angle <= 2 * math.sin(radius / 2)
+    both, angle, along = both[:, inside], angle[inside], np.ascontiguousarray(apart[inside].T)
+    return _Pairs(both[0], stars.magnitude_g[both], stars.colour[both], angle, along)
 
 
 TURNS = tuple(f"instrument.mounting.{axis}" for axis in "xyz")
@@ -239,10 +245,11 @@ def _residual_law(design: Case) -> Floats:
     )
 
 
+@lru_cache(maxsize=8)
 def _of_any_device(case: Case) -> Case:
     """The case of one device; what a tracker knows of single stars is the same for all."""
-    detector = replace(case.instrument.detector, device_seed=0)
-    return replace(case, instrument=replace(case.instrument, detector=detector))
+    alike: Case = unchecked(case, {"instrument.detector.device_seed": 0})
+    return alike
 
 
 @lru_cache(maxsize=8)

@@ -14,6 +14,7 @@ import pytest
 from startrack.cli.main import main
 from startrack.core import code_of_command, used_code
 from startrack.design import Case, Design, Fidelity, load_design, save_design
+from startrack.io import shipped
 from startrack.montecarlo import Serial, Store, pool, run
 from startrack.trial import require_fidelity, run_trials
 
@@ -23,6 +24,7 @@ NAMES = {
     "centroids": ("tracker.detection.centroid", "mylab.centroids:snail"),
     "identifications": ("tracker.identification.method", "mylab.identifications:vote"),
     "charge_effects": ("instrument.detector.charge_effects", "mylab.effects:amplifier_glow"),
+    "searches": ("campaign.search", "mylab.searches:compass"),
 }
 CENTROID = "tracker.detection.centroid=snail"
 ALL = (CENTROID, "tracker.identification.method=vote",
@@ -349,6 +351,30 @@ def test_own_requirements_and_costs_are_judged(others):
     found = margins(design.campaign.requirements, design.case)
     assert found["cost"] == pytest.approx(1 - 10 * f_number / 40)
     assert found["mylab.others:thick"] == 1 - f_number
+
+
+def test_an_own_search_by_its_entry_point_chooses_the_designs_that_are_forecast(installed):
+    from startrack.design import DesignSpace
+    from startrack.optimise import Search, least
+    from startrack.optimise.explore import Explorer
+    from startrack.optimise.steps import explore
+
+    changes = ["campaign.search=compass", "campaign.analytic_evaluations=3"]
+    design = load_design(shipped("designs/noise_only.toml"), changes, allow_code=True)
+    campaign = design.campaign
+    assert campaign.search == "mylab.searches:compass"
+    space = DesignSpace(design.case, campaign.variables)
+    explorer = Explorer(space, campaign)
+    explore({"": explorer}, {"": space.start}, campaign)
+    assert len(explorer.points) == 3
+    assert explorer.ending == "all evaluations were used"
+    np.testing.assert_array_equal(explorer.points[0], space.start)
+    # Each other is a step of a quarter along one axis from the best of those before.
+    assert np.abs(explorer.points[1] - space.start).max() == pytest.approx(0.25)
+    found = least(lambda at: float(((at - 0.3) ** 2).sum()), np.full(4, 0.9),
+                  Search(campaign.search, 500))  # fmt: skip
+    np.testing.assert_allclose(found.coordinates, 0.3, atol=2e-3)
+    assert found.ending == "mylab.searches:compass converged"
 
 
 @pytest.mark.slow

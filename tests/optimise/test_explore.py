@@ -142,6 +142,31 @@ def test_a_chance_is_emulated_by_the_logarithm_of_what_it_lacks():
     assert plain.missing(plain.of(np.array([-0.3])))[0] == pytest.approx(0.3)
 
 
+def test_the_best_design_is_forecast_in_all_conditions(monkeypatch):
+    """Where conditions without a weight are left out, the best ones are not: at rest, 0.8 misses
+    its limit."""
+
+    class AtRest:
+        name, needs, weight = "rest", Requirements, 0.0
+
+    campaign = Campaign()
+    campaign.judged = lambda _: (Judged(), AtRest())
+
+    def foreseen(_space, _campaign, points, _runner, _seed, enough=math.inf):
+        known = {"nominal": None} | ({"rest": None} if enough == math.inf else {})
+        return [
+            Foresight(-x, {"across (rest)": 0.5 - x} if "rest" in known else {}, known)
+            for x in (float(point[0]) for point in points)
+        ]
+
+    monkeypatch.setattr(explore, "foresee_all", foreseen)
+    monkeypatch.setattr(Explorer, "_all_matter", False)
+    found = Explorer(Space(1), campaign)
+    found.forecast(np.array([[0.2], [0.8], [0.4]]))
+    assert found.best == 0.4
+    assert [len(value.conditions) for value in found.values] == [1, 2, 2]
+
+
 def test_the_same_seed_goes_the_same_way(monkeypatch):
     first, second = (explored(monkeypatch, limited, 2, 40, seed=4) for _ in range(2))
     assert np.array_equal(first.points, second.points)
