@@ -19,6 +19,9 @@ from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header
 
 FITS = {".fits", ".fit", ".fts"}
+# Tags of EXIF, and the diagonal (mm) of the film that its 35 mm equivalent is for.
+EXIF_IFD, FOCAL_LENGTH, FOCAL_35MM, EXIF_WIDTH, EXIF_HEIGHT = 0x8769, 0x920A, 0xA405, 0xA002, 0xA003
+PLANE_RESOLUTION, PLANE_UNIT, FULL_FRAME = 0xA20E, 0xA210, math.hypot(36, 24)
 SEARCHED = 24  # bytes that the detection takes for each pixel of an image; measured: 20 at most
 
 
@@ -61,6 +64,44 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
     if frame.image.size == 0 or not np.isfinite(frame.image).any():
         raise ValueError(f"{path} must hold finite pixel values, but it has none")
     return frame
+
+
+def field_hint(path: Path, shape: tuple[int, ...]) -> float | None:
+    """Field of view across the columns, radian, by the file's EXIF; None where it says none.
+
+        tan(field / 2) = columns / 2 / f,   f = FocalLengthIn35mmFilm / 43.27 mm * diagonal
+
+    or the focal length in pixels, by FocalLength and FocalPlaneXResolution. A crop of an image
+    keeps the focal length of all of it, and zoom by the software may be in it or not.
+
+    Source: CIPA DC-008 (Exif 3.0), tags 0xA405, 0x920A, 0xA20E, 0xA210 and 0xA002; the diagonal is
+    that of 36 x 24 mm.
+
+    shape  rows and columns as read
+    """
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            tags = image.getexif().get_ifd(EXIF_IFD)
+    except Exception:  # no picture that Pillow knows, or damaged tags: no hint
+        return None
+
+    def number(tag: int) -> float:
+        try:
+            return float(tags.get(tag, 0))
+        except (TypeError, ValueError, ZeroDivisionError):
+            return 0.0
+
+    rows, columns = shape
+    focal = number(FOCAL_35MM) / FULL_FRAME * math.hypot(rows, columns)
+    unit = {2: 25.4, 3: 10.0, 4: 1.0}.get(int(number(PLANE_UNIT)), 25.4)
+    if not focal > 0 and number(EXIF_WIDTH) > 0:
+        scale = max(rows, columns) / max(number(EXIF_WIDTH), number(EXIF_HEIGHT))
+        focal = number(FOCAL_LENGTH) * number(PLANE_RESOLUTION) / unit * scale
+    if not 0.1 * columns < focal < 100 * columns:
+        return None
+    return 2 * math.atan(columns / 2 / focal)
 
 
 def require_image_memory(path: Path, columns: int, rows: int, pixel: int) -> None:
