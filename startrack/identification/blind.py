@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,6 +19,7 @@ from startrack.core import (
     Spots,
     Stars,
     deg,
+    plane_slopes,
     within,
 )
 from startrack.identification.identify import identify, refined
@@ -52,17 +53,17 @@ def fields(
     if narrowest > widest:
         raise Refused(f"narrowest must not be above widest, got {narrowest} and {widest}")
     steps = [narrowest]
-    reach = math.tan(narrowest / 2) * (1 + tolerance(narrowest))
+    reach = math.tan(narrowest / 2) * (1 + tolerance_of(narrowest))
     while reach < math.tan(widest / 2):
         here = 2 * math.atan(reach / (1 - TOLERANCE))
         if here >= WIDE:
             here = 2 * math.atan(reach / (1 - TOLERANCE_WIDE))
         steps.append(min(here, widest))
-        reach = math.tan(steps[-1] / 2) * (1 + tolerance(steps[-1]))
+        reach = math.tan(steps[-1] / 2) * (1 + tolerance_of(steps[-1]))
     return sorted(steps, key=lambda field: abs(math.log(field / first)))
 
 
-def tolerance(field: float) -> float:
+def tolerance_of(field: float) -> float:
     """Relative, of the focal length in the try of a field (radian)."""
     return TOLERANCE if field < WIDE else TOLERANCE_WIDE
 
@@ -77,7 +78,9 @@ def cameras(
     tried = fields(first=first or USUAL)
     pinholes = [(Camera.from_field_of_view(columns, rows, field), field) for field in tried]
     wide = [(fisheye(columns, rows, field), field) for field in tried if field >= FISHEYE]
-    return [(camera, tolerance(field)) for camera, field in pinholes + (wide if fisheyes else [])]
+    return [
+        (camera, tolerance_of(field)) for camera, field in pinholes + (wide if fisheyes else [])
+    ]
 
 
 def cameras_of(
@@ -86,7 +89,11 @@ def cameras_of(
     """The cameras of a field of view (radian) alone: a pinhole and, if it is wide, a fisheye."""
     made = [Camera.from_field_of_view(columns, rows, field)] if field <= WIDEST_PINHOLE else []
     made += [fisheye(columns, rows, field)] if FISHEYE <= field <= WIDEST else []
-    return [(camera, tolerance) for camera in made]
+    least = tolerance_of(field)
+    side = max(math.ceil(tolerance / least) - 1, 0)  # more cameras on each side of the middle
+    share = tolerance / (side + 1) if side else tolerance
+    steps = sorted(range(-side, side + 1), key=abs)
+    return [(camera.scaled(1 + share * step), share) for step in steps for camera in made]
 
 
 def fisheye(columns: int, rows: int, fov_x: float) -> Camera:
@@ -155,12 +162,15 @@ RADII = (4.0, 2.0, 1.0)
 # Chosen by hand.
 SIGNIFICANT = 10.0  # of Fisher's F: a stage is kept above; a smaller one fits noise
 LEAST_FREE = 8  # coordinates beyond the unknowns, below which a stage is not tried
+LEAST_GRID = 24  # the same of the grid, which few images have: ten stars would fit it by chance
 FLOOR = 0.05  # pixel, of a centroid: no lens is known better
-# Pixel, of the axis through the centre of the image: what this model leaves of a lens. That of the
-# 25 photographs of `fit_lens` is tilted, which the model does not know.
-AXIS = 0.1
+# Error of the axis that many stars do not make smaller, chosen by hand beside 45 photographs of ten
+# cameras: pixel, and fraction of the scatter of the residuals beyond their noise, whose cause the
+# model lacks (a tilted lens, the motion of a rolling shutter).
+AXIS, COMMON = 0.05, 0.5
 OUTLIER = 2.0  # sigma, beyond which a residual counts less (soft L1)
-STEP = 1e-5  # of priors and radian, for derivatives
+BLOCKS, LEAST_IN_BLOCK = (3, 2), 3  # of the jackknife: across, down; stars
+STEPS, CLOSE = 20, 1e-6  # of Gauss-Newton at most; chi-square of the last
 ROUNDS = 8  # of matching and fitting in a stage, unless the matches stay the same before
 
 
@@ -204,12 +214,46 @@ def fit_lens(
     best = _Fit(spots, matches, STAGES[0])
     for stage in (*STAGES[1:], GRID):
         free = best.free + GRID if stage is GRID else stage
-        if 2 * len(best.matches) - 3 - len(free) < LEAST_FREE:
+        if 2 * len(best.matches) - 3 - len(free) < (LEAST_GRID if stage is GRID else LEAST_FREE):
             continue
         better = _rematched(spots, best, free, stars, index, settings)
         if better.significant(best.free):
             best = better
-    return best.lens()
+    lens = best.lens()
+    blocks = _without_blocks(spots, best)
+    if len(blocks) < 2:
+        return lens
+    # What the model lacks is alike for neighbours, which residuals as a whole do not tell.
+    turn = [(_axis(fit.matches) * lens.icrs_to_image.inv()).as_rotvec() for fit in blocks]
+    square = float(np.var(turn, axis=0)[:2].sum()) * (len(blocks) - 1)
+    more = max(1.0, square / float(np.trace(lens.covariance[:2, :2])))
+    return lens._replace(covariance=lens.covariance * more)
+
+
+def _without_blocks(spots: Spots, best: _Fit) -> list[_Fit]:
+    """The fits without each of BLOCKS parts of the image, for the jackknife; none for few stars.
+
+        cov = (m - 1) / m  sum_k (a_k - mean a)(a_k - mean a)^T
+
+    Source: Kuensch (1989), Ann. Statist. 17, 1217, for blocks of neighbours.
+    """
+    matches, (across, down) = best.matches, BLOCKS
+    if len(matches) < LEAST_IN_BLOCK * across * down:
+        return []
+    x, y = spots.x[matches.spot], spots.y[matches.spot]
+    block = np.empty(len(x), np.int64)
+    for i, column in enumerate(np.array_split(np.argsort(x), across)):
+        for j, part in enumerate(np.array_split(column[np.argsort(y[column])], down)):
+            block[part] = i * down + j
+    fits = []
+    for left_out in range(across * down):
+        kept = block != left_out
+        some = replace(
+            matches, spot=matches.spot[kept], star=matches.star[kept],
+            direction=matches.direction[kept],
+        )  # fmt: skip
+        fits.append(_Fit(spots, some, best.free))
+    return fits
 
 
 def _rematched(
@@ -241,139 +285,188 @@ def _rematched(
 
 
 class _Fit:
-    """Robust least squares of attitude and camera for given matches.
+    """Robust least squares of attitude and camera for given matches, by Gauss-Newton.
 
     free   names of what is estimated of the camera; the rest stays at its start
     """
 
     def __init__(self, spots: Spots, matches: Matches, free: tuple[str, ...]) -> None:
-        from scipy.optimize import least_squares  # which a tracker's trial does without
-
         assert matches.icrs_to_camera is not None
-        self.free, self.start, self.camera = free, matches.icrs_to_camera, matches.camera
-        self.direction = matches.direction
+        self.free, self.camera, self.before = free, matches.camera, matches
         self.place = np.column_stack([spots.x, spots.y])[matches.spot]
         covariance = spots.covariance[matches.spot]
         noise = (covariance[:, 0, 0] + covariance[:, 1, 1]) / 2
         self.noise = np.where(np.isfinite(noise), noise, 1.0) + FLOOR**2
+        self.rotation, self.values = matches.icrs_to_camera, _values_of(matches.camera)
+        # The focal length has its prior about the start, all else about none.
+        self.mean = np.zeros(len(NAMES))
+        self.mean[0] = self.values[0]
+        self.prior = np.array([(PRIORS if name in free else UNSEEN)[name] for name in NAMES])
+        self.used = np.concatenate([np.ones(3, bool), [name in free for name in NAMES]])
         self.excess = 0.0
-        self.unknown = np.zeros(3 + len(free))
         for _ in range(2):  # the second time with the weights of the residuals of the first
-            self.found: Any = least_squares(self._weighted, self.unknown, x_scale="jac")
-            self.unknown = self.found.x
+            self._converge()
             self.excess = self._excess()
-        camera, rotation = self._at(self.free, self.unknown)
-        self.matches = replace(matches, camera=camera, icrs_to_camera=rotation)
-
-    def _at(self, free: tuple[str, ...], unknown: Floats) -> tuple[Camera, Rotation]:
-        camera, step = self.camera, dict(zip(free, unknown[3:].tolist(), strict=True))
-        width = camera.columns
-        if any(step.get(name) for name in GRID):
-            oblong, shear = self._grid()
-            oblong, shear = oblong + step.get("oblong", 0.0), shear + step.get("shear", 0.0)
-            grid = FieldPolynomial((0.0, oblong / 2, shear), (0.0, 0.0, -oblong / 2))
-            camera = replace(camera, polynomial=grid)
-        camera = replace(
-            camera,
-            focal_length_px=camera.focal_length_px * math.exp(step.get("focal", 0.0)),
-            principal_x=camera.principal_x + step.get("x", 0.0) * width,
-            principal_y=camera.principal_y + step.get("y", 0.0) * width,
-            k1=camera.k1 + step.get("k1", 0.0),
-            k2=camera.k2 + step.get("k2", 0.0),
+        self.matches = replace(
+            matches, camera=_with_values(self.camera, self.values), icrs_to_camera=self.rotation
         )
-        return camera, Rotation.from_rotvec(unknown[:3]) * self.start
 
-    def _grid(self) -> tuple[float, float]:
-        """By how much the pixels of the camera to start from are oblong and sheared."""
-        polynomial = self.camera.polynomial
-        return (2 * polynomial.x[1], polynomial.x[2]) if polynomial else (0.0, 0.0)
+    def _converge(self) -> None:
+        """Gauss-Newton with weights of soft L1, until the steps are small beside the errors."""
+        for _ in range(STEPS):
+            residual, slopes = self._residual()
+            information, right = self._normal(residual, slopes)
+            step = np.zeros(len(self.used))
+            chosen = information[np.ix_(self.used, self.used)]
+            step[self.used] = np.linalg.lstsq(chosen, right[self.used])[0]
+            self.rotation = Rotation.from_rotvec(step[:3]) * self.rotation
+            self.values = self.values + step[3:]
+            if float(step @ information @ step) < CLOSE:
+                break
 
-    def _residual(self, free: tuple[str, ...], unknown: Floats) -> Floats:
-        """Pixel (n, 2), spots minus stars; of a star behind the camera far outside."""
-        camera, rotation = self._at(free, unknown)
-        pixel = camera.project(rotation.apply(self.direction))
-        return np.nan_to_num(self.place - pixel, nan=1e6, posinf=1e6, neginf=-1e6)
+    def _residual(self) -> tuple[Floats, Floats]:
+        """Pixel (n, 2), spots minus stars, and the slopes (n, 2, 3 + names) of the stars' places.
 
-    def _weighted(self, unknown: Floats) -> Floats:
-        """Residuals in sigma, large ones as their soft L1, and those of the priors."""
-        rows = self._residual(self.free, unknown)
-        rows /= np.sqrt(self.noise + self.excess)[:, None]
-        robust = np.sqrt(2 * OUTLIER**2 * (np.sqrt(1 + (rows / OUTLIER) ** 2) - 1))
-        rows = np.copysign(robust, rows)
-        steps = zip(self.free, unknown[3:].tolist(), strict=True)
-        prior = [(self._offset(name) + step) / PRIORS[name] for name, step in steps]
-        return np.concatenate([rows.ravel(), prior])
+        Of a star that is not ahead of the camera far outside, without slopes.
+        """
+        place, slopes = _project(
+            self.camera, self.values, self.rotation.apply(self.before.direction)
+        )
+        return np.nan_to_num(self.place - place, nan=1e6), np.nan_to_num(slopes)
 
-    def _offset(self, name: str) -> float:
-        """Of the camera to start from, from the mean of the prior."""
-        camera, (oblong, shear) = self.camera, self._grid()
-        start = {
-            "focal": 0.0,
-            "x": camera.principal_x / camera.columns,
-            "y": camera.principal_y / camera.columns,
-            "k1": camera.k1,
-            "k2": camera.k2,
-            "oblong": oblong,
-            "shear": shear,
-        }
-        return start[name]
+    def _weight(self, residual: Floats) -> Floats:
+        """Pixel^-2, of each coordinate (n, 2)."""
+        sigma = np.sqrt(self.noise + self.excess)[:, None]
+        return np.asarray(1 / np.hypot(1, residual / sigma / OUTLIER) / sigma**2)
+
+    def _normal(self, residual: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+        """The normal equations with the priors: information, and its product with the step."""
+        weight = self._weight(residual)
+        information = np.einsum("nci,nc,ncj->ij", slopes, weight, slopes)
+        right = np.einsum("nci,nc,nc->i", slopes, weight, residual)
+        information[np.diag_indices(len(right))] += [0.0] * 3 + [s**-2 for s in self.prior]
+        right[3:] -= (self.values - self.mean) / self.prior**2
+        return information, right
 
     def _excess(self) -> float:
         """Variance of the residuals per axis beyond the noise; see `agree`."""
-        square = (self._residual(self.free, self.unknown) ** 2).sum(axis=1)
-        left = max(2 * len(square) - len(self.unknown), 1) / (2 * len(square))
+        square = (self._residual()[0] ** 2).sum(axis=1)
+        left = max(2 * len(square) - self.used.sum(), 1) / (2 * len(square))
         typical = float(np.median(square)) / (2 * math.log(2) * left)
         return max(typical - float(np.median(self.noise)), 0.0)
 
     def significant(self, before: tuple[str, ...]) -> bool:
         """Whether the unknowns that were not free before are significantly different from zero."""
-        added = [3 + self.free.index(name) for name in self.free if name not in before]
-        jacobian = self.found.jac
-        covariance = np.linalg.pinv(jacobian.T @ jacobian)
-        offset = np.array([self._offset(self.free[k - 3]) + self.unknown[k] for k in added])
-        chi_square = float(offset @ np.linalg.solve(covariance[np.ix_(added, added)], offset))
+        information, _ = self._normal(*self._residual())
+        index = np.flatnonzero(self.used)
+        covariance = np.linalg.pinv(information[np.ix_(index, index)])
+        added = [3 + NAMES.index(name) for name in self.free if name not in before]
+        offset = (self.values - self.mean)[np.array(added) - 3]
+        rows = np.searchsorted(index, added)
+        chi_square = float(offset @ np.linalg.solve(covariance[np.ix_(rows, rows)], offset))
         return chi_square / len(added) > SIGNIFICANT * self._chi_square()
 
+    @property
+    def _freedom(self) -> int:
+        return 2 * len(self.place) - int(self.used.sum())
+
     def _chi_square(self) -> float:
-        """Per degree of freedom; at least 1."""
-        freedom = 2 * len(self.place) - len(self.unknown)
-        return max(1.0, 2 * float(self.found.cost) / freedom) if freedom > 0 else 1.0
+        """Per degree of freedom, robust; at least 1."""
+        residual = self._residual()[0] / np.sqrt(self.noise + self.excess)[:, None]
+        cost = 2 * OUTLIER**2 * (np.hypot(1, residual / OUTLIER) - 1).sum()
+        return max(1.0, float(cost) / self._freedom) if self._freedom > 0 else 1.0
 
     def lens(self) -> LensFit:
         """The result, its covariance from the derivatives of all that may be unknown."""
-        unknown = np.zeros(3 + len(NAMES))
-        unknown[:3] = self.unknown[:3]
-        for name, value in zip(self.free, self.unknown[3:], strict=True):
-            unknown[3 + NAMES.index(name)] = value
-        prior = [(PRIORS if name in self.free else UNSEEN)[name] for name in NAMES]
-        steps = np.concatenate([np.full(3, STEP), STEP * np.asarray(prior)])
-        centre, residual = _to_image(*self._at(NAMES, unknown)), self._residual(NAMES, unknown)
-        slopes, rows = np.empty((residual.size, len(unknown))), np.empty((3, len(unknown)))
-        for k, step in enumerate(steps):
-            moved = unknown + step * np.eye(len(unknown))[k]
-            slopes[:, k] = (self._residual(NAMES, moved) - residual).ravel() / step
-            turned = _to_image(*self._at(NAMES, moved)) * centre.inv()
-            rows[:, k] = turned.as_rotvec() / step
-        sigma = np.repeat(np.sqrt(self.noise + self.excess), 2)
-        weight = 1 / np.sqrt(1 + (residual.ravel() / sigma / OUTLIER) ** 2) / sigma**2
-        information = slopes.T @ (slopes * weight[:, None])
-        information[np.diag_indices(len(unknown))] += [0.0] * 3 + [p**-2 for p in prior]
-        covariance = np.linalg.pinv(information) * self._chi_square() * self._few()
-        rms = float(np.sqrt(np.mean(residual**2)))
+        residual, slopes = self._residual()
+        information, _ = self._normal(residual, slopes)
+        # Few residuals do not tell their own scatter: the variance of Student's distribution.
+        few = self._freedom / (self._freedom - 2) if self._freedom > 2 else 3.0
+        covariance = np.linalg.pinv(information) * self._chi_square() * few
+        camera, turn = self.matches.camera, _centre(self.matches.camera)
+        middle = np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
+        _, slope = _project(camera, self.values, camera.unproject(middle))
+        # The direction of the middle moves so that its place stays; about it the camera turns.
+        rows = np.zeros((3, len(self.used)))
+        rows[:, :3] = np.eye(3)
+        rows[:, 3:] = np.linalg.lstsq(slope[0, :, :3], slope[0, :, 3:])[0]
+        rows = turn.inv().as_matrix() @ rows
         axis_covariance = rows @ covariance @ rows.T
-        axis_covariance[[0, 1], [0, 1]] += (AXIS / self.camera.focal_length_px) ** 2
-        return LensFit(self.matches, centre, axis_covariance, rms)
-
-    def _few(self) -> float:
-        """Variance of Student's distribution: few residuals do not tell their own scatter."""
-        freedom = 2 * len(self.place) - len(self.unknown)
-        return freedom / (freedom - 2) if freedom > 2 else 3.0
+        common = AXIS**2 + COMMON**2 * self.excess
+        axis_covariance[[0, 1], [0, 1]] += common / camera.focal_length_px**2
+        rms = float(np.sqrt(np.mean(residual**2)))
+        return LensFit(self.matches, _axis(self.matches), axis_covariance, rms)
 
 
-def _to_image(camera: Camera, icrs_to_camera: Rotation) -> Rotation:
-    """The attitude of the axis through the centre of the image."""
+def _values_of(camera: Camera) -> Floats:
+    """What `NAMES` are of a camera: logarithm of the focal length, principal point over width."""
+    grid = camera.polynomial
+    return np.array([
+        math.log(camera.focal_length_px), camera.k1, camera.principal_x / camera.columns,
+        camera.principal_y / camera.columns, camera.k2,
+        2 * grid.x[1] if grid else 0.0, grid.x[2] if grid else 0.0,
+    ])  # fmt: skip
+
+
+def _with_values(camera: Camera, values: Floats) -> Camera:
+    """Inverse of `_values_of`; what is not in it stays."""
+    focal, k1, x, y, k2, oblong, shear = values.tolist()
+    grid = FieldPolynomial((0.0, oblong / 2, shear), (0.0, 0.0, -oblong / 2))
+    return replace(
+        camera, focal_length_px=math.exp(focal), k1=k1, k2=k2, principal_x=x * camera.columns,
+        principal_y=y * camera.columns, polynomial=grid if oblong or shear else None,
+    )  # fmt: skip
+
+
+def _project(camera: Camera, values: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    """Places (n, 2) of directions by these values, and their slopes (n, 2, 3 + names).
+
+    Slopes by a small rotation about the camera's axes, and by the values. As `Camera.project`,
+    without tangential distortion; NaN for what is not ahead.
+    """
+    focal, k1, x, y, k2, oblong, shear = values.tolist()
+    focal, k3 = math.exp(focal), camera.k3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ahead = np.where(direction[:, 2] > 0, direction[:, 2], np.nan)
+        u, v = (direction[:, :2] / ahead[:, None]).T
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    bend = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+    distorted = np.stack([u * (radial + oblong / 2) + shear * v, v * (radial - oblong / 2)], 1)
+    centre = np.array([(camera.columns - 1) / 2, (camera.rows - 1) / 2])
+    place = focal * distorted + centre + np.array([x, y]) * camera.columns
+    by_u = np.stack([radial + bend * u * u + oblong / 2, bend * u * v], 1)
+    by_v = np.stack([bend * u * v + shear, radial + bend * v * v - oblong / 2], 1)
+    turn_u, turn_v = plane_slopes.py_func(u, v)
+    none = np.zeros_like(u)
+    slopes = np.empty((len(u), 2, 3 + len(NAMES)))
+    for k in range(3):
+        slopes[:, :, k] = focal * (by_u * turn_u[k][:, None] + by_v * turn_v[k][:, None])
+    width = float(camera.columns)
+    columns = (
+        focal * distorted,
+        focal * np.stack([u * r2, v * r2], 1),
+        np.array([[width, 0.0]]),
+        np.array([[0.0, width]]),
+        focal * np.stack([u * r2 * r2, v * r2 * r2], 1),
+        focal / 2 * np.stack([u, -v], 1),
+        focal * np.stack([v, none], 1),
+    )
+    for k, column in enumerate(columns):
+        slopes[:, :, 3 + k] = column
+    return place, slopes
+
+
+def _axis(matches: Matches) -> Rotation:
+    """The attitude of the axis through the middle of the image."""
+    assert matches.icrs_to_camera is not None
+    return _centre(matches.camera).inv() * matches.icrs_to_camera
+
+
+def _centre(camera: Camera) -> Rotation:
+    """The shortest turn from the camera's axis to the direction of the middle of its image."""
     middle = np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
     x, y, z = camera.unproject(middle)[0]
     apart = math.hypot(x, y)
     turn = np.array([-y, x, 0.0]) * (math.atan2(apart, z) / apart if apart else 0.0)
-    return Rotation.from_rotvec(turn).inv() * icrs_to_camera
+    return Rotation.from_rotvec(turn)

@@ -7,6 +7,7 @@ of any field. Each try takes spots of the frame, in a view, to the cameras of `i
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -20,6 +21,7 @@ from startrack.core import Camera, Estimate, Frame, Matches, Spots, Status, deg,
 from startrack.detection import Detection, detect
 from startrack.identification import (
     Identification,
+    PatternIndex,
     PatternIndexes,
     cameras,
     cameras_of,
@@ -31,6 +33,9 @@ from startrack.identification import (
 # Sigma of the detection: an image of few faint stars is searched twice.
 THRESHOLDS = (5.0, 4.0)
 SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any size fit a window
+FIRST = THRESHOLDS[0], SCALES
+# Hypotheses of a try over those of the settings, where few are likely and where all else failed.
+SHORT, LONG = 0.5, 2.5
 LEAST_SIDE = 160  # pixel of a reduced image; a smaller one shows too few stars
 MOST_OF_A_SCALE, MOST_SPOTS = 400, 100  # spots, brightest first: the middle needs more
 # Of a coarse spot's flux over that of the finer ones that it covers, from which on they have lost
@@ -40,7 +45,8 @@ COVERED = 2.5  # pixel of the reduced image: half the side of the window that me
 FLOOR = 0.05  # pixel of the reduced image, error of a centroid beyond its noise
 # Shapes of images, columns over rows; one may have been squeezed into another.
 SHAPES = (4 / 3, 3 / 2, 16 / 9, 1.0, 3 / 4, 2 / 3, 9 / 16)
-SAME_SHAPE = 1.03  # ratio of shapes that triangles bear
+SAME_SHAPE, MOST_SQUEEZED = 1.03, 2.5  # ratio of shapes that triangles bear; that is tried
+ROUND, HIDDEN = 1.15, 1.5  # elongation of round stars; squeeze that such stars may hide
 FISHEYES = (90 * deg, 240 * deg)  # across the columns, whose middle alone is tried
 STEP = 1.1  # between these fields
 MIDDLE_TOLERANCE = 0.05  # of their focal length
@@ -49,6 +55,7 @@ MIDDLE = 75 * deg  # of a fisheye, which is tried
 FEW_CLIPPED, CLIPPED = 4, 0.98
 # What a refusal names, chosen by hand: area that is saturated, range of the background over its
 # level, number of spots, length over width of stars, and degrees from rows or columns.
+MOST_SHAPES, LEAST_SHAPES = 60, 4  # stars whose shape is measured
 MUCH_CLIPPED, UNEVEN, FEW, DRAWN_OUT, ALONG = 0.001, 0.5, 10, 1.4, 10.0
 
 
@@ -151,13 +158,18 @@ class Photograph:
 
 
 class _Try(NamedTuple):
-    """Spots, view and cameras of a try; whether by the hint; its share of the false matches."""
+    """Spots, view and cameras of a try; whether by the hint; hypotheses; share of false matches.
+
+    effort  of the hypotheses of the settings
+    share   of the probability of a false match
+    """
 
     threshold: float
     scales: tuple[int, ...]
     view: View
     cameras: list[tuple[Camera, float]]
     hinted: bool = False
+    effort: float = 1.0
     share: float = 0.0
 
 
@@ -186,15 +198,17 @@ def solve_photograph(
     if aspect is not None:
         within(0.1, 10, aspect=aspect)
     rows, columns = frame.image.shape
-    looks, best = _Looks(frame), None
-    tries = _tries(columns, rows, hint, settings.focal_tolerance, aspect)
+    looks, best, index_of = _Looks(frame), None, _coarser(indexes)
+    shape = _shape(frame.image, looks(*FIRST))
+    tries = _tries(columns, rows, hint, settings.focal_tolerance, aspect, shape.elongation)
     for one in tries:
         size = one.view.size(columns, rows)
         spots = one.view.spots(looks(one.threshold, one.scales), columns, rows)
         spots = _chosen(spots, slice(MOST_SPOTS))
         chance = settings.max_false_probability * one.share
-        bounded = replace(settings, max_false_probability=chance)
-        matches = identify_blind(spots, *size, indexes.stars, indexes, bounded, one.cameras)
+        most = max(round(one.effort * settings.max_hypotheses), 1)
+        bounded = replace(settings, max_false_probability=chance, max_hypotheses=most)
+        matches = identify_blind(spots, *size, indexes.stars, index_of, bounded, one.cameras)
         if matches.icrs_to_camera is not None:
             by_hint = None if hint is None else one.hinted
             return _with_lens(spots, matches, indexes, settings, one.view, by_hint)
@@ -223,6 +237,18 @@ def _with_lens(
     return Photograph(spots, lens.matches, estimate, lens.icrs_to_image, view, by_hint)
 
 
+def _coarser(indexes: PatternIndexes) -> Callable[[Camera], PatternIndex]:
+    """The indexes of every other field: half as many to read, each as good for its neighbours."""
+
+    def index_of(camera: Camera) -> PatternIndex:
+        field = min(camera.fov_x, camera.fov_y)
+        step = 2 * math.log(1.1)
+        coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
+        return indexes(Camera.from_field_of_view(1, 1, coarse))
+
+    return index_of
+
+
 def _unsolved(spots: Spots, matches: Matches, view: View) -> Photograph:
     nothing = np.full((3, 3), np.nan)
     estimate = Estimate(
@@ -248,32 +274,42 @@ def _tried(tries: list[_Try]) -> str:
 
 
 def _tries(
-    columns: int, rows: int, hint: float | None, tolerance: float, aspect: float | None
+    columns: int,
+    rows: int,
+    hint: float | None,
+    tolerance: float,
+    aspect: float | None,
+    elongation: float,
 ) -> list[_Try]:
-    """What is tried, in turn."""
+    """What is tried, in turn.
+
+    elongation  1, of stars along the rows over that along the columns
+    """
     as_it_is = View(aspect=aspect or 1.0)
     size = as_it_is.size(columns, rows)
     every = cameras(*size, hint)
     looks = [(threshold, scales) for threshold in THRESHOLDS for scales in (SCALES, SCALES[:1])]
-    rest = [_Try(*look, as_it_is, every) for look in looks]
-    rest.append(_Try(THRESHOLDS[0], SCALES[2:], as_it_is, every))
-    mirrored = as_it_is._replace(mirrored=True)
-    rest.append(_Try(*looks[0], mirrored, cameras(*size, hint, fisheyes=False)))
-    for view in map(View, [False] * len(SHAPES), [] if aspect else squeezes(columns, rows)):
-        rest.append(_Try(*looks[0], view, cameras(*view.size(columns, rows), hint, False)))
+    rest = [_Try(*look, as_it_is, every, effort=SHORT) for look in looks]
+    rest[0] = rest[0]._replace(effort=1.0)
+    if min(columns, rows) >= LEAST_SIDE * SCALES[2]:
+        rest.insert(2, _Try(THRESHOLDS[0], SCALES[2:], as_it_is, every, effort=SHORT))
+    pinholes = cameras(*size, hint, fisheyes=False)
+    rest.append(_Try(*FIRST, as_it_is._replace(mirrored=True), pinholes, effort=SHORT))
+    for ratio in [] if aspect else squeezes(columns, rows, elongation):
+        view = View(aspect=ratio)
+        pinholes = cameras(*view.size(columns, rows), hint, fisheyes=False)
+        rest.append(_Try(*FIRST, view, pinholes, effort=SHORT))
     steps = math.ceil(math.log(FISHEYES[1] / FISHEYES[0]) / math.log(STEP))
     for field in np.geomspace(*FISHEYES, steps + 1).tolist():
         rest += _middle(columns, rows, field, MIDDLE_TOLERANCE, False)
-    first = rest[:1]
+    rest.append(_Try(*FIRST, as_it_is, every, effort=LONG))
+    first, rest = rest[:1], rest[1:]
     if hint is not None:
-        first = [_Try(*look, as_it_is, cameras_of(*size, hint, tolerance), True) for look in looks]
-        first = [one for one in first if one.cameras] or _middle(
-            columns, rows, hint, tolerance, True
-        )
-    rest = rest if hint is not None else rest[1:]
-    return [one._replace(share=0.5 / len(first)) for one in first] + [
-        one._replace(share=0.5 / len(rest)) for one in rest
-    ]
+        near, rest = cameras_of(*size, hint, tolerance), first + rest
+        first = [_Try(*look, as_it_is, near, True, LONG) for look in looks if near]
+        first = first or _middle(columns, rows, hint, tolerance, True)
+    groups = (first, rest)
+    return [one._replace(share=0.5 / len(group)) for group in groups for one in group]
 
 
 def _middle(columns: int, rows: int, field: float, tolerance: float, hinted: bool) -> list[_Try]:
@@ -282,13 +318,22 @@ def _middle(columns: int, rows: int, field: float, tolerance: float, hinted: boo
     if not LEAST_SIDE <= side <= min(columns, rows):
         return []
     made = [(fisheye(side, side, MIDDLE), tolerance)]
-    return [_Try(THRESHOLDS[0], SCALES, View(middle=side), made, hinted)]
+    return [_Try(*FIRST, View(middle=side), made, hinted)]
 
 
-def squeezes(columns: int, rows: int) -> list[float]:
-    """Widths of a pixel over its height, if the image has been squeezed from another shape."""
+def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
+    """Widths of a pixel over its height, if the image has been squeezed from another shape.
+
+    A star that was round is as long along the rows as pixels are narrow. Its pixels may hide
+    that, but not turn it round.
+
+    elongation  as of `_tries`
+    """
     ratios = [shape * rows / columns for shape in SHAPES]
-    return [ratio for ratio in ratios if abs(math.log(ratio)) > math.log(SAME_SHAPE)]
+    tried = [r for r in ratios if math.log(SAME_SHAPE) < abs(math.log(r)) < math.log(MOST_SQUEEZED)]
+    if max(elongation, 1 / elongation) < ROUND:
+        return [r for r in tried if abs(math.log(r)) < math.log(HIDDEN)]
+    return [r for r in tried if (r < 1) == (elongation > 1)]
 
 
 class _Looks:
@@ -389,20 +434,31 @@ def seen_text(frame: Frame, looks: _Looks) -> str:
         seen.append(f"has a background from {low:.3g} to {high:.3g}")
     if len(spots) < FEW:
         seen.append(f"has {len(spots)} spots, where a solution needs some ten stars")
-    length, angle = _drawn_out(image, spots)
-    if length > DRAWN_OUT:
-        across = min(angle, 180 - angle)
-        why = (
-            "oblong pixels or motion: --aspect takes the width of a pixel over its height"
-            if min(across, 90 - across) < ALONG
-            else "motion"
+    shape = _shape(image, spots)
+    if shape.length > DRAWN_OUT:
+        off = abs((shape.angle + 45) % 90 - 45)
+        why = "oblong pixels, which --aspect takes, or motion" if off < ALONG else "motion"
+        seen.append(
+            f"has stars {shape.length:.1f} times as long as wide, at {shape.angle:.0f} deg ({why})"
         )
-        seen.append(f"has stars {length:.1f} times as long as wide, at {angle:.0f} deg ({why})")
     return f"The image {'; it '.join(seen)}" if seen else "The image shows no reason"
 
 
-def _drawn_out(image: NDArray, spots: Spots) -> tuple[float, float]:
-    """Length over width of the typical star, and the angle of its length from the rows, degree."""
+class _Shape(NamedTuple):
+    """Of the typical star.
+
+    length      1, over its width
+    angle       degree, of its length from the rows, clockwise
+    elongation  1, its length along the rows over that along the columns
+    """
+
+    length: float = 1.0
+    angle: float = 0.0
+    elongation: float = 1.0
+
+
+def _shape(image: NDArray[np.number], spots: Spots) -> _Shape:
+    """The typical shape from the second moments of the light above a fifth of the peak."""
     rows, columns = image.shape
     tensors = []
     for x, y, area in zip(spots.x, spots.y, spots.area, strict=True):
@@ -413,17 +469,17 @@ def _drawn_out(image: NDArray, spots: Spots) -> tuple[float, float]:
         window = np.asarray(image[top : top + 2 * half + 1, left : left + 2 * half + 1], float)
         light = window - np.median(window)
         light[light < 0.2 * light.max()] = 0.0
-        if not light.sum() > 0:
-            continue
-        v, u = np.indices(light.shape) - half
-        weight = light / light.sum()
-        du, dv = u - (weight * u).sum(), v - (weight * v).sum()
-        xx, xy, yy = ((weight * a).sum() for a in (du * du, du * dv, dv * dv))
-        if xx + yy > 0:
-            tensors.append((xx + 1 / 12, xy, yy + 1 / 12))
-    if len(tensors) < 4:
-        return 1.0, 0.0
-    xx, xy, yy = np.median(tensors, axis=0).tolist()
+        if light.sum() > 0:
+            v, u = np.indices(light.shape)
+            weight = light / light.sum()
+            du, dv = u - (weight * u).sum(), v - (weight * v).sum()
+            tensors.append([(weight * both).sum() for both in (du * du, du * dv, dv * dv)])
+        if len(tensors) == MOST_SHAPES:
+            break
+    if len(tensors) < LEAST_SHAPES:
+        return _Shape()
+    # A pixel itself spreads light; so no star is thinner.
+    xx, xy, yy = np.median(tensors, axis=0) + np.array([1, 0, 1]) / 12
     middle, apart = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
     angle = math.degrees(0.5 * math.atan2(2 * xy, xx - yy)) % 180
-    return math.sqrt((middle + apart) / max(middle - apart, 1e-6)), angle
+    return _Shape(math.sqrt((middle + apart) / (middle - apart)), angle, math.sqrt(xx / yy))
