@@ -123,7 +123,7 @@ def without_sky(kind: str, number: int, size: tuple[int, int]) -> NDArray[np.uin
     """An image of 8 bits in which there is no sky."""
     rng = np.random.default_rng([20261124, KINDS.index(kind), number])
     columns, rows = size
-    y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
+    x, y = np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows))
     turn = rng.uniform(0, 2 * np.pi)
     image = rng.uniform(5, 60) + rng.uniform(0, 60) * (x * np.cos(turn) + y * np.sin(turn))
     if kind == "shuffled":
@@ -214,7 +214,7 @@ def shuffled(number: int, rng: np.random.Generator, size: tuple[int, int]) -> ND
         for i in range(image.shape[1] // side)
     ]
     parts = [
-        np.rot90(parts[k], rng.integers(4))[:: rng.choice([-1, 1])]
+        np.rot90(parts[k], int(rng.integers(4)))[:: int(rng.choice([-1, 1]))]
         for k in rng.permutation(len(parts))[: across * down]
     ]
     lines = [np.hstack(parts[k * across : (k + 1) * across]) for k in range(len(parts) // across)]
@@ -241,7 +241,7 @@ def falsely_solved(number: int) -> str:
     found, _ = search(without_sky(kind, number, SIZES[number % len(SIZES)]))
     if found.axis is None:
         return ""
-    return f"{kind} {number}: {found.estimate.reason}, {found.view or 'as it is'}, bound " + (
+    return f"{kind} {number}: {found.estimate.reason}, {str(found.view) or 'as it is'}, bound " + (
         f"{found.estimate.false_probability:.0e}"
     )
 

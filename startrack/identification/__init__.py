@@ -19,6 +19,7 @@ track       Matches from spots and a predicted attitude.
 
 from startrack.identification.agree import refit
 from startrack.identification.blind import (
+    WIDEST_PINHOLE,
     LensFit,
     cameras,
     cameras_of,

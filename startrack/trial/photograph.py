@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -198,7 +198,8 @@ def solve_photograph(
     if aspect is not None:
         within(0.1, 10, aspect=aspect)
     rows, columns = frame.image.shape
-    looks, best, index_of = _Looks(frame), None, _coarser(indexes)
+    looks, index_of = _Looks(frame), _coarser(indexes)
+    best: Photograph | None = None
     shape = _shape(frame.image, looks(*FIRST))
     tries = _tries(columns, rows, hint, settings.focal_tolerance, aspect, shape.elongation)
     for one in tries:
@@ -387,8 +388,10 @@ class _Looks:
 
 
 def _chosen(spots: Spots, which: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Spots:
-    columns = (spots.x, spots.y, spots.flux, spots.covariance, spots.snr, spots.area)
-    return Spots(*(values[which] for values in columns))
+    return Spots(
+        spots.x[which], spots.y[which], spots.flux[which], spots.covariance[which],
+        spots.snr[which], spots.area[which],
+    )  # fmt: skip
 
 
 def _enlarged(spots: Spots, scale: int) -> Spots:
@@ -416,8 +419,14 @@ def _grown(fine: Spots, coarse: Spots, reach: float) -> Spots:
     taken = light > GROWTH * (covered @ np.maximum(fine.flux, 0.0))
     kept = ~covered[taken].any(axis=0)
     fine, coarse = _chosen(fine, kept), _chosen(coarse, taken)
-    names = [field.name for field in fields(Spots)]
-    return Spots(*(np.concatenate([getattr(s, name) for s in (fine, coarse)]) for name in names))
+    return Spots(
+        np.concatenate([fine.x, coarse.x]),
+        np.concatenate([fine.y, coarse.y]),
+        np.concatenate([fine.flux, coarse.flux]),
+        np.concatenate([fine.covariance, coarse.covariance]),
+        np.concatenate([fine.snr, coarse.snr]),
+        np.concatenate([fine.area, coarse.area]),
+    )
 
 
 def seen_text(frame: Frame, looks: _Looks) -> str:
