@@ -182,10 +182,10 @@ def _start(
         lens = found.matches.camera
         if options.distortion == "none":
             lens = Camera(columns, rows, lens.focal_length_px)
-        if hint is not None and not found.by_hint:
+        if found.as_hinted is False:
             terminal.print_message(
-                f"startrack calibrate: the field is {math.degrees(lens.fov_x):.4g} deg, not "
-                f"{math.degrees(hint):.4g}"
+                f"startrack calibrate: the field is {math.degrees(found.field):.4g} deg, not the "
+                "given one"
             )
         return replace(lens, polynomial=None)
     return None

@@ -120,7 +120,7 @@ def _with_camera(
         spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
         if estimate.icrs_to_camera is not None:
             break
-    return Photograph(spots, matches, estimate, estimate.icrs_to_camera, View(), True)
+    return Photograph(spots, matches, estimate, estimate.icrs_to_camera, View())
 
 
 def _values(solved: Photograph) -> dict[str, Any]:
@@ -138,7 +138,7 @@ def _values(solved: Photograph) -> dict[str, Any]:
         "mirrored": None,
         "aspect": None,
         "middle_px": None,
-        "field_given": None,
+        "as_hinted": None,
         "lens": None,
         "residual_rms_px": None,
         "sigma_arcsec": None,
@@ -155,7 +155,7 @@ def _values(solved: Photograph) -> dict[str, Any]:
             "mirrored": solved.view.mirrored,
             "aspect": solved.aspect,
             "middle_px": solved.view.middle,
-            "field_given": solved.by_hint,
+            "as_hinted": solved.as_hinted,
             "lens": {
                 "icrs_to_lens_xyzw": terminal.quaternion(estimate.icrs_to_camera),
                 "camera": to_table(matches.camera),

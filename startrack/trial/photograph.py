@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Camera, Estimate, Frame, Matches, Spots, Status, deg, within
 from startrack.detection import Detection, detect
 from startrack.identification import (
+    WIDEST_PINHOLE,
     Identification,
     PatternIndex,
     PatternIndexes,
@@ -36,7 +37,7 @@ SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any siz
 FIRST = THRESHOLDS[0], SCALES
 # Hypotheses of a try over those of the settings, where few are likely and where all else failed.
 SHORT, LONG = 0.5, 2.5
-LEAST_SIDE = 160  # pixel of a reduced image; a smaller one shows too few stars
+LEAST_SIDE = 100  # pixel of a reduced image; a smaller one shows too few stars
 MOST_OF_A_SCALE, MOST_SPOTS = 400, 100  # spots, brightest first: the middle needs more
 # Of a coarse spot's flux over that of the finer ones that it covers, from which on they have lost
 # light. Chosen by hand: below, a star of the width that the windows are made for would be replaced.
@@ -49,13 +50,15 @@ SAME_SHAPE, MOST_SQUEEZED = 1.03, 2.5  # ratio of shapes that triangles bear; th
 ROUND, HIDDEN = 1.15, 1.5  # elongation of round stars; squeeze that such stars may hide
 FISHEYES = (90 * deg, 240 * deg)  # across the columns, whose middle alone is tried
 STEP = 1.1  # between these fields
+SQUARED = 2  # times that a view is corrected by what the lens that was found shows
+SLACK = 0.01  # of a field beyond the tolerance of the given one: what distortion changes
 MIDDLE_TOLERANCE = 0.05  # of their focal length
 MIDDLE = 75 * deg  # of a fisheye, which is tried
 # Pixels of the highest value from which on it is that of saturation, and from what fraction of it.
 FEW_CLIPPED, CLIPPED = 4, 0.98
 # What a refusal names, chosen by hand: area that is saturated, range of the background over its
 # level, number of spots, length over width of stars, and degrees from rows or columns.
-MOST_SHAPES, LEAST_SHAPES = 60, 4  # stars whose shape is measured
+MOST_SHAPES, LEAST_SHAPES, THINNEST = 60, 4, 0.99  # stars whose shape is measured
 MUCH_CLIPPED, UNEVEN, FEW, DRAWN_OUT, ALONG = 0.001, 0.5, 10, 1.4, 10.0
 
 
@@ -123,12 +126,12 @@ class View(NamedTuple):
 class Photograph:
     """What was found of a photograph.
 
-    spots     of the view, brightest first
-    matches   of these, with the camera that was found
-    estimate  attitude of that camera, the covariance that of `axis`
-    axis      attitude of the axis through the centre of the view; None where there is none
-    view      in which the camera sees the file
-    by_hint   whether a camera of the field that was given was found; None: none was given
+    spots      of the view, brightest first
+    matches    of these, with the camera that was found
+    estimate   attitude of that camera, the covariance that of `axis`
+    axis       attitude of the axis through the centre of the view; None where there is none
+    view       in which the camera sees the file
+    as_hinted  whether the field is the given one within its tolerance; None: none was given
     """
 
     spots: Spots
@@ -136,19 +139,27 @@ class Photograph:
     estimate: Estimate
     axis: Rotation | None
     view: View
-    by_hint: bool | None
+    as_hinted: bool | None = None
+
+    @property
+    def field(self) -> float:
+        """Radian that the columns of the file span by the lens that was found."""
+        camera = self.matches.camera
+        ends = [[-0.5, (camera.rows - 1) / 2], [camera.columns - 0.5, (camera.rows - 1) / 2]]
+        left, right = camera.unproject(np.array(ends))
+        return math.acos(min(max(float(left @ right), -1.0), 1.0))
 
     @property
     def aspect(self) -> float:
         """Width of a pixel over its height, with what the stars show beside that of the view."""
         polynomial = self.matches.camera.polynomial
-        oblong = polynomial.x[1] - polynomial.y[2] if polynomial else 0.0
-        return self.view.aspect / (1 + oblong)
+        along, down = (polynomial.x[1], polynomial.y[2]) if polynomial else (0.0, 0.0)
+        return self.view.aspect * (1 + down) / (1 + along)
 
     @property
     def note(self) -> str:
         """What the text says beside the numbers: empty, or words after a semicolon."""
-        parts = [] if self.by_hint is not False else ["the field given did not lead to it"]
+        parts = [] if self.as_hinted is not False else ["the field is not the given one"]
         polynomial = self.matches.camera.polynomial
         if polynomial:
             parts.append(
@@ -158,7 +169,7 @@ class Photograph:
 
 
 class _Try(NamedTuple):
-    """Spots, view and cameras of a try; whether by the hint; hypotheses; share of false matches.
+    """Spots, view and cameras of a try; hypotheses; share of false matches.
 
     effort  of the hypotheses of the settings
     share   of the probability of a false match
@@ -168,7 +179,6 @@ class _Try(NamedTuple):
     scales: tuple[int, ...]
     view: View
     cameras: list[tuple[Camera, float]]
-    hinted: bool = False
     effort: float = 1.0
     share: float = 0.0
 
@@ -211,8 +221,8 @@ def solve_photograph(
         bounded = replace(settings, max_false_probability=chance, max_hypotheses=most)
         matches = identify_blind(spots, *size, indexes.stars, index_of, bounded, one.cameras)
         if matches.icrs_to_camera is not None:
-            by_hint = None if hint is None else one.hinted
-            return _with_lens(spots, matches, indexes, settings, one.view, by_hint)
+            found = _with_lens(spots, matches, indexes, settings, one.view)
+            return _as_hinted(_squared(found, looks, indexes, settings, one), hint, settings)
         if best is None or matches.false_probability < best.matches.false_probability:
             best = _unsolved(spots, matches, one.view)
     assert best is not None
@@ -221,12 +231,7 @@ def solve_photograph(
 
 
 def _with_lens(
-    spots: Spots,
-    matches: Matches,
-    indexes: PatternIndexes,
-    settings: Identification,
-    view: View,
-    by_hint: bool | None,
+    spots: Spots, matches: Matches, indexes: PatternIndexes, settings: Identification, view: View
 ) -> Photograph:
     """The solution with what the stars show of the lens."""
     lens = fit_lens(spots, matches, indexes.stars, indexes(matches.camera), settings)
@@ -235,7 +240,43 @@ def _with_lens(
         Status.SOLVED, reason, lens.matches.icrs_to_camera, lens.covariance, lens.residual_rms,
         len(lens.matches), matches.false_probability,
     )  # fmt: skip
-    return Photograph(spots, lens.matches, estimate, lens.icrs_to_image, view, by_hint)
+    return Photograph(spots, lens.matches, estimate, lens.icrs_to_image, view)
+
+
+def _squared(
+    found: Photograph, looks: _Looks, indexes: PatternIndexes, settings: Identification, one: _Try
+) -> Photograph:
+    """The solution in a view of square pixels, where the stars show that those are oblong.
+
+    The lens is fitted by what is small; the view takes what is large. The same hypothesis is
+    found again, which is no further chance of a false match.
+    """
+    for _ in range(SQUARED):
+        if abs(math.log(found.aspect / found.view.aspect)) < math.log(SAME_SHAPE):
+            break
+        rows, columns = looks.frame.image.shape
+        view = found.view._replace(aspect=found.aspect)
+        size = view.size(columns, rows)
+        spots = view.spots(looks(one.threshold, one.scales), columns, rows)
+        spots = _chosen(spots, slice(MOST_SPOTS))
+        near = cameras_of(*size, found.matches.camera.fov_x, SAME_SHAPE - 1)
+        matches = identify_blind(spots, *size, indexes.stars, indexes, settings, near)
+        if matches.icrs_to_camera is None:
+            break
+        again = _with_lens(spots, matches, indexes, settings, view)
+        if len(again.matches) < len(found.matches):
+            break
+        found = again
+    return found
+
+
+def _as_hinted(found: Photograph, hint: float | None, settings: Identification) -> Photograph:
+    """The solution, and whether its field is the given one."""
+    if hint is None:
+        return found
+    fields = (min(field, WIDEST_PINHOLE) for field in (found.field, hint))
+    ratio = math.log(math.tan(next(fields) / 4) / math.tan(next(fields) / 4))
+    return replace(found, as_hinted=abs(ratio) <= settings.focal_tolerance + SLACK)
 
 
 def _coarser(indexes: PatternIndexes) -> Callable[[Camera], PatternIndex]:
@@ -255,7 +296,7 @@ def _unsolved(spots: Spots, matches: Matches, view: View) -> Photograph:
     estimate = Estimate(
         matches.status, matches.reason, None, nothing, math.nan, 0, matches.false_probability
     )
-    return Photograph(spots, matches, estimate, None, view, None)
+    return Photograph(spots, matches, estimate, None, view)
 
 
 def _tried(tries: list[_Try]) -> str:
@@ -292,7 +333,7 @@ def _tries(
     looks = [(threshold, scales) for threshold in THRESHOLDS for scales in (SCALES, SCALES[:1])]
     rest = [_Try(*look, as_it_is, every, effort=SHORT) for look in looks]
     rest[0] = rest[0]._replace(effort=1.0)
-    if min(columns, rows) >= LEAST_SIDE * SCALES[2]:
+    if min(columns, rows) >= LEAST_SIDE * SCALES[-1]:
         rest.insert(2, _Try(THRESHOLDS[0], SCALES[2:], as_it_is, every, effort=SHORT))
     pinholes = cameras(*size, hint, fisheyes=False)
     rest.append(_Try(*FIRST, as_it_is._replace(mirrored=True), pinholes, effort=SHORT))
@@ -302,24 +343,24 @@ def _tries(
         rest.append(_Try(*FIRST, view, pinholes, effort=SHORT))
     steps = math.ceil(math.log(FISHEYES[1] / FISHEYES[0]) / math.log(STEP))
     for field in np.geomspace(*FISHEYES, steps + 1).tolist():
-        rest += _middle(columns, rows, field, MIDDLE_TOLERANCE, False)
+        rest += _middle(columns, rows, field, MIDDLE_TOLERANCE)
     rest.append(_Try(*FIRST, as_it_is, every, effort=LONG))
     first, rest = rest[:1], rest[1:]
     if hint is not None:
         near, rest = cameras_of(*size, hint, tolerance), first + rest
-        first = [_Try(*look, as_it_is, near, True, LONG) for look in looks if near]
-        first = first or _middle(columns, rows, hint, tolerance, True)
+        first = [_Try(*look, as_it_is, near, LONG) for look in looks if near]
+        first = first or _middle(columns, rows, hint, tolerance)
     groups = (first, rest)
     return [one._replace(share=0.5 / len(group)) for group in groups for one in group]
 
 
-def _middle(columns: int, rows: int, field: float, tolerance: float, hinted: bool) -> list[_Try]:
+def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Try]:
     """The middle of a fisheye whose columns span a field, where it is in the image."""
     side = round(MIDDLE * columns / field)
     if not LEAST_SIDE <= side <= min(columns, rows):
         return []
     made = [(fisheye(side, side, MIDDLE), tolerance)]
-    return [_Try(*FIRST, View(middle=side), made, hinted)]
+    return [_Try(*FIRST, View(middle=side), made)]
 
 
 def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
@@ -489,6 +530,8 @@ def _shape(image: NDArray[np.number], spots: Spots) -> _Shape:
         return _Shape()
     # A pixel itself spreads light; so no star is thinner.
     xx, xy, yy = np.median(tensors, axis=0) + np.array([1, 0, 1]) / 12
-    middle, apart = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+    middle = (xx + yy) / 2
+    # Medians one by one are of no star, which may be thinner than a line.
+    apart = min(math.hypot((xx - yy) / 2, xy), THINNEST * middle)
     angle = math.degrees(0.5 * math.atan2(2 * xy, xx - yy)) % 180
     return _Shape(math.sqrt((middle + apart) / (middle - apart)), angle, math.sqrt(xx / yy))
