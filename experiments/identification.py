@@ -374,7 +374,7 @@ def real_solved(images: int | None) -> int | None:
     folder = command.images("the real images are")
     if folder is None:
         return None
-    from real_images import right
+    from photographs import right
 
     return sum(right(folder, images))
 

@@ -135,14 +135,52 @@ def test_each_wide_image_shows_the_same_lens(blind_wide):
     assert np.std(k1) < 0.02
 
 
-def test_a_mirrored_image_is_refused(outside, tmp_path, capsys):
+@pytest.mark.slow  # tests/trial/test_photograph.py has drawn ones
+@pytest.mark.parametrize("change", ["mirrored", "large"])
+def test_a_changed_image_is_solved_to_the_same_place(outside, tmp_path, capsys, change):
+    """Mirrored, or with stars five times as wide."""
     import cv2
 
     image = cv2.imread(str(outside / "images" / ESA[0]), cv2.IMREAD_UNCHANGED)
-    path = tmp_path / "mirrored.tiff"
-    cv2.imwrite(str(path), image[:, ::-1].copy())
-    assert main(["solve", str(path), "--fov", "11.4", "--json"]) == 3
-    assert json.loads(capsys.readouterr().out)["status"] == "no match"
+    path = tmp_path / "changed.tiff"
+    changed = image[:, ::-1].copy() if change == "mirrored" else cv2.resize(image, None, None, 5, 5)
+    cv2.imwrite(str(path), changed)
+    assert main(["solve", str(path), "--fov", "11.4", "--epoch", "2016", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["mirrored"] == (change == "mirrored")
+    assert found["as_hinted"]
+    truth = json.loads((outside / "images" / "truth.json").read_text())["images"][ESA[0]]
+    assert found["ra_deg"] == pytest.approx(truth["ra_deg"], abs=30 / 3600)
+    assert found["dec_deg"] == pytest.approx(truth["dec_deg"], abs=30 / 3600)
+
+
+HARD = {
+    "unh_0045.jpg": {}, "ar_IMG_3053.jpg": {}, "us_23.png": {}, "lm_acc.png": {"mirrored": True},
+    "sams_1.png": {"aspect": 0.4219}, "sams_17.png": {"aspect": 0.4219}, "picam_1.png": {},
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HARD)
+def test_hard_photographs_with_a_field_and_without(outside, capsys, name):
+    """Saturated and large stars, a mirrored and a squeezed image, a lens that bends: a person
+    would solve them. Their truth is good to a few arcmin."""
+    truth = json.loads((outside / "images-hard" / "truth.json").read_text())["images"][name]
+    for more in ((), ("--fov", str(truth["fov_x_deg"]))):
+        assert main(["solve", str(outside / "images-hard" / name), "--json", *more]) == 0
+        found = json.loads(capsys.readouterr().out)
+        across = (found["ra_deg"] - truth["ra_deg"]) * np.cos(np.radians(truth["dec_deg"]))
+        assert np.hypot(across, found["dec_deg"] - truth["dec_deg"]) < 0.05
+        assert found["mirrored"] == HARD[name].get("mirrored", False)
+        assert found["aspect"] == pytest.approx(HARD[name].get("aspect", 1.0), rel=0.02)
+        assert found["reason"].startswith(f"{found['matches']} of {found['spots']} ")
+
+
+def test_calibration_from_a_field_that_is_a_sixth_too_wide(outside, capsys):
+    path = outside / "images" / "cedar_orion_belt.jpg"
+    assert main(["calibrate", str(path), "--fov", "12", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["fov_x_deg"] == pytest.approx(10.13, abs=0.02)
 
 
 @pytest.mark.filterwarnings("ignore:The WCS transformation has more axes")  # as a header alone

@@ -30,11 +30,11 @@ if wanted(__name__):
     from startrack.core import Camera, FieldPolynomial, Frame, Matches, Spots, arcsec, within
     from startrack.design import Tracker
     from startrack.detection import Detection
-    from startrack.identification import Identification, PatternIndexes
-    from startrack.io import save_json
+    from startrack.identification import WIDEST_PINHOLE, Identification, PatternIndexes
+    from startrack.io import field_hint, save_json
     from startrack.optimise import Ledger, chain_text, chain_values, thinned
     from startrack.plots import draw_corner
-    from startrack.trial import lost_in_space
+    from startrack.trial import View, lost_in_space, solve_photograph
 
 ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
 WARM = {"auto": None, "none": False, "linear": True}
@@ -62,8 +62,8 @@ declare = Options(
     "  startrack calibrate stars.csv --camera camera.toml\n"
     "  startrack calibrate stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row",
     *images(" of one camera; or one table of stars"),
-    Option("--fov DEG", "approximate field of view across the columns, degree; needed by images",
-           float),
+    Option("--fov DEG", "images: approximate field of view across the columns, degree (default: "
+           "as `solve` finds it)", float),
     *FIELD_AND_SKY,
     Option("--principal PX", "images: prior sigma of the principal point, pixel; 0 fixes it at "
            "the centre", float, 20.0),
@@ -98,14 +98,13 @@ def command(options: argparse.Namespace) -> int:
         tables = any(calibration.is_star_table(path) for path in options.images)
     if tables:
         return _calibrate_table(options)
-    if options.fov is None:
-        raise WrongUse("--fov must be given with images, the field of view in degrees")
     if options.distortion not in (None, "none", "radial", "full"):
         raise WrongUse(
             f"--distortion of images must be none, radial or full, got {options.distortion}"
         )
     with as_wrong_use(ValueError, OSError):
-        within(0.01, 179, fov=options.fov)
+        if options.fov is not None:
+            within(0.01, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
         settings = calibration.Calibration(
             focal_length=options.fov_tolerance,
@@ -119,23 +118,19 @@ def command(options: argparse.Namespace) -> int:
     shapes = {frame.image.shape for frame in frames}
     if len(shapes) > 1:
         raise WrongUse(f"images must be of one camera, got sizes {sorted(shapes)}")
-    rows, columns = shapes.pop()
-    camera = Camera.from_field_of_view(columns, rows, math.radians(options.fov))
+    camera = _start(options, frames, indexes, identification)
+    if camera is None:
+        return _unsolved(options, frames)
     fit, answers = None, list[tuple[Spots, Matches]]()
     for _ in range(ROUNDS):
         answers = _solved(frames, camera, indexes, identification)
         if any(len(matches) for _, matches in answers):
             spots, matches = [answer for answer, _ in answers], [answer for _, answer in answers]
             fit = calibration.calibrate(spots, matches, camera, settings)
-        if fit is None:
-            terminal.print_message("startrack calibrate: none of the images could be solved")
-            terminal.print_result(
-                options, {"status": "unsolved", "images": len(frames)}, "unsolved"
-            )
-            return Exit.UNSOLVED
-        camera = fit.camera
+            camera = fit.camera
         identification = replace(identification, focal_tolerance=KNOWN)
-    assert fit is not None
+    if fit is None:
+        return _unsolved(options, frames)
     result = _values(fit, len(frames))
     text = _text(fit, len(frames))
     if options.posterior:
@@ -149,6 +144,51 @@ def command(options: argparse.Namespace) -> int:
     if options.posterior and not result["posterior"]["converged"]:
         return Exit.UNSOLVED
     return Exit.DONE if fit.frames == len(frames) else Exit.UNSOLVED
+
+
+def _unsolved(options: argparse.Namespace, frames: list[Frame]) -> int:
+    terminal.print_message("startrack calibrate: none of the images could be solved")
+    terminal.print_result(options, {"status": "unsolved", "images": len(frames)}, "unsolved")
+    return Exit.UNSOLVED
+
+
+def _start(
+    options: argparse.Namespace,
+    frames: list[Frame],
+    indexes: PatternIndexes,
+    identification: Identification,
+) -> Camera | None:
+    """A camera that solves one of the images: of the given field, else of what the image shows."""
+    rows, columns = frames[0].image.shape
+    if options.fov is None:
+        hint = field_hint(options.images[0], (rows, columns))
+    else:
+        hint = math.radians(options.fov)
+        if hint < WIDEST_PINHOLE:
+            camera = Camera.from_field_of_view(columns, rows, hint)
+            for frame in frames:
+                if len(_solved([frame], camera, indexes, identification)[0][1]):
+                    return camera
+    for path, frame in zip(options.images, frames, strict=True):
+        found = solve_photograph(frame, indexes, identification, hint)
+        if found.axis is None:
+            continue
+        if found.view != View():
+            terminal.print_message(
+                f"startrack calibrate: {path} is solved as {found.view}, which a camera of "
+                "square pixels is not"
+            )
+            continue
+        lens = found.matches.camera
+        if options.distortion == "none":
+            lens = Camera(columns, rows, lens.focal_length_px)
+        if found.as_hinted is False:
+            terminal.print_message(
+                f"startrack calibrate: the field is {math.degrees(found.field):.4g} deg, not the "
+                "given one"
+            )
+        return replace(lens, polynomial=None)
+    return None
 
 
 def _solved(

@@ -326,7 +326,8 @@ def study(name: str, *options: Option) -> tuple[Option, ...]:
 def images(more: str = "") -> tuple[Option, ...]:
     """The image files, and how they are read; what else they may be."""
     return (
-        Option("images IMAGE", "FITS, TIFF, PNG, JPEG, SER, raw or video (mkv, avi, mp4, mov)"
+        Option("images IMAGE", "FITS, TIFF, PNG, JPEG, HEIC (needs pillow-heif), SER, raw or video "
+               "(mkv, avi, mp4, mov)"
                + more, Path, many="+"),
         Option("--plane N", "number from 0 of the plane of a FITS cube, or of the frame of a SER, "
                "raw or video (default: the largest value of all planes of a cube; the first frame)",

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 from startrack.cli.options import (
     FIELD_AND_SKY,
@@ -15,36 +14,34 @@ from startrack.cli.options import (
     Option,
     Options,
     as_wrong_use,
+    decimal,
     images,
     wanted,
 )
 
 if wanted(__name__):
     from startrack.cli import terminal
-    from startrack.core import Camera, Estimate, Frame, Matches, Spots, Stars, positive, within
+    from startrack.core import Camera, Frame, positive, within
     from startrack.design import Tracker
-    from startrack.detection import Detection, detect
-    from startrack.identification import Identification, PatternIndexes, fit_lens, identify_blind
-    from startrack.io import celestial, tetra3_values, to_table, write_solution
+    from startrack.detection import Detection
+    from startrack.identification import Identification, PatternIndexes
+    from startrack.io import celestial, field_hint, tetra3_values, to_table, write_solution
     from startrack.plots import draw_solution
-    from startrack.trial import lost_in_space, solve_matches
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
-# Sigma of the detection: an image of few faint stars is searched twice. The bound of the false
-# match probability holds for each search.
-THRESHOLDS = (5.0, 4.0)
+    from startrack.trial import THRESHOLDS, Photograph, View, lost_in_space, solve_photograph
 
 
 declare = Options(
     "Prints the boresight of each image, its roll, its field of view and the probability of a "
     "false match. Without --camera the lens is unknown: its distortion is estimated where the "
-    "stars show it, and the boresight is the direction of the centre of the image. The status is "
-    "3 if an image has no attitude, with the reason, and 1 if one cannot be read.",
+    "stars show it, and the boresight is the direction of the centre of the image. Mirrored and "
+    "squeezed images are tried after others; the result then is that of the image as a camera "
+    "with square pixels would see it, and says so. The status is 3 if an image has no attitude, "
+    "with the reason, and 1 if one cannot be read.",
     *images(),
-    Option("--fov DEG", "field of view across the columns, degree (default: search from 2 to 90)",
-           float),
+    Option("--fov DEG", "field of view across the columns, degree, which is tried first (default: "
+           "that of the file's EXIF, then a search from 1.5 to 90, and fisheyes to 180)", float),
+    Option("--aspect RATIO", "width of a pixel over its height (default: 1, then those of images "
+           "that were squeezed from another shape)", decimal(0.1, 10)),
     *FIELD_AND_SKY,
     Option("--camera FILE", "calibrated camera, from `calibrate --camera`, or a design with "
            "[tracker.camera]", Path),
@@ -72,101 +69,62 @@ def command(options: argparse.Namespace) -> int:
     read = terminal.image_reader(options)
     stars = terminal.read_stars(options.catalog, options.epoch)
     indexes = PatternIndexes(stars)
-    if options.fov is None and calibrated is None:
-        terminal.print_message(
-            "startrack solve: no --fov, searching from 2 to 90 deg; slow the first time"
-        )
     statuses = set()
     for path in options.images:
         try:
             frame = read(path)
-            solved = _solve(frame, calibrated, options.fov, indexes, identification)
+            if calibrated:
+                solved = _with_camera(frame, calibrated, indexes, identification)
+            else:
+                given = None if options.fov is None else math.radians(options.fov)
+                hint = given or field_hint(path, frame.image.shape)
+                solved = solve_photograph(frame, indexes, identification, hint, options.aspect)
         except Exception as error:  # whatever is wrong with it, the others are solved
             terminal.print_failed_image(options, path, error)
             statuses.add(Exit.FAILED)
             continue
         tetra3 = options.keys == "tetra3"
-        values = tetra3_values(*solved, stars) if tetra3 else _values(solved)
+        seen = solved.spots, solved.matches, solved.estimate
+        values = tetra3_values(*seen, solved.axis, stars) if tetra3 else _values(solved)
         result = {"image": str(path), **values}
         text = f"{path}: {_text(solved)}"
         if options.overlay:
-            result["overlay"] = str(_overlay(options.overlay, path, frame, solved, stars))
+            name = options.overlay / f"{path.stem}.solved.png"
+            draw_solution(
+                name, solved.view.frame(frame), solved.spots, solved.matches,
+                solved.estimate.icrs_to_camera, stars, f"{path.name}\n{_text(solved)}",
+            )  # fmt: skip
+            result["overlay"] = str(name)
         if options.tables:
             name = options.tables / path.stem
-            files = write_solution(name, solved.spots, frame.image.shape, solved.matches, stars)
+            columns, rows = solved.view.size(*frame.image.shape[::-1])
+            files = write_solution(name, solved.spots, (rows, columns), solved.matches, stars)
             result["tables"] = [str(file) for file in files]
         terminal.print_result(options, result, text)
         statuses.add(Exit.DONE if solved.axis is not None else Exit.UNSOLVED)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
 
 
-class Solved(NamedTuple):
-    """An image and what was found.
-
-    axis  the attitude whose axis is printed: of the camera where that is known, else through the
-          centre of the image; None where there is none
-    """
-
-    spots: Spots
-    matches: Matches
-    estimate: Estimate
-    axis: Rotation | None
-
-
-def _solve(
-    frame: Frame,
-    calibrated: Camera | None,
-    fov_deg: float | None,
-    indexes: PatternIndexes,
-    identification: Identification,
-) -> Solved:
-    """The first search that finds an attitude, or the last.
-
-    calibrated, fov_deg  camera, or its field; None: unknown
-    """
+def _with_camera(
+    frame: Frame, camera: Camera, indexes: PatternIndexes, identification: Identification
+) -> Photograph:
+    """The first search by a calibrated camera that finds an attitude, or the last."""
     rows, columns = frame.image.shape
-    if calibrated and (calibrated.rows, calibrated.columns) != (rows, columns):
+    if (camera.rows, camera.columns) != (rows, columns):
         raise ValueError(
-            f"image must have the {calibrated.columns} x {calibrated.rows} pixels of the camera, "
+            f"image must have the {camera.columns} x {camera.rows} pixels of the camera, "
             f"got {columns} x {rows}"
         )
     for threshold in THRESHOLDS:
         tracker = Tracker(Detection(threshold=threshold), identification)
-        if calibrated is None and fov_deg is None:
-            spots = detect(frame, tracker.detection)
-            matches = identify_blind(spots, columns, rows, indexes.stars, indexes, identification)
-            estimate = solve_matches(spots, matches, tracker)
-        else:
-            camera = calibrated or Camera.from_field_of_view(
-                columns, rows, math.radians(fov_deg or 0.0)
-            )
-            spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
+        spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
         if estimate.icrs_to_camera is not None:
             break
-    solved = Solved(spots, matches, estimate, estimate.icrs_to_camera)
-    return (
-        solved if calibrated or solved.axis is None else _with_lens(solved, indexes, identification)
-    )
+    return Photograph(spots, matches, estimate, estimate.icrs_to_camera, View())
 
 
-def _with_lens(solved: Solved, indexes: PatternIndexes, settings: Identification) -> Solved:
-    """The same with the distortion of the lens, where the stars show one."""
-    spots, matches, estimate, _ = solved
-    lens = fit_lens(spots, matches, indexes.stars, indexes(matches.camera), settings)
-    if not lens.matches.camera.distorted:
-        return solved
-    better = replace(
-        estimate,
-        icrs_to_camera=lens.matches.icrs_to_camera,
-        covariance=lens.covariance,
-        residual_rms=lens.residual_rms,
-        stars=len(lens.matches),
-    )
-    return Solved(spots, lens.matches, better, lens.icrs_to_image)
-
-
-def _values(solved: Solved) -> dict[str, Any]:
-    spots, matches, estimate, axis = solved
+def _values(solved: Photograph) -> dict[str, Any]:
+    spots, matches, estimate, axis = solved.spots, solved.matches, solved.estimate, solved.axis
     result: dict[str, Any] = {
         "status": "solved" if estimate.icrs_to_camera is not None else str(estimate.status),
         "reason": estimate.reason,
@@ -177,6 +135,10 @@ def _values(solved: Solved) -> dict[str, Any]:
         "fov_x_deg": None,
         "spots": len(spots),
         "matches": estimate.stars,
+        "mirrored": None,
+        "aspect": None,
+        "middle_px": None,
+        "as_hinted": None,
         "lens": None,
         "residual_rms_px": None,
         "sigma_arcsec": None,
@@ -190,6 +152,10 @@ def _values(solved: Solved) -> dict[str, Any]:
             "dec_deg": dec,
             "roll_deg": roll,
             "fov_x_deg": math.degrees(matches.camera.fov_x),
+            "mirrored": solved.view.mirrored,
+            "aspect": solved.aspect,
+            "middle_px": solved.view.middle,
+            "as_hinted": solved.as_hinted,
             "lens": {
                 "icrs_to_lens_xyzw": terminal.quaternion(estimate.icrs_to_camera),
                 "camera": to_table(matches.camera),
@@ -200,23 +166,15 @@ def _values(solved: Solved) -> dict[str, Any]:
     return result
 
 
-def _text(solved: Solved) -> str:
-    spots, matches, estimate, axis = solved
-    if axis is None:
+def _text(solved: Photograph) -> str:
+    estimate, camera = solved.estimate, solved.matches.camera
+    if solved.axis is None:
         return f"{estimate.status}: {estimate.reason}"
-    camera = matches.camera
     lens = f", k1 {camera.k1:+.3f}, k2 {camera.k2:+.3f}" if camera.distorted else ""
+    how = f"{solved.view}; " if str(solved.view) else ""
     return (
-        f"{terminal.pointing_text(axis, 4, 3)}; "
-        f"field {math.degrees(camera.fov_x):.3f} deg{lens}; {estimate.stars} of {len(spots)} "
-        f"spots matched, residual {estimate.residual_rms:.2f} px; "
-        f"probability of a false match {estimate.false_probability:.0e}"
+        f"{terminal.pointing_text(solved.axis, 4, 3)}; {how}"
+        f"field {math.degrees(camera.fov_x):.3f} deg{lens}; {estimate.stars} of "
+        f"{len(solved.spots)} spots matched, residual {estimate.residual_rms:.2f} px; "
+        f"probability of a false match {estimate.false_probability:.0e}{solved.note}"
     )
-
-
-def _overlay(folder: Path, image: Path, frame: Frame, solved: Solved, stars: Stars) -> Path:
-    path = folder / f"{image.stem}.solved.png"
-    spots, matches, estimate, _ = solved
-    title = f"{image.name}\n{_text(solved)}"
-    draw_solution(path, frame, spots, matches, estimate.icrs_to_camera, stars, title)
-    return path

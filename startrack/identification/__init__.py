@@ -18,7 +18,15 @@ track       Matches from spots and a predicted attitude.
 """
 
 from startrack.identification.agree import refit
-from startrack.identification.blind import LensFit, fit_lens, identify_blind
+from startrack.identification.blind import (
+    WIDEST_PINHOLE,
+    LensFit,
+    cameras,
+    cameras_of,
+    fisheye,
+    fit_lens,
+    identify_blind,
+)
 from startrack.identification.cache import PatternIndexes, cached_index
 from startrack.identification.identify import identify
 from startrack.identification.index import (

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, deg, within
+from startrack.core import (
+    Camera,
+    FieldPolynomial,
+    Floats,
+    Matches,
+    Refused,
+    Spots,
+    Stars,
+    deg,
+    plane_slopes,
+    within,
+)
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
@@ -18,46 +29,71 @@ from startrack.identification.seen import usable
 
 # Radian across the columns. A larger range takes more tries; the pinhole of a field of 2.5 radian
 # has its corners 77 degrees off the axis.
-NARROWEST, WIDEST = 2 * deg, 90 * deg
+NARROWEST, WIDEST = 1.5 * deg, 90 * deg
 # Relative, of the focal length in each try. Chosen by hand: a larger one needs fewer tries, but the
 # search for triangles becomes slower and less certain, more so off the axis of a wide field.
 TOLERANCE, TOLERANCE_WIDE, WIDE = 0.1, 0.05, 30 * deg
 FISHEYE = 45 * deg  # wider fields are tried with a fisheye's image, too
+USUAL = 12 * deg  # field that is tried first
+WIDEST_PINHOLE = 2.5  # radian
 
 
-def fields(narrowest: float = NARROWEST, widest: float = WIDEST) -> list[float]:
-    """Fields of view to try, radian, whose tolerances leave no gap; the nearest to 12 deg first.
+def fields(
+    narrowest: float = NARROWEST, widest: float = WIDEST, first: float = USUAL
+) -> list[float]:
+    """Fields of view to try, radian, whose tolerances leave no gap.
 
     The tolerances are those of the focal length, by which the tangent of half a field goes.
 
     narrowest, widest  radian
+    first              radian; the nearest to it come first
     Raises             ValueError where these lie outside [0.001, 2.5] or are not in order.
     """
-    within(1e-3, 2.5, narrowest=narrowest, widest=widest)
+    within(1e-3, WIDEST_PINHOLE, narrowest=narrowest, widest=widest)
     if narrowest > widest:
         raise Refused(f"narrowest must not be above widest, got {narrowest} and {widest}")
     steps = [narrowest]
-    reach = math.tan(narrowest / 2) * (1 + tolerance(narrowest))
+    reach = math.tan(narrowest / 2) * (1 + tolerance_of(narrowest))
     while reach < math.tan(widest / 2):
         here = 2 * math.atan(reach / (1 - TOLERANCE))
         if here >= WIDE:
             here = 2 * math.atan(reach / (1 - TOLERANCE_WIDE))
         steps.append(min(here, widest))
-        reach = math.tan(steps[-1] / 2) * (1 + tolerance(steps[-1]))
-    return sorted(steps, key=lambda field: abs(math.log(field / (12 * deg))))
+        reach = math.tan(steps[-1] / 2) * (1 + tolerance_of(steps[-1]))
+    return sorted(steps, key=lambda field: abs(math.log(field / first)))
 
 
-def tolerance(field: float) -> float:
+def tolerance_of(field: float) -> float:
     """Relative, of the focal length in the try of a field (radian)."""
     return TOLERANCE if field < WIDE else TOLERANCE_WIDE
 
 
-def cameras(columns: int, rows: int) -> list[tuple[Camera, float]]:
-    """Cameras to try and the tolerance of each: pinholes of all fields, then wide fisheyes."""
-    tried = fields()
+def cameras(
+    columns: int, rows: int, first: float | None = None, fisheyes: bool = True
+) -> list[tuple[Camera, float]]:
+    """Cameras to try and the tolerance of each: pinholes of all fields, then wide fisheyes.
+
+    first  radian, field that is tried first; None: 12 degrees
+    """
+    tried = fields(first=first or USUAL)
     pinholes = [(Camera.from_field_of_view(columns, rows, field), field) for field in tried]
     wide = [(fisheye(columns, rows, field), field) for field in tried if field >= FISHEYE]
-    return [(camera, tolerance(field)) for camera, field in pinholes + wide]
+    return [
+        (camera, tolerance_of(field)) for camera, field in pinholes + (wide if fisheyes else [])
+    ]
+
+
+def cameras_of(
+    columns: int, rows: int, field: float, tolerance: float
+) -> list[tuple[Camera, float]]:
+    """The cameras of a field of view (radian) alone: a pinhole and, if it is wide, a fisheye."""
+    made = [Camera.from_field_of_view(columns, rows, field)] if field <= WIDEST_PINHOLE else []
+    made += [fisheye(columns, rows, field)] if FISHEYE <= field <= WIDEST else []
+    least = tolerance_of(field)
+    side = max(math.ceil(tolerance / least) - 1, 0)  # more cameras on each side of the middle
+    share = tolerance / (side + 1) if side else tolerance
+    steps = sorted(range(-side, side + 1), key=abs)
+    return [(camera.scaled(1 + share * step), share) for step in steps for camera in made]
 
 
 def fisheye(columns: int, rows: int, fov_x: float) -> Camera:
@@ -83,39 +119,58 @@ def identify_blind(
     stars: Stars,
     index_of: Callable[[Camera], PatternIndex],
     settings: Identification,
+    tries: Sequence[tuple[Camera, float]] | None = None,
 ) -> Matches:
-    """Try one camera after the other until one is solved: fields from 2 to 90 degrees.
+    """Try one camera after the other until one is solved: fields from 1.5 to 90 degrees.
 
     `settings.max_false_probability` is divided by the number of tries, so that it bounds all
     together.
 
     columns, rows  pixel
     index_of       the index of the stars for a camera, best `PatternIndexes`: thirty are needed
-    settings       its focal tolerance is replaced by 0.1, of wide fields 0.05
-    Returns        as `identify`; of the last try where none is solved
+    settings       its focal tolerance is replaced by that of each try
+    tries          cameras with their tolerances; None: `cameras`
+    Returns        as `identify`; where none is solved, that which chance explains the least
     """
-    tries = cameras(columns, rows)
+    tries = cameras(columns, rows) if tries is None else tries
     chance = settings.max_false_probability / len(tries)
+    best: Matches | None = None
     for camera, focal in tries:
         one_try = replace(settings, focal_tolerance=focal, max_false_probability=chance)
         matches = identify(spots, camera, stars, index_of(camera), one_try)
         if matches.icrs_to_camera is not None:
-            break
-    return matches
+            return matches
+        if best is None or matches.false_probability < best.false_probability:
+            best = matches
+    assert best is not None
+    return best
 
 
-# What is estimated with the attitude, one stage after the other, with the standard deviation of its
-# prior: relative focal length, principal point over the width of the image, radial distortion.
-PRIORS = {"focal": 0.2, "x": 0.03, "y": 0.03, "k1": 0.5, "k2": 0.5}
+# What may be estimated with the attitude, with the standard deviation of its prior: relative focal
+# length, principal point over the width of the image, radial distortion, and what makes the grid of
+# pixels neither square nor rectangular: resampling, a rolling shutter.
+PRIORS = {
+    "focal": 0.2, "k1": 0.5, "x": 0.03, "y": 0.03, "k2": 0.5, "oblong": 0.05, "shear": 0.05,
+}  # fmt: skip
+NAMES = tuple(PRIORS)
+# The same where the stars show none: what is left out counts in the covariance with these.
+UNSEEN = PRIORS | {"k2": 0.2, "oblong": 0.002, "shear": 0.002}
 STAGES = (("focal",), ("focal", "k1"), ("focal", "k1", "x", "y"), ("focal", "k1", "x", "y", "k2"))
+GRID = ("oblong", "shear")  # the last stage, with those before that were kept
+# Match radius of the rounds of a stage: a lens that is not known yet is off by more than a spot.
+RADII = (4.0, 2.0, 1.0)
 # Chosen by hand.
 SIGNIFICANT = 10.0  # of Fisher's F: a stage is kept above; a smaller one fits noise
 LEAST_FREE = 8  # coordinates beyond the unknowns, below which a stage is not tried
+LEAST_GRID = 24  # the same of the grid, which few images have: ten stars would fit it by chance
 FLOOR = 0.05  # pixel, of a centroid: no lens is known better
-# Pixel, of the axis through the centre of the image: what this model leaves of a lens. That of the
-# 25 photographs of `fit_lens` is tilted, which the model does not know.
-AXIS = 0.1
+# Error of the axis that many stars do not make smaller, chosen by hand beside 45 photographs of ten
+# cameras: pixel, and fraction of the scatter of the residuals beyond their noise, whose cause the
+# model lacks (a tilted lens, the motion of a rolling shutter).
+AXIS, COMMON = 0.05, 0.5
 OUTLIER = 2.0  # sigma, beyond which a residual counts less (soft L1)
+BLOCKS, LEAST_IN_BLOCK = (3, 2), 3  # of the jackknife: across, down; stars
+STEPS, CLOSE = 20, 1e-6  # of Gauss-Newton at most; chi-square of the last
 ROUNDS = 8  # of matching and fitting in a stage, unless the matches stay the same before
 
 
@@ -126,7 +181,7 @@ class LensFit(NamedTuple):
     icrs_to_image      the attitude of the axis through the centre of the image, turned from that of
                        the camera, whose axis goes through the principal point, by the shortest way
     covariance         (3, 3) radian^2, of the small rotation about these axes; the unknowns of the
-                       camera are counted
+                       camera are counted, those that the stars do not show by their priors
     residual_rms       pixel, root mean square over both axes of all matches
     """
 
@@ -141,9 +196,10 @@ def fit_lens(
 ) -> LensFit:
     """Estimate what the matches show of the lens, and match more stars with it, in turns.
 
-    Radial distortion, principal point and a second radial term are added one after the other, each
-    if it is significant with those before. One image determines a principal point where
-    its field is wide (20 pixels, at 50 degrees and 40 stars, to 1 pixel).
+    Radial distortion, principal point, a second radial term, and a grid of pixels that is oblong
+    and sheared are added one after the other, each if it is significant with those before. One
+    image determines a principal point where its field is wide (20 pixels, at 50 degrees and 40
+    stars, to 1 pixel).
 
     spots, matches  as of `identify`, solved
     stars, index    as of `identify`
@@ -156,13 +212,48 @@ def fit_lens(
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
     best = _Fit(spots, matches, STAGES[0])
-    for free in STAGES[1:]:
-        if 2 * len(best.matches) - 3 - len(free) < LEAST_FREE:
-            break
+    for stage in (*STAGES[1:], GRID):
+        free = best.free + GRID if stage is GRID else stage
+        if 2 * len(best.matches) - 3 - len(free) < (LEAST_GRID if stage is GRID else LEAST_FREE):
+            continue
         better = _rematched(spots, best, free, stars, index, settings)
         if better.significant(best.free):
             best = better
-    return best.lens()
+    lens = best.lens()
+    blocks = _without_blocks(spots, best)
+    if len(blocks) < 2:
+        return lens
+    # What the model lacks is alike for neighbours, which residuals as a whole do not tell.
+    turn = [(_axis(fit.matches) * lens.icrs_to_image.inv()).as_rotvec() for fit in blocks]
+    square = float(np.var(turn, axis=0)[:2].sum()) * (len(blocks) - 1)
+    more = max(1.0, square / float(np.trace(lens.covariance[:2, :2])))
+    return lens._replace(covariance=lens.covariance * more)
+
+
+def _without_blocks(spots: Spots, best: _Fit) -> list[_Fit]:
+    """The fits without each of BLOCKS parts of the image, for the jackknife; none for few stars.
+
+        cov = (m - 1) / m  sum_k (a_k - mean a)(a_k - mean a)^T
+
+    Source: Kuensch (1989), Ann. Statist. 17, 1217, for blocks of neighbours.
+    """
+    matches, (across, down) = best.matches, BLOCKS
+    if len(matches) < LEAST_IN_BLOCK * across * down:
+        return []
+    x, y = spots.x[matches.spot], spots.y[matches.spot]
+    block = np.empty(len(x), np.int64)
+    for i, column in enumerate(np.array_split(np.argsort(x), across)):
+        for j, part in enumerate(np.array_split(column[np.argsort(y[column])], down)):
+            block[part] = i * down + j
+    fits = []
+    for left_out in range(across * down):
+        kept = block != left_out
+        some = replace(
+            matches, spot=matches.spot[kept], star=matches.star[kept],
+            direction=matches.direction[kept],
+        )  # fmt: skip
+        fits.append(_Fit(spots, some, best.free))
+    return fits
 
 
 def _rematched(
@@ -174,126 +265,208 @@ def _rematched(
     settings: Identification,
 ) -> _Fit:
     """The fit with more unknowns, after the matches have stayed the same."""
-    fit, settings_held = _Fit(spots, start.matches, free), replace(settings, focal_tolerance=0.0)
-    for _ in range(ROUNDS):
+    fit = _Fit(spots, start.matches, free)
+    log_p = math.log(max(start.matches.false_probability, 1e-300))
+    for turn in range(ROUNDS):
+        wider = RADII[min(turn, len(RADII) - 1)]
+        held = replace(settings, focal_tolerance=0.0, match_radius=settings.match_radius * wider)
         assert fit.matches.icrs_to_camera is not None
         again = refined(
-            spots, usable(spots), fit.matches.camera, stars, index, settings_held,
-            fit.matches.icrs_to_camera.as_matrix(), 1.0,
-            math.log(max(start.matches.false_probability, 1e-300)),
+            spots, usable(spots), fit.matches.camera, stars, index, held,
+            fit.matches.icrs_to_camera.as_matrix(), 1.0, log_p,
         )  # fmt: skip
-        if len(again) < len(fit.matches) or again.icrs_to_camera is None:
+        if again.icrs_to_camera is None or len(again) < LEAST_FREE // 2 + len(free):
             break
         same = np.array_equal(again.star, fit.matches.star)
         fit = _Fit(spots, again, free)
-        if same:
+        if same and wider == RADII[-1]:
             break
     return fit
 
 
 class _Fit:
-    """Robust least squares of attitude and camera for given matches."""
+    """Robust least squares of attitude and camera for given matches, by Gauss-Newton.
+
+    free   names of what is estimated of the camera; the rest stays at its start
+    """
 
     def __init__(self, spots: Spots, matches: Matches, free: tuple[str, ...]) -> None:
-        from scipy.optimize import least_squares  # which a tracker's trial does without
-
         assert matches.icrs_to_camera is not None
-        self.free, self.start, self.camera = free, matches.icrs_to_camera, matches.camera
-        self.direction = matches.direction
+        self.free, self.camera, self.before = free, matches.camera, matches
         self.place = np.column_stack([spots.x, spots.y])[matches.spot]
         covariance = spots.covariance[matches.spot]
         noise = (covariance[:, 0, 0] + covariance[:, 1, 1]) / 2
         self.noise = np.where(np.isfinite(noise), noise, 1.0) + FLOOR**2
+        self.rotation, self.values = matches.icrs_to_camera, _values_of(matches.camera)
+        # The focal length has its prior about the start, all else about none.
+        self.mean = np.zeros(len(NAMES))
+        self.mean[0] = self.values[0]
+        self.prior = np.array([(PRIORS if name in free else UNSEEN)[name] for name in NAMES])
+        self.used = np.concatenate([np.ones(3, bool), [name in free for name in NAMES]])
         self.excess = 0.0
-        self.unknown = np.zeros(3 + len(free))
         for _ in range(2):  # the second time with the weights of the residuals of the first
-            self.found: Any = least_squares(self._weighted, self.unknown, x_scale="jac")
-            self.unknown = self.found.x
+            self._converge()
             self.excess = self._excess()
-        camera, rotation = self._at(self.unknown)
-        self.matches = replace(matches, camera=camera, icrs_to_camera=rotation)
-
-    def _at(self, unknown: Floats) -> tuple[Camera, Rotation]:
-        camera, step = self.camera, dict(zip(self.free, unknown[3:].tolist(), strict=True))
-        width = camera.columns
-        camera = replace(
-            camera,
-            focal_length_px=camera.focal_length_px * math.exp(step["focal"]),
-            principal_x=camera.principal_x + step.get("x", 0.0) * width,
-            principal_y=camera.principal_y + step.get("y", 0.0) * width,
-            k1=camera.k1 + step.get("k1", 0.0),
-            k2=camera.k2 + step.get("k2", 0.0),
+        self.matches = replace(
+            matches, camera=_with_values(self.camera, self.values), icrs_to_camera=self.rotation
         )
-        return camera, Rotation.from_rotvec(unknown[:3]) * self.start
 
-    def residual(self, unknown: Floats) -> Floats:
-        """Pixel (n, 2), spots minus stars; of a star behind the camera far outside."""
-        camera, rotation = self._at(unknown)
-        pixel = camera.project(rotation.apply(self.direction))
-        return np.nan_to_num(self.place - pixel, nan=1e6, posinf=1e6, neginf=-1e6)
+    def _converge(self) -> None:
+        """Gauss-Newton with weights of soft L1, until the steps are small beside the errors."""
+        for _ in range(STEPS):
+            residual, slopes = self._residual()
+            information, right = self._normal(residual, slopes)
+            step = np.zeros(len(self.used))
+            chosen = information[np.ix_(self.used, self.used)]
+            step[self.used] = np.linalg.lstsq(chosen, right[self.used])[0]
+            self.rotation = Rotation.from_rotvec(step[:3]) * self.rotation
+            self.values = self.values + step[3:]
+            if float(step @ information @ step) < CLOSE:
+                break
 
-    def _weighted(self, unknown: Floats) -> Floats:
-        """Residuals in sigma, large ones as their soft L1, and those of the priors."""
-        rows = self.residual(unknown) / np.sqrt(self.noise + self.excess)[:, None]
-        robust = np.sqrt(2 * OUTLIER**2 * (np.sqrt(1 + (rows / OUTLIER) ** 2) - 1))
-        rows = np.copysign(robust, rows)
-        prior = [self._offset(name, unknown) / PRIORS[name] for name in self.free]
-        return np.concatenate([rows.ravel(), prior])
+    def _residual(self) -> tuple[Floats, Floats]:
+        """Pixel (n, 2), spots minus stars, and the slopes (n, 2, 3 + names) of the stars' places.
 
-    def _offset(self, name: str, unknown: Floats) -> float:
-        """Of an unknown from the mean of its prior."""
-        step = float(unknown[3 + self.free.index(name)])
-        start = {
-            "focal": 0.0,
-            "x": self.camera.principal_x / self.camera.columns,
-            "y": self.camera.principal_y / self.camera.columns,
-            "k1": self.camera.k1,
-            "k2": self.camera.k2,
-        }
-        return start[name] + step
+        Of a star that is not ahead of the camera far outside, without slopes.
+        """
+        place, slopes = _project(
+            self.camera, self.values, self.rotation.apply(self.before.direction)
+        )
+        return np.nan_to_num(self.place - place, nan=1e6), np.nan_to_num(slopes)
+
+    def _weight(self, residual: Floats) -> Floats:
+        """Pixel^-2, of each coordinate (n, 2)."""
+        sigma = np.sqrt(self.noise + self.excess)[:, None]
+        return np.asarray(1 / np.hypot(1, residual / sigma / OUTLIER) / sigma**2)
+
+    def _normal(self, residual: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+        """The normal equations with the priors: information, and its product with the step."""
+        weight = self._weight(residual)
+        information = np.einsum("nci,nc,ncj->ij", slopes, weight, slopes)
+        right = np.einsum("nci,nc,nc->i", slopes, weight, residual)
+        information[np.diag_indices(len(right))] += [0.0] * 3 + [s**-2 for s in self.prior]
+        right[3:] -= (self.values - self.mean) / self.prior**2
+        return information, right
 
     def _excess(self) -> float:
         """Variance of the residuals per axis beyond the noise; see `agree`."""
-        square = (self.residual(self.unknown) ** 2).sum(axis=1)
-        left = max(2 * len(square) - len(self.unknown), 1) / (2 * len(square))
+        square = (self._residual()[0] ** 2).sum(axis=1)
+        left = max(2 * len(square) - self.used.sum(), 1) / (2 * len(square))
         typical = float(np.median(square)) / (2 * math.log(2) * left)
         return max(typical - float(np.median(self.noise)), 0.0)
 
     def significant(self, before: tuple[str, ...]) -> bool:
         """Whether the unknowns that were not free before are significantly different from zero."""
-        added = [3 + self.free.index(name) for name in self.free if name not in before]
-        jacobian = self.found.jac
-        covariance = np.linalg.pinv(jacobian.T @ jacobian)
-        offset = np.array([self._offset(self.free[k - 3], self.unknown) for k in added])
-        chi_square = float(offset @ np.linalg.solve(covariance[np.ix_(added, added)], offset))
+        information, _ = self._normal(*self._residual())
+        index = np.flatnonzero(self.used)
+        covariance = np.linalg.pinv(information[np.ix_(index, index)])
+        added = [3 + NAMES.index(name) for name in self.free if name not in before]
+        offset = (self.values - self.mean)[np.array(added) - 3]
+        rows = np.searchsorted(index, added)
+        chi_square = float(offset @ np.linalg.solve(covariance[np.ix_(rows, rows)], offset))
         return chi_square / len(added) > SIGNIFICANT * self._chi_square()
 
+    @property
+    def _freedom(self) -> int:
+        return 2 * len(self.place) - int(self.used.sum())
+
     def _chi_square(self) -> float:
-        """Per degree of freedom; at least 1."""
-        freedom = 2 * len(self.place) - len(self.unknown)
-        return max(1.0, 2 * float(self.found.cost) / freedom) if freedom > 0 else 1.0
+        """Per degree of freedom, robust; at least 1."""
+        residual = self._residual()[0] / np.sqrt(self.noise + self.excess)[:, None]
+        cost = 2 * OUTLIER**2 * (np.hypot(1, residual / OUTLIER) - 1).sum()
+        return max(1.0, float(cost) / self._freedom) if self._freedom > 0 else 1.0
 
     def lens(self) -> LensFit:
-        """The result, its covariance from the derivatives of all unknowns."""
-        jacobian = self.found.jac
-        covariance = np.linalg.pinv(jacobian.T @ jacobian) * self._chi_square()
-        centre = _to_image(*self._at(self.unknown))
-        rows = np.empty((3, len(self.unknown)))
-        for k, sigma in enumerate(np.sqrt(covariance.diagonal())):
-            step = np.zeros(len(self.unknown))
-            step[k] = sigma
-            moved = _to_image(*self._at(self.unknown + step)) * centre.inv()
-            rows[:, k] = moved.as_rotvec() / max(sigma, 1e-300)
-        rms = float(np.sqrt(np.mean(self.residual(self.unknown) ** 2)))
+        """The result, its covariance from the derivatives of all that may be unknown."""
+        residual, slopes = self._residual()
+        information, _ = self._normal(residual, slopes)
+        # Few residuals do not tell their own scatter: the variance of Student's distribution.
+        few = self._freedom / (self._freedom - 2) if self._freedom > 2 else 3.0
+        covariance = np.linalg.pinv(information) * self._chi_square() * few
+        camera, turn = self.matches.camera, _centre(self.matches.camera)
+        middle = np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
+        _, slope = _project(camera, self.values, camera.unproject(middle))
+        # The direction of the middle moves so that its place stays; about it the camera turns.
+        rows = np.zeros((3, len(self.used)))
+        rows[:, :3] = np.eye(3)
+        rows[:, 3:] = np.linalg.lstsq(slope[0, :, :3], slope[0, :, 3:])[0]
+        rows = turn.inv().as_matrix() @ rows
         axis_covariance = rows @ covariance @ rows.T
-        axis_covariance[[0, 1], [0, 1]] += (AXIS / self.camera.focal_length_px) ** 2
-        return LensFit(self.matches, centre, axis_covariance, rms)
+        common = AXIS**2 + COMMON**2 * self.excess
+        axis_covariance[[0, 1], [0, 1]] += common / camera.focal_length_px**2
+        rms = float(np.sqrt(np.mean(residual**2)))
+        return LensFit(self.matches, _axis(self.matches), axis_covariance, rms)
 
 
-def _to_image(camera: Camera, icrs_to_camera: Rotation) -> Rotation:
-    """The attitude of the axis through the centre of the image."""
+def _values_of(camera: Camera) -> Floats:
+    """What `NAMES` are of a camera: logarithm of the focal length, principal point over width."""
+    grid = camera.polynomial
+    return np.array([
+        math.log(camera.focal_length_px), camera.k1, camera.principal_x / camera.columns,
+        camera.principal_y / camera.columns, camera.k2,
+        2 * grid.x[1] if grid else 0.0, grid.x[2] if grid else 0.0,
+    ])  # fmt: skip
+
+
+def _with_values(camera: Camera, values: Floats) -> Camera:
+    """Inverse of `_values_of`; what is not in it stays."""
+    focal, k1, x, y, k2, oblong, shear = values.tolist()
+    grid = FieldPolynomial((0.0, oblong / 2, shear), (0.0, 0.0, -oblong / 2))
+    return replace(
+        camera, focal_length_px=math.exp(focal), k1=k1, k2=k2, principal_x=x * camera.columns,
+        principal_y=y * camera.columns, polynomial=grid if oblong or shear else None,
+    )  # fmt: skip
+
+
+def _project(camera: Camera, values: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    """Places (n, 2) of directions by these values, and their slopes (n, 2, 3 + names).
+
+    Slopes by a small rotation about the camera's axes, and by the values. As `Camera.project`,
+    without tangential distortion; NaN for what is not ahead.
+    """
+    focal, k1, x, y, k2, oblong, shear = values.tolist()
+    focal, k3 = math.exp(focal), camera.k3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ahead = np.where(direction[:, 2] > 0, direction[:, 2], np.nan)
+        u, v = (direction[:, :2] / ahead[:, None]).T
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    bend = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+    distorted = np.stack([u * (radial + oblong / 2) + shear * v, v * (radial - oblong / 2)], 1)
+    centre = np.array([(camera.columns - 1) / 2, (camera.rows - 1) / 2])
+    place = focal * distorted + centre + np.array([x, y]) * camera.columns
+    by_u = np.stack([radial + bend * u * u + oblong / 2, bend * u * v], 1)
+    by_v = np.stack([bend * u * v + shear, radial + bend * v * v - oblong / 2], 1)
+    turn_u, turn_v = plane_slopes.py_func(u, v)
+    none = np.zeros_like(u)
+    slopes = np.empty((len(u), 2, 3 + len(NAMES)))
+    for k in range(3):
+        slopes[:, :, k] = focal * (by_u * turn_u[k][:, None] + by_v * turn_v[k][:, None])
+    width = float(camera.columns)
+    columns = (
+        focal * distorted,
+        focal * np.stack([u * r2, v * r2], 1),
+        np.array([[width, 0.0]]),
+        np.array([[0.0, width]]),
+        focal * np.stack([u * r2 * r2, v * r2 * r2], 1),
+        focal / 2 * np.stack([u, -v], 1),
+        focal * np.stack([v, none], 1),
+    )
+    for k, column in enumerate(columns):
+        slopes[:, :, 3 + k] = column
+    return place, slopes
+
+
+def _axis(matches: Matches) -> Rotation:
+    """The attitude of the axis through the middle of the image."""
+    assert matches.icrs_to_camera is not None
+    return _centre(matches.camera).inv() * matches.icrs_to_camera
+
+
+def _centre(camera: Camera) -> Rotation:
+    """The shortest turn from the camera's axis to the direction of the middle of its image."""
     middle = np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
     x, y, z = camera.unproject(middle)[0]
     apart = math.hypot(x, y)
     turn = np.array([-y, x, 0.0]) * (math.atan2(apart, z) / apart if apart else 0.0)
-    return Rotation.from_rotvec(turn).inv() * icrs_to_camera
+    return Rotation.from_rotvec(turn)

@@ -19,9 +19,9 @@ from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex, build_index, indexed_field
 
 FORMAT = 6  # grows with every change of what an index holds or how it is built
-# Files of some 10 MB; `identify_blind` needs 26 to 28. Chosen by hand: disk against rebuilding.
+# Files of some 10 MB; `identify_blind` needs 29 to 31. Chosen by hand: disk against rebuilding.
 KEPT = 48
-HELD = 28  # of 10 MB in memory: all that `identify_blind` takes, up to images of 2 : 1
+HELD = 34  # of 10 MB in memory: all that `identify_blind` takes, up to images of 2 : 1
 
 
 class _Parts(NamedTuple):
@@ -69,7 +69,7 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
 
 
 class PatternIndexes:
-    """The pattern indexes of one catalogue, by field of view; the 28 used last stay in memory.
+    """The pattern indexes of one catalogue, by field of view; the 34 used last stay in memory.
 
     stars   the tracker's catalogue
     folder  where they are kept from one run to the next; None: `cache_folder()`

@@ -34,7 +34,7 @@ class Identification(Parameters):
     """Settings of the identification of spots, for calibrated cameras by default.
 
     The defaults are chosen by hand, for speed against success; experiments/identification.py and
-    experiments/real_images.py show the success that they lead to, but do not vary them.
+    experiments/photographs.py show the success that they lead to, but do not vary them.
 
     Raises                 ValueError where a value lies outside its range.
     """

@@ -18,7 +18,7 @@ frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video 
 """
 
 from startrack.io.frame_files import FORMATS, FrameFiles
-from startrack.io.images import read_image, write_fits
+from startrack.io.images import field_hint, read_image, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
 from startrack.io.reading import (
     open_checked,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import math
 import warnings
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,11 +21,15 @@ from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header
 
 FITS = {".fits", ".fit", ".fts"}
+# Tags of EXIF, and the diagonal (mm) of the film that its 35 mm equivalent is for.
+EXIF_IFD, FOCAL_LENGTH, FOCAL_35MM, EXIF_WIDTH, EXIF_HEIGHT = 0x8769, 0x920A, 0xA405, 0xA002, 0xA003
+PLANE_RESOLUTION, PLANE_UNIT, FULL_FRAME = 0xA20E, 0xA210, math.hypot(36, 24)
+HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"mif1", b"msf1"}
 SEARCHED = 24  # bytes that the detection takes for each pixel of an image; measured: 20 at most
 
 
 def read_image(path: Path, layout: Layout | None = None) -> Frame:
-    """Read a FITS, TIFF, PNG, JPEG, SER, raw or video file as one frame.
+    """Read a FITS, TIFF, PNG, JPEG, HEIC, SER, raw or video file as one frame.
 
     Of a colour image the largest of the three channels is taken, because a star is bright in
     at least one. A mosaic of colours, which the layout or the header (BAYERPAT of FITS, ColorID of
@@ -61,6 +67,50 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
     if frame.image.size == 0 or not np.isfinite(frame.image).any():
         raise ValueError(f"{path} must hold finite pixel values, but it has none")
     return frame
+
+
+def field_hint(path: Path, shape: tuple[int, ...]) -> float | None:
+    """Field of view across the columns, radian, by the file's EXIF; None where it says none.
+
+        tan(field / 2) = columns / 2 / f,   f = FocalLengthIn35mmFilm / 43.27 mm * diagonal
+
+    or the focal length in pixels, by FocalLength and FocalPlaneXResolution. A crop of an image
+    keeps the focal length of all of it, and zoom by the software may be in it or not.
+
+    Source: CIPA DC-008 (Exif 3.0), tags 0xA405, 0x920A, 0xA20E, 0xA210 and 0xA002; the diagonal is
+    that of 36 x 24 mm.
+
+    shape  rows and columns as read
+    """
+    from PIL import Image
+
+    try:
+        data = path.read_bytes()
+        if _is_heif(data):
+            exif = Image.Exif()
+            exif.load(_open_heif(path, data).info.get("exif") or b"")
+        else:
+            with Image.open(io.BytesIO(data)) as image:
+                exif = image.getexif()
+        tags = exif.get_ifd(EXIF_IFD)
+    except Exception:  # no picture that Pillow knows, or damaged tags: no hint
+        return None
+
+    def number(tag: int) -> float:
+        try:
+            return float(tags.get(tag, 0))
+        except (TypeError, ValueError, ZeroDivisionError):
+            return 0.0
+
+    rows, columns = shape
+    focal = number(FOCAL_35MM) / FULL_FRAME * math.hypot(rows, columns)
+    unit = {2: 25.4, 3: 10.0, 4: 1.0}.get(int(number(PLANE_UNIT)), 25.4)
+    if not focal > 0 and number(EXIF_WIDTH) > 0:
+        scale = max(rows, columns) / max(number(EXIF_WIDTH), number(EXIF_HEIGHT))
+        focal = number(FOCAL_LENGTH) * number(PLANE_RESOLUTION) / unit * scale
+    if not 0.1 * columns < focal < 100 * columns:
+        return None
+    return 2 * math.atan(columns / 2 / focal)
 
 
 def require_image_memory(path: Path, columns: int, rows: int, pixel: int) -> None:
@@ -224,8 +274,43 @@ def _number(header, key: str, otherwise: float = float("nan")) -> float:  # type
     return float(value) if isinstance(value, int | float) else otherwise
 
 
+def _is_heif(data: bytes) -> bool:
+    """Whether this is a file of the High Efficiency Image Format, as phones write them.
+
+    Source: ISO/IEC 23008-12, section 10.2, brands.
+    """
+    return data[4:8] == b"ftyp" and data[8:12] in HEIF_BRANDS
+
+
+def _open_heif(path: Path, data: bytes) -> Any:
+    """The file as pillow-heif opens it, not yet decoded."""
+    try:
+        heif = importlib.import_module("pillow_heif")
+    except ImportError:
+        raise ValueError(
+            f"{path} is an image of HEIC, for which pillow-heif must be installed: python -m pip "
+            "install pillow-heif"
+        ) from None
+    return heif.open_heif(io.BytesIO(data))
+
+
+def _read_heif(path: Path, data: bytes) -> np.ndarray:
+    try:
+        image = _open_heif(path, data)
+        columns, rows = image.size
+    except ValueError as error:
+        raise ValueError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+    except Exception as error:  # libheif raises its own
+        raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
+    require_image_memory(path, columns, rows, 3)
+    return np.asarray(image)
+
+
 def _read_picture(path: Path, data: bytes, mosaic: bool = False) -> np.ndarray:
     """The pixels; a mosaic that was saved in three equal channels is one of these."""
+    if _is_heif(data):
+        colours = _read_heif(path, data)
+        return colours if colours.ndim == 2 else colours[:, :, :3].max(axis=2)
     size = picture_size(data)
     if size is None:
         raise ValueError(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")

@@ -25,6 +25,7 @@ effects        The effects that designs may have, one row each: who counts, refu
                each.
 boxes          Frame and expected attitude -> the stars that a tracker takes in its search boxes.
 chain          One trial, one line a room, in the order in which the light goes.
+photograph     Frame of an unknown camera -> its attitude and lens, whatever must be tried.
 """
 
 from startrack.trial.belief import as_believed, detection_plan, known_smear, smear_of
@@ -48,6 +49,7 @@ from startrack.trial.covariance import outcomes
 from startrack.trial.effects import HITS, LENS_COLOUR, SHUTTER, Effect, Term, left_out, present
 from startrack.trial.exposure import at_one_time, expected_electrons
 from startrack.trial.images import detected_spectrum, images_of, psf_of
+from startrack.trial.photograph import THRESHOLDS, Photograph, View, solve_photograph
 from startrack.trial.pointing import (
     line_of_sight,
     random_attitude,

@@ -10,7 +10,7 @@ from startrack.catalog import Selection, open_sky
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.identification import Identification, build_index, fit_lens, identify_blind
-from startrack.identification.blind import AXIS, FISHEYE, cameras, fields, fisheye, tolerance
+from startrack.identification.blind import AXIS, FISHEYE, cameras, fields, fisheye, tolerance_of
 from startrack.identification.index import indexed_field
 from tests.identification.conftest import make_spots
 
@@ -130,7 +130,7 @@ def test_the_cameras_that_are_tried_leave_no_gap():
     tried = fields()
     made = cameras(SIZE, SIZE)
     assert len(made) == len(tried) + np.count_nonzero(np.array(tried) >= FISHEYE)
-    share = [tolerance(field) for field in tried]
+    share = [tolerance_of(field) for field in tried]
     assert share == [one for _, one in made[: len(tried)]]
     # Each focal length between those of 2 and 90 degrees lies within the tolerance of a try.
     focal = np.array([camera.focal_length_px for camera, _ in made[: len(tried)]])

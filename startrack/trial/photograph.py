@@ -1,0 +1,537 @@
+"""Frame of an unknown camera -> its attitude and lens: what is tried, in turn, and what was seen.
+
+A photograph may hold stars larger than the detection's windows, be mirrored, squeezed or of a lens
+of any field. Each try takes spots of the frame, in a view, to the cameras of `identify_blind`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Camera, Estimate, Frame, Matches, Spots, Status, deg, within
+from startrack.detection import Detection, detect
+from startrack.identification import (
+    WIDEST_PINHOLE,
+    Identification,
+    PatternIndex,
+    PatternIndexes,
+    cameras,
+    cameras_of,
+    fisheye,
+    fit_lens,
+    identify_blind,
+)
+
+# Sigma of the detection: an image of few faint stars is searched twice.
+THRESHOLDS = (5.0, 4.0)
+SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any size fit a window
+FIRST = THRESHOLDS[0], SCALES
+# Hypotheses of a try over those of the settings, where few are likely and where all else failed.
+SHORT, LONG = 0.5, 2.5
+LEAST_SIDE = 100  # pixel of a reduced image; a smaller one shows too few stars
+MOST_OF_A_SCALE, MOST_SPOTS = 400, 100  # spots, brightest first: the middle needs more
+# Of a coarse spot's flux over that of the finer ones that it covers, from which on they have lost
+# light. Chosen by hand: below, a star of the width that the windows are made for would be replaced.
+GROWTH, SURE = 1.4, 2.0  # 1, and sigma of the coarse flux
+COVERED = 2.5  # pixel of the reduced image: half the side of the window that measures a spot
+FLOOR = 0.05  # pixel of the reduced image, error of a centroid beyond its noise
+# Shapes of images, columns over rows; one may have been squeezed into another.
+SHAPES = (4 / 3, 3 / 2, 16 / 9, 1.0, 3 / 4, 2 / 3, 9 / 16)
+SAME_SHAPE, MOST_SQUEEZED = 1.03, 2.5  # ratio of shapes that triangles bear; that is tried
+ROUND, HIDDEN = 1.15, 1.5  # elongation of round stars; squeeze that such stars may hide
+FISHEYES = (90 * deg, 240 * deg)  # across the columns, whose middle alone is tried
+STEP = 1.1  # between these fields
+SQUARED = 2  # times that a view is corrected by what the lens that was found shows
+SLACK = 0.01  # of a field beyond the tolerance of the given one: what distortion changes
+MIDDLE_TOLERANCE = 0.05  # of their focal length
+MIDDLE = 75 * deg  # of a fisheye, which is tried
+# Pixels of the highest value from which on it is that of saturation, and from what fraction of it.
+FEW_CLIPPED, CLIPPED = 4, 0.98
+# What a refusal names, chosen by hand: area that is saturated, range of the background over its
+# level, number of spots, length over width of stars, and degrees from rows or columns.
+MOST_SHAPES, LEAST_SHAPES, THINNEST = 60, 4, 0.99  # stars whose shape is measured
+MUCH_CLIPPED, UNEVEN, FEW, DRAWN_OUT, ALONG = 0.001, 0.5, 10, 1.4, 10.0
+
+
+class View(NamedTuple):
+    """How the pixels of a file become those of a camera with square pixels.
+
+    mirrored  whether left and right are exchanged
+    aspect    width of a pixel over its height; the longer side of the pixel keeps its number
+    middle    pixel, side of a square in the middle that alone is taken; None: all
+    """
+
+    mirrored: bool = False
+    aspect: float = 1.0
+    middle: int | None = None
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """By which columns and rows are multiplied."""
+        return min(self.aspect, 1.0), min(1 / self.aspect, 1.0)
+
+    def size(self, columns: int, rows: int) -> tuple[int, int]:
+        """Columns and rows of the view of a file of so many."""
+        if self.middle is not None:
+            return self.middle, self.middle
+        x, y = self.scale
+        return max(round(columns * x), 1), max(round(rows * y), 1)
+
+    def frame(self, frame: Frame) -> Frame:
+        """The image as the camera of the solution sees it."""
+        rows, columns = frame.image.shape
+        image = frame.image[:, ::-1] if self.mirrored else frame.image
+        size = self.size(columns, rows)
+        if self.middle is not None:
+            left, top = (columns - self.middle) // 2, (rows - self.middle) // 2
+            image = image[max(top, 0) :, max(left, 0) :][: self.middle, : self.middle]
+        elif self.aspect != 1.0:
+            image = cv2.resize(np.asarray(image, np.float32), size, interpolation=cv2.INTER_AREA)
+        return replace(frame, image=image)
+
+    def spots(self, spots: Spots, columns: int, rows: int) -> Spots:
+        """The spots of a file where the camera of the solution sees them."""
+        width, height = self.size(columns, rows)
+        x = columns - 1 - spots.x if self.mirrored else spots.x
+        covariance = spots.covariance.copy()
+        if self.mirrored:
+            covariance[:, [0, 1], [1, 0]] *= -1
+        if self.middle is not None:
+            x, y = x - (columns - width) // 2, spots.y - (rows - height) // 2
+            inside = (np.minimum(x, y) > -0.5) & (np.maximum(x, y) < width - 0.5)
+            return _chosen(replace(spots, x=x, y=y, covariance=covariance), inside)
+        by = np.array([width / columns, height / rows])
+        x, y = (x + 0.5) * by[0] - 0.5, (spots.y + 0.5) * by[1] - 0.5
+        return replace(spots, x=x, y=y, covariance=covariance * by * by[:, None])
+
+    def __str__(self) -> str:
+        parts = ["mirrored"] if self.mirrored else []
+        if self.aspect != 1.0:
+            parts.append(f"pixels {self.aspect:.3g} times as wide as high")
+        if self.middle is not None:
+            parts.append(f"the middle {self.middle} x {self.middle} pixels")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """What was found of a photograph.
+
+    spots      of the view, brightest first
+    matches    of these, with the camera that was found
+    estimate   attitude of that camera, the covariance that of `axis`
+    axis       attitude of the axis through the centre of the view; None where there is none
+    view       in which the camera sees the file
+    as_hinted  whether the field is the given one within its tolerance; None: none was given
+    """
+
+    spots: Spots
+    matches: Matches
+    estimate: Estimate
+    axis: Rotation | None
+    view: View
+    as_hinted: bool | None = None
+
+    @property
+    def field(self) -> float:
+        """Radian that the columns of the file span by the lens that was found."""
+        camera = self.matches.camera
+        ends = [[-0.5, (camera.rows - 1) / 2], [camera.columns - 0.5, (camera.rows - 1) / 2]]
+        left, right = camera.unproject(np.array(ends))
+        return math.acos(min(max(float(left @ right), -1.0), 1.0))
+
+    @property
+    def aspect(self) -> float:
+        """Width of a pixel over its height, with what the stars show beside that of the view."""
+        polynomial = self.matches.camera.polynomial
+        along, down = (polynomial.x[1], polynomial.y[2]) if polynomial else (0.0, 0.0)
+        return self.view.aspect * (1 + down) / (1 + along)
+
+    @property
+    def note(self) -> str:
+        """What the text says beside the numbers: empty, or words after a semicolon."""
+        parts = [] if self.as_hinted is not False else ["the field is not the given one"]
+        polynomial = self.matches.camera.polynomial
+        if polynomial:
+            parts.append(
+                f"pixels {self.aspect:.4f} times as wide as high, shear {polynomial.x[2]:+.4f}"
+            )
+        return "".join(f"; {part}" for part in parts)
+
+
+class _Try(NamedTuple):
+    """Spots, view and cameras of a try; hypotheses; share of false matches.
+
+    effort  of the hypotheses of the settings
+    share   of the probability of a false match
+    """
+
+    threshold: float
+    scales: tuple[int, ...]
+    view: View
+    cameras: list[tuple[Camera, float]]
+    effort: float = 1.0
+    share: float = 0.0
+
+
+def solve_photograph(
+    frame: Frame,
+    indexes: PatternIndexes,
+    settings: Identification,
+    hint: float | None = None,
+    aspect: float | None = None,
+) -> Photograph:
+    """Try one view and one camera after the other until the attitude is found.
+
+    First the spots as they are, of all scales and of the file's own alone, with cameras of the
+    hint, then with all from 1.5 to 90 degrees; then mirrored, squeezed from other common shapes,
+    and the middle of fisheyes of up to 180 degrees. `settings.max_false_probability` bounds all
+    tries together: the first and those by the hint have half of it, the others share the rest.
+
+    settings  its `focal_tolerance` is that of the hint
+    hint      radian, field of view across the columns; None: unknown
+    aspect    width of a pixel over its height; None: 1, then those of common shapes
+    Raises    ValueError where hint or aspect are out of range.
+    Accuracy  model: as of `fit_lens`; the bound on false matches as of `identify`.
+    """
+    if hint is not None:
+        within(1e-3, FISHEYES[1], hint=hint)
+    if aspect is not None:
+        within(0.1, 10, aspect=aspect)
+    rows, columns = frame.image.shape
+    looks, index_of = _Looks(frame), _coarser(indexes)
+    best: Photograph | None = None
+    shape = _shape(frame.image, looks(*FIRST))
+    tries = _tries(columns, rows, hint, settings.focal_tolerance, aspect, shape.elongation)
+    for one in tries:
+        size = one.view.size(columns, rows)
+        spots = one.view.spots(looks(one.threshold, one.scales), columns, rows)
+        spots = _chosen(spots, slice(MOST_SPOTS))
+        chance = settings.max_false_probability * one.share
+        most = max(round(one.effort * settings.max_hypotheses), 1)
+        bounded = replace(settings, max_false_probability=chance, max_hypotheses=most)
+        matches = identify_blind(spots, *size, indexes.stars, index_of, bounded, one.cameras)
+        if matches.icrs_to_camera is not None:
+            found = _with_lens(spots, matches, indexes, settings, one.view)
+            return _as_hinted(_squared(found, looks, indexes, settings, one), hint, settings)
+        if best is None or matches.false_probability < best.matches.false_probability:
+            best = _unsolved(spots, matches, one.view)
+    assert best is not None
+    reason = f"{best.estimate.reason}; {_tried(tries)}. {seen_text(frame, looks)}"
+    return replace(best, estimate=replace(best.estimate, reason=reason))
+
+
+def _with_lens(
+    spots: Spots, matches: Matches, indexes: PatternIndexes, settings: Identification, view: View
+) -> Photograph:
+    """The solution with what the stars show of the lens."""
+    lens = fit_lens(spots, matches, indexes.stars, indexes(matches.camera), settings)
+    reason = f"{len(lens.matches)} of {len(spots)} spots are stars of the catalogue"
+    estimate = Estimate(
+        Status.SOLVED, reason, lens.matches.icrs_to_camera, lens.covariance, lens.residual_rms,
+        len(lens.matches), matches.false_probability,
+    )  # fmt: skip
+    return Photograph(spots, lens.matches, estimate, lens.icrs_to_image, view)
+
+
+def _squared(
+    found: Photograph, looks: _Looks, indexes: PatternIndexes, settings: Identification, one: _Try
+) -> Photograph:
+    """The solution in a view of square pixels, where the stars show that those are oblong.
+
+    The lens is fitted by what is small; the view takes what is large. The same hypothesis is
+    found again, which is no further chance of a false match.
+    """
+    for _ in range(SQUARED):
+        if abs(math.log(found.aspect / found.view.aspect)) < math.log(SAME_SHAPE):
+            break
+        rows, columns = looks.frame.image.shape
+        view = found.view._replace(aspect=found.aspect)
+        size = view.size(columns, rows)
+        spots = view.spots(looks(one.threshold, one.scales), columns, rows)
+        spots = _chosen(spots, slice(MOST_SPOTS))
+        near = cameras_of(*size, found.matches.camera.fov_x, SAME_SHAPE - 1)
+        matches = identify_blind(spots, *size, indexes.stars, indexes, settings, near)
+        if matches.icrs_to_camera is None:
+            break
+        again = _with_lens(spots, matches, indexes, settings, view)
+        if len(again.matches) < len(found.matches):
+            break
+        found = again
+    return found
+
+
+def _as_hinted(found: Photograph, hint: float | None, settings: Identification) -> Photograph:
+    """The solution, and whether its field is the given one."""
+    if hint is None:
+        return found
+    fields = (min(field, WIDEST_PINHOLE) for field in (found.field, hint))
+    ratio = math.log(math.tan(next(fields) / 4) / math.tan(next(fields) / 4))
+    return replace(found, as_hinted=abs(ratio) <= settings.focal_tolerance + SLACK)
+
+
+def _coarser(indexes: PatternIndexes) -> Callable[[Camera], PatternIndex]:
+    """The indexes of every other field: half as many to read, each as good for its neighbours."""
+
+    def index_of(camera: Camera) -> PatternIndex:
+        field = min(camera.fov_x, camera.fov_y)
+        step = 2 * math.log(1.1)
+        coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
+        return indexes(Camera.from_field_of_view(1, 1, coarse))
+
+    return index_of
+
+
+def _unsolved(spots: Spots, matches: Matches, view: View) -> Photograph:
+    nothing = np.full((3, 3), np.nan)
+    estimate = Estimate(
+        matches.status, matches.reason, None, nothing, math.nan, 0, matches.false_probability
+    )
+    return Photograph(spots, matches, estimate, None, view)
+
+
+def _tried(tries: list[_Try]) -> str:
+    """What was tried, in words."""
+    focal = [camera.fov_x for one in tries for camera, _ in one.cameras if not one.view.middle]
+    parts = [
+        f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg",
+        f"stars of 1 to {SCALES[-1]} times the usual size",
+    ]
+    if any(one.view.mirrored for one in tries):
+        parts.append("mirrored")
+    if squeezed := sorted({one.view.aspect for one in tries} - {1.0}):
+        parts.append("pixels " + ", ".join(f"{a:.2f}" for a in squeezed) + " as wide as high")
+    if any(one.view.middle for one in tries):
+        parts.append("fisheyes to 180 deg")
+    return ", ".join(parts)
+
+
+def _tries(
+    columns: int,
+    rows: int,
+    hint: float | None,
+    tolerance: float,
+    aspect: float | None,
+    elongation: float,
+) -> list[_Try]:
+    """What is tried, in turn.
+
+    elongation  1, of stars along the rows over that along the columns
+    """
+    as_it_is = View(aspect=aspect or 1.0)
+    size = as_it_is.size(columns, rows)
+    every = cameras(*size, hint)
+    looks = [(threshold, scales) for threshold in THRESHOLDS for scales in (SCALES, SCALES[:1])]
+    rest = [_Try(*look, as_it_is, every, effort=SHORT) for look in looks]
+    rest[0] = rest[0]._replace(effort=1.0)
+    if min(columns, rows) >= LEAST_SIDE * SCALES[-1]:
+        rest.insert(2, _Try(THRESHOLDS[0], SCALES[2:], as_it_is, every, effort=SHORT))
+    pinholes = cameras(*size, hint, fisheyes=False)
+    rest.append(_Try(*FIRST, as_it_is._replace(mirrored=True), pinholes, effort=SHORT))
+    for ratio in [] if aspect else squeezes(columns, rows, elongation):
+        view = View(aspect=ratio)
+        pinholes = cameras(*view.size(columns, rows), hint, fisheyes=False)
+        rest.append(_Try(*FIRST, view, pinholes, effort=SHORT))
+    steps = math.ceil(math.log(FISHEYES[1] / FISHEYES[0]) / math.log(STEP))
+    for field in np.geomspace(*FISHEYES, steps + 1).tolist():
+        rest += _middle(columns, rows, field, MIDDLE_TOLERANCE)
+    rest.append(_Try(*FIRST, as_it_is, every, effort=LONG))
+    first, rest = rest[:1], rest[1:]
+    if hint is not None:
+        near, rest = cameras_of(*size, hint, tolerance), first + rest
+        first = [_Try(*look, as_it_is, near, LONG) for look in looks if near]
+        first = first or _middle(columns, rows, hint, tolerance)
+    groups = (first, rest)
+    return [one._replace(share=0.5 / len(group)) for group in groups for one in group]
+
+
+def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Try]:
+    """The middle of a fisheye whose columns span a field, where it is in the image."""
+    side = round(MIDDLE * columns / field)
+    if not LEAST_SIDE <= side <= min(columns, rows):
+        return []
+    made = [(fisheye(side, side, MIDDLE), tolerance)]
+    return [_Try(*FIRST, View(middle=side), made)]
+
+
+def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
+    """Widths of a pixel over its height, if the image has been squeezed from another shape.
+
+    A star that was round is as long along the rows as pixels are narrow. Its pixels may hide
+    that, but not turn it round.
+
+    elongation  as of `_tries`
+    """
+    ratios = [shape * rows / columns for shape in SHAPES]
+    tried = [r for r in ratios if math.log(SAME_SHAPE) < abs(math.log(r)) < math.log(MOST_SQUEEZED)]
+    if max(elongation, 1 / elongation) < ROUND:
+        return [r for r in tried if abs(math.log(r)) < math.log(HIDDEN)]
+    return [r for r in tried if (r < 1) == (elongation > 1)]
+
+
+class _Looks:
+    """The spots of a frame, by threshold and scales, each found once."""
+
+    def __init__(self, frame: Frame) -> None:
+        self.frame = frame
+        self._reduced = {1: frame}
+        self._spots: dict[tuple[float, int], Spots] = {}
+
+    def __call__(self, threshold: float, scales: tuple[int, ...]) -> Spots:
+        """The spots of these scales, in pixels of the frame, brightest first.
+
+        A star is measured at the finest scale whose window holds its light: where a coarser one
+        has far more of it than the finer spots that it covers, it takes their place.
+        """
+        least = min(self.frame.image.shape)
+        used = [s for s in scales if least // s >= LEAST_SIDE] or [1]
+        kept = self._at(threshold, used[0])
+        for scale in used[1:]:
+            kept = _grown(kept, self._at(threshold, scale), COVERED * scale)
+        return _chosen(kept, np.argsort(-kept.flux, kind="stable"))
+
+    @cached_property
+    def clipped(self) -> float | None:
+        """Digital number from which on pixels are saturated; None where none is."""
+        image = self.frame.image
+        highest = float(np.nanmax(image))
+        at_top = np.count_nonzero(image == highest)
+        return CLIPPED * highest if at_top >= FEW_CLIPPED else None
+
+    def _at(self, threshold: float, scale: int) -> Spots:
+        if (threshold, scale) not in self._spots:
+            settings = Detection(
+                threshold=threshold, saturation=self.clipped, max_spots=MOST_OF_A_SCALE
+            )
+            self._spots[threshold, scale] = _enlarged(detect(self._frame(scale), settings), scale)
+        return self._spots[threshold, scale]
+
+    def _frame(self, scale: int) -> Frame:
+        """The frame with the mean of each square of so many pixels."""
+        if scale not in self._reduced:
+            finer = self._frame(scale // 2)
+            rows, columns = (side // 2 for side in finer.image.shape)
+            image = np.asarray(finer.image[: 2 * rows, : 2 * columns], np.float32)
+            self._reduced[scale] = Frame(
+                cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA),
+                finer.exposure, 4 * finer.electrons_per_dn, finer.offset, 2 * finer.read_noise,
+            )  # fmt: skip
+        return self._reduced[scale]
+
+
+def _chosen(spots: Spots, which: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Spots:
+    return Spots(
+        spots.x[which], spots.y[which], spots.flux[which], spots.covariance[which],
+        spots.snr[which], spots.area[which],
+    )  # fmt: skip
+
+
+def _enlarged(spots: Spots, scale: int) -> Spots:
+    """Spots of a reduced frame in pixels of the frame, with what pixels leave of a centroid."""
+    if scale == 1:
+        return spots
+    floor = (FLOOR * scale) ** 2 * np.eye(2)
+    return Spots(
+        (spots.x + 0.5) * scale - 0.5, (spots.y + 0.5) * scale - 0.5, spots.flux * scale**2,
+        spots.covariance * scale**2 + floor, spots.snr, spots.area * scale**2,
+    )  # fmt: skip
+
+
+def _grown(fine: Spots, coarse: Spots, reach: float) -> Spots:
+    """Fine spots, and coarse ones in the place of those that have lost their light.
+
+    reach   pixel, half the side of the square that a coarse spot is measured in
+    """
+    off_x, off_y = (
+        np.abs(np.subtract.outer(values, others))
+        for values, others in ((coarse.x, fine.x), (coarse.y, fine.y))
+    )
+    covered = np.maximum(off_x, off_y) <= reach
+    light = coarse.flux * (1 - SURE / np.maximum(coarse.snr, SURE))
+    taken = light > GROWTH * (covered @ np.maximum(fine.flux, 0.0))
+    kept = ~covered[taken].any(axis=0)
+    fine, coarse = _chosen(fine, kept), _chosen(coarse, taken)
+    return Spots(
+        np.concatenate([fine.x, coarse.x]),
+        np.concatenate([fine.y, coarse.y]),
+        np.concatenate([fine.flux, coarse.flux]),
+        np.concatenate([fine.covariance, coarse.covariance]),
+        np.concatenate([fine.snr, coarse.snr]),
+        np.concatenate([fine.area, coarse.area]),
+    )
+
+
+def seen_text(frame: Frame, looks: _Looks) -> str:
+    """What may keep an image from being solved, in words, beginning with "The image ..."."""
+    image, spots = frame.image, looks(THRESHOLDS[0], SCALES)
+    seen = []
+    if looks.clipped is not None:
+        share = np.count_nonzero(image >= looks.clipped) / image.size
+        if share > MUCH_CLIPPED:
+            seen.append(f"is saturated over {100 * share:.2g} % of its area")
+    grid = cv2.resize(np.asarray(image, np.float32), (16, 16), interpolation=cv2.INTER_AREA)
+    low, high = np.nanpercentile(grid, (5, 95))
+    if high - low > UNEVEN * max(float(np.nanmedian(grid)), 1.0):
+        seen.append(f"has a background from {low:.3g} to {high:.3g}")
+    if len(spots) < FEW:
+        seen.append(f"has {len(spots)} spots, where a solution needs some ten stars")
+    shape = _shape(image, spots)
+    if shape.length > DRAWN_OUT:
+        off = abs((shape.angle + 45) % 90 - 45)
+        why = "oblong pixels, which --aspect takes, or motion" if off < ALONG else "motion"
+        seen.append(
+            f"has stars {shape.length:.1f} times as long as wide, at {shape.angle:.0f} deg ({why})"
+        )
+    return f"The image {'; it '.join(seen)}" if seen else "The image shows no reason"
+
+
+class _Shape(NamedTuple):
+    """Of the typical star.
+
+    length      1, over its width
+    angle       degree, of its length from the rows, clockwise
+    elongation  1, its length along the rows over that along the columns
+    """
+
+    length: float = 1.0
+    angle: float = 0.0
+    elongation: float = 1.0
+
+
+def _shape(image: NDArray[np.number], spots: Spots) -> _Shape:
+    """The typical shape from the second moments of the light above a fifth of the peak."""
+    rows, columns = image.shape
+    tensors = []
+    for x, y, area in zip(spots.x, spots.y, spots.area, strict=True):
+        half = int(np.clip(1.5 * math.sqrt(area), 5, 40))
+        left, top = round(x) - half, round(y) - half
+        if min(left, top) < 0 or left + 2 * half >= columns or top + 2 * half >= rows:
+            continue
+        window = np.asarray(image[top : top + 2 * half + 1, left : left + 2 * half + 1], float)
+        light = window - np.median(window)
+        light[light < 0.2 * light.max()] = 0.0
+        if light.sum() > 0:
+            v, u = np.indices(light.shape)
+            weight = light / light.sum()
+            du, dv = u - (weight * u).sum(), v - (weight * v).sum()
+            tensors.append([(weight * both).sum() for both in (du * du, du * dv, dv * dv)])
+        if len(tensors) == MOST_SHAPES:
+            break
+    if len(tensors) < LEAST_SHAPES:
+        return _Shape()
+    # A pixel itself spreads light; so no star is thinner.
+    xx, xy, yy = np.median(tensors, axis=0) + np.array([1, 0, 1]) / 12
+    middle = (xx + yy) / 2
+    # Medians one by one are of no star, which may be thinner than a line.
+    apart = min(math.hypot((xx - yy) / 2, xy), THINNEST * middle)
+    angle = math.degrees(0.5 * math.atan2(2 * xy, xx - yy)) % 180
+    return _Shape(math.sqrt((middle + apart) / (middle - apart)), angle, math.sqrt(xx / yy))

@@ -1,0 +1,159 @@
+"""Photographs of unknown cameras, drawn star by star: what is tried beyond a pinhole as it is."""
+
+import math
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from startrack.catalog import Selection, open_sky
+from startrack.core import Camera, Frame, deg
+from startrack.detection import Detection, detect
+from startrack.identification import Identification, build_index, cameras_of
+from startrack.identification.index import indexed_field
+from startrack.trial import View, photograph, solve_photograph
+from startrack.trial.photograph import _Looks
+
+STARS = open_sky(Selection("bright", limit_g=6.5)).stars
+SETTINGS = Identification(focal_tolerance=0.1)
+COLUMNS, ROWS, FIELD = 640, 480, 20 * deg
+TURN = Rotation.from_euler("zyx", [40, 10, 65], degrees=True)
+
+
+class Indexes:
+    """Indexes of a quarter of the usual triangles, which are quicker to build."""
+
+    stars = STARS
+
+    def __call__(self, camera):
+        return _index(indexed_field(camera))
+
+
+@pytest.fixture(autouse=True)
+def few_cameras(monkeypatch):
+    """Only cameras of about the true field are tried: those of all fields need thirty indexes."""
+    monkeypatch.setattr(
+        photograph,
+        "cameras",
+        lambda columns, rows, *_, **more: cameras_of(columns, rows, FIELD, 0.1),
+    )
+
+
+@cache
+def _index(field):
+    return build_index(STARS, field, triangles=200_000)
+
+
+def draw(project, columns, rows, width=1.0, full=255.0, turn=TURN):
+    """An image of 8 bits: Gaussian stars of a width (pixel), the brightest saturated."""
+    direction = turn.apply(STARS.direction)
+    ahead = direction[:, 2] > 0.05
+    pixel, magnitude = project(direction[ahead]), STARS.magnitude_g[ahead]
+    image = np.random.default_rng(5).normal(20, 2, (rows, columns))
+    y, x = np.indices(image.shape)
+    inside = ((pixel > -5) & (pixel < [columns + 5, rows + 5])).all(axis=1)
+    for (u, v), g in zip(pixel[inside], magnitude[inside], strict=True):
+        half = math.ceil(6 * width)
+        part = np.s_[
+            max(round(v) - half, 0) : max(round(v) + half, 0),
+            max(round(u) - half, 0) : max(round(u) + half, 0),
+        ]
+        square = (x[part] - u) ** 2 + (y[part] - v) ** 2
+        image[part] += 30 * 10 ** (-0.4 * (g - 6)) * np.exp(-square / 2 / width**2)
+    return np.clip(image, 0, full).astype(np.uint8)
+
+
+PINHOLE = Camera.from_field_of_view(COLUMNS, ROWS, FIELD)
+
+
+def apart_from(found, turn=TURN):
+    """Angle (arcmin) of the boresight that was found from the true one."""
+    return 60 * math.degrees(np.arccos(min(found.axis.as_matrix()[2] @ turn.as_matrix()[2], 1)))
+
+
+@pytest.mark.parametrize("view", ["as it is", "mirrored", "squeezed"])
+def test_views_are_found_and_said(view):
+    image = draw(PINHOLE.project, COLUMNS, ROWS)
+    expected = View()
+    if view == "mirrored":
+        image, expected = image[:, ::-1].copy(), View(mirrored=True)
+    if view == "squeezed":  # from 16 : 9, stars round before
+        made = Camera.from_field_of_view(854, ROWS, FIELD)
+        image = cv2.resize(
+            draw(made.project, 854, ROWS), (COLUMNS, ROWS), None, 0, 0, cv2.INTER_AREA
+        )
+        expected = View(aspect=4 / 3)
+    found = solve_photograph(Frame(image), Indexes(), SETTINGS, FIELD)
+    assert found.axis is not None, found.estimate.reason
+    assert found.view.mirrored == expected.mirrored
+    assert found.aspect == pytest.approx(expected.aspect, rel=5e-3)
+    assert found.as_hinted
+    assert found.estimate.stars == len(found.matches)
+    assert found.estimate.reason.startswith(f"{found.estimate.stars} of {len(found.spots)} ")
+    assert apart_from(found) < 0.5
+
+
+def test_a_hint_that_is_wrong_is_left():
+    image = draw(PINHOLE.project, COLUMNS, ROWS)
+    found = solve_photograph(Frame(image), Indexes(), SETTINGS, 1.3 * FIELD)
+    assert found.axis is not None
+    assert found.as_hinted is False
+    assert apart_from(found) < 0.5
+
+
+def test_the_brightest_stars_are_among_the_spots_however_large_they_are():
+    """Stars of sigma 7 pixels, the brightest saturated over hundreds: not found as they are."""
+    big = Camera.from_field_of_view(1280, 960, FIELD)
+    turn = Rotation.random(random_state=0)
+    frame = Frame(draw(big.project, 1280, 960, width=7.0, turn=turn))
+    direction = turn.apply(STARS.direction)
+    pixel = np.where(direction[:, 2:] > 0, big.project(direction), -1e9)
+    inside = big.holds(pixel, -30)
+    pixel = pixel[inside][np.argsort(STARS.magnitude_g[inside])]
+    gaps = np.hypot(*(pixel[:10, None] - pixel[None, :60]).transpose(2, 0, 1))
+    alone = (gaps < 60).sum(axis=1) == 1
+    assert alone.sum() >= 3
+
+    def distance(spots):
+        x, y = spots.x[:30], spots.y[:30]
+        return np.hypot(x - pixel[:10][alone][:, [0]], y - pixel[:10][alone][:, [1]]).min(axis=1)
+
+    assert distance(_Looks(frame)(5.0, (1, 2, 4, 8))).max() < 1.0
+    assert (distance(detect(frame, Detection(threshold=5.0))) > 5.0).mean() > 0.5
+    found = solve_photograph(frame, Indexes(), SETTINGS, FIELD)
+    assert found.axis is not None
+    assert apart_from(found, turn) < 0.5
+
+
+def test_the_middle_of_an_all_sky_image():
+    side = 900
+    focal = side / math.pi
+
+    def project(direction):
+        angle = np.arccos(direction[:, 2])
+        flat = direction[:, :2] / np.hypot(direction[:, 0], direction[:, 1])[:, None]
+        return (side - 1) / 2 + focal * angle[:, None] * flat
+
+    frame = Frame(draw(project, side, side, 0.8))
+    found = solve_photograph(frame, Indexes(), SETTINGS, math.pi)
+    assert found.axis is not None, found.estimate.reason
+    assert found.view.middle is not None
+    assert apart_from(found) < 10
+
+
+def test_a_refusal_names_what_was_tried_and_what_is_seen():
+    rng = np.random.default_rng(1)
+    image = rng.normal(20, 2, (ROWS, COLUMNS)) + np.linspace(0, 120, COLUMNS)
+    for x, y in rng.uniform(40, [COLUMNS - 40, ROWS - 40], (30, 2)):  # streaks, 30 degrees
+        for step in np.linspace(-9, 9, 60):
+            image[round(y + step * 0.5), round(x + step * 0.87)] += 40
+    image[:60, :60] = 255
+    settings = Identification(focal_tolerance=0.1, max_hypotheses=1)
+    found = solve_photograph(Frame(np.clip(image, 0, 255).astype(np.uint8)), Indexes(), settings)
+    assert found.axis is None
+    for words in ("mirrored", "fisheyes", "saturated over 1.2 %", "background from", "as long as"):
+        assert words in found.estimate.reason
+    assert "motion" in found.estimate.reason
+    assert "--aspect" not in found.estimate.reason
