@@ -79,7 +79,7 @@ def command(options: argparse.Namespace) -> int:
             require_units(design.case)
     if options.units:
         ages = len(dict.fromkeys((0.0, design.case.end_of_life)))
-        total = options.units * campaign.trials_per_unit * ages * len(judged)
+        total = options.units * verification.trials_of_a_unit(campaign) * ages * len(judged)
     else:
         warm(design.case, Sampling(fidelity))  # what no trial can do is refused before the first
         total = options.trials * len(judged)

@@ -22,6 +22,9 @@ USUAL = 0.95  # of the units, where a campaign does not say how many must be goo
 ENVIRONMENTS = 4  # of each unit; chosen by hand: time against the rms of a unit
 
 
+FEWEST_TRIALS = 8  # of a unit, whose scatter smears a limit by 18 %
+
+
 @dataclass(frozen=True)
 class YieldVerdict:
     """The yield of a requirement in one condition at one age.
@@ -123,6 +126,11 @@ class UnitVerification:
         return self.at(-1)
 
 
+def trials_of_a_unit(campaign: Campaign) -> int:
+    """Trials by which each unit is judged, at least 8: their noise is not taken off."""
+    return max(campaign.trials_per_unit, FEWEST_TRIALS)
+
+
 def verify_units(
     case: Case, campaign: Campaign, trials: UnitTrials, count: int, seed: int
 ) -> UnitVerification:
@@ -144,7 +152,7 @@ def verify_units(
     judged, left = cases(case, units)
     over = units.over_units(case)
     assert over is not None
-    trials_each, alpha = units.trials_per_unit, 1 - campaign.requirements.confidence
+    trials_each, alpha = trials_of_a_unit(units), 1 - campaign.requirements.confidence
     ages = tuple(dict.fromkeys((0.0, case.end_of_life)))
     claims = sum(len(condition.needs.accuracy) + 1 for condition in judged)
     tails = alpha, alpha / max(claims, 1)
