@@ -54,11 +54,15 @@ from startrack.io.saving import save_json
 from startrack.trial import psf_of
 
 LAUNCH = 1999.56
+# The team counts 5 electrons a number; photon transfer of pixels in flight says 5.9.
+SCALE = 5.9 / 5
 # Published: 5263 electron / s of a star of 10.32 mag (sot/chandra_aca, transform.py).
-RATE, ZERO = 5263.0, 10.32
+RATE, ZERO = 5263.0 * SCALE, 10.32
 FAINTEST = 11.2  # mag, beyond which a box takes nothing (sot/proseco, its limit since 2019)
 WITHIN = 7.0  # arcsec from its place, at which a star counts as acquired; assumed
-SKY = 0.15  # electron / s in a pixel: 22 mag per square arcsecond; assumed
+# Published zodiacal light of 19 calibrations, 1.28 to 2.62 electron / s in a pixel (cxc.cfa.harvard
+# .edu/mta/ASPECT/dark_cal/2011_dec).
+SKY = 1.72 * SCALE
 MAGNITUDES = (9.0, 9.25, 9.5, 9.75, 10.0, 10.25, 10.5)
 WARMEST, COLDEST = 0, -13
 PUBLISHED_CENTROID = 0.06  # arcsec, of the flight's page on image reconstruction

@@ -1,4 +1,7 @@
-"""An image, and where stars are expected -> the brightest thing in a box about each place."""
+"""An image, and where stars are expected -> the brightest thing in a box about each place.
+
+Between exposures an image stays where it is until its star has moved by a limit.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,13 @@ from typing import Annotated, Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from startrack.core import (
     POSITIVE,
     Floats,
     Frame,
+    Ints,
     Parameters,
     Psf,
     Range,
@@ -28,13 +33,14 @@ from startrack.detection.plan import DetectionPlan
 
 SIZES = (4, 6, 8)
 BACKGROUNDS = ("dynamic", "none")
+SEARCHES = ("images", "blocks")
+BLOCK = 2  # pixel, side of a block of the search
 # Pixels of the dynamic background: two at each end of the first and the last row of 8 x 8.
 CORNERS = tuple(
     (row, column) for row in (-4, 3) for column in (-4, -3, 2, 3)
 )  # from the pixel right below the middle
 MIDDLE = slice(2, 6)  # of eight sorted pixels, whose mean is the background: outliers do not count
 ROUNDS = 4  # of moving the image until the star is in its middle
-FARTHEST = 0.53  # pixel, of the moment from the middle; above half a pixel, so that it settles
 IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
 
 
@@ -49,10 +55,19 @@ class Box(Parameters):
     In each box the place is taken where an image of `size` pixels a side has most light above the
     background, among those whose magnitude is that of the star within the limits: a hot pixel or
     another star may be taken for it. The image is then moved until its first moment lies in its
-    middle.
+    middle. From one exposure of a sequence to the next it stays where it is; once the moment is
+    more than `moves` from its middle, it is a pixel further in the next exposure.
 
-    Source: the method is that of Chandra's aspect camera (Proposers' Observatory Guide, chapter 5);
-    which pixels make the background, and how, is assumed.
+    With `search = "blocks"` the places are the hits of a coarser search: blocks of 2 x 2 pixels
+    that are brighter, above the median of the box, than a quarter of the faintest light; blocks
+    that touch at a side are one hit, at its centre of light. The hit with most light is taken whose
+    image passes the limits. Where warm pixels are so many that their blocks touch, the star is lost
+    in them, the earlier the fainter the limit is.
+
+    Source: the method is that of Chandra's aspect camera: Proposers' Observatory Guide, chapter 5;
+    for blocks, their threshold and their merging sot/proseco, acq.py (github.com), what its team
+    says of the search. Which pixels make the background, and that the brightest hit is taken, are
+    assumed.
     """
 
     half_width: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
@@ -63,6 +78,11 @@ class Box(Parameters):
     ] = "dynamic"  # fmt: skip
     fainter: Annotated[float, POSITIVE, APPARENT] = 1.5
     brighter: Annotated[float, POSITIVE, APPARENT] = 1.5
+    search: Annotated[str, Range(choices=SEARCHES),
+        '"images": at each pixel; "blocks": about blocks of 2 x 2 pixels above a threshold'
+    ] = "images"  # fmt: skip
+    moves: Annotated[float, Range(0.4, 2.0),
+        "pixel, of the moment from the middle, from which on an image moves"] = 0.53  # fmt: skip
     stars: Annotated[int, Range(2, 1000),
         "boxes, about the brightest stars of the catalogue in the field"] = 8  # fmt: skip
     prior: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
@@ -83,6 +103,8 @@ class Taken(NamedTuple):
     covariance  (m, 2, 2) pixel^2, by the noise of the pixels and by what the image cuts off;
                 without that of pixels whose dark current the tracker does not know
     snr         (m,) 1
+    corner      (m, 2) pixel (column, row) right below the middle of the image of the next
+                exposure; -1 where nothing was taken
     """
 
     x: Floats
@@ -90,6 +112,7 @@ class Taken(NamedTuple):
     flux: Floats
     covariance: Floats
     snr: Floats
+    corner: Ints
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -135,24 +158,47 @@ def take(
     plan     of the tracker; its dark map, if it has one, is subtracted
     Returns  Taken; NaN where a box leaves the frame or nothing in it passes the limits
     """
-    image = np.asarray(frame.image, np.float32)
-    if plan.correction is not None:
-        image = corrected(image, plan.correction, plan.settings.saturation)
+    image = _corrected(frame, plan)
     expected = star_image(plan.star.psf, box)
     gain = gain_of(frame, 0.0)
     corners = [
         _search(image, at, light, reach, box, expected, gain.offset)
         for at, light in zip(place, flux, strict=True)
     ]
-    measured = [
-        _measure(image, corner, box, expected, gain) if corner else NOTHING for corner in corners
-    ]
-    x, y, total, xx, xy, yy, sigma = np.array(measured, float).reshape(-1, 7).T
+    return _taken([
+        _settled(image, corner, box, expected, gain) if corner else NOTHING for corner in corners
+    ])  # fmt: skip
+
+
+def follow(frame: Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
+    """Measure images where they are, without a search.
+
+    corner   (m, 2) pixel, as `Taken` of the exposure before has it
+    Returns  as `take`; NaN where an image leaves the frame, has no light or lost its star
+    """
+    image = _corrected(frame, plan)
+    expected, gain = star_image(plan.star.psf, box), gain_of(frame, 0.0)
+    return _taken(
+        [_measure(image, (int(x), int(y)), box, expected, gain) for x, y in np.asarray(corner)]
+    )
+
+
+def _corrected(frame: Frame, plan: DetectionPlan) -> NDArray[np.float32]:
+    image = np.asarray(frame.image, np.float32)
+    if plan.correction is None:
+        return image
+    return corrected(image, plan.correction, plan.settings.saturation)
+
+
+def _taken(measured: list[tuple[float, ...]]) -> Taken:
+    columns = np.array(measured, float).reshape(-1, 9).T
+    x, y, total, xx, xy, yy, sigma, column, row = columns
     covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
-    return Taken(x, y, total, covariance, total / sigma)
+    corner = np.nan_to_num(np.column_stack([column, row]), nan=-1.0).astype(np.int64)
+    return Taken(x, y, total, covariance, total / sigma, corner)
 
 
-NOTHING = (math.nan,) * 7
+NOTHING = (math.nan,) * 9
 
 
 @lru_cache(maxsize=16)
@@ -235,12 +281,36 @@ def _search(
     level = _background(window, box, offset)
     light = (_core(window, box.size) - _mask(box.size).sum() * level) / expected.fraction
     least, most = flux * 10 ** (-0.4 * box.fainter), flux * 10 ** (0.4 * box.brighter)
-    light = np.where((light >= least) & (light <= most), light, -np.inf)
+    rank = light
+    if box.search == "blocks":
+        rank = _hits(window, least / BLOCK**2)
+    light = np.where((light >= least) & (light <= most), rank, -np.inf)
     best = int(np.argmax(light))
     row, column = divmod(best, light.shape[1])
     if not np.isfinite(light[row, column]):
         return None
     return int(low[0] + column), int(low[1] + row)
+
+
+def _hits(window: NDArray[np.float32], least: float) -> Floats:
+    """Light of the hits of a window without its border at their middles, -inf elsewhere.
+
+    least  digital number of a block above the median of the box
+    """
+    half = IMAGE // 2
+    inner = window[half:-half, half:-half]
+    rows, columns = (side - side % BLOCK for side in inner.shape)
+    above = (inner - np.median(inner))[:rows, :columns]
+    block = above.reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK).sum(axis=(1, 3))
+    label, count = ndimage.label(block > least)
+    number = np.arange(1, count + 1)
+    centre = np.array(ndimage.center_of_mass(block, label, number)).reshape(-1, 2)
+    # The middle of a block lies between its pixels.
+    place = np.rint(BLOCK * (centre + 0.5)).astype(int)
+    row, column = np.clip(place, 0, np.array(inner.shape) - 1).T
+    hit = np.full(inner.shape, -np.inf)
+    hit[row, column] = ndimage.sum(block, label, number)
+    return hit
 
 
 def _core(window: NDArray[np.float32], size: int) -> NDArray[np.float32]:
@@ -261,32 +331,40 @@ def _background(window: NDArray[np.float32], box: Box, offset: float) -> NDArray
     return np.asarray(np.sort(np.stack(parts), axis=0)[MIDDLE].mean(axis=0))
 
 
+def _settled(
+    image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
+) -> tuple[float, ...]:
+    """As `_measure`, of an image that is moved until its moment lies in its middle."""
+    measured = NOTHING
+    for _ in range(ROUNDS + 1):
+        measured = _measure(image, corner, box, expected, gain)
+        after = measured[-2:]
+        if not math.isfinite(after[0]) or after == corner:
+            break
+        corner = int(after[0]), int(after[1])
+    return measured
+
+
 def _measure(
     image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
 ) -> tuple[float, ...]:
-    """Place, flux, covariance (xx, xy, yy) and sigma of the flux of an image."""
+    """Place, flux, covariance (xx, xy, yy), sigma of the flux, and the next corner of an image."""
     rows, columns = image.shape
     column, row = corner
     side, half, mask = box.size // 2, IMAGE // 2, _mask(box.size)
-    for n in range(ROUNDS + 1):
-        if not (half <= column <= columns - half and half <= row <= rows - half):
-            return NOTHING
-        window = image[row - half : row + half, column - half : column + half]
-        raw = window[half - side : half + side, half - side : half + side].astype(float)
-        level = gain.offset if math.isfinite(gain.offset) else 0.0
-        if box.background == "dynamic":
-            level = _corner_level(window)
-        light = (raw - level) * mask
-        total = float(light.sum())
-        if not total > 0:
-            return NOTHING
-        moment = _moment(light)
-        step = np.where(np.abs(moment) > FARTHEST, np.rint(moment), 0.0).astype(int)
-        if not step.any() or np.abs(moment).max() > side or n == ROUNDS:
-            break
-        column, row = column + int(step[0]), row + int(step[1])
+    if not (half <= column <= columns - half and half <= row <= rows - half):
+        return NOTHING
+    window = image[row - half : row + half, column - half : column + half]
+    raw = window[half - side : half + side, half - side : half + side].astype(float)
+    level = gain.offset if math.isfinite(gain.offset) else 0.0
+    if box.background == "dynamic":
+        level = _corner_level(window)
+    light = (raw - level) * mask
+    total = float(light.sum())
+    moment = _moment(light) if total > 0 else np.full(2, np.inf)
     if np.abs(moment).max() > side:
         return NOTHING
+    step = np.where(np.abs(moment) > box.moves, np.rint(moment), 0.0)
     place = np.array([column, row]) - 0.5 + moment - expected.moment
     noise = gain.read_noise**2 + np.maximum(raw - gain.offset, 0) / gain.electrons_per_dn
     noise = np.where(np.isfinite(noise), noise, level) * mask
@@ -296,4 +374,5 @@ def _measure(
     xx, xy, yy = (float((noise * a * b).sum()) / total**2 for a, b in pairs)
     xx, yy = xx + expected.scatter[0] ** 2, yy + expected.scatter[1] ** 2
     sigma = math.sqrt(float(noise.sum()))
-    return (*place, total / expected.fraction, xx, xy, yy, sigma / expected.fraction)
+    further = column + float(step[0]), row + float(step[1])
+    return (*place, total / expected.fraction, xx, xy, yy, sigma / expected.fraction, *further)
