@@ -180,7 +180,7 @@ def dark_current(data: dict[str, Any], quick: bool) -> dict[str, Any]:
         )
         above = pixels_above(CHANDRA_ACA, edges / scale, one["year"] - LAUNCH) * 2**20
         law = above[:-1] - above[1:]
-        drawn, _ = np.histogram(dark(detector), edges)
+        drawn, _ = np.histogram(dark(detector) / SCALE, edges)
         inside = (edges[:-1] > 19.9) & (edges[1:] < 2010)
         off = float(np.abs(law / pixels - 1)[inside].max())
         hot = edges[:-1] > 99
@@ -270,10 +270,11 @@ def acquired(
     columns: int | None = None, **changes: Any,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Stars that were acquired, false ones that were taken, and all; of part of the columns."""
-    scale = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.camera
-    focal = scale.focal_length_px
+    design = load_design(shipped("trackers/chandra-aca.toml")).case
+    focal = design.instrument.camera.focal_length_px
     reach = math.tan(half_width * arcsec) * focal
-    box = Box(half_width * arcsec, fainter=min(1.5, FAINTEST - magnitude))
+    faintest = min(1.5, FAINTEST - magnitude)
+    box = replace(design.tracker.box, half_width=half_width * arcsec, fainter=faintest)
     box = replace(box, **changes)
     plan, good, false, total, seed = plan_detection(Detection(), star_psf()), 0, 0, 0, 0
     while total < stars:

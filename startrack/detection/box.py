@@ -13,7 +13,6 @@ from typing import Annotated, Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from startrack.core import (
     POSITIVE,
@@ -33,8 +32,6 @@ from startrack.detection.plan import DetectionPlan
 
 SIZES = (4, 6, 8)
 BACKGROUNDS = ("dynamic", "none")
-SEARCHES = ("images", "blocks")
-BLOCK = 2  # pixel, side of a block of the search
 # Pixels of the dynamic background: two at each end of the first and the last row of 8 x 8.
 CORNERS = tuple(
     (row, column) for row in (-4, 3) for column in (-4, -3, 2, 3)
@@ -58,16 +55,9 @@ class Box(Parameters):
     middle. From one exposure of a sequence to the next it stays where it is; once the moment is
     more than `moves` from its middle, it is a pixel further in the next exposure.
 
-    With `search = "blocks"` the places are the hits of a coarser search: blocks of 2 x 2 pixels
-    that are brighter, above the median of the box, than a quarter of the faintest light; blocks
-    that touch at a side are one hit, at its centre of light. The hit with most light is taken whose
-    image passes the limits. Where warm pixels are so many that their blocks touch, the star is lost
-    in them, the earlier the fainter the limit is.
-
-    Source: the method is that of Chandra's aspect camera: Proposers' Observatory Guide, chapter 5;
-    for blocks, their threshold and their merging sot/proseco, acq.py (github.com), what its team
-    says of the search. Which pixels make the background, and that the brightest hit is taken, are
-    assumed.
+    Source: the method is that of Chandra's aspect camera (Proposers' Observatory Guide, chapter 5),
+    and so are the eight pixels of the background (sot/proseco, characteristics.py); how they are
+    averaged is assumed.
     """
 
     half_width: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
@@ -78,9 +68,6 @@ class Box(Parameters):
     ] = "dynamic"  # fmt: skip
     fainter: Annotated[float, POSITIVE, APPARENT] = 1.5
     brighter: Annotated[float, POSITIVE, APPARENT] = 1.5
-    search: Annotated[str, Range(choices=SEARCHES),
-        '"images": at each pixel; "blocks": about blocks of 2 x 2 pixels above a threshold'
-    ] = "images"  # fmt: skip
     moves: Annotated[float, Range(0.4, 2.0),
         "pixel, of the moment from the middle, from which on an image moves"] = 0.53  # fmt: skip
     stars: Annotated[int, Range(2, 1000),
@@ -148,39 +135,40 @@ def box_reach(box: Box, focal_length_px: float) -> float:
 
 
 def take(
-    frame: Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan
-) -> Taken:
+    frame: Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan,
+    held: Ints | None = None,
+) -> Taken:  # fmt: skip
     """Search a box about each place.
 
     place    (m, 2) pixel (x, y), where stars are expected
     flux     (m,) digital number of each star, by the catalogue
     reach    pixel, half side of a box
     plan     of the tracker; its dark map, if it has one, is subtracted
+    held     (m, 2) pixel, corners of images that the exposure before left, as `Taken` has them; one
+             in its box is measured where it is, without a search
     Returns  Taken; NaN where a box leaves the frame or nothing in it passes the limits
     """
     image = _corrected(frame, plan)
     expected = star_image(plan.star.psf, box)
     gain = gain_of(frame, 0.0)
-    corners = [
-        _search(image, at, light, reach, box, expected, gain.offset)
-        for at, light in zip(place, flux, strict=True)
-    ]
-    return _taken([
-        _settled(image, corner, box, expected, gain) if corner else NOTHING for corner in corners
-    ])  # fmt: skip
+    measured = []
+    for n, (at, light) in enumerate(zip(place, flux, strict=True)):
+        corner = (-1, -1) if held is None else (int(held[n, 0]), int(held[n, 1]))
+        if min(corner) >= 0 and (np.abs(np.array(corner) - 0.5 - at) <= reach).all():
+            measured.append(_measure(image, corner, box, expected, gain))
+            continue
+        found = _search(image, at, light, reach, box, expected, gain.offset)
+        measured.append(_settled(image, found, box, expected, gain) if found else NOTHING)
+    return _taken(measured)
 
 
 def follow(frame: Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
-    """Measure images where they are, without a search.
+    """Measure images where they are, whatever the catalogue says.
 
     corner   (m, 2) pixel, as `Taken` of the exposure before has it
     Returns  as `take`; NaN where an image leaves the frame, has no light or lost its star
     """
-    image = _corrected(frame, plan)
-    expected, gain = star_image(plan.star.psf, box), gain_of(frame, 0.0)
-    return _taken(
-        [_measure(image, (int(x), int(y)), box, expected, gain) for x, y in np.asarray(corner)]
-    )
+    return take(frame, corner - 0.5, np.ones(len(corner)), 1.0, box, plan, corner)
 
 
 def _corrected(frame: Frame, plan: DetectionPlan) -> NDArray[np.float32]:
@@ -208,7 +196,7 @@ def star_image(psf: Psf, box: Box) -> StarImage:
     places = 0.5 - np.arange(psf.oversampling + 1) / psf.oversampling
     share = np.ones(len(places))
     share[[0, -1]] = 0.5
-    half, side, mask = IMAGE // 2, box.size // 2, _mask(box.size)
+    half, side, mask = IMAGE // 2, box.size // 2, image_mask(box.size)
     inner = slice(half - side, half + side)
     sums, moments = [], []
     for y in places:
@@ -216,7 +204,7 @@ def star_image(psf: Psf, box: Box) -> StarImage:
             pixel = _table(psf, x, y, half)
             light = pixel[inner, inner]
             if box.background == "dynamic":
-                light = light - _corner_level(pixel)
+                light = light - corner_level(pixel)
             sums.append((light * mask).sum())
             moments.append(_moment(light * mask) - (x, y))
     weight = np.outer(share, share).ravel() / share.sum() ** 2
@@ -226,7 +214,7 @@ def star_image(psf: Psf, box: Box) -> StarImage:
                      (float(scatter[0]), float(scatter[1])))  # fmt: skip
 
 
-def _corner_level(pixel: NDArray[Any]) -> float:
+def corner_level(pixel: NDArray[Any]) -> float:
     """The dynamic background of 8 x 8 pixels."""
     half = IMAGE // 2
     corner = np.sort([pixel[half + row, half + column] for row, column in CORNERS])
@@ -246,7 +234,7 @@ def _table(psf: Psf, x: float, y: float, half: int) -> Floats:
     return np.asarray(psf.table[np.ix_(*clipped)] * np.outer(*inside))
 
 
-def _mask(size: int) -> Floats:
+def image_mask(size: int) -> Floats:
     """Pixels of an image that count: all, but not the corners of 6 x 6."""
     mask = np.ones((size, size))
     if size == 6:
@@ -279,12 +267,9 @@ def _search(
         return None
     window = image[low[1] - half : high[1] + half, low[0] - half : high[0] + half]
     level = _background(window, box, offset)
-    light = (_core(window, box.size) - _mask(box.size).sum() * level) / expected.fraction
+    light = (_core(window, box.size) - image_mask(box.size).sum() * level) / expected.fraction
     least, most = flux * 10 ** (-0.4 * box.fainter), flux * 10 ** (0.4 * box.brighter)
-    rank = light
-    if box.search == "blocks":
-        rank = _hits(window, least / BLOCK**2)
-    light = np.where((light >= least) & (light <= most), rank, -np.inf)
+    light = np.where((light >= least) & (light <= most), light, -np.inf)
     best = int(np.argmax(light))
     row, column = divmod(best, light.shape[1])
     if not np.isfinite(light[row, column]):
@@ -292,32 +277,12 @@ def _search(
     return int(low[0] + column), int(low[1] + row)
 
 
-def _hits(window: NDArray[np.float32], least: float) -> Floats:
-    """Light of the hits of a window without its border at their middles, -inf elsewhere.
-
-    least  digital number of a block above the median of the box
-    """
-    half = IMAGE // 2
-    inner = window[half:-half, half:-half]
-    rows, columns = (side - side % BLOCK for side in inner.shape)
-    above = (inner - np.median(inner))[:rows, :columns]
-    block = above.reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK).sum(axis=(1, 3))
-    label, count = ndimage.label(block > least)
-    number = np.arange(1, count + 1)
-    centre = np.array(ndimage.center_of_mass(block, label, number)).reshape(-1, 2)
-    # The middle of a block lies between its pixels.
-    place = np.rint(BLOCK * (centre + 0.5)).astype(int)
-    row, column = np.clip(place, 0, np.array(inner.shape) - 1).T
-    hit = np.full(inner.shape, -np.inf)
-    hit[row, column] = ndimage.sum(block, label, number)
-    return hit
-
-
 def _core(window: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     """Sums of images whose upper middle pixel is each one of a window without its border."""
     half, side = IMAGE // 2, size // 2
     # Of an even kernel, the anchor is the pixel right below the middle.
-    sums = cv2.filter2D(window, cv2.CV_32F, _mask(size).astype(np.float32), anchor=(side, side))
+    mask = image_mask(size).astype(np.float32)
+    sums = cv2.filter2D(window, cv2.CV_32F, mask, anchor=(side, side))
     return np.asarray(sums[half:-half, half:-half], np.float32)
 
 
@@ -335,7 +300,7 @@ def _settled(
     image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
 ) -> tuple[float, ...]:
     """As `_measure`, of an image that is moved until its moment lies in its middle."""
-    measured = NOTHING
+    measured: tuple[float, ...] = NOTHING
     for _ in range(ROUNDS + 1):
         measured = _measure(image, corner, box, expected, gain)
         after = measured[-2:]
@@ -351,20 +316,21 @@ def _measure(
     """Place, flux, covariance (xx, xy, yy), sigma of the flux, and the next corner of an image."""
     rows, columns = image.shape
     column, row = corner
-    side, half, mask = box.size // 2, IMAGE // 2, _mask(box.size)
+    side, half, mask = box.size // 2, IMAGE // 2, image_mask(box.size)
     if not (half <= column <= columns - half and half <= row <= rows - half):
         return NOTHING
     window = image[row - half : row + half, column - half : column + half]
     raw = window[half - side : half + side, half - side : half + side].astype(float)
     level = gain.offset if math.isfinite(gain.offset) else 0.0
     if box.background == "dynamic":
-        level = _corner_level(window)
+        level = corner_level(window)
     light = (raw - level) * mask
     total = float(light.sum())
     moment = _moment(light) if total > 0 else np.full(2, np.inf)
     if np.abs(moment).max() > side:
         return NOTHING
-    step = np.where(np.abs(moment) > box.moves, np.rint(moment), 0.0)
+    far = np.sign(moment) * np.maximum(np.rint(np.abs(moment)), 1.0)
+    step = np.where(np.abs(moment) > box.moves, far, 0.0)
     place = np.array([column, row]) - 0.5 + moment - expected.moment
     noise = gain.read_noise**2 + np.maximum(raw - gain.offset, 0) / gain.electrons_per_dn
     noise = np.where(np.isfinite(noise), noise, level) * mask
