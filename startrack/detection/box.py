@@ -168,7 +168,8 @@ def follow(frame: Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
     corner   (m, 2) pixel, as `Taken` of the exposure before has it
     Returns  as `take`; NaN where an image leaves the frame, has no light or lost its star
     """
-    return take(frame, corner - 0.5, np.ones(len(corner)), 1.0, box, plan, corner)
+    place = np.asarray(corner, float) - 0.5
+    return take(frame, place, np.ones(len(corner)), 1.0, box, plan, corner)
 
 
 def _corrected(frame: Frame, plan: DetectionPlan) -> NDArray[np.float32]:

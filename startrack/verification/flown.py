@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -72,8 +73,10 @@ class Windows(Parameters):
         if len(shape) != 3 or shape[1] != shape[2] or shape[1] % 2 or shape[1] < 4:
             raise Refused(f"number of {self.name} must be (n, s, s) with s even, got {shape}")
         if np.shape(self.time) != shape[:1] or np.shape(self.corner) != (shape[0], 2):
-            raise Refused(f"time, corner and number of {self.name} must be as many, got "
-                          f"{np.shape(self.time)}, {np.shape(self.corner)} and {shape}")  # fmt: skip
+            raise Refused(
+                f"time and corner of {self.name} must be as many as its {shape[0]} images, got "
+                f"{np.shape(self.time)} and {np.shape(self.corner)}"
+            )
         if shape[0] < 4 * BLOCKS:
             raise Refused(f"{self.name} must have {4 * BLOCKS} images or more, got {shape[0]}")
 
@@ -206,7 +209,8 @@ def measure(stars: Sequence[Windows], box: Box, psf: Psf | None) -> list[Measure
     temporal    pixel rms of an axis, of third differences in time between exposures whose image
                 did not move, of the place less the motion that all stars share
     total       pixel rms of an axis, of that place over all the time, less a cubic in time and
-                what is proportional to the common motion; both times sqrt(k / (k - 1)) of k stars
+                what is proportional to the common motion; both times sqrt(k / (k - 1)) of k stars,
+                so that two stars share one figure
     curve       of the same, over the place in the pixel
     moves       steps of an image along an axis, in an exposure
     background  digital number; brightness in digital numbers a second and exposure
@@ -475,8 +479,9 @@ class Difference(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """Predicted over seen."""
-        return self.predicted.value / self.seen.value if self.seen.value else math.nan
+        """Predicted over seen; NaN where either is none."""
+        either = self.predicted.value and self.seen.value
+        return self.predicted.value / self.seen.value if either else math.nan
 
     @property
     def differs(self) -> bool:
@@ -527,7 +532,7 @@ def _blocks(stars: Sequence[Windows]) -> Iterable[list[Windows]]:
     """The stars without each of eight blocks of time."""
     begin, end = min(s.time[0] for s in stars), max(s.time[-1] for s in stars)
     edges = np.linspace(begin, end, BLOCKS + 1)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         yield [star.of((star.time < low) | (star.time >= high)) for star in stars]
 
 
@@ -540,5 +545,6 @@ def _jackknifed(value: float, parts: list[float]) -> Interval:
 
 def _middle(values: list[float]) -> Interval:
     """Median and 95 % of the devices."""
-    low, middle, high = np.nanpercentile(values, [2.5, 50, 97.5])
+    finite = [value for value in values if math.isfinite(value)] or [math.nan]
+    low, middle, high = np.percentile(finite, [2.5, 50, 97.5])
     return Interval(float(middle), float(low), float(high))
