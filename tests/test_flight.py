@@ -59,7 +59,8 @@ def test_the_design_at_a_year_and_temperature_has_the_share_of_warm_pixels(oracl
     edges, pixels = np.array(flown["edges_e_per_s"]), np.array(flown["pixels"])
     warm = pixels[edges[:-1] > 99].sum()
     first = edges[:-1][edges[:-1] > 99][0]
-    assert (dark(detector) > first).sum() == pytest.approx(
+    # A number has 5.9 electrons, where the flight counts 5.
+    assert (dark(detector) > 1.18 * first).sum() == pytest.approx(
         warm, abs=4 * np.sqrt(warm) + 0.002 * warm
     )
 

@@ -14,6 +14,7 @@ budget              `startrack budget`: the error of a design cause by cause.
 calibrate           `startrack calibrate`: the camera model of images of stars, or of a table.
 combine             `startrack combine`: one error from campaigns of different fidelity.
 compare             `startrack compare`: two designs or campaigns side by side.
+compare_flight      `startrack compare-flight`: a design beside images that its tracker sent down.
 detect              `startrack detect`: the stars of images.
 earth               `startrack earth`: geometry and images of Earth cameras over terrain.
 init                `startrack init`: a design file to begin with.

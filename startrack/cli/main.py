@@ -42,6 +42,7 @@ COMMANDS = {
     "merge": "put parts of a campaign from several machines together",
     "combine": "estimate one error from campaigns of different fidelity",
     "compare": "show two designs or campaigns side by side",
+    "compare-flight": "compare a design with images that its tracker sent down",
     "report": "write a campaign as one self-contained HTML page",
     "sequence": "simulate a tracker in time: tracking, loss, reacquisition",
     "mission": "fly heads on a spacecraft: blinding, availability, over years",
@@ -141,7 +142,7 @@ def _run(options: argparse.Namespace) -> int:
     ):
         warnings.showwarning = _print_warning
         load()
-        command = import_module(f"startrack.cli.{options.name}").command
+        command = import_module(_module(options.name)).command
         terminal = import_module("startrack.cli.terminal")
         core = import_module("startrack.core")
         with (
@@ -155,6 +156,10 @@ def _run(options: argparse.Namespace) -> int:
             status = int(command(options))
             sys.stdout.flush()
             return status
+
+
+def _module(name: str) -> str:
+    return f"startrack.cli.{name.replace('-', '_')}"
 
 
 def _compiled_beside(options: argparse.Namespace) -> AbstractContextManager[None]:
@@ -196,5 +201,5 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )  # fmt: skip
         if name == called:
-            import_module(f"startrack.cli.{name}").declare(command)
+            import_module(_module(name)).declare(command)
     return parser

@@ -10,6 +10,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from startrack.metrics import Row, to_json, to_lines
 from startrack.sequence import Sequence, load_sequence
 
 EXAMPLE = "designs/nanosatellite.toml"
+SHIPPED = ("designs", "trackers")  # folders of design files
 CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
 SILENT = 30.0  # second, between two lines where there is no terminal
@@ -53,12 +55,38 @@ def example() -> Path:
 
 
 def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
-    """The design of a file with the changes of --set; raises WrongUse where it cannot be used."""
+    """The design of a file with the changes of --set; raises WrongUse where it cannot be used.
+
+    A file that is not there is looked for among those that are shipped, by its path or name alone.
+    """
     with as_wrong_use():
-        design = load_design(path, list(changes))
+        design = load_design(found_design(path), list(changes))
     for code in used_code():
         print_message(f"startrack: {code}")
     return design
+
+
+def found_design(path: Path) -> Path:
+    """The path of a design file, of one that is shipped where there is none; close names said."""
+    if path.exists():
+        return path
+    known = {
+        f"{folder}/{file.name}": file
+        for folder in SHIPPED
+        for file in sorted(shipped(folder).glob("*.toml"))
+    }
+    asked = path.as_posix().removesuffix(".toml") + ".toml"
+    for name, file in known.items():
+        if asked in (name, file.name):
+            return file
+    names = [*known, *(file.name for file in known.values())]
+    close = get_close_matches(asked, names, 3, 0.6)
+    close = sorted({name for name in known if any(name.endswith(one) for one in close)})
+    if close:
+        raise ValueError(
+            f"{path} must be a design file, but there is none; shipped are {', '.join(close)}"
+        )
+    return path
 
 
 def read_campaign(path: Path, changes: Iterable[str] = ()) -> tuple[Design, Campaign]:

@@ -27,7 +27,7 @@ box          An image, and where stars are expected -> the brightest thing in a 
 expectation  Image of expected numbers and its stars -> how the detection will see them.
 """
 
-from startrack.detection.box import Box, Taken, box_reach, take
+from startrack.detection.box import Box, Taken, box_reach, corner_level, follow, image_mask, take
 from startrack.detection.detect import centroid, detect, detect_near, places
 from startrack.detection.expectation import (
     Expectation,

@@ -1,4 +1,7 @@
-"""An image, and where stars are expected -> the brightest thing in a box about each place."""
+"""An image, and where stars are expected -> the brightest thing in a box about each place.
+
+Between exposures an image stays where it is until its star has moved by a limit.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from startrack.core import (
     POSITIVE,
     Floats,
     Frame,
+    Ints,
     Parameters,
     Psf,
     Range,
@@ -34,7 +38,6 @@ CORNERS = tuple(
 )  # from the pixel right below the middle
 MIDDLE = slice(2, 6)  # of eight sorted pixels, whose mean is the background: outliers do not count
 ROUNDS = 4  # of moving the image until the star is in its middle
-FARTHEST = 0.53  # pixel, of the moment from the middle; above half a pixel, so that it settles
 IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
 
 
@@ -49,10 +52,12 @@ class Box(Parameters):
     In each box the place is taken where an image of `size` pixels a side has most light above the
     background, among those whose magnitude is that of the star within the limits: a hot pixel or
     another star may be taken for it. The image is then moved until its first moment lies in its
-    middle.
+    middle. From one exposure of a sequence to the next it stays where it is; once the moment is
+    more than `moves` from its middle, it is a pixel further in the next exposure.
 
-    Source: the method is that of Chandra's aspect camera (Proposers' Observatory Guide, chapter 5);
-    which pixels make the background, and how, is assumed.
+    Source: the method is that of Chandra's aspect camera (Proposers' Observatory Guide, chapter 5),
+    and so are the eight pixels of the background (sot/proseco, characteristics.py); how they are
+    averaged is assumed.
     """
 
     half_width: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
@@ -63,6 +68,8 @@ class Box(Parameters):
     ] = "dynamic"  # fmt: skip
     fainter: Annotated[float, POSITIVE, APPARENT] = 1.5
     brighter: Annotated[float, POSITIVE, APPARENT] = 1.5
+    moves: Annotated[float, Range(0.4, 2.0),
+        "pixel, of the moment from the middle, from which on an image moves"] = 0.53  # fmt: skip
     stars: Annotated[int, Range(2, 1000),
         "boxes, about the brightest stars of the catalogue in the field"] = 8  # fmt: skip
     prior: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
@@ -83,6 +90,8 @@ class Taken(NamedTuple):
     covariance  (m, 2, 2) pixel^2, by the noise of the pixels and by what the image cuts off;
                 without that of pixels whose dark current the tracker does not know
     snr         (m,) 1
+    corner      (m, 2) pixel (column, row) right below the middle of the image of the next
+                exposure; -1 where nothing was taken
     """
 
     x: Floats
@@ -90,6 +99,7 @@ class Taken(NamedTuple):
     flux: Floats
     covariance: Floats
     snr: Floats
+    corner: Ints
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -125,34 +135,59 @@ def box_reach(box: Box, focal_length_px: float) -> float:
 
 
 def take(
-    frame: Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan
-) -> Taken:
+    frame: Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan,
+    held: Ints | None = None,
+) -> Taken:  # fmt: skip
     """Search a box about each place.
 
     place    (m, 2) pixel (x, y), where stars are expected
     flux     (m,) digital number of each star, by the catalogue
     reach    pixel, half side of a box
     plan     of the tracker; its dark map, if it has one, is subtracted
+    held     (m, 2) pixel, corners of images that the exposure before left, as `Taken` has them; one
+             in its box is measured where it is, without a search
     Returns  Taken; NaN where a box leaves the frame or nothing in it passes the limits
     """
-    image = np.asarray(frame.image, np.float32)
-    if plan.correction is not None:
-        image = corrected(image, plan.correction, plan.settings.saturation)
+    image = _corrected(frame, plan)
     expected = star_image(plan.star.psf, box)
     gain = gain_of(frame, 0.0)
-    corners = [
-        _search(image, at, light, reach, box, expected, gain.offset)
-        for at, light in zip(place, flux, strict=True)
-    ]
-    measured = [
-        _measure(image, corner, box, expected, gain) if corner else NOTHING for corner in corners
-    ]
-    x, y, total, xx, xy, yy, sigma = np.array(measured, float).reshape(-1, 7).T
+    measured = []
+    for n, (at, light) in enumerate(zip(place, flux, strict=True)):
+        corner = (-1, -1) if held is None else (int(held[n, 0]), int(held[n, 1]))
+        if min(corner) >= 0 and (np.abs(np.array(corner) - 0.5 - at) <= reach).all():
+            measured.append(_measure(image, corner, box, expected, gain))
+            continue
+        found = _search(image, at, light, reach, box, expected, gain.offset)
+        measured.append(_settled(image, found, box, expected, gain) if found else NOTHING)
+    return _taken(measured)
+
+
+def follow(frame: Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
+    """Measure images where they are, whatever the catalogue says.
+
+    corner   (m, 2) pixel, as `Taken` of the exposure before has it
+    Returns  as `take`; NaN where an image leaves the frame, has no light or lost its star
+    """
+    place = np.asarray(corner, float) - 0.5
+    return take(frame, place, np.ones(len(corner)), 1.0, box, plan, corner)
+
+
+def _corrected(frame: Frame, plan: DetectionPlan) -> NDArray[np.float32]:
+    image = np.asarray(frame.image, np.float32)
+    if plan.correction is None:
+        return image
+    return corrected(image, plan.correction, plan.settings.saturation)
+
+
+def _taken(measured: list[tuple[float, ...]]) -> Taken:
+    columns = np.array(measured, float).reshape(-1, 9).T
+    x, y, total, xx, xy, yy, sigma, column, row = columns
     covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
-    return Taken(x, y, total, covariance, total / sigma)
+    corner = np.nan_to_num(np.column_stack([column, row]), nan=-1.0).astype(np.int64)
+    return Taken(x, y, total, covariance, total / sigma, corner)
 
 
-NOTHING = (math.nan,) * 7
+NOTHING = (math.nan,) * 9
 
 
 @lru_cache(maxsize=16)
@@ -162,7 +197,7 @@ def star_image(psf: Psf, box: Box) -> StarImage:
     places = 0.5 - np.arange(psf.oversampling + 1) / psf.oversampling
     share = np.ones(len(places))
     share[[0, -1]] = 0.5
-    half, side, mask = IMAGE // 2, box.size // 2, _mask(box.size)
+    half, side, mask = IMAGE // 2, box.size // 2, image_mask(box.size)
     inner = slice(half - side, half + side)
     sums, moments = [], []
     for y in places:
@@ -170,7 +205,7 @@ def star_image(psf: Psf, box: Box) -> StarImage:
             pixel = _table(psf, x, y, half)
             light = pixel[inner, inner]
             if box.background == "dynamic":
-                light = light - _corner_level(pixel)
+                light = light - corner_level(pixel)
             sums.append((light * mask).sum())
             moments.append(_moment(light * mask) - (x, y))
     weight = np.outer(share, share).ravel() / share.sum() ** 2
@@ -180,7 +215,7 @@ def star_image(psf: Psf, box: Box) -> StarImage:
                      (float(scatter[0]), float(scatter[1])))  # fmt: skip
 
 
-def _corner_level(pixel: NDArray[Any]) -> float:
+def corner_level(pixel: NDArray[Any]) -> float:
     """The dynamic background of 8 x 8 pixels."""
     half = IMAGE // 2
     corner = np.sort([pixel[half + row, half + column] for row, column in CORNERS])
@@ -200,7 +235,7 @@ def _table(psf: Psf, x: float, y: float, half: int) -> Floats:
     return np.asarray(psf.table[np.ix_(*clipped)] * np.outer(*inside))
 
 
-def _mask(size: int) -> Floats:
+def image_mask(size: int) -> Floats:
     """Pixels of an image that count: all, but not the corners of 6 x 6."""
     mask = np.ones((size, size))
     if size == 6:
@@ -233,7 +268,7 @@ def _search(
         return None
     window = image[low[1] - half : high[1] + half, low[0] - half : high[0] + half]
     level = _background(window, box, offset)
-    light = (_core(window, box.size) - _mask(box.size).sum() * level) / expected.fraction
+    light = (_core(window, box.size) - image_mask(box.size).sum() * level) / expected.fraction
     least, most = flux * 10 ** (-0.4 * box.fainter), flux * 10 ** (0.4 * box.brighter)
     light = np.where((light >= least) & (light <= most), light, -np.inf)
     best = int(np.argmax(light))
@@ -247,7 +282,8 @@ def _core(window: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     """Sums of images whose upper middle pixel is each one of a window without its border."""
     half, side = IMAGE // 2, size // 2
     # Of an even kernel, the anchor is the pixel right below the middle.
-    sums = cv2.filter2D(window, cv2.CV_32F, _mask(size).astype(np.float32), anchor=(side, side))
+    mask = image_mask(size).astype(np.float32)
+    sums = cv2.filter2D(window, cv2.CV_32F, mask, anchor=(side, side))
     return np.asarray(sums[half:-half, half:-half], np.float32)
 
 
@@ -261,32 +297,41 @@ def _background(window: NDArray[np.float32], box: Box, offset: float) -> NDArray
     return np.asarray(np.sort(np.stack(parts), axis=0)[MIDDLE].mean(axis=0))
 
 
+def _settled(
+    image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
+) -> tuple[float, ...]:
+    """As `_measure`, of an image that is moved until its moment lies in its middle."""
+    measured: tuple[float, ...] = NOTHING
+    for _ in range(ROUNDS + 1):
+        measured = _measure(image, corner, box, expected, gain)
+        after = measured[-2:]
+        if not math.isfinite(after[0]) or after == corner:
+            break
+        corner = int(after[0]), int(after[1])
+    return measured
+
+
 def _measure(
     image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
 ) -> tuple[float, ...]:
-    """Place, flux, covariance (xx, xy, yy) and sigma of the flux of an image."""
+    """Place, flux, covariance (xx, xy, yy), sigma of the flux, and the next corner of an image."""
     rows, columns = image.shape
     column, row = corner
-    side, half, mask = box.size // 2, IMAGE // 2, _mask(box.size)
-    for n in range(ROUNDS + 1):
-        if not (half <= column <= columns - half and half <= row <= rows - half):
-            return NOTHING
-        window = image[row - half : row + half, column - half : column + half]
-        raw = window[half - side : half + side, half - side : half + side].astype(float)
-        level = gain.offset if math.isfinite(gain.offset) else 0.0
-        if box.background == "dynamic":
-            level = _corner_level(window)
-        light = (raw - level) * mask
-        total = float(light.sum())
-        if not total > 0:
-            return NOTHING
-        moment = _moment(light)
-        step = np.where(np.abs(moment) > FARTHEST, np.rint(moment), 0.0).astype(int)
-        if not step.any() or np.abs(moment).max() > side or n == ROUNDS:
-            break
-        column, row = column + int(step[0]), row + int(step[1])
+    side, half, mask = box.size // 2, IMAGE // 2, image_mask(box.size)
+    if not (half <= column <= columns - half and half <= row <= rows - half):
+        return NOTHING
+    window = image[row - half : row + half, column - half : column + half]
+    raw = window[half - side : half + side, half - side : half + side].astype(float)
+    level = gain.offset if math.isfinite(gain.offset) else 0.0
+    if box.background == "dynamic":
+        level = corner_level(window)
+    light = (raw - level) * mask
+    total = float(light.sum())
+    moment = _moment(light) if total > 0 else np.full(2, np.inf)
     if np.abs(moment).max() > side:
         return NOTHING
+    far = np.sign(moment) * np.maximum(np.rint(np.abs(moment)), 1.0)
+    step = np.where(np.abs(moment) > box.moves, far, 0.0)
     place = np.array([column, row]) - 0.5 + moment - expected.moment
     noise = gain.read_noise**2 + np.maximum(raw - gain.offset, 0) / gain.electrons_per_dn
     noise = np.where(np.isfinite(noise), noise, level) * mask
@@ -296,4 +341,5 @@ def _measure(
     xx, xy, yy = (float((noise * a * b).sum()) / total**2 for a, b in pairs)
     xx, yy = xx + expected.scatter[0] ** 2, yy + expected.scatter[1] ** 2
     sigma = math.sqrt(float(noise.sum()))
-    return (*place, total / expected.fraction, xx, xy, yy, sigma / expected.fraction)
+    further = column + float(step[0]), row + float(step[1])
+    return (*place, total / expected.fraction, xx, xy, yy, sigma / expected.fraction, *further)

@@ -103,8 +103,9 @@ class TailLaw(NamedTuple):
     at              electron / s, I_r
     offsets, weights  of the convolution: steps of ln I, and fractions
     middle          years since launch
-    lowest          electron / s, below which the law says nothing
+    lowest          electron / s, below which n is zero before the convolution
     kelvin          temperature that the law is for
+    electrons       1, of a detector in one of the law
     """
 
     density: tuple[float, float, float]
@@ -117,13 +118,15 @@ class TailLaw(NamedTuple):
     middle: float
     lowest: float
     kelvin: float
+    electrons: float = 1.0
 
 
 BIN = math.log(10) / 20  # of the fit: 20 bins a decade
 SMOOTHING = [math.exp(-0.5 * ((-0.75 + 0.1 * n) / 0.3) ** 2) for n in range(15)]
 # Fit of the aspect camera's own team to its dark maps of January 2007 to August 2017, scaled to
 # -14 degC: chandra_aca, dark_model.py (BSD 3-clause, Smithsonian Astrophysical Observatory).
-# Pixels of 1024 x 1024 in a bin; the launch was in 1999.56, the middle year is 2012.0.
+# Pixels of 1024 x 1024 in a bin; the launch was in 1999.56, the middle year is 2012.0. It counts 5
+# electrons a number; by photon transfer of pixels in flight a number has 5.9 (docs/flight.md).
 CHANDRA_ACA = TailLaw(
     density=(18400 / BIN / 2**20, 1450 / BIN / 2**20, 742 / BIN / 2**20),
     slopes=((0.075, -0.00692, -0.0207), (3.32, 0.0203, 0.0), (2.40, 0.061, 0.061)),
@@ -135,6 +138,7 @@ CHANDRA_ACA = TailLaw(
     middle=12.44,
     lowest=2.0,
     kelvin=ZERO_CELSIUS - 14,
+    electrons=5.9 / 5,
 )
 TAILS = {"chandra-aca": CHANDRA_ACA}
 FAMILIES = ("interactions", *TAILS)
@@ -196,7 +200,8 @@ class Age(Parameters):
     family "chandra-aca": the histogram of the dark current of Chandra's aspect camera (a
     front-illuminated CCD of 24 um in a high orbit behind its shield), as fitted in flight; the same
     pixels are hot at all ages, and (below some thousand electron / s) more so later. Before 2007
-    and after 2017 it is extrapolated.
+    and after 2017 it is extrapolated. It counts damaged pixels alone, half of all in 2007: the
+    others have the dark current of the launch, `dark_current`, below which none falls.
 
     family "interactions": protons displace atoms in the depleted silicon of a pixel. Their number
     is Poisson, each adds a dark current of an exponential distribution, and the mean increase is
@@ -297,7 +302,7 @@ class Age(Parameters):
 def pixels_above(law: TailLaw, current: Floats, years: float) -> Floats:
     """Fraction of the pixels with a larger dark current, of any number of currents.
 
-    current  electron / second, at the temperature of the law
+    current  electron / second of the law, at its temperature
     years    since launch
     """
     after = years - law.middle
@@ -309,7 +314,7 @@ def pixels_above(law: TailLaw, current: Floats, years: float) -> Floats:
     a3 = a2 * (second / r) ** (g3 - g2)
     total = np.zeros(np.shape(current))
     for offset, weight in zip(law.offsets, law.weights, strict=True):
-        x = np.asarray(current, float) * math.exp(-offset)
+        x = np.maximum(np.asarray(current, float) * math.exp(-offset), law.lowest)
         part = a3 * (np.maximum(x, second) / r) ** -g3 / g3
         part = part + a2 * _power_integral(np.clip(x, knee, second) / r, second / r, g2)
         total += weight * (part + a * _power_integral(np.minimum(x, knee) / r, knee / r, g1))
@@ -328,10 +333,10 @@ def _power_integral(low: Floats, high: float, slope: float) -> Floats:
 
 
 def tail_currents(law: TailLaw, quantile: Floats, years: float) -> Floats:
-    """Dark current of each pixel, electron / second at the temperature of the law.
+    """Dark current of each pixel, electron / second of a detector at the law's temperature.
 
     quantile  1, fraction of the pixels with a larger current
-    Returns   0 below the lowest current of the law
+    Returns   0 for pixels that the law does not count
     Accuracy  numerical: 1e-4 of the current.
     """
     grid = np.geomspace(law.lowest, HIGHEST, TABLE)
@@ -339,7 +344,7 @@ def tail_currents(law: TailLaw, quantile: Floats, years: float) -> Floats:
     with np.errstate(divide="ignore"):
         rank = np.log(above)[::-1]
     current = np.exp(np.interp(np.log(quantile), rank, np.log(grid)[::-1]))
-    return np.where(quantile < above[0], current, 0.0)
+    return np.where(quantile < above[0], law.electrons * current, 0.0)
 
 
 def growth_of(activation: float, kelvin: float, reference: float) -> float:

@@ -7,6 +7,7 @@ from .earth import draw_geometry as draw_geometry
 from .earth import draw_picture as draw_picture
 from .earth import draw_product as draw_product
 from .errors import draw_errors as draw_errors
+from .errors import draw_flown as draw_flown
 from .errors import draw_sequence as draw_sequence
 from .frames import draw_frame as draw_frame
 from .frames import draw_solution as draw_solution

@@ -1,4 +1,4 @@
-"""Pictures of errors: of many trials, and of one sequence in time."""
+"""Pictures of errors: of many trials, of one sequence in time, and predicted beside seen."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from startrack.core import Floats, arcsec, deg
 from startrack.metrics import Interval, summarise
 from startrack.plots import style
 from startrack.sequence import Mode
+from startrack.verification import Flown
 
 BINS = 41
 
@@ -165,3 +166,32 @@ def _over_time(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> No
     axes.set_ylim(-1.3 * largest, 1.3 * largest)
     axes.set_ylabel(label)
     axes.axhline(0, color=style.GREY, lw=0.5)
+
+
+@style.styled
+def draw_flown(path: Path | None, flown: Flown, title: str) -> Figure:
+    """Predicted over seen of each figure, and the centroid over the phase of the pixel."""
+    shown = [row for row in flown.differences if np.isfinite(row.ratio) and row.predicted.value]
+    curves = {star: pair for star, pair in flown.curves.items() if np.isfinite(pair[0]).any()}
+    figure = style.picture(3.4 + 0.5 * len(shown) / 2 + 2.6 * len(curves), title)
+    heights = [0.25 * len(shown) + 1, *(2.2 for _ in curves)]
+    panels = np.atleast_1d(figure.subplots(1 + len(curves), 1, height_ratios=heights))
+    ratios, below = panels[0], range(len(shown))
+    for n, row in zip(below, shown, strict=True):
+        ends = [row.predicted.low / row.seen.value, row.predicted.high / row.seen.value]
+        colour = style.RED if row.differs else style.BLUE
+        ratios.plot(ends, [n, n], color=colour, lw=2)
+        ratios.plot(row.ratio, n, "o", color=colour)
+    ratios.axvline(1.0, color=style.GREY, lw=1)
+    ratios.set(yticks=list(below), yticklabels=[f"{row.star} {row.name}" for row in shown])
+    ratios.set(xlabel="predicted over seen (red: the intervals do not meet)")
+    ratios.invert_yaxis()
+    for axes, (star, (seen, predicted)) in zip(panels[1:], curves.items(), strict=True):
+        phase = (np.arange(seen.shape[1]) + 0.5) / seen.shape[1] - 0.5
+        for axis, colour in ((0, style.BLUE), (1, style.ORANGE)):
+            axes.plot(phase, predicted[axis], color=colour, label=f"{'xy'[axis]} predicted")
+            axes.plot(phase, seen[axis], "o", color=colour, label=f"{'xy'[axis]} seen")
+        axes.set(xlabel="place in the pixel", ylabel="centroid (pixel)")
+        style.panel_title(axes, star, 40)
+        style.legend_below(axes, 4)
+    return style.save_picture(path, figure)

@@ -40,12 +40,14 @@ from startrack.scene import date_of
 from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
+    Images,
     agreeing,
     as_believed,
     at_one_time,
     boxed,
     detection_plan,
     estimate_of,
+    follow_boxes,
     images_of,
     light_of,
     pattern_indexes,
@@ -55,7 +57,6 @@ from startrack.trial import (
     smear_of,
     stars_in_field,
     systematic_variance,
-    take_boxes,
     throughput,
 )
 
@@ -279,6 +280,7 @@ def run(
     table = np.empty(len(true.time), FRAMES)
     known, camera, asked = TrackerState(), case.believed_camera, asked_of(case, true, streams)
     before, step, lengths, parts = known, 0.0, error_lengths(case), known.lasting
+    images = Images()
     for k, frame in enumerate(_kept(case, true, seed, number, recording)):
         if k:
             before, step = known, float(true.time[k] - true.time[k - 1])
@@ -286,7 +288,7 @@ def run(
             known = predict_state(known, turned, step, sequence, lengths)
         predicted = known.state
         rate = known_rate(predicted, None if seen is None else seen[k])
-        spots, matches, estimate = _see(case, frame, camera, predicted, rate)
+        spots, matches, estimate, images = _see(case, frame, camera, predicted, rate, images)
         if estimate.status is not Status.SOLVED:
             known = doubted(before, known, step, sequence, lengths)
         else:
@@ -375,17 +377,22 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[tuple[
 
 
 def _see(
-    case: Case, frame: Frame, camera: Camera, predicted: State | None, rate: Floats
-) -> tuple[Spots, Matches, Estimate]:
-    """What the flight software does with a frame, with a prediction or without."""
+    case: Case, frame: Frame, camera: Camera, predicted: State | None, rate: Floats, images: Images
+) -> tuple[Spots, Matches, Estimate, Images]:
+    """What the flight software does with a frame, with a prediction or without.
+
+    images  of its stars, where the frame before left them; the last of the result: this one
+    """
     tracker = case.tracker
     # In steps, so that frames at nearly the same rate share a plan.
     x, y = (SMEAR_STEP * round(smear / SMEAR_STEP) for smear in smear_of(case, rate[0], rate[1]))
     if boxed(case) and predicted is not None:
         plan = detection_plan(case, smear=(x, y))
-        spots, matches = take_boxes(case, frame, camera, predicted.icrs_to_camera, plan)
+        spots, matches, images = follow_boxes(
+            case, frame, camera, predicted.icrs_to_camera, images, plan
+        )
         spots = at_one_time(spots, case.believed_row_delay, rate, camera)
-        return spots, matches, estimate_of(case, agreeing(tracker), spots, matches)
+        return spots, matches, estimate_of(case, agreeing(tracker), spots, matches), images
     stars = open_sky(case.believed_catalog).stars
     spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
     spots = at_one_time(spots, case.believed_row_delay, rate, camera)
@@ -395,7 +402,7 @@ def _see(
     else:
         spread = predicted.covariance[:3, :3]
         matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
-    return spots, matches, estimate_of(case, tracker, spots, matches)
+    return spots, matches, estimate_of(case, tracker, spots, matches), Images()
 
 
 def _mode(known: TrackerState, estimate: Estimate) -> Mode:

@@ -29,7 +29,7 @@ photograph     Frame of an unknown camera -> its attitude and lens, whatever mus
 """
 
 from startrack.trial.belief import as_believed, detection_plan, known_smear, smear_of
-from startrack.trial.boxes import agreeing, boxed, take_boxes
+from startrack.trial.boxes import Images, agreeing, boxed, follow_boxes, take_boxes
 from startrack.trial.chain import (
     OUTCOMES,
     Record,
@@ -84,6 +84,7 @@ from startrack.trial.stars import (
     light_of,
     mean_colour,
     separated,
+    sky_electrons,
     stars_in_field,
     throughput,
 )

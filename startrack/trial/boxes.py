@@ -16,6 +16,8 @@ from startrack.trial.stars import electrons_of, nearby
 from startrack.trial.window import frame_in_windows
 
 BOX = "box"
+# Of a star, by its number in the catalogue: pixel (column, row) right below the image's middle.
+Images = dict[int, tuple[int, int]]
 MARGIN = 4  # pixel, of the images about the border of a box
 
 
@@ -51,13 +53,33 @@ def take_boxes(
     plan     of the detection; None for that of the tracker
     Returns  the spots, and each as the star of its box
     """
+    return follow_boxes(case, frame, camera, expected, {}, plan)[:2]
+
+
+def follow_boxes(
+    case: Case, frame: Frame, camera: Camera, expected: Rotation, images: Images,
+    plan: DetectionPlan | None = None,
+) -> tuple[Spots, Matches, Images]:  # fmt: skip
+    """`take_boxes` of a tracker whose images stay from one exposure to the next.
+
+    images   of stars, where the exposure before left them; other stars, and those whose image is no
+             more in their box, are searched for
+    Returns  the same after this exposure too
+    """
     star, place = targets(case, camera, expected)
     flux = believed_electrons(case)[star]
     reach = box_reach(case.tracker.box, camera.focal_length_px)
     frame = as_believed(case, frame)
     plan = plan or detection_plan(case)
-    taken = take(frame, place, flux / frame.electrons_per_dn, reach, case.tracker.box, plan)
-    return taken.spots(), matched(case, taken, star, camera, expected)
+    held = np.array([images.get(int(n), (-1, -1)) for n in star], np.int64).reshape(-1, 2)
+    flux = flux / frame.electrons_per_dn
+    taken = take(frame, place, flux, reach, case.tracker.box, plan, held)
+    after = {
+        int(n): (int(x), int(y))
+        for n, (x, y), found in zip(star, taken.corner, taken.found, strict=True)
+        if found
+    }
+    return taken.spots(), matched(case, taken, star, camera, expected), after
 
 
 def boxes_in_windows(

@@ -8,6 +8,8 @@ decide    Outcomes, a requirement -> bounds at a look, and whether they decide i
 verify    Design, campaign -> a verdict on each requirement, by analysis and by trials, and the
           table of them.
 units     Design, campaign, units -> a verdict on each requirement by its yield.
+flown     Images of stars that a tracker sent down, and its design -> each figure as predicted and
+          as seen.
 """
 
 from startrack.verification.accuracy import (
@@ -24,6 +26,16 @@ from startrack.verification.accuracy import (
 )
 from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Claim, Looks, YieldClaim, claims_of
+from startrack.verification.flown import (
+    Difference,
+    Flown,
+    Windows,
+    compare_flown,
+    correlation,
+    photon_transfer,
+    read_windows,
+    simulate,
+)
 from startrack.verification.units import USUAL, unit_text, unit_values, verify_units
 from startrack.verification.verify import (
     Verdict,
@@ -36,4 +48,18 @@ from startrack.verification.verify import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["Answer", "Claim", "Looks", "Verdict", "Verification", "verify"]
+__all__ = [
+    "Answer",
+    "Claim",
+    "Difference",
+    "Flown",
+    "Looks",
+    "Verdict",
+    "Verification",
+    "Windows",
+    "compare_flown",
+    "photon_transfer",
+    "read_windows",
+    "simulate",
+    "verify",
+]

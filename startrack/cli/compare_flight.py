@@ -1,0 +1,132 @@
+"""`startrack compare-flight`: a design beside images that its tracker sent down."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+from startrack.cli.options import (
+    SEED,
+    SET,
+    Exit,
+    Option,
+    Options,
+    WrongUse,
+    as_wrong_use,
+    out,
+    wanted,
+    whole,
+)
+
+if wanted(__name__):
+    import numpy as np
+
+    from startrack.cli import terminal
+    from startrack.io import save_json
+    from startrack.metrics import Column, Table
+    from startrack.plots import draw_flown
+    from startrack.verification import (
+        Flown,
+        Windows,
+        compare_flown,
+        correlation,
+        read_windows,
+        simulate,
+    )
+
+
+declare = Options(
+    "Measures images of stars over time, and images of the same stars on the same paths that the "
+    "design predicts, by the same code, and prints both with 95 % intervals: background, light, "
+    "gain and read noise by photon transfer, the image by the phase of the pixel, the scatter of "
+    "centroids from exposure to exposure and in all, steps of the image, and the centroid over "
+    "the pixel. A difference is marked, with the keys of the design that it points to; the design "
+    "is not changed. Writes flight.json and flight.png.\n\n"
+    "The images are a file of numpy arrays (npz) or FITS tables, with the time (second), the "
+    "numbers of each image less the offset, and col0, row0, the place of its first pixel; "
+    "background and magnitude may be missing. In an npz each name begins with that of its star "
+    "and '_': s4_time, s4_number, s4_col0, s4_row0, s4_background.\n\n"
+    "  startrack compare-flight trackers/chandra-aca.toml flight.npz --stars s4,s5",
+    Option("design DESIGN.toml", "design file", Path),
+    Option("images IMAGES", "npz or FITS file of the images of several stars over time", Path),
+    Option("--stars NAMES", "stars of the file, such as s4,s5 (default: all)"),
+    Option("--devices N", "detectors that are drawn", whole(2, 1000), 8),
+    Option("--keep", "write the predicted images of the first detector to predicted.npz"),
+    *SET,
+    SEED,
+    out("startrack-compare-flight"),
+)  # fmt: skip
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print what is predicted and seen; write flight.json and flight.png."""
+    case = terminal.read_design(options.design, options.set).case
+    with as_wrong_use(ValueError, OSError):
+        stars = read_windows(options.images)
+        if options.stars:
+            chosen = options.stars.split(",")
+            unknown = set(chosen) - {star.name for star in stars}
+            if unknown:
+                raise WrongUse(
+                    f"--stars must be of {', '.join(star.name for star in stars)}, got "
+                    f"{', '.join(sorted(unknown))}"
+                )
+            stars = [star for star in stars if star.name in chosen]
+        with terminal.progress("stars", len(stars)) as advance:
+            flown = compare_flown(case, stars, options.devices, options.seed, advance)
+        if options.keep:
+            _keep(options.out / "predicted.npz", simulate(case, stars, 1, options.seed)[0])
+    table = _table(flown)
+    result = {
+        "design": str(options.design), "images": str(options.images), "seed": options.seed,
+        "devices": options.devices, "differences": table.json(),
+        "curve_correlation": {star: correlation(*pair) for star, pair in flown.curves.items()},
+        "curves_px": {star: [one.tolist() for one in pair] for star, pair in flown.curves.items()},
+    }  # fmt: skip
+    save_json(options.out / "flight.json", terminal.finite(result))
+    title = f"{options.design.stem}, {options.images.name}: predicted over seen"
+    draw_flown(options.out / "flight.png", flown, title)
+    terminal.print_result(options, result | {"out": str(options.out)}, *_text(flown, table))
+    return Exit.DONE
+
+
+def _keep(path: Path, stars: list[Windows]) -> None:
+    arrays = dict[str, Any]()
+    for star in stars:
+        col0, row0 = star.corner.T
+        parts: dict[str, Any] = {"time": star.time, "number": star.number}
+        parts |= {"col0": col0, "row0": row0}
+        arrays |= {f"{star.name}_{name}": value for name, value in parts.items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(path, **arrays)
+
+
+def _table(flown: Flown) -> Table:
+    return Table(
+        [
+            Column("star", "star", lambda row: row.star),
+            Column("figure", "figure", lambda row: row.name),
+            Column("seen", "seen", lambda row: row.seen, form=".4g"),
+            Column("predicted", "predicted", lambda row: row.predicted, form=".4g"),
+            Column("ratio", "predicted / seen", lambda row: row.ratio, form=".3f"),
+            Column("differs", "", lambda row: row.differs),
+            Column("keys", "differs: keys of the design",
+                   lambda row: row.key if row.differs else ""),
+        ],
+        flown.differences,
+    )  # fmt: skip
+
+
+def _text(flown: Flown, table: Table) -> list[str]:
+    lines = table.text((0, 1))
+    for star, pair in flown.curves.items():
+        value = correlation(*pair)
+        if math.isfinite(value):
+            lines.append(f"{star}: centroid over the pixel, correlation {value:.2f}")
+    return [
+        *lines, "",
+        "pixel; digital numbers (read_noise, brightness, background); electron per number (gain); "
+        "image: worst pixel of the peak; brackets: 95 %",
+    ]  # fmt: skip

@@ -1,0 +1,550 @@
+"""Images of stars that a tracker sent down, and its design -> each figure as predicted and as seen.
+
+Both are measured by the same code: what the design predicts are images that it would have made of
+the same stars on the same paths, on detectors of other pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import optimize
+
+from startrack.core import Floats, Ints, Parameters, Psf, Refused, Streams, whole
+from startrack.design import Case
+from startrack.detection import Box, DetectionPlan, corner_level, follow, image_mask, plan_detection
+from startrack.detector import Detector, dark, flickering, frame_of, response, stamp
+from startrack.metrics import Interval
+from startrack.trial import psf_of, sky_electrons
+
+PHASES = 10  # of a pixel, of the curve of the centroid
+CELLS = 4  # of a pixel along each side, of the mean images
+FEWEST = 20  # exposures of a cell
+MEMBERS = 60  # exposures of a cell whose images are averaged in the model
+BLOCKS = 8  # of time, of the jackknife
+CLEAR = 0.2  # of the median light, by which an exposure may be off
+THIRD = np.array([1.0, -3.0, 3.0, -1.0]) / math.sqrt(20)  # keeps white noise, takes off a parabola
+GROUP = 150  # differences of one pixel at one level, of the photon transfer
+CLIP = 5.0  # sigma, of a difference that is left out
+PULL = 4.0  # sigma, of a group that is left out: its pixel flickered
+SMOOTH = 15  # exposures, over which a path is smoothed
+BORDER = 8  # pixel about a path, of the detector that is drawn
+# What each figure depends on in a design; those first that are usually known worst.
+KEYS = {
+    "background": "instrument.detector.dark_current, .thermal, .age; scene.background_g",
+    "brightness": "instrument.optics.transmission, instrument.detector.quantum_efficiency",
+    "gain": "instrument.detector.full_well, .bits",
+    "read_noise": "instrument.detector.read_noise",
+    "image": "instrument.optics.psf_file (or the optics that make the image), .focus",
+    "temporal": "instrument.detector.read_noise, .full_well; instrument.motion",
+    "total": "instrument.detector.age, .dark_current, .prnu; tracker.box.background, .size",
+    "moves": "tracker.box.moves",
+    "curve": "tracker.box.background, .size, .moves; instrument.optics.psf_file",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Windows(Parameters):
+    """Images of one star over time.
+
+    time        (n,) second, rising
+    number      (n, s, s) digital number less the offset, rows upwards in y
+    corner      (n, 2) pixel (x, y) of the first pixel of each image
+    background  (n,) digital number of a pixel, that the tracker takes off; None: not known
+    magnitude   that the tracker states; NaN: not known
+    """
+
+    name: str
+    time: Floats
+    number: Floats
+    corner: Ints
+    background: Floats | None = None
+    magnitude: float = math.nan
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        shape = np.shape(self.number)
+        if len(shape) != 3 or shape[1] != shape[2] or shape[1] % 2 or shape[1] < 4:
+            raise Refused(f"number of {self.name} must be (n, s, s) with s even, got {shape}")
+        if np.shape(self.time) != shape[:1] or np.shape(self.corner) != (shape[0], 2):
+            raise Refused(
+                f"time and corner of {self.name} must be as many as its {shape[0]} images, got "
+                f"{np.shape(self.time)} and {np.shape(self.corner)}"
+            )
+        if shape[0] < 4 * BLOCKS:
+            raise Refused(f"{self.name} must have {4 * BLOCKS} images or more, got {shape[0]}")
+
+    def of(self, chosen: Any) -> Windows:
+        """Some of the exposures."""
+        background = None if self.background is None else self.background[chosen]
+        return replace(self, time=self.time[chosen], number=self.number[chosen],
+                       corner=self.corner[chosen], background=background)  # fmt: skip
+
+
+def read_windows(path: Path) -> list[Windows]:
+    """The stars of a file of numpy arrays (npz) or of FITS tables.
+
+    npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and maybe `background` (or `bkg_adu`) and
+          `magnitude` (or `obc_mag`), each behind the name of its star and "_" where there are
+          several
+    FITS  a table of a star each, whose columns have these names
+    Raises  ValueError, in one sentence with the path, where it has no star or a column is missing.
+    """
+    tables = _fits_tables(path) if path.suffix.lower() != ".npz" else _arrays(path)
+    stars = [_windows(path, name, table) for name, table in tables.items()]
+    if not stars:
+        raise Refused(f"{path} must hold arrays or tables of a star each, with time and number")
+    return stars
+
+
+def _arrays(path: Path) -> dict[str, dict[str, Any]]:
+    tables = dict[str, dict[str, Any]]()
+    with np.load(path, allow_pickle=False) as file:
+        for name in (key.removesuffix("time") for key in file if key.endswith("time")):
+            tables[name.removesuffix("_") or path.stem] = {
+                key.removeprefix(name): file[key] for key in file if key.startswith(name)
+            }
+    return tables
+
+
+def _fits_tables(path: Path) -> dict[str, dict[str, Any]]:
+    from astropy.io import fits
+
+    with fits.open(path, memmap=False) as file:
+        return {
+            hdu.name.lower() or f"star {number}": {
+                name.lower(): np.asarray(hdu.data[name]) for name in hdu.data.names
+            }
+            for number, hdu in enumerate(file)
+            if isinstance(hdu, fits.BinTableHDU)
+        }
+
+
+def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
+    def column(*names: str) -> Any:
+        return next((table[one] for one in names if one in table), None)
+
+    number, corner = column("number", "raw_adu"), (column("col0"), column("row0"))
+    if number is None or any(one is None for one in corner):
+        raise Refused(f"{path} must have number, col0 and row0 of {name}, got {', '.join(table)}")
+    background, magnitude = column("background", "bkg_adu"), column("magnitude", "obc_mag")
+    return Windows(
+        name, np.asarray(table["time"], float), np.asarray(number, float),
+        np.column_stack(corner).astype(np.int64),
+        None if background is None else np.asarray(background, float),
+        math.nan if magnitude is None else float(np.median(magnitude)),
+    )  # fmt: skip
+
+
+class Centroids(NamedTuple):
+    """First moments of the images of one star, of exposures in which it was seen.
+
+    place   (n, 2) pixel (x, y)
+    total   (n,) digital number of the image above its background
+    """
+
+    windows: Windows
+    place: Floats
+    total: Floats
+
+
+def centroids(windows: Windows, box: Box) -> Centroids:
+    """First moments as the tracker takes them, of its images of `box.size` pixels.
+
+    Exposures without the star, whose light is off by a fifth of the median, are left out.
+    """
+    light, corner = _light(windows, box)
+    total = light.sum(axis=(1, 2))
+    step = np.arange(light.shape[1]) - (light.shape[1] - 1) / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        moment = np.stack([light.sum(axis=1) @ step, light.sum(axis=2) @ step], 1) / total[:, None]
+    seen = np.abs(total / np.median(total) - 1) < CLEAR
+    if seen.sum() < 4 * BLOCKS:
+        raise Refused(f"{windows.name} must have a star of steady light in most of its images")
+    place = corner + (light.shape[1] - 1) / 2 + moment
+    return Centroids(windows.of(seen), place[seen], total[seen])
+
+
+def _light(windows: Windows, box: Box) -> tuple[Floats, Ints]:
+    """Light above the background (n, k, k) in the pixels that count, and the images' corners."""
+    side = windows.number.shape[1]
+    size = min(box.size, side)
+    cut = (side - size) // 2
+    inner = windows.number[:, cut : cut + size, cut : cut + size]
+    level = level_of(windows, box)
+    return (inner - level[:, None, None]) * image_mask(size), windows.corner + cut
+
+
+def level_of(windows: Windows, box: Box) -> Floats:
+    """The background (n,) of a pixel that the tracker takes off."""
+    if windows.background is not None:
+        return np.asarray(windows.background, float)
+    if box.background == "none" or windows.number.shape[1] < 8:
+        return np.zeros(len(windows.time))
+    cut = windows.number.shape[1] // 2 - 4
+    return np.array([corner_level(one[cut : cut + 8, cut : cut + 8]) for one in windows.number])
+
+
+class Measured(NamedTuple):
+    """What is measured of one star.
+
+    scalar  name: value, of `KEYS` less the curve
+    curve   (2, PHASES) pixel, of the place along x and y less its mean, over the phase of the
+            pixel; NaN where the star was not
+    """
+
+    scalar: dict[str, float]
+    curve: Floats
+
+
+def measure(stars: Sequence[Windows], box: Box, psf: Psf | None) -> list[Measured]:
+    """Measure stars that were seen together.
+
+    temporal    pixel rms of an axis, of third differences in time between exposures whose image
+                did not move, of the place less the motion that all stars share
+    total       pixel rms of an axis, of that place over all the time, less a cubic in time and
+                what is proportional to the common motion; both times sqrt(k / (k - 1)) of k stars,
+                so that two stars share one figure
+    curve       of the same, over the place in the pixel
+    moves       steps of an image along an axis, in an exposure
+    background  digital number; brightness in digital numbers a second and exposure
+    gain, read_noise  electron a number, and number: photon transfer, see `photon_transfer`
+    image       1, of the peak: worst pixel of the mean images of cells of phase less the design's
+                image at fitted place and flux, of all stars alone; NaN without `psf`
+
+    One star alone has its own motion in its temporal scatter, and no total and no curve.
+    """
+    seen = [centroids(star, box) for star in stars]
+    residual, still = _about_common([one.place for one in seen], seen)
+    found = []
+    for one, off, calm in zip(seen, residual, still, strict=True):
+        windows = one.windows
+        gain, read = photon_transfer(windows)
+        third = _third(off)[calm]
+        together = len(seen) > 1
+        scalar = {
+            "background": float(level_of(windows, box).mean()),
+            "brightness": float(np.median(one.total)),
+            "gain": gain,
+            "read_noise": read,
+            "image": image_difference(one, box, psf) if psf else math.nan,
+            "temporal": math.sqrt(float((third**2).mean())) if len(third) else math.nan,
+            "total": math.sqrt(float((off**2).mean())) if together else math.nan,
+            "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(off)),
+        }
+        curve = _curve(one.place, off) if together else np.full((2, PHASES), math.nan)
+        found.append(Measured(scalar, curve))
+    return found
+
+
+def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Floats], list[Any]]:
+    """Places (n, 2) of each star less the common motion, and third differences without a move."""
+    times = [one.windows.time for one in seen]
+    moved = [_calm(one.windows) for one in seen]
+    if len(seen) == 1:
+        return [places[0] - places[0].mean(axis=0)], moved
+    residual, calm, count = [], [], len(seen)
+    for time, place, mine in zip(times, places, moved, strict=True):
+        others = [
+            np.column_stack([np.interp(time, t, p) for p in (q - q.mean(axis=0)).T])
+            for t, q in zip(times, places, strict=True)
+        ]
+        # Third differences in which another star's image moved have its step.
+        quiet = [np.interp(time[:-3], t[:-3], m) > 0.999 for t, m in zip(times, moved, strict=True)]
+        common = np.mean(others, axis=0)
+        span = (time - time.mean()) / np.ptp(time)
+        terms = np.column_stack([np.vander(span, 4), common])
+        off = place - place.mean(axis=0) - common
+        off = off - terms @ np.linalg.lstsq(terms, off, rcond=None)[0]
+        residual.append(off * math.sqrt(count / (count - 1)))
+        calm.append(mine & np.all(quiet, axis=0))
+    return residual, calm
+
+
+def _calm(windows: Windows) -> Any:
+    """Whether the image stayed, and none is missing, in each four exposures (n - 3,)."""
+    step = np.diff(windows.time)
+    near = step < 1.5 * np.median(step)
+    same = near & (np.diff(windows.corner, axis=0) == 0).all(axis=1)
+    return same[:-2] & same[1:-1] & same[2:]
+
+
+def _third(values: Floats) -> Floats:
+    """Third differences (n - 3, ...) in time, of the variance of white noise."""
+    count = len(values) - 3
+    return np.asarray(sum(w * values[k : k + count] for k, w in enumerate(THIRD)))
+
+
+def _curve(place: Floats, off: Floats) -> Floats:
+    curve = np.full((2, PHASES), math.nan)
+    for axis in (0, 1):
+        phase = (np.mod(place[:, axis] + 0.5, 1.0) * PHASES).astype(int)
+        for n in np.unique(phase):
+            curve[axis, n] = off[phase == n, axis].mean()
+    return curve - np.nanmean(curve, axis=1)[:, None]
+
+
+def correlation(seen: Floats, predicted: Floats) -> float:
+    """Of two curves (2, PHASES), both axes together."""
+    both = np.isfinite(seen) & np.isfinite(predicted)
+    if both.sum() < 4:
+        return math.nan
+    return float(np.corrcoef(seen[both], predicted[both])[0, 1])
+
+
+def photon_transfer(windows: Windows) -> tuple[float, float]:
+    """Gain (electron / digital number) and read noise (digital number) of pixels in flight.
+
+        variance = read noise^2 + 1/12 + mean / gain
+
+    Variances are those of third differences in time of one pixel, between exposures whose image did
+    not move, in groups of equal level; a line is fitted with weights. Groups that scatter more than
+    four standard deviations above it are left out: their pixels flicker, or a star moved by jumps.
+
+    Raises    Refused where there are fewer than eight groups.
+    Accuracy  model: the mean has no background of its own; nonlinearity left out.
+    """
+    calm = _calm(windows)
+    number = windows.number.reshape(len(windows.number), -1)
+    level = (number[:-3] + number[1:-2] + number[2:-1] + number[3:])[calm] / 4
+    third = _third(number)[calm]
+    groups = []
+    for pixel in np.flatnonzero(np.ptp(number, axis=0) > 0):
+        order = np.argsort(level[:, pixel])
+        for part in np.array_split(order, max(len(order) // GROUP, 1)):
+            values = third[part, pixel]
+            inside = np.abs(values) <= CLIP * 1.4826 * np.median(np.abs(values)) + 1e-9
+            if inside.sum() > 8:
+                groups.append((level[part, pixel].mean(), values[inside].var(), inside.sum()))
+    if len(groups) < 8:
+        raise Refused(f"{windows.name} must have more exposures whose image does not move")
+    mean, variance, count = np.array(groups).T
+    model, kept = np.maximum(variance, 1.0), np.ones(len(mean), bool)
+    terms, line = np.column_stack([np.ones(len(mean)), mean]), np.zeros(2)
+    for _ in range(20):
+        weight = np.sqrt(count / 2) / model * kept
+        line = np.linalg.lstsq(terms * weight[:, None], variance * weight, rcond=None)[0]
+        model = np.maximum(terms @ line, 0.1)
+        kept = (variance - model) * np.sqrt(count / 2) / model < PULL
+    return float(1 / line[1]), math.sqrt(max(float(line[0]) - 1 / 12, 0.0))
+
+
+def image_difference(seen: Centroids, box: Box, psf: Psf) -> float:
+    """Worst pixel of the mean images of phase cells less the design's image, of the peak."""
+    light, corner = _light(seen.windows, box)
+    size = light.shape[1]
+    middle = corner + (size - 1) / 2
+    moment, worst = seen.place - middle, 0.0
+    cell = np.floor((moment + 0.5) * CELLS).astype(int)
+    counted = image_mask(size).astype(bool)
+    for x in range(CELLS):
+        for y in range(CELLS):
+            chosen = np.flatnonzero((cell == (x, y)).all(axis=1))
+            if len(chosen) < FEWEST:
+                continue
+            image = light[chosen].mean(axis=0)
+            mean = moment[chosen].mean(axis=0)
+            some = moment[chosen[:: max(len(chosen) // MEMBERS, 1)]] - mean
+            off = _fitted(image, mean, some, psf)[counted]
+            worst = max(worst, float(np.abs(off).max() / image.max()))
+    return worst
+
+
+def _fitted(image: Floats, start: Floats, spread: Floats, psf: Psf) -> Floats:
+    """An image less that of a star at the place and of the flux that fit best."""
+    size = len(image)
+    far = (size - 1) / 2 + BORDER
+    inner = slice(BORDER, BORDER + size)
+
+    def difference(place: Floats) -> Floats:
+        model = np.zeros((size + 2 * BORDER, size + 2 * BORDER))
+        at = place + spread + far
+        stamp(model, psf, at[:, 0].copy(), at[:, 1].copy(), np.full(len(at), 1 / len(at)))
+        part = model[inner, inner] * image_mask(size)
+        flux = float((part * image).sum() / (part**2).sum())
+        return np.asarray(flux * part - image).ravel()
+
+    scale = float(image.max())
+    found = optimize.least_squares(lambda at: difference(at) / scale, start, diff_step=1e-2)
+    return difference(found.x).reshape(image.shape)
+
+
+def simulate(
+    case: Case, stars: Sequence[Windows], devices: int, seed: int,
+    progress: Callable[[int], None] | None = None,
+) -> list[list[Windows]]:  # fmt: skip
+    """Images that the design makes of the same stars on the same paths.
+
+    Light and path are those of the images that were seen: the median of their light, and their
+    places over some exposures. Pixels, noise and, where the design has it, flicker are drawn.
+
+    devices  draws of the pixels;  progress  called with 1 after each star
+    Returns  [device][star], as `tracker.box` would take them, 8 x 8 pixels each
+    Accuracy  model: the mean image of the field, where the design has several; a star does not move
+              within an exposure; one path error of some hundredths of a pixel, by the centroids.
+    """
+    whole(1, 1000, devices=devices)
+    box, psf = case.tracker.box, psf_of(case.instrument)
+    plan, found = plan_detection(case.tracker.detection, psf), []
+    for number, star in enumerate(stars):
+        seen = centroids(star, box)
+        path = _smoothed(seen.place)
+        share = _fraction(psf, box)
+        flux = float(np.median(seen.total)) / share * case.instrument.detector.electrons_per_dn
+        found.append(_drawn(case, seen.windows, path, flux, devices, Streams(seed, number), plan))
+        if progress:
+            progress(1)
+    return [list(device) for device in zip(*found, strict=True)]
+
+
+def _smoothed(place: Floats) -> Floats:
+    kernel = np.ones(SMOOTH) / SMOOTH
+    padded = np.pad(place, ((SMOOTH // 2, SMOOTH // 2), (0, 0)), mode="edge")
+    return np.column_stack([np.convolve(axis, kernel, "valid") for axis in padded.T])
+
+
+def _fraction(psf: Psf, box: Box) -> float:
+    """Fraction of a star's light in its image, the star in the middle."""
+    image = np.zeros((box.size + 2 * BORDER, box.size + 2 * BORDER))
+    middle = np.array([(len(image) - 1) / 2])
+    stamp(image, psf, middle, middle, np.ones(1))
+    inner = image[BORDER:-BORDER, BORDER:-BORDER]
+    return float((inner * image_mask(box.size)).sum())
+
+
+def _drawn(
+    case: Case, seen: Windows, path: Floats, flux: float, devices: int, streams: Streams,
+    plan: DetectionPlan,
+) -> list[Windows]:  # fmt: skip
+    """One star on detectors side by side, each a tile of one frame."""
+    low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
+    side = np.ceil(path.max(axis=0)).astype(int) + 2 * BORDER - low
+    device = replace(
+        case.instrument.detector, columns=int(side[0]) * devices, rows=int(side[1]),
+        device_seed=streams.seed * 1000 + streams.trial, region=None,
+    )  # fmt: skip
+    shift = np.arange(devices) * side[0]
+    gain, empty = response(device), sky_electrons(case) + np.asarray(dark(device)) * device.exposure
+    state, psf, box = flickering(device, streams), psf_of(case.instrument), case.tracker.box
+    at = path - low
+    corner = np.rint(np.column_stack([at[0, 0] + shift, np.full(devices, at[0, 1])]) + 0.5)
+    corner, numbers, corners = corner.astype(np.int64), [], []
+    for k, (x, y) in enumerate(at):
+        light = np.zeros((device.rows, device.columns))
+        stamp(light, psf, x + shift, np.full(devices, y), np.full(devices, flux))
+        if gain is not None:
+            light *= gain
+        if state and k:
+            state.later(float(seen.time[k] - seen.time[k - 1]))
+        frame = frame_of(
+            light + empty, device, Streams(streams.seed, 10**6 * (1 + streams.trial) + k),
+            state=state,
+        )  # fmt: skip
+        corners.append(corner - 4)
+        numbers.append(_cut(frame.image, corner, device))
+        after = follow(frame, corner, box, plan).corner
+        corner = np.where(after < 0, corner, after)
+    origin = np.column_stack([low[0] - shift, np.full(devices, low[1])])
+    return [
+        replace(seen, number=np.array([n[k] for n in numbers]), background=None,
+                corner=np.array([c[k] for c in corners]) + origin[k])
+        for k in range(devices)
+    ]  # fmt: skip
+
+
+def _cut(image: Any, corner: Ints, device: Detector) -> Floats:
+    """Windows (m, 8, 8) of a frame about corners, less the offset."""
+    parts = [image[y - 4 : y + 4, x - 4 : x + 4] for x, y in corner]
+    return np.asarray(parts, float) - device.offset
+
+
+class Difference(NamedTuple):
+    """One figure of one star: as seen and as predicted, and what it points to in the design.
+
+    seen       95 % by a jackknife over eight blocks of time
+    predicted  median and 95 % of the devices drawn
+    """
+
+    star: str
+    name: str
+    seen: Interval
+    predicted: Interval
+    key: str
+
+    @property
+    def ratio(self) -> float:
+        """Predicted over seen; NaN where either is none."""
+        either = self.predicted.value and self.seen.value
+        return self.predicted.value / self.seen.value if either else math.nan
+
+    @property
+    def differs(self) -> bool:
+        """Whether the intervals do not meet."""
+        return self.predicted.low > self.seen.high or self.predicted.high < self.seen.low
+
+
+class Flown(NamedTuple):
+    """A comparison of all stars.
+
+    curves  star: as seen and as predicted (2, PHASES), mean of the devices, pixel
+    """
+
+    differences: list[Difference]
+    curves: dict[str, tuple[Floats, Floats]]
+
+
+def compare_flown(
+    case: Case, stars: Sequence[Windows], devices: int = 16, seed: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> Flown:  # fmt: skip
+    """Measure images in flight and those that the design predicts, by the same code."""
+    box, psf = case.tracker.box, psf_of(case.instrument)
+    drawn = [measure(one, box, None) for one in simulate(case, stars, devices, seed, progress)]
+    found, parts = measure(stars, box, psf), [measure(one, box, None) for one in _blocks(stars)]
+    differences, curves = [], {}
+    electrons = case.instrument.detector.electrons_per_dn
+    for n, star in enumerate(stars):
+        for name, value in found[n].scalar.items():
+            seen = _jackknifed(value, [part[n].scalar[name] for part in parts])
+            predicted = _middle([one[n].scalar[name] for one in drawn])
+            if name == "image":
+                seen, predicted = Interval(value, value, value), Interval(0.0, 0.0, 0.0)
+            if name == "gain":
+                predicted = Interval(electrons, electrons, electrons)
+            if name == "read_noise":
+                known = case.instrument.detector.noise / electrons
+                predicted = Interval(known, known, known)
+            if math.isfinite(seen.value):
+                differences.append(Difference(star.name, name, seen, predicted, KEYS[name]))
+        curves[star.name] = (
+            found[n].curve, np.asarray(np.nanmean([one[n].curve for one in drawn], axis=0)),
+        )  # fmt: skip
+    return Flown(differences, curves)
+
+
+def _blocks(stars: Sequence[Windows]) -> Iterable[list[Windows]]:
+    """The stars without each of eight blocks of time."""
+    begin, end = min(s.time[0] for s in stars), max(s.time[-1] for s in stars)
+    edges = np.linspace(begin, end, BLOCKS + 1)
+    for low, high in pairwise(edges):
+        yield [star.of((star.time < low) | (star.time >= high)) for star in stars]
+
+
+def _jackknifed(value: float, parts: list[float]) -> Interval:
+    """95 % by leaving out each block of time in turn."""
+    spread = np.array(parts) - np.mean(parts)
+    sigma = math.sqrt((BLOCKS - 1) / BLOCKS * float((spread**2).sum()))
+    return Interval(value, value - 1.96 * sigma, value + 1.96 * sigma)
+
+
+def _middle(values: list[float]) -> Interval:
+    """Median and 95 % of the devices."""
+    finite = [value for value in values if math.isfinite(value)] or [math.nan]
+    low, middle, high = np.percentile(finite, [2.5, 50, 97.5])
+    return Interval(float(middle), float(low), float(high))
