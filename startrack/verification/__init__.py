@@ -36,7 +36,13 @@ from startrack.verification.flown import (
     read_windows,
     simulate,
 )
-from startrack.verification.units import USUAL, unit_text, unit_values, verify_units
+from startrack.verification.units import (
+    USUAL,
+    trials_of_a_unit,
+    unit_text,
+    unit_values,
+    verify_units,
+)
 from startrack.verification.verify import (
     Verdict,
     Verification,
