@@ -29,11 +29,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack import Frame, read_image
 from startrack.catalog import Selection, open_sky
 from startrack.cli.main import main as startrack
-from startrack.core import Frame
 from startrack.identification import Identification, PatternIndexes
-from startrack.io import read_image
 from startrack.trial import Photograph, solve_photograph
 
 EPOCH = 2016.0  # of the catalogue that the known attitudes come from

@@ -170,6 +170,7 @@ FLOOR = 0.05  # pixel, of a centroid: no lens is known better
 AXIS, COMMON = 0.05, 0.5
 OUTLIER = 2.0  # sigma, beyond which a residual counts less (soft L1)
 BLOCKS, LEAST_IN_BLOCK = (3, 2), 3  # of the jackknife: across, down; stars
+BY_CHANCE = 1.8  # chi-square of its 2 x 5 degrees of freedom over these, which 5 % exceed
 STEPS, CLOSE = 20, 1e-6  # of Gauss-Newton at most; chi-square of the last
 ROUNDS = 8  # of matching and fitting in a stage, unless the matches stay the same before
 
@@ -226,7 +227,7 @@ def fit_lens(
     # What the model lacks is alike for neighbours, which residuals as a whole do not tell.
     turn = [(_axis(fit.matches) * lens.icrs_to_image.inv()).as_rotvec() for fit in blocks]
     square = float(np.var(turn, axis=0)[:2].sum()) * (len(blocks) - 1)
-    more = max(1.0, square / float(np.trace(lens.covariance[:2, :2])))
+    more = max(1.0, square / BY_CHANCE / float(np.trace(lens.covariance[:2, :2])))
     return lens._replace(covariance=lens.covariance * more)
 
 

@@ -405,7 +405,7 @@ class _Looks:
         image = self.frame.image
         highest = float(np.nanmax(image))
         at_top = np.count_nonzero(image == highest)
-        return CLIPPED * highest if at_top >= FEW_CLIPPED else None
+        return CLIPPED * highest if highest > 0 and at_top >= FEW_CLIPPED else None
 
     def _at(self, threshold: float, scale: int) -> Spots:
         if (threshold, scale) not in self._spots:

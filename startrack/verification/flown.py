@@ -287,7 +287,15 @@ def _curve(place: Floats, off: Floats) -> Floats:
         phase = (np.mod(place[:, axis] + 0.5, 1.0) * PHASES).astype(int)
         for n in np.unique(phase):
             curve[axis, n] = off[phase == n, axis].mean()
-    return curve - np.nanmean(curve, axis=1)[:, None]
+    return curve - _known_mean(curve, 1)[:, None]
+
+
+def _known_mean(values: Floats, axis: int) -> Floats:
+    """Mean of what is a number; NaN where nothing is."""
+    known = np.isfinite(values)
+    many = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.where(many > 0, total / np.maximum(many, 1), np.nan)
 
 
 def correlation(seen: Floats, predicted: Floats) -> float:
@@ -523,7 +531,7 @@ def compare_flown(
             if math.isfinite(seen.value):
                 differences.append(Difference(star.name, name, seen, predicted, KEYS[name]))
         curves[star.name] = (
-            found[n].curve, np.asarray(np.nanmean([one[n].curve for one in drawn], axis=0)),
+            found[n].curve, _known_mean(np.array([one[n].curve for one in drawn]), 0),
         )  # fmt: skip
     return Flown(differences, curves)
 

@@ -48,6 +48,7 @@ def test_solved_without_any_field_of_view(outside, name):
     assert matches.camera.fov_x == pytest.approx(truth["fov_x_deg"] * deg, rel=0.006)
 
 
+@pytest.mark.slow
 def test_images_that_calibrate_nothing(tmp_path, capsys):
     import cv2
 

@@ -1,0 +1,83 @@
+"""Windows of a flown tracker: photon transfer and steps by made images, files, and the command."""
+
+import json
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from startrack.cli.main import main
+from startrack.verification.flown import Windows, correlation, photon_transfer, read_windows
+
+GAIN, NOISE, COUNT, SIDE = 4.0, 12.0, 2000, 8
+
+
+def still(background=30.0, seed=1) -> Windows:
+    """A star that does not move, of known gain and read noise, by numpy's own distributions."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
+    light = 8000 * np.exp(-(x**2 + y**2) / 2 / 1.2**2) / (2 * np.pi * 1.2**2) + background
+    electrons = rng.poisson(light, (COUNT, SIDE, SIDE)) + NOISE * rng.standard_normal(
+        (COUNT, SIDE, SIDE)
+    )
+    corner = np.tile([100, 200], (COUNT, 1))
+    return Windows("s1", 2.05 * np.arange(COUNT), electrons / GAIN, corner)
+
+
+def test_photon_transfer_finds_gain_and_read_noise():
+    """Of 2,000 images of 64 pixels: the variance of each is known to 3 %; digital numbers."""
+    gain, noise = photon_transfer(still())
+    assert gain == pytest.approx(GAIN, rel=0.05)
+    assert noise == pytest.approx(NOISE / GAIN, rel=0.1)
+
+
+def test_windows_are_read_from_npz_and_fits(tmp_path):
+    star = still()
+    columns = {"time": star.time, "number": star.number, "col0": star.corner[:, 0],
+               "row0": star.corner[:, 1]}  # fmt: skip
+    np.savez(tmp_path / "a.npz", **{f"s1_{name}": value for name, value in columns.items()})
+    table = fits.BinTableHDU.from_columns(
+        [
+            fits.Column("TIME", "D", array=star.time),
+            fits.Column("NUMBER", f"{SIDE**2}D", dim=f"({SIDE},{SIDE})", array=star.number),
+            fits.Column("COL0", "J", array=star.corner[:, 0]),
+            fits.Column("ROW0", "J", array=star.corner[:, 1]),
+        ],
+        name="S1",
+    )
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(tmp_path / "a.fits")
+    for path in (tmp_path / "a.npz", tmp_path / "a.fits"):
+        (read,) = read_windows(path)
+        assert read.name == "s1"
+        np.testing.assert_array_equal(read.number, star.number)
+        np.testing.assert_array_equal(read.corner, star.corner)
+    np.savez(tmp_path / "none.npz", other=np.zeros(3))
+    with pytest.raises(ValueError, match="must hold arrays or tables of a star each"):
+        read_windows(tmp_path / "none.npz")
+
+
+def test_curves_that_are_alike_are_correlated():
+    wave = np.sin(np.linspace(0, 2 * np.pi, 20, endpoint=False))
+    assert correlation(wave, 3 * wave + 0.1) == pytest.approx(1)
+    assert correlation(wave, -wave) == pytest.approx(-1)
+
+
+@pytest.mark.slow
+def test_the_command_compares_a_design_with_its_own_images(tmp_path, capsys):
+    """Images that the design predicts are those that it predicts of other detectors."""
+    np.savez(tmp_path / "seen.npz", **{
+        f"s1_{name}": value for name, value in
+        {"time": still().time, "number": still().number, "col0": still().corner[:, 0],
+         "row0": still().corner[:, 1], "magnitude": 8.0}.items()
+    })  # fmt: skip
+    words = ["compare-flight", "trackers/chandra-aca.toml", str(tmp_path / "seen.npz")]
+    assert main([*words, "--devices", "2", "--keep", "--out", str(tmp_path / "a"), "--json"]) == 0
+    first = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (tmp_path / "a" / "flight.png").stat().st_size > 10_000
+    assert {row["figure"] for row in first["differences"]} >= {"background", "gain", "read_noise"}
+    words[2] = str(tmp_path / "a" / "predicted.npz")
+    assert main([*words, "--devices", "2", "--out", str(tmp_path / "b"), "--json"]) == 0
+    again = json.loads(capsys.readouterr().out.splitlines()[-1])
+    ratio = {row["figure"]: row["ratio"] for row in again["differences"]}
+    assert ratio["gain"] == pytest.approx(1, abs=0.1)
+    assert ratio["read_noise"] == pytest.approx(1, abs=0.2)
