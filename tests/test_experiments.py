@@ -30,7 +30,8 @@ LONG = {
     "all", "attitude", "chandra", "day", "detection", "frame_picture", "house", "units", "variance",
     "budget_against_trials", "camera_posterior", "cameras", "campaign", "design",
     "earth_loop", "ecosystem", "exclusion", "fidelities", "first_run", "identification", "lens",
-    "optimiser", "photographs", "profile_trial", "radiometry", "robust", "search", "speed", "terrain",
+    "optimiser", "photographs", "profile_trial", "radiometry", "robust", "search", "speed",
+    "terrain",
 }  # fmt: skip
 EXPECTED = {
     name: command.expectations(name)
