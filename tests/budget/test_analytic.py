@@ -157,6 +157,7 @@ def test_a_sky_that_fills_the_wells_leaves_no_star(case, floor):
             analytic(bright)
 
 
+@pytest.mark.slow
 def test_stars_that_the_tracker_drops_are_not_taken_for_exact(case):
     """Sharp stars in a bright sky: of the faintest magnitude the fit keeps none of its places.
 

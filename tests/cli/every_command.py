@@ -67,6 +67,7 @@ optimize design.toml --out optimize --workers 1
 sample design.toml --out sample --workers 1
 pareto design.toml --points 2 --out pareto --workers 1
 sensitivity design.toml --designs 2 --out sensitivity --workers 1
+compare-flight trackers/chandra-aca.toml windows.npz --devices 2 --out flown
 earth geometry mountains.toml --out geometry
 earth render hsrs.toml --calibration 8 --geotiff --out render
 earth process hsrs.toml --raw render --out render
@@ -117,7 +118,18 @@ def changed(text: str, *changes: tuple[str, str]) -> str:
     return text
 
 
+def write_windows(path: Path) -> None:
+    """Forty images of a star that does not move."""
+    rng = np.random.default_rng(1)
+    y, x = np.mgrid[:8, :8] - 3.5
+    light = 2000 * np.exp(-(x**2 + y**2) / 3) + 20.0
+    place = np.full(40, 100)
+    np.savez(path, s1_time=2.05 * np.arange(40), s1_number=rng.poisson(light, (40, 8, 8)),
+             s1_col0=place, s1_row0=place, s1_magnitude=9.0)  # fmt: skip
+
+
 def write_designs(folder: Path) -> None:
+    write_windows(folder / "windows.npz")
     """A design with two variables and few trials, and one with a dated scene."""
     design = changed(
         shipped("designs/noise_only.toml").read_text(),

@@ -103,7 +103,10 @@ def noise(kind: str) -> np.ndarray:
     return sky
 
 
-@pytest.mark.parametrize("kind", ["random", "blank", "sky", "hot pixels", "false stars"])
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param("random", marks=pytest.mark.slow), "blank", "sky", "hot pixels", "false stars"],
+)
 def test_noise_gives_a_status_and_a_reason(call, tmp_path, kind):
     path = tmp_path / "noise.png"
     cv2.imwrite(str(path), noise(kind))

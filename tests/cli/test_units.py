@@ -130,7 +130,7 @@ def test_requirements_are_verified_by_the_yield_at_both_ends_of_life(design, tmp
     command += ["--set", "campaign.unit_trials=4", "--out", str(tmp_path / "out"), "--json"]
     assert main(command) == 3
     found = json.loads(capsys.readouterr().out)
-    assert (found["units"], found["trials_each"], found["noise_only"]) == (3, 4, False)
+    assert (found["units"], found["trials_each"], found["noise_only"]) == (3, 8, False)
     own = found["requirements"][0]
     assert (own["condition"], own["requirement"], own["least_yield"]) == ("nominal", "across", 0.95)
     assert [one["age_years"] for one in own["ages"]] == pytest.approx([0, 5])

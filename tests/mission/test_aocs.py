@@ -83,7 +83,10 @@ def run(model, tmp_path_factory):
     return call
 
 
-@pytest.mark.parametrize("smear", [pytest.param(0.0, marks=pytest.mark.slow), 0.7, 2.0])
+@pytest.mark.parametrize(
+    "smear",
+    [pytest.param(0.0, marks=pytest.mark.slow), 0.7, pytest.param(2.0, marks=pytest.mark.slow)],
+)
 def test_errors_are_those_of_trials(run, smear):
     """Rms of many heads beside 1000 trials on the sky: within 10 %, five standard errors."""
     rate = smear / CASE.instrument.camera.focal_length_px / CASE.instrument.detector.exposure
