@@ -28,6 +28,7 @@ from startrack.core import (
 # What each model adds to a pinhole; for a digit the polynomial of that order.
 OPENCV = {"none": (), "radial": ("k1",), "full": ("k1", "k2", "p1", "p2")}
 MODELS = (*OPENCV, "1", "2", "3")
+HELD = "held"  # a camera that is known, whose attitude alone is fitted
 POLYNOMIAL_TERMS = {"1": 3, "2": 6, "3": 10}
 WARM_TERMS = 3  # 1, u and v grow with temperature: the boresight, and the scale along both axes
 OUTLIER = 6.0  # robust sigma, beyond which a residual is left out; chosen by hand: noise has none
@@ -42,7 +43,7 @@ SIZES = 128  # pixel, in whose multiples an array is assumed that holds all plac
 class Order(NamedTuple):
     """Which camera is fitted.
 
-    model  one of MODELS
+    model  one of MODELS, or HELD
     warm   whether boresight and scale move with temperature
     """
 
@@ -52,11 +53,19 @@ class Order(NamedTuple):
     @property
     def unknowns(self) -> int:
         """Number of parameters, those of the attitude with them."""
+        if self.model == HELD:
+            return 3
         own = 4 + len(OPENCV[self.model]) if self.model in OPENCV else 0
         return own + 2 * POLYNOMIAL_TERMS.get(self.model, 0) + 2 * WARM_TERMS * self.warm
 
+    @property
+    def turned(self) -> bool:
+        """Whether the attitude is an unknown of its own: a polynomial has one in its terms."""
+        return self.model in OPENCV or self.model == HELD
+
     def __str__(self) -> str:
-        what = {"none": "pinhole", "radial": "pinhole, k1", "full": "pinhole, k1, k2, p1, p2"}
+        what = {"none": "pinhole", "radial": "pinhole, k1", "full": "pinhole, k1, k2, p1, p2",
+                HELD: "camera as given"}  # fmt: skip
         name = what.get(self.model, f"polynomial of order {self.model}")
         return f"{name}, with temperature" if self.warm else name
 
@@ -163,6 +172,25 @@ def fit_field(
         _residual(state, table),
         weight,
     )
+
+
+def fit_attitude(table: StarTable, camera: Camera, first: tuple[float, float]) -> FieldFit:
+    """A known camera on another table: its attitude alone is fitted, robustly as in `fit_field`.
+
+    first     pixel (x, y) of the table at the centre of the first pixel
+    Raises    ValueError where the stars do not determine the attitude, or the image is mirrored.
+    Accuracy  as `fit_field`; a camera with terms of temperature takes those of the table's stars,
+              or its own temperature where the table has none.
+    """
+    if 2 * len(table) < LEAST_PER_UNKNOWN * Order(HELD).unknowns:
+        raise Refused(f"the table must have 3 stars or more for an attitude, got {len(table)}")
+    table, order = replace(table, pixel=table.pixel - first), Order(HELD)
+    start = _start(table, camera.columns, camera.rows)
+    state, weight, covariance = _solve(_State(camera, start.attitude), table, order)
+    return FieldFit(
+        order, state.camera, state.attitude, _names(order), covariance, _residual(state, table),
+        weight,
+    )  # fmt: skip
 
 
 def cross_validate(
@@ -305,7 +333,7 @@ def _start(table: StarTable, columns: int, rows: int) -> _State:
 
 def _names(order: Order) -> tuple[str, ...]:
     names: list[str] = []
-    if order.model in OPENCV:
+    if order.turned:
         names += ["rotation_x", "rotation_y", "rotation_z"]
         names += [UNKNOWNS[k] for k in _free(order)]
     for suffix, count in _tables(order):
@@ -316,6 +344,8 @@ def _names(order: Order) -> tuple[str, ...]:
 
 def _free(order: Order) -> Ints:
     """Numbers of UNKNOWNS that a pinhole of this order has."""
+    if order.model == HELD:
+        return np.empty(0, int)
     names = ("focal_length_px", *OPENCV[order.model])
     return np.array([UNKNOWNS.index(name) for name in names])
 
@@ -396,7 +426,7 @@ def _derivatives(state: _State, table: StarTable, order: Order) -> Floats:
     """Of the pixels by the unknowns, (2 n, unknowns)."""
     columns: list[Floats] = []
     direction = state.attitude.apply(table.direction)
-    if order.model in OPENCV:
+    if order.turned:
         own, turn = camera_slopes(state.camera, direction)
         slopes = np.concatenate([turn, own[:, :, _free(order)]], axis=2)
         columns += list(slopes.reshape(2 * len(table), -1).T)
@@ -420,7 +450,7 @@ def _derivatives(state: _State, table: StarTable, order: Order) -> Floats:
 def _moved(state: _State, order: Order, step: Floats) -> _State:
     """The state after a step of the unknowns, in the order of `_names`."""
     camera, attitude, at = state.camera, state.attitude, 0
-    if order.model in OPENCV:
+    if order.turned:
         free = _free(order)
         at = 3 + len(free)
         attitude = Rotation.from_rotvec(step[:3]) * attitude

@@ -60,7 +60,8 @@ declare = Options(
     "which order the stars bear: the one of fewest unknowns within a standard error of the "
     "best, which is the result.\n\n"
     "  startrack calibrate stars.csv --camera camera.toml\n"
-    "  startrack calibrate stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row",
+    "  startrack calibrate stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row\n"
+    "  startrack calibrate later.csv --fitted camera.toml",
     *images(" of one camera; or one table of stars"),
     Option("--fov DEG", "images: approximate field of view across the columns, degree (default: "
            "as `solve` finds it)", float),
@@ -71,6 +72,8 @@ declare = Options(
            "p1, p2 (full); of a table also a polynomial over the field of order 1, 2 or 3, or "
            "auto: the best of all (default)", ("none", "radial", "full", "1", "2", "3", "auto")),
     Group("tables of stars",
+        Option("--fitted CAMERA", "camera of another table, as --camera wrote it: only the attitude "
+               "is fitted, and what is left over is printed", Path),
         Option("--temperature-terms", "whether boresight and scale move with temperature "
                "(default: auto, both are tried)", ("auto", "none", "linear"), "auto"),
         Option("--directions NAMES", "columns of directions, such as yag:arcsec,zag:arcsec"),
@@ -274,6 +277,8 @@ def _calibrate_table(options: argparse.Namespace) -> int:
     if len(options.images) != 1 or options.posterior:
         raise WrongUse("a table of stars must be given alone, and without --posterior")
     path: Path = options.images[0]
+    if options.fitted:
+        return _as_fitted(options, path)
     with as_wrong_use(ValueError, OSError):
         table = calibration.read_star_table(path, _names(options))
         columns, rows, first = _array(options, table)
@@ -298,6 +303,40 @@ def _calibrate_table(options: argparse.Namespace) -> int:
         )
     terminal.print_result(options, result, _table_text(result, tried, chosen))
     return Exit.DONE
+
+
+def _as_fitted(options: argparse.Namespace, path: Path) -> int:
+    """Residuals of a table to a camera that was fitted to another one."""
+    if options.camera or options.distortion:
+        raise WrongUse("--fitted must come without --camera and --distortion: it fits no camera")
+    camera = terminal.read_camera(options.fitted)
+    with as_wrong_use(ValueError, OSError):
+        table = calibration.read_star_table(path, _names(options))
+        columns, rows, first = _array(options, table)
+        if options.size is None:
+            # Counted from the middle or from the first pixel, of the camera's own array.
+            middle = ((1 - camera.columns) / 2, (1 - camera.rows) / 2)
+            first = middle if first != (0.0, 0.0) else first
+        elif (columns, rows) != (camera.columns, camera.rows):
+            raise ValueError(
+                f"--size must be the camera's {camera.columns},{camera.rows}, got {columns},{rows}"
+            )
+        fit = calibration.fit_attitude(table, camera, first)
+    values = _fit_values(path, table, fit, first) | {"camera_file": str(options.fitted)}
+    if options.out:
+        save_json(options.out, terminal.finite(values))
+    terminal.print_result(options, values, _residual_text(values))
+    return Exit.DONE
+
+
+def _residual_text(values: dict[str, Any]) -> str:
+    lines = [f"{values['stars']} stars, {values['outliers']} beyond {calibration.OUTLIER:g} sigma "
+             f"left out; camera as given: residual {values['residual_rms_px']:.4f} px",
+             f"{'residual, arcsec':20} {'rms':>9} {'median':>9} {'worst':>9}"]  # fmt: skip
+    for axis, rms in values["residual_rms_arcsec"].items():
+        middle, worst = (values[f"residual_{name}_arcsec"][axis] for name in ("median", "worst"))
+        lines.append(f"{axis:20} {rms:9.3f} {middle:9.3f} {worst:9.3f}")
+    return "\n".join(lines)
 
 
 def _names(options: argparse.Namespace) -> calibration.Names:
@@ -349,9 +388,19 @@ def _table_values(
     fit: calibration.FieldFit,
     first: tuple[float, float],
 ) -> dict[str, Any]:
-    camera = fit.camera
-    angle, _ = calibration.residuals(fit, table, first)
-    used = fit.used
+    return _fit_values(path, table, fit, first) | {
+        "chosen": _order(chosen.order),
+        "unseen_rms_px": math.sqrt(chosen.mean_square),
+        "unseen_rms_arcsec": _by_axis(table, chosen.rms),
+        "orders": [_unseen(table, unseen) for unseen in tried],
+    }
+
+
+def _fit_values(
+    path: Path, table: calibration.StarTable, fit: calibration.FieldFit, first: tuple[float, float]
+) -> dict[str, Any]:
+    camera, used = fit.camera, fit.used
+    angle = calibration.residuals(fit, table, first)[0][used]
     return {
         "status": "calibrated",
         "table": str(path),
@@ -360,7 +409,6 @@ def _table_values(
         "outliers": int((~used).sum()),
         "columns_used": dict(table.columns),
         "first_pixel": list(first),
-        "chosen": _order(chosen.order),
         "camera": {
             "columns": camera.columns,
             "rows": camera.rows,
@@ -374,10 +422,9 @@ def _table_values(
         "sigma": dict(zip(fit.names, np.sqrt(fit.covariance.diagonal()).tolist(), strict=True)),
         "covariance": fit.covariance.tolist(),
         "residual_rms_px": float(_rms(fit.residual[used].ravel())),
-        "residual_rms_arcsec": _by_axis(table, _rms(angle[used])),
-        "unseen_rms_px": math.sqrt(chosen.mean_square),
-        "unseen_rms_arcsec": _by_axis(table, chosen.rms),
-        "orders": [_unseen(table, unseen) for unseen in tried],
+        "residual_rms_arcsec": _by_axis(table, _rms(angle)),
+        "residual_median_arcsec": _by_axis(table, np.median(np.abs(angle), axis=0)),
+        "residual_worst_arcsec": _by_axis(table, np.abs(angle).max(axis=0)),
     }
 
 

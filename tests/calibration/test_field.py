@@ -2,9 +2,11 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from startrack.calibration.field import (
     Order,
@@ -12,12 +14,14 @@ from startrack.calibration.field import (
     borne,
     cross_validate,
     cross_validate_all,
+    fit_attitude,
     fit_field,
     orders_of,
     residuals,
 )
 from startrack.calibration.star_table import StarTable, angles_of, read_star_table
 from startrack.cli.main import main
+from startrack.cli.terminal import save_camera
 from startrack.core import ZERO_CELSIUS, Camera, FieldPolynomial, arcsec
 
 ARRAY = 1024, 1024, (-511.5, -511.5)
@@ -91,6 +95,33 @@ def test_the_order_that_made_the_stars_is_borne():
     sigma = dict(zip(fit.names, np.sqrt(fit.covariance.diagonal()), strict=True))
     assert fit.camera.k1 == pytest.approx(-0.2, abs=4 * sigma["k1"])
     assert fit.camera.focal_length_px == pytest.approx(1500, abs=4 * sigma["focal_length_px"])
+
+
+def test_a_camera_applied_to_other_stars_leaves_their_noise(tmp_path, capsys):
+    """Another table at another attitude: only three unknowns take part of the noise."""
+    camera = Camera(512, 512, 1500.0, k1=-0.2)
+    rng = np.random.default_rng(5)
+    pixel = rng.uniform(0, 511, (200, 2))
+    turn = Rotation.from_rotvec([0.02, -0.01, 0.3])
+    noisy = pixel + rng.normal(0, 0.05, pixel.shape)
+    direction = turn.inv().apply(camera.unproject(pixel))
+    table = StarTable(direction, noisy, None, np.ones(200), "vectors")
+    fit = fit_attitude(table, camera, (0.0, 0.0))
+    off = (fit.attitude * turn.inv()).as_rotvec()
+    # Chi-square of three unknowns, false alarm 1e-4.
+    assert off @ np.linalg.solve(fit.covariance, off) < 21.1
+    assert np.sqrt(np.mean(fit.residual**2)) == pytest.approx(0.05, rel=0.1)
+    wrong = fit_attitude(table, replace(camera, k1=-0.1), (0.0, 0.0))
+    assert np.sqrt(np.mean(wrong.residual**2)) > 0.1
+
+    path, file = tmp_path / "stars.csv", tmp_path / "camera.toml"
+    rows = [",".join(map(str, [*d, *p])) for d, p in zip(direction, noisy, strict=True)]
+    path.write_text("\n".join(["ux,uy,uz,column,row", *rows]))
+    save_camera(file, camera)
+    assert main(["calibrate", str(path), "--fitted", str(file), "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert values["residual_rms_px"] == pytest.approx(0.05, rel=0.1)
+    assert main(["calibrate", str(path), "--fitted", str(file), "--distortion", "3"]) == 2
 
 
 def test_stars_in_flight(outside):
