@@ -7,24 +7,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.options import (
-    SEED,
-    SET,
-    Exit,
-    Option,
-    Options,
-    WrongUse,
-    as_wrong_use,
-    out,
-    wanted,
-    whole,
-)
+from startrack.cli.options import SEED, SET, Exit, Option, Options, as_wrong_use, out, wanted, whole
 
 if wanted(__name__):
-    import numpy as np
-
     from startrack.cli import terminal
-    from startrack.io import save_json
+    from startrack.io import save_arrays, save_json
     from startrack.metrics import Column, Table
     from startrack.plots import draw_flown
     from startrack.verification import (
@@ -51,7 +38,8 @@ declare = Options(
     "  startrack compare-flight trackers/chandra-aca.toml flight.npz --stars s4,s5",
     Option("design DESIGN.toml", "design file", Path),
     Option("images IMAGES", "npz or FITS file of the images of several stars over time", Path),
-    Option("--stars NAMES", "stars of the file, such as s4,s5 (default: all)"),
+    Option("--stars NAMES", "stars of the file, such as s4,s5 (default: all with 32 images or "
+           "more)"),
     Option("--devices N", "detectors that are drawn", whole(2, 1000), 8),
     Option("--keep", "write the predicted images of the first detector to predicted.npz"),
     *SET,
@@ -64,16 +52,7 @@ def command(options: argparse.Namespace) -> int:
     """Print what is predicted and seen; write flight.json and flight.png."""
     case = terminal.read_design(options.design, options.set).case
     with as_wrong_use(ValueError, OSError):
-        stars = read_windows(options.images)
-        if options.stars:
-            chosen = options.stars.split(",")
-            unknown = set(chosen) - {star.name for star in stars}
-            if unknown:
-                raise WrongUse(
-                    f"--stars must be of {', '.join(star.name for star in stars)}, got "
-                    f"{', '.join(sorted(unknown))}"
-                )
-            stars = [star for star in stars if star.name in chosen]
+        stars = read_windows(options.images, options.stars.split(",") if options.stars else ())
         with terminal.progress("stars", len(stars)) as advance:
             flown = compare_flown(case, stars, options.devices, options.seed, advance)
         if options.keep:
@@ -99,8 +78,7 @@ def _keep(path: Path, stars: list[Windows]) -> None:
         parts: dict[str, Any] = {"time": star.time, "number": star.number}
         parts |= {"col0": col0, "row0": row0}
         arrays |= {f"{star.name}_{name}": value for name, value in parts.items()}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, **arrays)
+    save_arrays(path, arrays)
 
 
 def _table(flown: Flown) -> Table:

@@ -28,6 +28,8 @@ declare = Options(
     Option("--frames", "keep the frames of all sequences in the folder frames: FITS with WCS, "
            "16-bit PNG, SER, raw, or lossless video (mkv), and a table of their times and true "
            "attitudes for each sequence", ("fits", "png", "ser", "raw", "mkv")),
+    Option("--stars", "keep the images and places of each matched star over time, in the folder "
+           "frames, as compare-flight reads them"),
     SEED,
     WORKERS,
     out("startrack-sequence"),
@@ -39,7 +41,8 @@ def command(options: argparse.Namespace) -> int:
     design = options.design or terminal.example()
     profile = options.profile or shipped("sequences/slew.toml")
     case, sequence = terminal.read_design(design, options.set).case, terminal.read_sequence(profile)
-    recording = Recording(options.out / "frames", options.frames) if options.frames else None
+    kept = options.frames or options.stars
+    recording = Recording(options.out / "frames", options.frames, options.stars) if kept else None
     with (
         pool(min(options.workers, options.sequences)) as executor,
         terminal.progress("sequences", options.sequences) as advance,

@@ -32,6 +32,7 @@ from startrack.io.reading import (
 from startrack.io.recordings import COLOURS, PATTERNS, Layout
 from startrack.io.saving import (
     claimed_folder,
+    save_arrays,
     save_csv,
     save_figure,
     save_json,

@@ -89,6 +89,12 @@ def save_json(path: Path, value: Any) -> None:
     save_text(path, json.dumps(value, indent=1) + "\n")
 
 
+def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays whole, as an npz file without pickles."""
+    with whole(path) as draft, draft.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
 def save_figure(path: Path, figure: Figure) -> None:
     """Write a picture whole, at the figure's own resolution.
 

@@ -77,9 +77,9 @@ def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams:
               within a long sequence.
     """
     time = _times(instrument, sequence)
-    jitter = realise_motion(
-        replace(instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0), sequence.duration, streams
-    )
+    tones = (*instrument.motion.tones, *sequence.dither)
+    moves = replace(instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0, tones=tones)
+    jitter = realise_motion(moves, sequence.duration, streams)
     attitude = Rotation.from_rotvec(jitter.at(time)) * attitudes(sequence.legs, start, time)
     turns = tuple(
         replace(jitter.later(float(at)), rate=rate)

@@ -20,6 +20,7 @@ from startrack.core import (
     deg,
 )
 from startrack.io import from_table, read_table
+from startrack.motion import Tone
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,9 @@ class Sequence(Parameters):
     legs: Annotated[tuple[Leg, ...],
         "of the attitude profile, one after the other; they replace the rates of the design's "
         "motion, whose jitter remains"]  # fmt: skip
+    dither: Annotated[tuple[Tone, ...],
+        "sinusoidal motion beside the legs and the design's jitter, such as of a spacecraft that "
+        "moves its image over the pixels; of one start in a sequence"] = ()  # fmt: skip
     period: Annotated[float | None, Unit("s"), POSITIVE,
         "from one frame to the next; None: as fast as the detector gives them"] = None  # fmt: skip
     gyro: Annotated[Gyro | None,

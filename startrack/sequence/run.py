@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import typing
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +35,7 @@ from startrack.design import Case
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, flickering, frame_of
 from startrack.identification import identify, track
-from startrack.io import FrameFiles
+from startrack.io import FrameFiles, save_arrays
 from startrack.metrics import Outcome, judge
 from startrack.motion import trace
 from startrack.scene import date_of
@@ -235,7 +237,7 @@ def fly_sequences(
     """Many sequences over workers, one after the other in the table, as `run`.
 
     progress   called with 1 for each sequence that ended
-    recording  where the frames are kept; None: nowhere
+    recording  what is kept of the frames, and where; None: nothing
     """
     whole(1, 10**6, sequences=sequences)
     tables = []
@@ -249,14 +251,20 @@ def fly_sequences(
 
 @dataclass(frozen=True)
 class Recording:
-    """Files that keep the frames of sequences, with their times and true attitudes.
+    """Files that keep what a tracker saw in sequences.
 
     folder  of sequence-0001.csv and so on, and of the frames
-    format  one of FORMATS of `startrack.io`
+    format  of the frames, one of FORMATS of `startrack.io`, with their times and true attitudes;
+            None: they are not kept
+    stars   whether the images of each matched star over time are kept, in sequence-0001-stars.npz:
+            time, number (less the offset), col0 and row0 of its first pixel, and the place x and
+            y as measured, each behind gaia or hip and the star's number, as `compare-flight`
+            reads them
     """
 
     folder: Path
-    format: str
+    format: str | None
+    stars: bool = False
 
 
 def run(
@@ -264,7 +272,7 @@ def run(
 ) -> NDArray[np.void]:
     """One sequence from a random attitude, by a tracker without an attitude at its start.
 
-    recording  where the frames are kept; None: nowhere
+    recording  what is kept of the frames, and where; None: nothing
     Returns  (frames,) structured array: number of the sequence, time (second), true rate
              (radian / second), Mode, the fields of Outcome for the frame alone, and error and
              stated sigma (radian, camera axes) of the filter after it; NaN where there is none
@@ -280,7 +288,7 @@ def run(
     table = np.empty(len(true.time), FRAMES)
     known, camera, asked = TrackerState(), case.believed_camera, asked_of(case, true, streams)
     before, step, lengths, parts = known, 0.0, error_lengths(case), known.lasting
-    images = Images()
+    images, stars = Images(), _StarImages(case)
     for k, frame in enumerate(_kept(case, true, seed, number, recording)):
         if k:
             before, step = known, float(true.time[k] - true.time[k - 1])
@@ -296,6 +304,8 @@ def run(
         known = update_state(known, estimate, sequence, parts)
         if estimate.status is Status.SOLVED:
             camera = matches.camera
+        if recording and recording.stars:
+            stars.add(float(true.time[k]), frame, spots, matches, images)
         table[k] = (
             number,
             true.time[k],
@@ -304,7 +314,48 @@ def run(
             *judge(estimate, asked[k], len(spots)),
             *_filtered(known.state, asked[k]),
         )
+    if recording and recording.stars:
+        stars.save(recording.folder / f"{_name(number)}-stars.npz")
     return table
+
+
+def _name(number: int) -> str:
+    return f"sequence-{number + 1:04d}"
+
+
+class _StarImages:
+    """Images of matched stars, and where they were."""
+
+    def __init__(self, case: Case) -> None:
+        self._half = case.tracker.box.size // 2
+        self._offset = case.instrument.detector.offset
+        self._identifier = open_sky(case.believed_catalog).stars.identifier
+        self._rows = defaultdict[int, list[tuple[Any, ...]]](list)
+
+    def add(
+        self, time: float, frame: Frame, spots: Spots, matches: Matches, images: Images
+    ) -> None:
+        """Images are where the tracker has them, or about the pixel nearest to the spot."""
+        rows, columns = frame.image.shape
+        for spot, star in zip(matches.spot.tolist(), matches.star.tolist(), strict=True):
+            x, y = float(spots.x[spot]), float(spots.y[spot])
+            middle = images.get(star, (math.floor(x) + 1, math.floor(y) + 1))
+            left, top = (at - self._half for at in middle)
+            side = 2 * self._half
+            if 0 <= left <= columns - side and 0 <= top <= rows - side:
+                pixel = frame.image[top : top + side, left : left + side]
+                number = np.asarray(pixel, np.float32) - self._offset
+                self._rows[star].append((time, number, left, top, x, y))
+
+    def save(self, path: Path) -> None:
+        names = "time", "number", "col0", "row0", "x", "y"
+        arrays = {}
+        for star, rows in self._rows.items():
+            number = int(self._identifier[star])
+            known = f"gaia{number}" if number > 0 else f"hip{-number}"
+            for name, values in zip(names, zip(*rows, strict=True), strict=True):
+                arrays[f"{known}_{name}"] = np.array(values)
+        save_arrays(path, arrays)
 
 
 def asked_of(case: Case, true: Flight, streams: Streams) -> Rotation:
@@ -332,10 +383,10 @@ def _kept(
     case: Case, true: Flight, seed: int, number: int, recording: Recording | None
 ) -> Iterator[Frame]:
     """The frames of a flight, each written before it is used where they are kept."""
-    if recording is None:
+    if recording is None or recording.format is None:
         yield from (frame for frame, _ in _frames(case, true, seed, number))
         return
-    name, streams = f"sequence-{number + 1:04d}", Streams(seed, number)
+    name, streams = _name(number), Streams(seed, number)
     begin = date_of(case.scene, case.catalog.year, streams)
     files = FrameFiles(recording.folder, name, recording.format, begin)
     camera = None if case.instrument.detector.scan else case.instrument.camera

@@ -28,6 +28,7 @@ CELLS = 4  # of a pixel along each side, of the mean images
 FEWEST = 20  # exposures of a cell
 MEMBERS = 60  # exposures of a cell whose images are averaged in the model
 BLOCKS = 8  # of time, of the jackknife
+FEWEST_IMAGES = 4 * BLOCKS  # of a star
 CLEAR = 0.2  # of the median light, by which an exposure may be off
 THIRD = np.array([1.0, -3.0, 3.0, -1.0]) / math.sqrt(20)  # keeps white noise, takes off a parabola
 GROUP = 150  # differences of one pixel at one level, of the photon transfer
@@ -77,8 +78,8 @@ class Windows(Parameters):
                 f"time and corner of {self.name} must be as many as its {shape[0]} images, got "
                 f"{np.shape(self.time)} and {np.shape(self.corner)}"
             )
-        if shape[0] < 4 * BLOCKS:
-            raise Refused(f"{self.name} must have {4 * BLOCKS} images or more, got {shape[0]}")
+        if shape[0] < FEWEST_IMAGES:
+            raise Refused(f"{self.name} must have {FEWEST_IMAGES} images or more, got {shape[0]}")
 
     def of(self, chosen: Any) -> Windows:
         """Some of the exposures."""
@@ -87,8 +88,10 @@ class Windows(Parameters):
                        corner=self.corner[chosen], background=background)  # fmt: skip
 
 
-def read_windows(path: Path) -> list[Windows]:
+def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
     """The stars of a file of numpy arrays (npz) or of FITS tables.
+
+    names  of the stars to read; none: all that have images enough
 
     npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and maybe `background` (or `bkg_adu`) and
           `magnitude` (or `obc_mag`), each behind the name of its star and "_" where there are
@@ -97,10 +100,12 @@ def read_windows(path: Path) -> list[Windows]:
     Raises  ValueError, in one sentence with the path, where it has no star or a column is missing.
     """
     tables = _fits_tables(path) if path.suffix.lower() != ".npz" else _arrays(path)
-    stars = [_windows(path, name, table) for name, table in tables.items()]
-    if not stars:
+    if not tables:
         raise Refused(f"{path} must hold arrays or tables of a star each, with time and number")
-    return stars
+    if unknown := set(names) - set(tables):
+        raise Refused(f"stars must be of {', '.join(tables)}, got {', '.join(sorted(unknown))}")
+    long = [name for name in tables if len(np.atleast_1d(tables[name]["time"])) >= FEWEST_IMAGES]
+    return [_windows(path, name, tables[name]) for name in names or long or tables]
 
 
 def _arrays(path: Path) -> dict[str, dict[str, Any]]:
@@ -165,7 +170,7 @@ def centroids(windows: Windows, box: Box) -> Centroids:
     with np.errstate(invalid="ignore", divide="ignore"):
         moment = np.stack([light.sum(axis=1) @ step, light.sum(axis=2) @ step], 1) / total[:, None]
     seen = np.abs(total / np.median(total) - 1) < CLEAR
-    if seen.sum() < 4 * BLOCKS:
+    if seen.sum() < FEWEST_IMAGES:
         raise Refused(f"{windows.name} must have a star of steady light in most of its images")
     place = corner + (light.shape[1] - 1) / 2 + moment
     return Centroids(windows.of(seen), place[seen], total[seen])

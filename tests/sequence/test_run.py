@@ -1,6 +1,7 @@
 """A tracker in time: acquisition, tracking, loss and reacquisition."""
 
 import dataclasses
+import math
 import multiprocessing
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -15,7 +16,7 @@ from startrack.attitude import Mounting
 from startrack.core.units import arcsec, deg
 from startrack.io import to_qtable
 from startrack.montecarlo.workers import Serial
-from startrack.motion import Motion
+from startrack.motion import Motion, Tone
 from startrack.sequence import (
     Gyro,
     Leg,
@@ -28,6 +29,7 @@ from startrack.sequence import (
 )
 from startrack.sequence.run import FRAMES
 from startrack.trial.chain import run_random_trial
+from startrack.verification import read_windows
 
 GYRO = Gyro(2 * arcsec, 0.05 * arcsec, 5 * arcsec)
 CALM = Leg(2.0, rate_x=0.05 * deg)
@@ -62,6 +64,29 @@ def test_a_calm_sequence_is_acquired_once_and_then_tracked(small, tmp_path):
     assert table["mode"].tolist() == [Mode.ACQUIRED] + [Mode.TRACKED] * 9
     np.testing.assert_allclose(np.diff(table["time"]), 0.2)
     np.testing.assert_allclose(table["rate"], 0.05 * deg)
+
+
+def test_images_of_stars_follow_the_dither(small, tmp_path):
+    """A sinusoid of 100 arcsec rms about x, which moves each star along y, in 4 s."""
+    sequence = Sequence((Leg(7.2),), period=0.2, dither=(Tone(0.25, rms_x=100 * arcsec),))
+    run(small.case, sequence, 3, 0, Recording(tmp_path, None, stars=True))
+    [path] = tmp_path.iterdir()
+    stars = read_windows(path)
+    assert len(stars) >= 3
+    expected = math.sqrt(2) * 100 * arcsec * small.case.instrument.camera.focal_length_px
+    with np.load(path) as file:
+        for star in stars:
+            place = np.column_stack([file[f"{star.name}_{axis}"] for axis in "xy"])
+            phase = math.pi / 2 * star.time
+            terms = np.column_stack([np.cos(phase), np.sin(phase), np.ones(len(phase))])
+            x, y = np.hypot(*np.linalg.lstsq(terms, place, rcond=None)[0][:2])
+            assert y == pytest.approx(expected, rel=0.1)
+            assert x < 0.1 * expected
+            # Each image holds its star: the brightest pixel is the one of its place.
+            row, column = np.unravel_index(star.number.mean(axis=0).argmax(), (6, 6))
+            mean = place.mean(axis=0) - star.corner.mean(axis=0)
+            assert abs(column - mean[0]) < 1.6
+            assert abs(row - mean[1]) < 1.6
 
 
 def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
