@@ -72,8 +72,8 @@ declare = Options(
            "p1, p2 (full); of a table also a polynomial over the field of order 1, 2 or 3, or "
            "auto: the best of all (default)", ("none", "radial", "full", "1", "2", "3", "auto")),
     Group("tables of stars",
-        Option("--fitted CAMERA", "camera of another table, as --camera wrote it: only the attitude "
-               "is fitted, and what is left over is printed", Path),
+        Option("--fitted CAMERA", "camera of another table, as --camera wrote it: only the "
+               "attitude is fitted, and what is left over is printed", Path),
         Option("--temperature-terms", "whether boresight and scale move with temperature "
                "(default: auto, both are tried)", ("auto", "none", "linear"), "auto"),
         Option("--directions NAMES", "columns of directions, such as yag:arcsec,zag:arcsec"),
