@@ -1,5 +1,6 @@
 """Chandra's aspect camera, predicted and flown: its places of stars, dark current, flicker, images,
-acquisition in flight and on a bench, centroids, pixels of guide stars, and boresight.
+acquisition in flight and on a bench, centroids, pixels of guide stars, and boresight; and the
+quaternions of the cameras of TESS.
 
     python experiments/chandra.py [--page FOLDER] [--json FILE] [--quick]
 
@@ -30,6 +31,7 @@ from flight_page import draw, write_page
 from scipy import stats
 
 from startrack import Frame, Streams, arcsec, load_design, shipped
+from startrack.budget import analytic
 from startrack.calibration import (
     Order,
     assumed_array,
@@ -86,7 +88,18 @@ def main() -> None:
     )
     parts = {
         one.__name__: one
-        for one in (camera, dark_current, flicker, image, acquisition, bench, centroid, raw, drift)
+        for one in (
+            camera,
+            dark_current,
+            flicker,
+            image,
+            acquisition,
+            bench,
+            centroid,
+            raw,
+            drift,
+            tess,
+        )
     }
     parser.add_argument(
         "parts", nargs="*", metavar="PART",
@@ -452,6 +465,30 @@ def drift(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
             [axis, law["trend"], law["scale"], len(sizes), float(np.sqrt(np.mean(sizes**2)))]
         )
     return {"drift_rows": rows}
+
+
+# Another flown tracker.
+
+
+def tess(_: dict[str, Any], quick: bool) -> dict[str, Any]:
+    """Error about the boresight of a camera of TESS, by formula and as its quaternions scatter.
+
+    All cameras see the spacecraft turn. What the outer ones scatter more along y, and less along z,
+    than the inner ones is their own error about their boresights.
+    """
+    oracle = Path(__file__).parents[1] / "tests/oracle/tess_quaternions.json"
+    known = json.loads(oracle.read_text(encoding="utf-8"))
+    square = np.array(known["deviation_arcsec"]) ** 2
+    outer, inner = square[[0, 3]].mean(axis=0), square[[1, 2]].mean(axis=0)
+    share = np.sin(np.radians(known["tilt_deg"][:2])) ** 2
+    y, z = np.sqrt(np.array([outer[1] - inner[1], inner[2] - outer[2]]) / (share[0] - share[1]))
+    case = load_design(Path(__file__).with_name("tess_camera.toml")).case
+    found = analytic(case, 32 if quick else 512)
+    return {
+        "tess_ratio": {"about": found.about / arcsec / float((y + z) / 2)},
+        "tess_seen_arcsec": {"by y": float(y), "by z": float(z)},
+        "tess_predicted_arcsec": {"across": found.across / arcsec, "about": found.about / arcsec},
+    }
 
 
 if __name__ == "__main__":

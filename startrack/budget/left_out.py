@@ -33,6 +33,7 @@ ROLLED = 1.5  # pixel of smear in the corner, by rotation about the boresight
 SHAKEN = 1.0  # pixel rms of jitter
 FEW = 10.0  # stars in a field, below which its identification is uncertain
 PART = 0.01  # of the sky
+FASTER = 1.2  # pixel rate over the one at which the read noise is known
 CROWDED = 0.03  # fraction of the stars that share their window with another
 FAR = 0.5  # of the match radius, rms displacement of stars by wrong beliefs
 REFUSED = 0.3  # of the stars above the threshold
@@ -97,6 +98,13 @@ def unseen(budget: Budget[Any]) -> str:
 def of_the_case(case: Case) -> Iterator[str]:
     """What the budget leaves out of a design, by its parameters alone."""
     yield from left_out(case)
+    detector = case.instrument.detector
+    known = detector.read_noise_rate
+    if known and detector.pixel_rate > FASTER * known:
+        yield (
+            f"more read noise at {detector.pixel_rate / 1e6:.3g} Mpix/s than at {known / 1e6:.3g}, "
+            "where instrument.detector.read_noise holds"
+        )
     yield from _of_the_motion(case)
 
 

@@ -60,6 +60,9 @@ class Detector(Parameters):
     dark_current: Annotated[float, Unit("electron / s"), NON_NEGATIVE, "electron / second"] = 0.0
     read_noise: Annotated[float, Unit("electron"), NON_NEGATIVE,
         "electron rms, temporal dark noise of the signal chain"] = 0.0  # fmt: skip
+    read_noise_rate: Annotated[float | None, Unit("pix / s", "Mpix / s"), POSITIVE,
+        "pixel / second at which read_noise holds, where a datasheet says it; budgets and trials "
+        "do not change with it, and name a faster pixel_rate"] = None  # fmt: skip
     prnu: Annotated[float, Range(0, 0.5), "rms of the photo response over the pixels"] = 0.0
     full_well: Annotated[float, Unit("electron"), POSITIVE, "electron"] = 50e3
     bits: Annotated[int, Range(1, 24),

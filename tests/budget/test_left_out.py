@@ -27,6 +27,7 @@ def test_nothing_is_left_out_of_the_example_and_trials_agree(case):
     [
         ({"instrument.detector.hits": Hits(rate=1e5)}, "cosmic rays"),
         ({"instrument.detector.lag": 0.02}, "residual charge"),
+        ({"instrument.detector.read_noise_rate": 1e6}, "than at 1, where instrument.detector.read"),
         ({"instrument.motion.rate_z": 10 * deg}, "corners"),
         ({"instrument.optics.blur": 25e-6}, "noise that moves a window"),
         ({"catalog.limit_g": 5.0}, "which star is which"),
