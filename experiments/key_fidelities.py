@@ -61,6 +61,7 @@ VALUES: Table = {
     "instrument.optics.psf": "gaussian",
     "instrument.optics.object_distance": "1000 m",
     "instrument.optics.family_field": "10 deg",
+    "instrument.structure.feet_span": "60 mm",  # above the feet's thickness
     "instrument.structure.heat.epoch": "2026-06-21T12:00:00",
     "instrument.optics.lens_file": "double_gauss",
     "instrument.optics.lens_family": "double-gauss",

@@ -164,6 +164,11 @@ class MotionRealisation:
         time = np.add.outer(start, step)
         return -(time[..., None] * self.rate + np.stack(lines, axis=-1))
 
+    def mean(self, exposure: float) -> Floats:
+        """Rotation vector (3,) as `at`, mean over an exposure (second) about time zero; exact."""
+        drop = np.sinc(self.frequency * exposure) - 1
+        return np.asarray(-drop @ self.cosine)
+
     def later(self, time: float) -> MotionRealisation:
         """The same motion with the zeros of time and angle moved to `time` (second)."""
         line = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * time * self.frequency)[:, None]

@@ -15,7 +15,7 @@ from startrack.core import Floats, Ints, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.effects import require_least_squares
-from startrack.trial.pointing import random_attitudes, reference_attitude
+from startrack.trial.pointing import mean_attitude, random_attitudes, reference_attitude
 from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 from startrack.trial.systematic import shared_errors
@@ -178,18 +178,26 @@ def _tried(
     case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: Rotation
 ) -> NDArray[np.void]:
     """Draw, solve and judge a block of trials."""
-    many, matrix = len(numbers), attitude.as_matrix()
+    many, streams = len(numbers), [Streams(seed, number) for number in numbers]
+    instrument, motion = case.instrument, case.instrument.motion
+    jitters = bool(motion.tones or motion.broadband or motion.jitter)
+    seen_at = attitude
+    if jitters:
+        pairs = zip(attitude, streams, strict=True)
+        seen_at = Rotation.concatenate([mean_attitude(instrument, *pair) for pair in pairs])
+    matrix = seen_at.as_matrix()
     keys = trial_keys(seed, np.array(numbers, np.uint64))
     drawn = _empty(many, case.tracker.detection.max_spots)
     _draw(matrix, keys, plan, drawn)
     matched, spots = drawn.matched, drawn.spots
     truth = attitude
     mounting, believed = case.instrument.mounting, case.believed_mounting
-    if not case.time_tag_error and not mounting.swings and mounting != believed:
+    own = case.time_tag_error or mounting.swings or (jitters and case.tracker.reference == "mean")
+    if not own and mounting != believed:
         truth = believed.camera_to_body().inv() * mounting.camera_to_body() * attitude
-    elif case.time_tag_error or mounting != believed:
+    elif own:
         truth = Rotation.concatenate(
-            [reference_attitude(case, attitude[n], Streams(seed, numbers[n])) for n in range(many)]
+            [reference_attitude(case, attitude[n], streams[n]) for n in range(many)]
         )
     judged = np.empty(many, JUDGED)
     # Trials of about as many stars go together, so that few elements of the arrays stay empty.

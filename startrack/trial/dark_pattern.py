@@ -128,7 +128,9 @@ def dark_pattern(case: Case) -> DarkPattern | None:
 
 def _still(detector: Detector) -> Detector:
     """A detector without what does not change its dark signal, so that cases share a pattern."""
-    return replace(detector, prnu=0.0, read_noise=0.0, offset=0, pixel_rate=1e6, hits=None)
+    return replace(
+        detector, prnu=0.0, read_noise=0.0, offset=0, pixel_rate=1e6, frame_rate=None, hits=None
+    )
 
 
 @kept(4)

@@ -231,11 +231,6 @@ EFFECTS = [
         "jitter", Term.NOISE, _calm,
     ),
     Effect(
-        "instrument.motion.tones, broadband, jitter",
-        lambda case: case.instrument.motion.drawn,
-        drawn="jitter that each trial draws",
-    ),
-    Effect(
         "instrument.detector.hits",
         lambda case: case.instrument.detector.hits,
         HITS, Term.NOISE, lambda case: _with(case, hits=None),

@@ -74,6 +74,18 @@ def motion_before(
     return earlier, lambda start, step: motion.over(start - late, step)
 
 
+def mean_attitude(instrument: Instrument, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
+    """The mean attitude over the exposure of a trial, of its attitude at the middle.
+
+    A slew at a constant rate does not move it.
+    """
+    motion, exposure = instrument.motion, instrument.detector.exposure
+    if not (motion.tones or motion.broadband or motion.jitter):
+        return icrs_to_camera
+    turn = realise_motion(motion, exposure, streams).mean(exposure)
+    return Rotation.from_rotvec(turn) * icrs_to_camera
+
+
 def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
     """The attitude icrs_to_camera that a tracker must report, so that the spacecraft's is correct.
 
@@ -86,8 +98,7 @@ def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -
         path = realise_motion(case.instrument.motion, case.instrument.detector.exposure, streams)
         truth = Rotation.from_rotvec(path.at(np.array([case.time_tag_error]))[0]) * truth
     if case.tracker.reference == "mean":
-        seen = line_of_sight(case.instrument, streams)
-        truth = Rotation.from_rotvec(seen.weight @ seen.rotation) * truth
+        truth = mean_attitude(case.instrument, truth, streams)
     mounting, believed = case.instrument.mounting, case.believed_mounting
     if mounting == believed:
         return truth

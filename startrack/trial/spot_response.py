@@ -16,9 +16,9 @@ from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
 from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import NO_HOT, HotPixels, near_stars
-from startrack.trial.images import field_psf_of, psf_of
+from startrack.trial.images import field_psf_of
 from startrack.trial.pointing import line_of_sight
-from startrack.trial.star_response import PHASES, phases
+from startrack.trial.star_response import PHASES, phases, shaken
 from startrack.trial.zones import centroid_shift, unique_places, zones_of
 
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
@@ -78,7 +78,7 @@ class Grid:
         """What is to be expected of stars (n, 3), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
         plan = detection_plan(self.case)
-        psf, smear = self.psf or psf_of(self.case.instrument), _smear(self.case)
+        psf, smear = shaken(self.case.instrument, self.psf), _smear(self.case)
         cells = across, self.side, smear, psf, detector, self.sky, dark
         frame, place = star_grid(stars, companions, *cells)
         empty = self.sky + detector.dark_rate * detector.exposure
@@ -225,8 +225,12 @@ def companion_shift(grid: Grid, flux: float) -> Floats:
 
 
 def _smear(case: Case) -> Floats:
-    """Weight, x and y (pixel) of the path of a star in the middle of the field, (m, 3)."""
-    camera = case.instrument.camera.ideal
-    path = line_of_sight(case.instrument, Streams(0, 0))
+    """Weight, x and y (pixel) of the path of a star in the middle of the field, (m, 3).
+
+    Of the slew: jitter moves the star in each trial otherwise, and blurs it.
+    """
+    camera, motion = case.instrument.camera.ideal, case.instrument.motion
+    slew = replace(case.instrument, motion=replace(motion, tones=(), broadband=(), jitter=()))
+    path = line_of_sight(slew, Streams(0, 0))
     place = camera.project(Rotation.from_rotvec(path.rotation).apply([0.0, 0.0, 1.0]))
     return np.column_stack([path.weight, place - camera.centre])

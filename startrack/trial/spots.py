@@ -23,6 +23,7 @@ from startrack.core import (
 )
 from startrack.design import Case
 from startrack.trial.dark_pattern import HotPixels
+from startrack.trial.pointing import mean_attitude
 from startrack.trial.spot_plan import Plan, Through, plan_of, refuse
 from startrack.trial.spot_response import RATIOS, REACH, STEP, Response
 from startrack.trial.star_response import PHASES
@@ -224,8 +225,10 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
     Stars are those of `outcomes`, also those that the tracker's catalogue lacks. The noise by which
     a star passes the threshold makes it brighter too, and its error, divided by the flux, smaller.
-    False spots are distributed uniformly, with the covariance of stars at the threshold, and exceed
-    it by the tail of a normal distribution.
+    Stars are where they are in the mean of the exposure, jitter with them; that a trial's jitter
+    blurs more or less than the mean of all trials is left out. False spots are distributed
+    uniformly, with the covariance of stars at the threshold, and exceed it by the tail of a normal
+    distribution.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first; their areas are not known, 0
@@ -234,7 +237,8 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     refuse(case)
     plan = plan_of(case)
     key = trial_keys(streams.seed, np.array([streams.trial], np.uint64))[0]
-    table = _draw(icrs_to_camera.as_matrix(), key, plan)
+    seen = mean_attitude(case.instrument, icrs_to_camera, streams)
+    table = _draw(seen.as_matrix(), key, plan)
     table = table[np.argsort(-table[:, 2], kind="stable")][: case.tracker.detection.max_spots]
     x, y, flux, sigma, xx, xy, yy = table.T.copy()
     covariance = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)

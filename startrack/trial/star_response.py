@@ -369,11 +369,8 @@ def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | Non
     psf      None for that of the instrument
     Returns  (n, side, side) 1
     """
-    mean, weight, offset, _ = _smeared(instrument)
-    if psf is None:
-        psf = mean
-    else:
-        psf = _blurred(psf, _jitter_blur(instrument) / instrument.detector.pitch)
+    _, weight, offset, _ = _smeared(instrument)
+    psf = shaken(instrument, psf)
     strip = np.zeros((side, len(place) * side))
     middle = np.arange(len(place)) * side + side // 2
     for fraction, (x, y) in zip(weight, offset, strict=True):
@@ -383,6 +380,13 @@ def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | Non
     if fraction:
         strip = diffuse(strip, fraction)
     return np.ascontiguousarray(strip.reshape(side, -1, side).transpose(1, 0, 2))
+
+
+def shaken(instrument: Instrument, psf: Psf | None = None) -> Psf:
+    """A PSF, or that of the instrument, with the blur of expected jitter."""
+    if psf is None:
+        return _smeared(instrument)[0]
+    return _blurred(psf, _jitter_blur(instrument) / instrument.detector.pitch)
 
 
 @lru_cache(maxsize=8)

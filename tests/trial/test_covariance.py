@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.core import Curve
+from startrack.core import Curve, arcsec
 from startrack.design.case import Fidelity
 from startrack.detection import DarkMap, Detection
 from startrack.detector import YEAR, Age, Defects, Thermal
+from startrack.motion import Tone
 from startrack.trial.chain import run_random_trial, run_trials
 
-from .designs import CASE, with_detector
+from .designs import CASE, changed, with_detector
 
 
 def rms(outcomes, axis):
@@ -36,6 +37,26 @@ def test_trials_look_where_those_of_frames_look(crosstalk):
     rendered = run_trials(case, 4, range(30), Fidelity.WINDOW)
     assert np.corrcoef(drawn["stars"], rendered["stars"])[0, 1] > 0.98
     assert drawn["stars"].mean() == pytest.approx(rendered["stars"].mean(), rel=0.04)
+
+
+@pytest.mark.parametrize("reference", ["instant", "mean"])
+def test_jitter_is_that_of_rendered_trials(reference):
+    """The same tones turn the same trials: what is left between the two is the noise of both."""
+    tones = (Tone(30.0, 5 * arcsec, 5 * arcsec), Tone(7.0, rms_y=3 * arcsec))
+    shaken = changed(motion=dataclasses.replace(CASE.instrument.motion, tones=tones))
+    case = dataclasses.replace(
+        shaken, tracker=dataclasses.replace(shaken.tracker, reference=reference)
+    )
+    found = [
+        run_trials(case, 4, range(40), fidelity)
+        for fidelity in (Fidelity.WINDOW, Fidelity.SPOTS, Fidelity.COVARIANCE)
+    ]
+    for axis in "xy":
+        rendered, *drawn = (each[f"error_{axis}"] / arcsec for each in found)
+        assert (rms(found[0], axis) > 3 * arcsec) == (reference == "instant")
+        for each in drawn:
+            # 0.5 arcsec of noise in each of the two; chi-square of 40, false alarm 1e-4.
+            assert np.mean((each - rendered) ** 2) < 2 * 0.55**2 * 2.1
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 
 from startrack.design.case import Fidelity
 from startrack.detector import Defects, Hits
-from startrack.motion import Motion, Tone
+from startrack.motion import Motion
 from startrack.scene import Scene
 from startrack.trial.chain import run_random_trial
 
@@ -20,7 +20,6 @@ from .designs import CASE, changed, with_detector
         (with_detector(defects=Defects(dead=1e-3)), "dead pixels"),
         (with_detector(row_delay=1e-5), "row_delay"),
         (with_detector(blooming=True), "blooming"),
-        (changed(motion=Motion(tones=(Tone(30.0, 1e-5),))), "jitter that each trial draws"),
         (changed(motion=Motion(rate_z=0.1)), "a rate_z that smears"),
         (dataclasses.replace(CASE, scene=Scene(lights=("starlight",))), "lights of the scene"),
     ],
