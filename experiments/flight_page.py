@@ -27,6 +27,7 @@ def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
         warm_before=100 * b["warm_share_worst"], warm_after=100 * a["warm_share_worst"],
         psf_before=100 * b["psf_worst"], psf_after=100 * a["psf_worst"],
         psf_median=100 * a["psf_median"], acquisitions=len(table),
+        bench_within=100 * a["bench_within_0_1"], bench_cells=len(a["bench_rows"]),
         within_before=100 * b["acquisition_within"], within_after=100 * a["acquisition_within"],
         interval=100 * a["camera_interval"], stars=min(row[6] for row in table),
         camera_rows="\n".join(

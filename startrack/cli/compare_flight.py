@@ -98,7 +98,7 @@ def _table(flown: Flown) -> Table:
 
 
 def _text(flown: Flown, table: Table) -> list[str]:
-    lines = table.text((0, 1))
+    lines = table.text((0, 1, 6))
     for star, pair in flown.curves.items():
         value = correlation(*pair)
         if math.isfinite(value):
