@@ -288,6 +288,10 @@ class Tracker(Parameters):
     motion: Annotated[Motion | None,
         "how it believes the camera to turn, None for as it does, jitter apart; where lines "
         "scan, each spot has its own time"] = None  # fmt: skip
+    rate: Annotated[str, Range(choices=("known", "images")),
+        'how it knows the smear of its stars without a prediction: "known", by its motion; '
+        '"images", by the streaks of the frame itself, whose sign stays open'
+    ] = "known"  # fmt: skip
     reference: Annotated[str, Range(choices=("instant", "mean")),
         'attitude that it is judged by: "instant", that in the middle of the exposure, for which '
         'control wants it and ECSS-E-ST-60-20C states errors; "mean", that over the exposure, '

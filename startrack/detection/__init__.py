@@ -22,6 +22,7 @@ methods      Sample and Psf -> a row per star, by each of the centroid methods t
 detect       A Frame enters; Spots leave, brightest first: of the whole frame, or near given places.
 within       Frame that is known in regions alone, and the Sky of such frames -> Spots of these
              regions.
+streaks      Pixels -> the smear that all stars of a frame share, from the streaks themselves.
 box          An image, and where stars are expected -> the brightest thing in a box about each
              place.
 expectation  Image of expected numbers and its stars -> how the detection will see them.
@@ -61,6 +62,7 @@ from startrack.detection.plan import (
     threshold_of,
 )
 from startrack.detection.star_model import StarModel, gaussian_psf
+from startrack.detection.streaks import Streak, refined, streak_of
 from startrack.detection.within import (
     Ground,
     detect_within,
@@ -82,8 +84,10 @@ __all__ = [
     "DetectionInput",
     "DetectionPlan",
     "StarModel",
+    "Streak",
     "detect",
     "divide_flat",
     "plan_detection",
+    "streak_of",
     "subtract_dark",
 ]

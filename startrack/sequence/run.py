@@ -42,6 +42,7 @@ from startrack.scene import date_of
 from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
 from startrack.sequence.parameters import Sequence
 from startrack.trial import (
+    SMEAR_STEP,
     Images,
     agreeing,
     as_believed,
@@ -55,6 +56,7 @@ from startrack.trial import (
     pattern_indexes,
     pixel_variance,
     random_attitude,
+    seen_smear,
     shared_errors,
     smear_of,
     stars_in_field,
@@ -68,7 +70,6 @@ AXES = "xyz"
 # Of a pixel, that stars move while their errors over it change; chosen by hand.
 PIXEL_LENGTH = 0.5
 MEAN_POINTS = 64  # of an exposure, whose mean attitude is asked for
-SMEAR_STEP = 0.25  # pixel; a smear that is wrong by half of it costs nothing
 # A row of the table of a sequence: one frame.
 FRAMES: np.dtype[np.void] = np.dtype(
     [
@@ -435,8 +436,11 @@ def _see(
     images  of its stars, where the frame before left them; the last of the result: this one
     """
     tracker = case.tracker
-    # In steps, so that frames at nearly the same rate share a plan.
-    x, y = (SMEAR_STEP * round(smear / SMEAR_STEP) for smear in smear_of(case, rate[0], rate[1]))
+    if predicted is None and tracker.rate == "images":
+        x, y = seen_smear(case, frame)
+    else:
+        smears = smear_of(case, rate[0], rate[1])
+        x, y = (SMEAR_STEP * round(smear / SMEAR_STEP) for smear in smears)
     if boxed(case) and predicted is not None:
         plan = detection_plan(case, smear=(x, y))
         spots, matches, images = follow_boxes(

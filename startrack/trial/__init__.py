@@ -28,7 +28,14 @@ chain          One trial, one line a room, in the order in which the light goes.
 photograph     Frame of an unknown camera -> its attitude and lens, whatever must be tried.
 """
 
-from startrack.trial.belief import as_believed, detection_plan, known_smear, smear_of
+from startrack.trial.belief import (
+    SMEAR_STEP,
+    as_believed,
+    detection_plan,
+    known_smear,
+    seen_smear,
+    smear_of,
+)
 from startrack.trial.boxes import Images, agreeing, boxed, follow_boxes, take_boxes
 from startrack.trial.chain import (
     OUTCOMES,

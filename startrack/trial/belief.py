@@ -14,10 +14,17 @@ from startrack.detection import (
     DarkFrames,
     Detection,
     DetectionPlan,
+    Streak,
+    detect,
     plan_detection,
+    refined,
+    streak_of,
 )
 from startrack.detector import YEAR, dark_frames, to_frame
 from startrack.trial.images import psf_of
+
+# Pixel, so that frames at nearly the same rate share a plan; half of it costs nothing.
+SMEAR_STEP = 0.25
 
 
 def detection_plan(
@@ -60,6 +67,20 @@ def as_believed(case: Case, frame: Frame) -> Frame:
     if case.design is None:
         return frame
     return to_frame(frame.image, case.as_designed.instrument.detector)
+
+
+def seen_smear(case: Case, frame: Frame) -> tuple[float, float]:
+    """Smear (pixel, x and y) that the streaks of a frame show, in steps; its sign is open."""
+    frame, still = as_believed(case, frame), detection_plan(case, smear=(0.0, 0.0))
+    found = streak_of(frame, still)
+    if not found.seen:
+        return 0.0, 0.0
+    spots = detect(frame, detection_plan(case, smear=_stepped(found)))
+    return _stepped(refined(frame, still, spots, found))
+
+
+def _stepped(streak: Streak) -> tuple[float, float]:
+    return SMEAR_STEP * round(streak.x / SMEAR_STEP), SMEAR_STEP * round(streak.y / SMEAR_STEP)
 
 
 def known_smear(case: Case) -> tuple[float, float]:

@@ -31,7 +31,7 @@ from startrack.detection import corrected, detect
 from startrack.detector import expose
 from startrack.identification import PatternIndexes, identify, refit
 from startrack.metrics import JUDGED, Outcome, judge
-from startrack.trial.belief import as_believed, detection_plan, smear, with_smear
+from startrack.trial.belief import as_believed, detection_plan, seen_smear, smear, with_smear
 from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, take_boxes
 from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.exposure import at_one_time, exposure_of, straighten, sweep
@@ -40,6 +40,8 @@ from startrack.trial.spots import spots_of
 from startrack.trial.stars import light_of, stars_in_field
 from startrack.trial.systematic import focal_stretches, shared_errors, systematic_variance
 from startrack.trial.window import spots_in_windows
+
+MANY = 0.8  # of the stars that match, with which a motion may be the right one
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,8 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         expected = expected_attitude(case, icrs_to_camera, streams)
         spots, matches = take_boxes(case, frame, case.believed_camera, expected)
         spots = _at_one_time(case, spots)
+    elif case.tracker.rate == "images":
+        spots, matches = _detected_turning(case, frame)
     else:
         spots = _detected(case, frame)
         matches = _identified(case, spots)
@@ -167,6 +171,31 @@ def _detected(case: Case, frame: Frame) -> Spots:
     return straighten(
         spots, detector.scan, detector.exposure, case.believed_motion, case.believed_camera
     )
+
+
+def _detected_turning(case: Case, frame: Frame) -> tuple[Spots, Matches]:
+    """Spots and matches of a frame by a tracker that is told no rate.
+
+    Behind a rolling shutter the rate's sign counts: of both, that with which as many stars match
+    better.
+    """
+    x, y = seen_smear(case, frame)
+    spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
+    delay, camera = case.believed_row_delay, case.believed_camera
+    if not (delay and (x or y)):
+        return spots, _identified(case, spots)
+    scale = camera.focal_length_px * case.as_designed.instrument.detector.exposure
+    rate = np.array([-y, x, 0.0]) / scale
+    tried = []
+    for sign in (1.0, -1.0):
+        moved = at_one_time(spots, delay, sign * rate, camera)
+        matches = _identified(case, moved)
+        estimate = estimate_of(case, case.tracker, moved, matches)
+        tried.append((estimate.stars, estimate.residual_rms, moved, matches))
+    most = max(stars for stars, *_ in tried)
+    good = [one for one in tried if one[0] >= MANY * most]
+    _, _, spots, matches = min(good, key=lambda one: one[1])
+    return spots, matches
 
 
 def _at_one_time(case: Case, spots: Spots) -> Spots:

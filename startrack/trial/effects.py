@@ -226,6 +226,13 @@ EFFECTS = [
         "assumed (tracker.detection.search)",
     ),
     Effect(
+        "tracker.rate",
+        lambda case: case.tracker.rate == "images",
+        drawn="a rate from the images",
+        window="a rate that is known, so that tracker.rate must not be images",
+        left_out="what is lost where a rate is taken from the images (tracker.rate)",
+    ),
+    Effect(
         "instrument.motion.tones, broadband",
         lambda case: case.instrument.motion.tones or case.instrument.motion.broadband,
         "jitter", Term.NOISE, _calm,

@@ -292,7 +292,7 @@ def plan_of(case: Case) -> Plan:
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     require_independent_pixels(detector)
     # Lights that vary over the field in some attitudes are refused in these.
-    require_window(case, "instrument.ghosts", "tracker.detection.search")
+    require_window(case, "instrument.ghosts", "tracker.detection.search", "tracker.rate")
     sky = sky_electrons(case)
     grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
     border, detection = peak_border(settings), detection_plan(case)
