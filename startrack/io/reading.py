@@ -20,11 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import require_memory
-
-PACKAGE = Path(__file__).resolve().parents[1]
-# In an installed wheel, and in a checkout of the repository.
-FOLDERS = (PACKAGE / "_catalogs", PACKAGE.parent / "catalogs")
+from startrack.core import SHIPPED, require_memory
 
 
 def shipped(name: str) -> Path:
@@ -37,10 +33,10 @@ def shipped(name: str) -> Path:
     Returns  its path on this computer
     Raises   FileNotFoundError where this installation does not have it.
     """
-    for folder in FOLDERS:
+    for folder in SHIPPED:
         if (folder / name).exists():
             return folder / name
-    looked = " or ".join(str(folder) for folder in FOLDERS)
+    looked = " or ".join(str(folder) for folder in SHIPPED)
     raise FileNotFoundError(f"shipped data must be in {looked}, and {name!r} is in neither")
 
 
