@@ -24,7 +24,8 @@ EXCESS = 1.1  # of that, at which the limit is broken: libraries take some, too
 STATUSES = {0, 1, 2, 3}
 # What no sentence of a refusal holds; trials that fail by anything but a refusal are a fault, too.
 UNEXPECTED = re.compile(
-    r"Traceback \(most recent|: unexpected |On entry to D|failed.*?: .*?\b(?<!raised )(?!ValueError)\w+Error: "
+    r"Traceback \(most recent|: unexpected |On entry to D|RuntimeWarning|divide by zero enc"
+    r"|invalid value enc|failed.*?: .*?\b(?<!raised )(?!ValueError)\w+Error: "
 )
 # Keys of JSON that may be null, each with the reason; `docs/json.md` documents them.
 NULLS = ROOT / "docs" / "json.md"
