@@ -36,7 +36,7 @@ def test_a_signal_in_the_density_ends_it_without_a_word(capfd):
 
     def density(points):
         calls.append(len(points))
-        if len(calls) > 4:
+        if len(calls) > 100:
             raise KeyboardInterrupt
         return -(points**2).sum(axis=1)
 
