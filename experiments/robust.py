@@ -86,7 +86,7 @@ def main() -> None:
         "silent_differences": counted["silent_difference"],
         "slowest_s": slowest[0],
         **ended,
-        "resident_growth_mb": grown(options.designs),
+        "resident_growth_mb": grown(options.designs) if options.designs else 0.0,
         "slow_tests_failed": slow_tests_failed() if options.slow else None,
     }
     print(json.dumps(figures, indent=1))

@@ -106,6 +106,9 @@ FAULTS: dict[str, dict[str, object]] = {
         "startrack.io.images.regular_file": _nothing,
     },
     "damage of a store escapes": {"startrack.montecarlo.store:Store._damage": _unguarded},
+    "trials of other files are mixed": {
+        "startrack.montecarlo.store:Store.require_inputs": _nothing
+    },
     "a trial divides by zero": {
         "startrack.trial.chain.drawn_outcomes": _raises,
         "startrack.trial.chain.run_trial": _raises,
