@@ -1,25 +1,32 @@
 """How many inputs from anybody end in something else than a result or a sentence?
 
     python experiments/robust.py [--json FILE] [--cases 10000] [--kinds KIND ...] [--seed 1]
-                                 [--keep DIR] [--quick]
+                                 [--kills 100] [--designs 100] [--slow] [--keep DIR] [--quick]
 
 Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
-of 30 s and 1 GiB. Then commands are ended by SIGKILL, SIGTERM and SIGINT and started again: `lost`
-are ends with other bytes than those of a run that nothing ended, `orphans` processes that stayed,
-`words` ends with another status than 143 and 130 or more than one sentence.
+of 30 s and 1 GiB; `silent_differences` are other results from damaged or replaced files than from
+those that they were, without a word. Then commands are ended by SIGKILL, SIGTERM and SIGINT and
+started again: `lost` are ends with other bytes than those of a run that nothing ended, `orphans`
+processes that stayed, `words` ends with another status than 143 and 130 or more than one sentence.
+`resident_growth_mb` is by how much one process grows over so many designs, `slow_tests_failed` of
+the slow tests (null without --slow).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import subprocess
 import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import command
+import tomli_w
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
@@ -27,6 +34,7 @@ sys.path.insert(0, str(ROOT))
 from tests.fuzz.arena import Case, Verdict  # noqa: E402
 from tests.fuzz.campaign import run_cases  # noqa: E402
 from tests.fuzz.exchange import ALL  # noqa: E402
+from tests.fuzz.grammar import bases  # noqa: E402
 from tests.fuzz.kills import COMMANDS, kill_commands  # noqa: E402
 
 
@@ -40,8 +48,10 @@ def main() -> None:
         help=f"of cases: {', '.join(known)} (default: all)",
     )  # fmt: skip
     parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--designs", type=int, default=100, help="in one process")
+    parser.add_argument("--slow", action="store_true", help="run the slow tests, which takes hours")
     parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
-    options = command.read(parser, cases=3, kills=0)
+    options = command.read(parser, cases=3, kills=0, designs=0)
     counted, kinds, statuses = Counter[str](), Counter[str](), Counter[int | None]()
     slowest: list[float] = [0.0]
 
@@ -73,11 +83,35 @@ def main() -> None:
         "hangs": counted["hang"],
         "memory": counted["memory"],
         "silent_nan": counted["silent_nan"],
+        "silent_differences": counted["silent_difference"],
         "slowest_s": slowest[0],
         **ended,
+        "resident_growth_mb": grown(options.designs) if options.designs else 0.0,
+        "slow_tests_failed": slow_tests_failed() if options.slow else None,
     }
     print(json.dumps(figures, indent=1))
     command.save(options, figures)
+
+
+def grown(designs: int) -> float:
+    """MiB by which one process grows over so many designs."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "design.toml").write_text(tomli_w.dumps(bases()["design"]))
+        line = [sys.executable, "-m", "tests.fuzz.worker", "growth", str(designs)]
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        ended = subprocess.run(
+            line, cwd=folder, env=environment, check=True, stdout=subprocess.PIPE, text=True
+        )
+    return float(ended.stdout)
+
+
+def slow_tests_failed() -> int:
+    """How many slow tests fail or end with an error, except those of the fuzz itself."""
+    line = [sys.executable, "-m", "pytest", "-m", "slow", "-q", "--ignore", "tests/fuzz"]
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([*line, f"--junitxml={folder}/tests.xml"], cwd=ROOT)
+        (suite,) = ElementTree.parse(f"{folder}/tests.xml").getroot()
+    return int(suite.get("failures", 0)) + int(suite.get("errors", 0))
 
 
 def keep(folder: Path, case: Case) -> None:

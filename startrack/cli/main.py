@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 traceback.print_exception(error)
     if message:
         with suppress(OSError):  # where nobody can read it, the status says enough
-            print(f"startrack {_called(arguments)}: {message}", file=sys.stderr)
+            print(f"{' '.join(('startrack', *_called(arguments)))}: {message}", file=sys.stderr)
     if alone:
         ignore_signals()
         gc.freeze()  # or Python looks for garbage in all that the process leaves: 0.6 s
@@ -129,9 +129,9 @@ def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
         raise
 
 
-def _called(arguments: Sequence[str]) -> str:
-    """The name of the command, empty where none is given."""
-    return next((word for word in arguments if not word.startswith("-")), "")
+def _called(arguments: Sequence[str]) -> list[str]:
+    """The name of the command, where there is one."""
+    return [word for word in arguments if not word.startswith("-")][:1]
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -193,13 +193,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
     called = _called(arguments)
     # Only help that is asked for before a command lists all of them.
-    alone = called in COMMANDS and arguments[0] == called
-    for name in [called] if alone else COMMANDS:
+    alone = bool(called) and called[0] in COMMANDS and arguments[0] == called[0]
+    for name in called if alone else COMMANDS:
         text = COMMANDS[name]
         command = commands.add_parser(
             name, help=text, description=text,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )  # fmt: skip
-        if name == called:
+        if [name] == called:
             import_module(_module(name)).declare(command)
     return parser

@@ -129,7 +129,7 @@ def status_and_sentence(error: BaseException) -> tuple[int, str]:
             return Exit.FAILED, ""
         case OSError(errno=errno.ENOSPC, filename=None):
             _drop_output()  # what it still holds does not fit either
-            return Exit.FAILED, one_line(error)
+            return Exit.FAILED, error.strerror or one_line(error)
         case OSError(filename=str() | bytes() as name):
             return Exit.FAILED, f"{os.fsdecode(name)}: {error.strerror}"
         case BrokenExecutor():

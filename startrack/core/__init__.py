@@ -57,6 +57,7 @@ from startrack.core.declared import (
 )
 from startrack.core.extension import (
     POINTS,
+    SHIPPED,
     Code,
     allow_code,
     call_code,

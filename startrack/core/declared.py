@@ -12,7 +12,7 @@ import dataclasses
 import math
 import types
 import typing
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -40,7 +40,7 @@ class Range(NamedTuple):
     choices    the texts of which it must be one; empty where any is allowed
     code       group of code that it may name instead, as module:function; "" for none
     free       whether it may be any other text, too, which whoever reads it checks
-    file       whether it may be the path of a file, on whose content a result depends
+    file       gives the path of a file, on whose content a result depends, for its text
     """
 
     low: float = -math.inf
@@ -49,7 +49,7 @@ class Range(NamedTuple):
     choices: Collection[str] = ()
     code: str = ""
     free: bool = False
-    file: bool = False
+    file: Callable[[str], Path] | None = None
 
     def holds(self, value: float) -> bool:
         """Whether a number lies within."""
@@ -82,7 +82,7 @@ class Range(NamedTuple):
 FINITE = Range()
 POSITIVE = Range(0.0, above=True)
 NON_NEGATIVE = Range(0.0)
-FILE = Range(file=True)
+FILE = Range(file=Path)
 
 
 class Field(NamedTuple):
@@ -216,8 +216,8 @@ def inputs_of(value: Any) -> dict[str, str]:
     for key, rule, name in _named_in(value):
         if rule.code and is_code(name):
             digests[f"{key} {name}"] = origin_of(key, name).digest
-        elif rule.file and name and Path(name).is_file():
-            digests[f"{key} {name}"] = file_digest(Path(name))
+        elif rule.file and name and (path := rule.file(name)).is_file():
+            digests[f"{key} {name}"] = file_digest(path)
     return digests
 
 

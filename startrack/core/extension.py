@@ -29,6 +29,9 @@ WITHOUT_RESULTS = {"benchmark", "cli", "plots", "report"}  # rooms that change n
 ENVIRONMENT = "STARTRACK_ALLOW_CODE"
 FORM = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 SOURCES = (".py", ".so", ".pyd")
+HOME = Path(__file__).resolve().parents[1]
+# Of shipped data, in an installed wheel and in a checkout; the files that trials read.
+SHIPPED, TABLES = (HOME / "_catalogs", HOME.parent / "catalogs"), (".fits", ".csv")
 # Of each group of entry points, without its "startrack.": the key of a design that names one.
 POINTS: Mapping[str, str] = {
     "centroids": "tracker.detection.centroid",
@@ -241,26 +244,32 @@ def _digest(package: ModuleType) -> str:
 
 @cache
 def software() -> str:
-    """Version of startrack, with a digest of its sources where it has them: "0.1.0+1a2b3c4d"."""
+    """Version of startrack, with a digest of its sources and of its tables of data.
+
+    Tables of values, such as shipped designs, are not among them: who reads one keeps its values.
+
+    >>> software().startswith("0.1.0+")
+    True
+    """
     import startrack
 
-    home, state = Path(startrack.__file__).parent, hashlib.blake2b(digest_size=4)
-    for path in sorted(home.rglob("*.py")):
-        place = path.relative_to(home)
-        if place.parts[0] not in WITHOUT_RESULTS:
-            state.update(f"\n{place.as_posix()}\n".encode() + path.read_bytes())
-    has_sources = (home / "__init__.py").exists()
-    return f"{startrack.__version__}+{state.hexdigest()}" if has_sources else startrack.__version__
+    state = hashlib.blake2b(digest_size=4)
+    for home, endings in ((HOME, SOURCES), *((folder, TABLES) for folder in SHIPPED)):
+        for path in sorted(home.rglob("*")):
+            place = path.relative_to(home)
+            if path.suffix in endings and place.parts[0] not in WITHOUT_RESULTS:
+                state.update(f"\n{place.as_posix()}\n".encode() + path.read_bytes())
+    return f"{startrack.__version__}+{state.hexdigest()}"
 
 
 def file_digest(path: Path) -> str:
-    """Of the content of a file."""
+    """Of the content of a file; read again where the system says that it may have changed."""
     status = path.stat()
-    return _file_digest(path, status.st_mtime_ns, status.st_size)
+    return _file_digest(path, status.st_ino, status.st_ctime_ns, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=64)
-def _file_digest(path: Path, modified: int, size: int) -> str:
+def _file_digest(path: Path, *_: int) -> str:
     with open(path, "rb") as file:
         return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 

@@ -14,7 +14,18 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit
+from startrack.core import (
+    FILE,
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    file_digest,
+)
 from startrack.design.variation import ABSOLUTE, RELATIVE, Scope, Variation
 from startrack.io import read_bytes, regular_file
 from startrack.optics import Optics
@@ -176,7 +187,7 @@ class Structure(Parameters):
         "orbit, surfaces and heat capacities that give mean temperature and flux over an orbit, "
         "in place of `swing`, `flux` and their phases; gradients in the panel remain"
     ] = None  # fmt: skip
-    displacements: Annotated[str,
+    displacements: Annotated[str, FILE,
         "CSV of a thermo-elastic program, of nodes by kelvin, or kelvin / metre of a gradient: "
         "part (feet, detector, lens), load (mean, gradient_x, gradient_y, flux_x, flux_y), x, y, "
         "z, dx, dy, dz (metre, in the camera's axes); for the loads that it has, in place of the "
@@ -295,8 +306,8 @@ class Structure(Parameters):
             [0.0, 0.0, twist, 0.0, twist / diameter],
         ])  # fmt: skip
         if self.displacements:
-            stamp = regular_file(Path(self.displacements)).stat().st_mtime_ns
-            for load, (by, stretch) in read_displacements(self.displacements, stamp).items():
+            content = file_digest(regular_file(Path(self.displacements)))
+            for load, (by, stretch) in read_displacements(self.displacements, content).items():
                 turns[:, LOADS.index(load)], scale[LOADS.index(load)] = by, stretch
         lens = np.array([self.lens_expansion, *NONE])
         found = dict(zip(TURNS, turns, strict=True)) | {
@@ -383,14 +394,14 @@ class Structure(Parameters):
 
 
 @lru_cache(maxsize=8)
-def read_displacements(path: str, stamp: int) -> dict[str, tuple[Floats, float]]:
+def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float]]:
     """Turn (3,) radian of the camera, and stretch of its focal length, by load.
 
     Each part moves as the rigid body that fits its nodes best, by least squares. The boresight is
     the line from the middle of the detector's nodes to that of the lens', seen from the feet; about
     it the camera turns with the detector.
 
-    stamp   of the file, so that a changed one is read again
+    content  digest of the file, so that a changed one is read again
     Raises  ValueError where the file has other columns, or a part has less than three nodes.
     """
     text = read_bytes(Path(path), "a table of displacements").decode("utf-8", "replace")

@@ -25,6 +25,9 @@ from startrack.core import (
 from startrack.detection.robust import clipped
 
 Image = NDArray[np.float32]
+# Dark frames of a map, at most: of more the mean has less than 3 % of the noise of a frame, and a
+# frame of 1024 x 1024 pixels takes 0.1 s.
+LONGEST_MEAN = 1024
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class DarkMap(Parameters):
     own number, because its shot noise cannot be subtracted.
     """
 
-    frames: Annotated[int, Range(1, 2**16),
+    frames: Annotated[int, Range(1, LONGEST_MEAN),
         "dark frames with the exposure and temperature of the flight, whose mean it is"
     ] = 64  # fmt: skip
     step: Annotated[float, POSITIVE, "digital number, to whose multiples the map is rounded"] = 1.0

@@ -360,6 +360,8 @@ def damage(shape: tuple[int, int], age: Age, area: float, kelvin: float, device:
     """
     mean_rate = mean_damage(age, area, kelvin)
     single = age.interaction * growth_of(DAMAGE_ACTIVATION, kelvin, 296.0)
+    if not single:  # no float holds an interaction: endlessly many of them, alike in all pixels
+        return np.full(shape, mean_rate)
     number, size = device("displaced atoms").random((2, *shape))
     expected = mean_rate / single
     current = np.zeros(shape)

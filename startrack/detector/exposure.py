@@ -322,6 +322,8 @@ def star_grid(
     dark        (across, side, side) electron above the dark signal of all pixels; None: zero
     Returns     Frame of numbers that are not rounded, and (n, 2) pixel, positions of the stars
     """
+    size = FRAME_BYTES * len(stars) * side**2
+    require_memory(size, f"images of {len(stars)} stars of {side} x {side} pixels")
     gain = np.ones((side, across * side))
     if detector.prnu:
         draw = device_streams(detector)("response of a grid").standard_normal(gain.shape)

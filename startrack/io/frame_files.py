@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import struct
+from contextlib import AbstractContextManager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -46,6 +46,7 @@ class FrameFiles:
         self._rows = list[list[Any]]()
         self._dates = list[datetime]()
         self._shape: tuple[tuple[int, ...], str] | None = None
+        self._output: AbstractContextManager[Path] | None = None
         self._stream: BinaryIO | None = None
         self._video: cv2.VideoWriter | None = None
         self._path = folder / f"{name}.{format}"
@@ -99,11 +100,12 @@ class FrameFiles:
             if self._format == "raw":
                 rows, columns = image.shape
                 self._path = self._folder / f"{self._name}-{columns}x{rows}-{kind}.raw"
-            self._folder.mkdir(parents=True, exist_ok=True)
+            self._output = whole(self._path)
+            draft = self._output.__enter__()
             if self._format == "mkv":
-                self._video = _video(self._draft, image)
+                self._video = _video(draft, image)
             else:
-                self._stream = self._draft.open("wb")
+                self._stream = draft.open("wb")
             if self._stream and self._format == "ser":
                 self._stream.write(bytes(SER_HEADER.size))
         if self._shape != (image.shape, kind):
@@ -113,21 +115,17 @@ class FrameFiles:
         elif self._stream:
             self._stream.write(image.astype(image.dtype.newbyteorder("<"), copy=False).tobytes())
 
-    @property
-    def _draft(self) -> Path:
-        end = ".mkv" if self._format == "mkv" else ""  # by which its writer knows the format
-        return self._folder / f".{self._name}.{self._format}.part{os.getpid()}{end}"
-
     def close(self) -> list[Path]:
         """End the files and write the table; returns the files."""
         if self._stream is not None and self._shape is not None:
             if self._format == "ser":
                 self._end_ser(self._stream, *self._shape)
             self._stream.close()
-            self._draft.replace(self._path)
         if self._video is not None:
             self._video.release()
-            self._draft.replace(self._path)
+        if self._output is not None:
+            self._output.__exit__(None, None, None)
+            self._output = None
         save_csv(
             self._folder / f"{self._name}.csv",
             ["file", "number", "time_s", "date_obs", "exposure_s"]
@@ -154,7 +152,8 @@ class FrameFiles:
             self._stream.close()
         if self._video is not None:
             self._video.release()
-        self._draft.unlink(missing_ok=True)
+        if self._output is not None:
+            self._output.__exit__(GeneratorExit, GeneratorExit(), None)
 
 
 def _video(path: Path, image: NDArray[Any]) -> cv2.VideoWriter:

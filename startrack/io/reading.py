@@ -6,6 +6,7 @@ memory, and a header may announce a picture that no memory holds.
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import re
@@ -20,11 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import require_memory
-
-PACKAGE = Path(__file__).resolve().parents[1]
-# In an installed wheel, and in a checkout of the repository.
-FOLDERS = (PACKAGE / "_catalogs", PACKAGE.parent / "catalogs")
+from startrack.core import SHIPPED, require_memory
 
 
 def shipped(name: str) -> Path:
@@ -37,14 +34,15 @@ def shipped(name: str) -> Path:
     Returns  its path on this computer
     Raises   FileNotFoundError where this installation does not have it.
     """
-    for folder in FOLDERS:
+    for folder in SHIPPED:
         if (folder / name).exists():
             return folder / name
-    looked = " or ".join(str(folder) for folder in FOLDERS)
+    looked = " or ".join(str(folder) for folder in SHIPPED)
     raise FileNotFoundError(f"shipped data must be in {looked}, and {name!r} is in neither")
 
 
 MIB = 2**20  # byte
+MADE = ("/proc/", "/sys/")  # where Linux has files that it makes as they are read
 PIECE = 4 * MIB  # bytes that are unpacked at a time
 
 
@@ -52,7 +50,8 @@ def regular_file(path: Path, what: str = "a file") -> Path:
     """The path, where it names a regular file; it is not opened, since a FIFO would wait.
 
     what    it must be, for the message
-    Raises  ValueError for a folder, a device, a FIFO or a socket; FileNotFoundError without one.
+    Raises  ValueError for a folder, a device, a FIFO, a socket, a circle of links, or what the
+            system makes as it is read; FileNotFoundError without one.
     """
     try:
         kind = os.stat(path).st_mode
@@ -60,8 +59,14 @@ def regular_file(path: Path, what: str = "a file") -> Path:
         raise FileNotFoundError(f"{path} must be {what}, but there is none") from None
     except ValueError as error:  # a zero byte in the name
         raise ValueError(f"{str(path)!r} must be the name of a file: {error}") from None
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise ValueError(f"{path} must be {what}, but its links lead in a circle") from None
+        raise
     if not stat.S_ISREG(kind):
         raise ValueError(f"{path} must be {what}, but is {kind_of(kind)}")
+    if os.path.realpath(path).startswith(MADE):  # reading some of them waits, or takes words away
+        raise ValueError(f"{path} must be {what}, but is made by the system")
     return path
 
 

@@ -9,17 +9,18 @@ import os
 import shutil
 import socket
 import stat
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.io.reading import kind_of
+from startrack.io.reading import kind_of, regular_file
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -45,7 +46,7 @@ def whole(path: Path) -> Iterator[Path]:
         with tempfile.TemporaryDirectory() as folder:
             draft = Path(folder) / f"draft{path.suffix}"
             yield draft
-            with draft.open("rb") as content, path.open("wb") as stream:
+            with draft.open("rb") as content, _opened(path) as stream:
                 shutil.copyfileobj(content, stream)
         return
     path = Path(os.path.realpath(path))
@@ -76,6 +77,15 @@ def _is_stream(path: Path) -> bool:
     return os.path.realpath(path.parent).startswith(OPEN) or (
         path.is_symlink() and os.readlink(path).startswith(OPEN)
     )
+
+
+def _opened(path: Path) -> BinaryIO:
+    """A stream to write to; what this process has open itself goes on where it is."""
+    for link in (path, Path(os.readlink(path))) if path.is_symlink() else ():
+        if os.path.realpath(link.parent) == os.path.realpath(f"{OPEN}self/fd"):
+            sys.stdout.flush()
+            return os.fdopen(os.dup(int(link.name)), "wb")
+    return path.open("wb")
 
 
 def save_text(path: Path, text: str) -> None:
@@ -170,8 +180,8 @@ LONGEST = 1000  # byte of a note
 
 def note_owner(path: Path) -> None:
     """Write beside a file that this process has it; nothing where that cannot be written."""
-    with suppress(OSError):
-        _note(path).write_text(_words(), encoding="utf-8")
+    with suppress(OSError), open(_note(path), "wb", opener=_here) as file:
+        file.write(_words().encode())
 
 
 def forget_owner(path: Path) -> None:
@@ -189,6 +199,11 @@ def _note(path: Path) -> Path:
     return path.with_name(f"{path.name}-process")
 
 
+def _here(name: str, flags: int) -> int:
+    """Open what stands at a name, which may be from anybody: without following or waiting."""
+    return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
+
+
 def _words() -> str:
     since = datetime.now(UTC).isoformat(timespec="seconds")
     return json.dumps({"process": os.getpid(), "host": socket.gethostname(), "since": since})
@@ -196,7 +211,7 @@ def _words() -> str:
 
 def _read(path: Path) -> str:
     try:
-        with open(path, "rb") as file:
+        with open(path, "rb", opener=_here) as file:
             note = json.loads(file.read(LONGEST))
         return f", {int(note['process'])} on {note['host']!s:.60} since {note['since']!s:.40}"
     except (OSError, ValueError, KeyError, TypeError):
@@ -219,7 +234,9 @@ def claimed_folder(folder: Path) -> Iterator[None]:
         yield
         return
     while True:
-        with open(path, "a+b") as file:
+        if path.exists():
+            regular_file(path, "the note of whoever writes to its folder")
+        with open(path, "a+b", opener=_here) as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:

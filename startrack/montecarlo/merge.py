@@ -14,7 +14,7 @@ from startrack.core import Refused
 from startrack.io import Database
 from startrack.io import whole as whole_file
 from startrack.montecarlo.sampling import BLOCK
-from startrack.montecarlo.store import STORE, Store, checksum, difference
+from startrack.montecarlo.store import STORE, Store, checksum, difference, write_about
 
 WITHOUT_TRIALS = "campaign"  # the row of `about` that changes no trial
 
@@ -101,8 +101,7 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
     trials, repeated = 0, list[tuple[int, int]]()
     done = list[range]()
     with base.transaction() as execute:
-        for row in sorted(about.items()):
-            execute("INSERT INTO about VALUES (?, ?)", row)
+        write_about(execute, about)
         for session in sorted({session for part in parts for session in part.sessions}):
             execute("INSERT INTO sessions VALUES (?, ?)", session)
         for table in _blocks(parts, repeated):

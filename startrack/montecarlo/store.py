@@ -29,6 +29,7 @@ from startrack.population import Units
 from startrack.trial import OUTCOMES
 
 LARGEST_TRIAL = 1024  # byte
+ABOUT = -1  # in place of a block, in the table of checksums: the table `about`
 FULL = math.pi * (1 + 1e-9)  # radian
 HUGE = 1e100
 PACKAGES = ("numpy", "scipy", "numba", "astropy", "opencv-contrib-python-headless")
@@ -109,7 +110,7 @@ class Store:
 
     def _open(self, case: Case | None, seed: int | None, sampling: Sampling) -> None:
         with self._damage():
-            about = dict(self._database.read("SELECT name, value FROM about"))
+            about = self._about()
             self.seed = int(about["seed"])
             whole(0, 2**63 - 1, seed=self.seed)
             # Stores from before there was a choice hold random attitudes without controls.
@@ -132,6 +133,9 @@ class Store:
                 raise ValueError("its trials lack fields")
             if self.dtype.hasobject or self.dtype.itemsize > LARGEST_TRIAL:
                 raise ValueError("its trials are none")
+            known = self._sums().get(ABOUT)
+            if known is not None and known != _checksum_of(about):
+                raise ValueError("what it says of its trials is not as it was written")
         if case is not None:
             self._must_match(case, self.seed if seed is None else seed, sampling)
             session = (datetime.now(UTC).isoformat(timespec="seconds"), json.dumps(origin()))
@@ -193,9 +197,12 @@ class Store:
 
     def keep_campaign(self, campaign: Campaign) -> None:
         """Keep the question, in place of an earlier one: it changes no trial."""
-        row = ("campaign", json.dumps(to_table(campaign), sort_keys=True))
+        row = {"campaign": json.dumps(to_table(campaign), sort_keys=True)}
         with self._database.transaction() as execute:
-            execute("INSERT OR REPLACE INTO about VALUES (?, ?)", row)
+            write_about(execute, self._about() | row)
+
+    def _about(self) -> dict[str, str]:
+        return dict(self._database.read("SELECT name, value FROM about"))
 
     @property
     def case(self) -> Case:
@@ -263,7 +270,7 @@ class Store:
             key = (first, trials, data if isinstance(data, str) else hash(data))
             if key not in self._checked:
                 if sums is None:
-                    sums = dict(self._sums())
+                    sums = self._sums()
                 known = sums.get(first, b"" if self._checksums else None)
                 if fault(first, trials, data, known, self.dtype):
                     damaged.append(first)
@@ -283,11 +290,11 @@ class Store:
             )
         return blocks
 
-    def _sums(self) -> list[Any]:
+    def _sums(self) -> dict[Any, Any]:
         # Stores from before there were checksums, and opened only to be read, lack the table.
         if not self._database.read("SELECT 1 FROM sqlite_master WHERE name = 'checksums'"):
-            return []
-        return self._database.read("SELECT first, checksum FROM checksums")
+            return {}
+        return dict(self._database.read("SELECT first, checksum FROM checksums"))
 
     def close(self) -> None:
         """Merge the log into the file."""
@@ -353,8 +360,18 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
         "fields": json.dumps(sampling.dtype.descr),
         "startrack": origin()["startrack"],
     }
+    write_about(execute, about)
+
+
+def write_about(execute: Execute, about: Mapping[str, str]) -> None:
+    """Write what a store says of its trials, with a checksum of all of it."""
     for row in about.items():
-        execute("INSERT INTO about VALUES (?, ?)", row)
+        execute("INSERT OR REPLACE INTO about VALUES (?, ?)", row)
+    execute("INSERT OR REPLACE INTO checksums VALUES (?, ?)", (ABOUT, _checksum_of(about)))
+
+
+def _checksum_of(about: Mapping[str, str]) -> bytes:
+    return checksum(json.dumps(sorted(about.items())).encode())
 
 
 def _code_of(case: Case) -> list[Code]:

@@ -189,6 +189,7 @@ class _Ensemble:
         # emcee takes only the older generator; each ensemble has a separate one.
         state = np.random.RandomState(np.random.MT19937(sequence)).get_state()
         self.sampler = emcee.EnsembleSampler(walkers, d, log_probability, vectorize=True)
+        self.sampler.log_prob_fn = log_probability  # emcee's own prints the traceback of a signal
         self._at = emcee.State(points, log_prob=first, random_state=state)
         self._settings, self._ledger = settings, ledger
         # The key identifies the density by its values at the starting points.

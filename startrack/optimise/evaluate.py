@@ -178,11 +178,13 @@ class Foresight(NamedTuple):
     expected    ln(arcsec) of the objective; NaN where no attitude is expected
     margins     of the requirements; none where the design cannot be built
     conditions  what the budget expects in each of them that was computed
+    lasting     false where the machine refused it, as of `Refused`: no ledger keeps it
     """
 
     expected: float
     margins: dict[str, float]
     conditions: dict[str, Forecast] = {}  # noqa: RUF012, never changed
+    lasting: bool = True
 
     @property
     def left_out(self) -> bool:
@@ -198,7 +200,7 @@ class Foresight(NamedTuple):
 
     def text(self) -> str:
         """All of it as JSON."""
-        return json.dumps(self)
+        return json.dumps(self[:3])
 
     @classmethod
     def read(cls, text: str) -> Foresight:
@@ -246,7 +248,8 @@ def foresee_all(
     new = {key: case for key, case in zip(keys, cases, strict=True) if key and not held[key]}
     for key, found in zip(new, runner.map(one, new.values()), strict=True):
         held[key] = found.text()
-        runner.ledger.keep_forecast(key, held[key])
+        if found.lasting:
+            runner.ledger.keep_forecast(key, held[key])
     return [Foresight.read(held[key]) if key else NOTHING for key in keys]
 
 
@@ -280,8 +283,8 @@ def _foreseen(
             if last or not known.score <= enough:
                 break
             _, found = forecasts(judged, objective, seed=seed, known=found)
-    except Refused:
-        return NOTHING
+    except Refused as reason:
+        return NOTHING._replace(lasting=reason.lasting)
     return known
 
 

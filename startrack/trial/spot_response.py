@@ -18,7 +18,7 @@ from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import NO_HOT, HotPixels, near_stars
 from startrack.trial.images import field_psf_of
 from startrack.trial.pointing import line_of_sight
-from startrack.trial.star_response import PHASES, phases, shaken
+from startrack.trial.star_response import PHASES, phases, shaken, within_frame
 from startrack.trial.zones import centroid_shift, unique_places, zones_of
 
 STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
@@ -70,7 +70,8 @@ class Grid:
     def side(self) -> int:
         """Pixel, of a cell."""
         longest = math.ceil(np.abs(_smear(self.case)[:, 1:]).max())
-        return 2 * (margin(detection_plan(self.case)) + longest + 2) + 1
+        side = 2 * (margin(detection_plan(self.case)) + longest + 2) + 1
+        return within_frame(side, self.case.instrument.detector)
 
     def expect(
         self, stars: Floats, companions: Floats, across: int, dark: Floats | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.special import ndtr
 
-from startrack.core import Floats, Frame, Ints, Psf, Streams, kept
+from startrack.core import Floats, Frame, Ints, Psf, Refused, Streams, kept, require_memory
 from startrack.design import Case, Instrument
 from startrack.detection import (
     Candidates,
@@ -95,6 +95,8 @@ PHASES = 6  # sub-pixel positions per axis
 STEP = 0.5  # magnitude between two rows of the chart
 BRIGHTEST = -1.5
 RING = 3  # pixel, width of the ring around the window that gives the background
+WIDER = 64  # pixel, by which a star's cell, with ring and margins, may exceed a small frame
+CELL_BYTES = 42  # for each pixel that is measured; measured: 36 to 41
 FAINTEST_SNR = 3.0  # below this no star is detected
 
 
@@ -208,6 +210,11 @@ def chart(
 
 def star_electrons(case: Case, magnitude: Floats, images: StarImages) -> Floats:
     """Electrons (m, p, side, side) of stars (m,) in the pixels about each position."""
+    side = images.point.shape[-1]
+    require_memory(
+        CELL_BYTES * len(magnitude) * images.point.size,
+        f"images of stars of {side} x {side} pixels, as wide as optics and motion make them,",
+    )
     return scale(case).star * 10 ** (-0.4 * magnitude[:, None, None, None]) * images.point
 
 
@@ -354,7 +361,19 @@ def cell_side(instrument: Instrument, detection: Detection) -> int:
     """Pixel, odd, side of the cell that a star with its ring needs."""
     _, _, _, run = _smeared(instrument)
     ring = detection.window // 2 + RING + math.ceil(run)
-    return 2 * (max(ring, math.ceil(psf_of(instrument).half_width)) + RING) + 1
+    half = max(ring, math.ceil(psf_of(instrument).half_width)) + RING
+    return within_frame(2 * half + 1, instrument.detector)
+
+
+def within_frame(side: int, detector: Detector) -> int:
+    """The side of a star's cell, pixel; refused where no star can be seen as a whole."""
+    if side > max(detector.columns, detector.rows) + WIDER:
+        raise Refused(
+            f"images of stars must not be wider than the frame of {detector.columns} x "
+            f"{detector.rows} pixels, got cells of {side} pixels by instrument.optics and the "
+            "motion in an exposure"
+        )
+    return side
 
 
 def smear_extent(instrument: Instrument) -> float:

@@ -15,6 +15,8 @@ from startrack.detector.ageing import (
     Age,
     Flicker,
     Flickering,
+    damage,
+    mean_damage,
     pixels_above,
     proton_dose,
     trailed,
@@ -172,3 +174,9 @@ def test_charge_that_is_left_behind_arrives_a_row_later():
 def test_ages_that_make_no_sense_are_refused(values, rule):
     with pytest.raises(ValueError, match=rule):
         Age(**values)
+
+
+def test_damage_that_no_float_can_hold_is_the_mean():
+    """Near 1 K, where the growth of an interaction underflows."""
+    found = damage((2, 3), Age(time=1e8, fluence=10.0), 1e-10, 1.0, Streams(0, 0))
+    np.testing.assert_array_equal(found, mean_damage(Age(time=1e8, fluence=10.0), 1e-10, 1.0))

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -24,7 +24,8 @@ EXCESS = 1.1  # of that, at which the limit is broken: libraries take some, too
 STATUSES = {0, 1, 2, 3}
 # What no sentence of a refusal holds; trials that fail by anything but a refusal are a fault, too.
 UNEXPECTED = re.compile(
-    r"Traceback \(most recent|: unexpected |On entry to D|failed.*?: .*?\b(?!ValueError)\w+Error: "
+    r"Traceback \(most recent|: unexpected |On entry to D|RuntimeWarning|divide by zero enc"
+    r"|invalid value enc|failed.*?: .*?\b(?<!raised )(?!ValueError)\w+Error: "
 )
 # Keys of JSON that may be null, each with the reason; `docs/json.md` documents them.
 NULLS = ROOT / "docs" / "json.md"
@@ -37,18 +38,22 @@ class Case:
     kind       of the input, for the figures
     arguments  of the command; the files stand in its folder
     files      content by name; None: a FIFO
+    undamaged  the same files as they were; where they are given, the result must be refused, or be
+               that of these
     """
 
     kind: str
     arguments: tuple[str, ...]
     files: Mapping[str, bytes | None] = field(default_factory=dict)
+    undamaged: Mapping[str, bytes | None] | None = None
 
 
 @dataclass(frozen=True)
 class Verdict:
     """What became of a case.
 
-    fault    "" where it was done or refused well; else traceback, hang, memory or silent_nan
+    fault    "" where it was done or refused well; else traceback, hang, memory, silent_nan or
+             silent_difference
     detail   the words that show it
     status   exit status, None after a hang or a crash
     seconds, bytes  that it took
@@ -68,6 +73,7 @@ class Arena:
         self.seconds, self.memory, self.fault = seconds, memory, fault
         self._worker: subprocess.Popen[str] | None = None
         self._folder = Path(tempfile.mkdtemp(prefix="startrack-fuzz-"))
+        self._results = dict[tuple[str, ...], str]()
         self._errors = (self._folder / "worker.txt").open("w+")
 
     def __enter__(self) -> Arena:
@@ -83,6 +89,18 @@ class Arena:
 
         times  as long as usual may it take
         """
+        verdict, out = self._run(case, times)
+        if case.undamaged is None or verdict.fault or verdict.status not in (0, 3):
+            return verdict
+        if case.arguments not in self._results:
+            whole = replace(case, files=case.undamaged)
+            self._results[case.arguments] = timeless(self._run(whole, COMPILING)[1])
+        if timeless(out) == self._results[case.arguments]:
+            return verdict
+        return replace(verdict, fault="silent_difference", detail=out[-300:])
+
+    def _run(self, case: Case, times: float) -> tuple[Verdict, str]:
+        """The verdict on a case by itself, and what it printed."""
         folder = self._folder / "case"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
@@ -97,16 +115,16 @@ class Arena:
             for name in ("out.txt", "err.txt")
         )
         if answer is None:
-            return Verdict("hang", err[-300:], None, self.seconds, 0)
+            return Verdict("hang", err[-300:], None, self.seconds, 0), out
         if not answer:
             self._errors.flush()
             died = Path(self._errors.name).read_text(errors="replace")[-300:]
-            return Verdict("traceback", f"the process died: {died}{err[-300:]}", None, 0.0, 0)
+            return Verdict("traceback", f"the process died: {died}{err[-300:]}", None, 0.0, 0), out
         status, seconds, size = answer["status"], answer["seconds"], answer["bytes"]
         fault, detail = _fault(case, status, out, err, answer["escaped"])
         if not fault and size > self.memory * EXCESS:
             fault, detail = "memory", f"{size / 2**20:.0f} MiB; {err[-200:]}"
-        return Verdict(fault, detail, status, seconds, size)
+        return Verdict(fault, detail, status, seconds, size), out
 
     def prime(self, case: Case) -> None:
         """Let the worker compile what a command needs, which is no part of later cases."""
@@ -157,6 +175,11 @@ class Arena:
             self._worker.kill()
             self._worker.communicate()
             self._worker = None
+
+
+def timeless(out: str) -> str:
+    """A result without what depends on the speed of the machine."""
+    return re.sub(r'"(\w*seconds|trials_per_s|\w*_s)": [^,}]*', "", out)
 
 
 def _cpu(pid: int) -> float:

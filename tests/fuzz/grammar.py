@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import gzip
 import io
+import os
 import sqlite3
 import struct
+import subprocess
+import sys
+import tempfile
 import tomllib
 import typing
 import zlib
@@ -31,9 +36,7 @@ from startrack.io.tables import fields_of
 from startrack.mission import Mission
 from startrack.montecarlo import Sampling, Serial, Store, resume
 from startrack.motion import Motion
-from startrack.optimise import Ledger
 from startrack.sequence import Sequence
-from startrack.trial import OUTCOMES
 from tests.catalog import layouts
 from tests.fuzz.arena import Case
 
@@ -55,6 +58,7 @@ SMALL = (
     ("rows = 512", "rows = 96"),
     ('pixel_pitch = "11 um"', 'pixel_pitch = "58 um"'),
     ('blur = "5 um"', 'blur = "26 um"'),
+    ('high = "15 um"', 'high = "60 um"'),
     ("limit_g = 7.0", "limit_g = 5.5"),
     ("\ntrials = 50\nmost_trials = 200", "\ntrials = 2\nmost_trials = 2\nsample_trials = 2"),
     ("evaluations = 120", "evaluations = 2\nanalytic_evaluations = 2"),
@@ -742,10 +746,13 @@ def stores() -> dict[str, bytes]:
             with Store(path, case, 1, Sampling(fidelity)) as store:
                 resume(store, Serial(), 1, 16, block=4)
             found[path.name] = path.read_bytes()
-        with Ledger(path := Path(folder) / "ledger.sqlite") as ledger:
-            ledger.keep(b"0" * 16, 0, np.zeros(2, OUTCOMES))
-            ledger.keep_refusal(b"1" * 16, "no")
-        found["ledger.sqlite"] = path.read_bytes()
+        command = ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--out", "out")
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+        subprocess.run(
+            [sys.executable, "-m", "startrack.cli", *command],
+            cwd=folder, env=environment, capture_output=True,
+        )  # fmt: skip
+        found["ledger.sqlite"] = (Path(folder) / "out" / "ledger.sqlite").read_bytes()
     return found
 
 
@@ -785,9 +792,13 @@ STATEMENTS = (
     "DROP TABLE failures",
     "PRAGMA user_version = 99",
     "PRAGMA application_id = 1",
-    "UPDATE trials SET outcomes = 'text'",
-    "UPDATE trials SET outcomes = zeroblob(9)",
-    "DROP TABLE trials",
+    "UPDATE about SET value = '7' WHERE name = 'seed'",
+    "UPDATE about SET value = replace(value, ' mm', ' cm') WHERE name = 'case'",
+    "UPDATE rows SET data = zeroblob(length(data))",
+    "UPDATE rows SET number = number + 1",
+    "UPDATE rows SET data = substr(data, 1, length(data) - 82)",
+    "DELETE FROM rows WHERE number = 0",
+    "DROP TABLE rows",
 )
 
 
@@ -795,7 +806,8 @@ def store_case(draw: Draw) -> Case:
     files = dict(stores())
     name = draw.one_of(files)
     files[name] = changed_store(draw, files[name])
-    files["design.toml"] = tomli_w.dumps(bases()["design"]).encode()
+    plain_design = {"design.toml": tomli_w.dumps(bases()["design"]).encode()}
+    files |= plain_design
     if name == "ledger.sqlite":
         files = {"out/ledger.sqlite": files[name], "design.toml": files["design.toml"]}
         arguments = (
@@ -808,7 +820,8 @@ def store_case(draw: Draw) -> Case:
             "--out",
             "out",
         )
-        return Case("store", (*arguments, "--json"), files)
+        whole = files | {"out/ledger.sqlite": stores()["ledger.sqlite"]}
+        return Case("store", (*arguments, "--json"), files, whole)
     fidelity = Path(name).stem
     arguments = draw.one_of(
         (
@@ -817,7 +830,7 @@ def store_case(draw: Draw) -> Case:
              "--workers", "1", "--store", name),
         )
     )  # fmt: skip
-    return Case("store", (*arguments, "--json"), files)
+    return Case("store", (*arguments, "--json"), files, stores() | plain_design)
 
 
 def changed_store(draw: Draw, data: bytes) -> bytes:
@@ -839,6 +852,61 @@ def changed_store(draw: Draw, data: bytes) -> bytes:
         return base.serialize()
     finally:
         base.close()
+
+
+@cache
+def begun() -> dict[str, bytes]:
+    """Inputs of a design, and a store and a sketch of its trials."""
+    from startrack.montecarlo import resume_sketch
+
+    table = copy.deepcopy(bases()["design"])
+    table["catalog"] = {"source": "stars.csv", "epoch": 2026.0}
+    table["tracker"]["catalog"] = {"source": "guide.csv", "epoch": 2026.0}
+    table["instrument"]["optics"] |= {"psf": "auto", "lens_file": "lens.fits"}
+    del table["instrument"]["optics"]["blur"]
+    found = {
+        "design.toml": tomli_w.dumps(table).encode(),
+        **dict.fromkeys(("stars.csv", "guide.csv"), star_files()["gaia.csv"]),
+        "lens.fits": shipped("lenses/double_gauss.fits").read_bytes(),
+    }
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        for name, content in found.items():
+            Path(name).write_bytes(content)
+        case, sampling = load_design("design.toml").case, Sampling(Fidelity.COVARIANCE)
+        with Store(Path("a.sqlite"), case, 1, sampling) as store:
+            resume(store, Serial(), 1, 4)
+        resume_sketch(Path("a.json"), case, 1, sampling, range(4), Serial())
+        for name in ("a.sqlite", "a.json"):
+            found[name] = Path(name).read_bytes()
+    return found
+
+
+def replaced_case(draw: Draw) -> Case:
+    """Trials that go on where a file of the design has another content, under the same name."""
+    files = dict(begun())
+    name = draw.one_of(("stars.csv", "guide.csv", "lens.fits", "nothing"))
+    if name == "lens.fits":
+        other = draw.one_of(("triplet", "petzval", "catadioptric"))
+        files[name] = shipped(f"lenses/{other}.fits").read_bytes()
+    elif name != "nothing":
+        files[name] = files[name].replace(b"1", b"2", 1 + draw.below(3))
+    kept = draw.one_of((("--store", "a.sqlite"), ("--sketch", "a.json")))
+    command = ("montecarlo", "design.toml", "--trials", "8", "--fidelity", "covariance")
+    return Case("replaced", (*command, "--workers", "1", *kept, "--json"), files, begun())
+
+
+def prescription_case(draw: Draw) -> Case:
+    """A prescription of Zemax, damaged or with other numbers."""
+    data = shipped(f"lenses/{draw.one_of(('triplet', 'double_gauss'))}.zmx").read_bytes()
+    if draw.below(2):
+        data = damaged(draw, data)
+    else:
+        words = data.split(b" ")
+        for _ in range(1 + draw.below(3)):
+            words[draw.below(len(words))] = str(draw.one_of(NUMBERS)).encode()
+        data = b" ".join(words)
+    command = ("lens", "import", "a.zmx", "--out", "lens.fits", "--json")
+    return Case("prescription", command, {"a.zmx": data})
 
 
 SPECIAL = (
@@ -897,6 +965,7 @@ WEIGHTS: tuple[Kind, ...] = (
     *(design_case,) * 6, campaign_case, text_case, *(scene_case,) * 4, sequence_case,
     *(image_case,) * 4, *(catalog_case,) * 4, *(store_case,) * 3, camera_case, *(lens_case,) * 2,
     *(unit_case,) * 2, *(aged_case,) * 2, mission_case, star_table_case, page_case,
+    *(replaced_case,) * 2, prescription_case,
 )  # fmt: skip
 
 

@@ -33,7 +33,11 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "sample": (
         ("sample", "design.toml", "--workers", "1", "--out", "sample"),
-        ("sample/samples.csv",),
+        ("sample/samples.csv", "sample/tolerance.md"),
+    ),
+    "pareto": (
+        ("pareto", "design.toml", "--points", "3", "--workers", "2", "--out", "pareto"),
+        ("pareto/front.md", "pareto/result.json"),
     ),
     "report": (
         ("report", "done.sqlite", "--stars", "2", "--slews", "1", "--budget", "2",

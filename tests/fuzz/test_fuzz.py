@@ -11,6 +11,7 @@ from tests.fuzz.grammar import (
     catalog_case,
     design_case,
     image_case,
+    replaced_case,
     scene_case,
     special_case,
     store_case,
@@ -51,6 +52,7 @@ SHOWN = {
     "long keys are read": (text_case, "hang memory traceback"),
     "images of any kind are read": (special_case, "hang"),
     "damage of a store escapes": (store_case, "traceback"),
+    "trials of other files are mixed": (replaced_case, "silent_difference"),
     "a trial divides by zero": (design_case, "traceback"),
     "JSON with NaN": (campaign_case, "silent_nan"),
     "memory beyond the limit": (image_case, "memory"),
@@ -59,9 +61,9 @@ SHOWN = {
 }
 
 
-def test_ten_faults_are_known():
+def test_eleven_faults_are_known():
     assert set(SHOWN) == set(FAULTS) - {""}
-    assert len(SHOWN) == 10
+    assert len(SHOWN) == 11
 
 
 @pytest.mark.slow

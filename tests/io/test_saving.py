@@ -3,12 +3,17 @@
 import os
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from startrack.io import claimed_folder, save_figure, save_text
+from startrack.core import Frame
+from startrack.io import FrameFiles, claimed_folder, save_figure, save_text
+from startrack.io.saving import NAME, note_owner, owner
 
 
 @pytest.mark.parametrize("name", ["no\udcfftext", r"$\frac{", "a $b$", "star\x07"])
@@ -61,6 +66,19 @@ def test_a_folder_that_nothing_was_written_to_is_not_left_behind(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("true")])
+def test_notes_and_claims_neither_wait_nor_follow(tmp_path, make):
+    """What stands at their names is left as it is, by whoever put it there."""
+    (tmp_path / "true").write_text("words")
+    make(tmp_path / "store-process")
+    note_owner(tmp_path / "store")
+    assert owner(tmp_path / "store") == ""
+    make(tmp_path / NAME)
+    with pytest.raises((OSError, ValueError), match=NAME), claimed_folder(tmp_path):
+        pass
+    assert (tmp_path / "true").read_text() == "words"
+
+
 def test_a_file_takes_the_place_of_files_only(tmp_path):
     """A link stays and its file is replaced; a FIFO and a terminal get the bytes."""
     true, link, fifo = (tmp_path / name for name in ("true.txt", "link.txt", "fifo.txt"))
@@ -81,6 +99,12 @@ def test_a_file_takes_the_place_of_files_only(tmp_path):
         os.close(number)
     save_text(Path("/dev/null"), "words")
     assert Path("/dev/null").is_char_device()
+    files = FrameFiles(tmp_path, "link", "raw", datetime(2026, 1, 1, tzinfo=UTC))
+    (tmp_path / "link-2x1-uint8.raw").symlink_to(true)
+    files.add(Frame(np.array([[65, 66]], np.uint8)), 0.0, Rotation.identity())
+    files.close()
+    assert (tmp_path / "link-2x1-uint8.raw").is_symlink()
+    assert true.read_text() == "AB"
     with pytest.raises(OSError, match="must be a file, a new name or a stream, but is a folder"):
         save_text(tmp_path, "words")
     for name in ("a", "b"):
@@ -88,5 +112,14 @@ def test_a_file_takes_the_place_of_files_only(tmp_path):
     with pytest.raises(OSError, match="Too many levels of symbolic links"):
         save_text(tmp_path / "a", "words")
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "a", "b", "fifo.txt", "link.txt", "true.txt",
+        "a", "b", "fifo.txt", "link-2x1-uint8.raw", "link.csv", "link.txt", "true.txt",
     ]  # fmt: skip
+
+
+def test_what_a_process_has_open_goes_on_where_it_is(tmp_path):
+    """As standard output that leads to a file: it is not begun anew."""
+    with (tmp_path / "out").open("w+b", buffering=0) as file:
+        file.write(b"before ")
+        save_text(Path(f"/proc/self/fd/{file.fileno()}"), "words")
+        file.write(b" after")
+    assert (tmp_path / "out").read_bytes() == b"before words after"

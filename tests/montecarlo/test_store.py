@@ -14,6 +14,7 @@ from astropy.io import fits
 
 from startrack.design.case import Fidelity
 from startrack.design.parameter import replaced
+from startrack.design.structure import Structure
 from startrack.io import shipped
 from startrack.io.tables import to_table
 from startrack.metrics import STATED_ALONE
@@ -69,6 +70,7 @@ def test_controls_are_kept_beside_outcomes(path, case, outcomes):
     Store(old, case, 3).close()
     with contextlib.closing(sqlite3.connect(old)) as base, base:
         base.execute("DELETE FROM about WHERE name IN ('attitudes', 'control')")
+        base.execute("DELETE FROM checksums")
     with Store(old, case, 3) as store:
         assert store.sampling == Sampling()
 
@@ -115,6 +117,7 @@ def test_another_case_seed_version_or_format_is_refused(path, case):
         ("PRAGMA application_id = 7", "is another database"),
     ):
         with sqlite3.connect(path) as base:
+            base.execute("DELETE FROM checksums")
             base.execute(change)
         base.close()
         with pytest.raises(ValueError, match=sentence):
@@ -230,6 +233,9 @@ def test_export_to_parquet(tmp_path, outcomes):
         ("DELETE FROM about WHERE name = 'fidelity'", "it lacks 'fidelity'"),
         ("DELETE FROM about WHERE name = 'startrack'", "it lacks 'startrack'"),
         ("UPDATE about SET value = 'x'", "is damaged"),
+        ("UPDATE about SET value = '4' WHERE name = 'seed'", "says of its trials is not as it was"),
+        ("UPDATE about SET value = replace(value, ' ms', ' us')", "not as it was written"),
+        ("DELETE FROM about WHERE name = 'attitudes'", "not as it was written"),
         (
             "UPDATE about SET value = replace(hex(zeroblob(50000)), '0', '[') WHERE name = 'case'",
             "is damaged",
@@ -290,15 +296,20 @@ FILES = {
     "instrument.optics.lens_file": "lenses/double_gauss.fits",
     "instrument.optics.psf_file": "psfs/chandra-aca.fits",
 }
+NODES = "part,load,x,y,z,dx,dy,dz\n" + "".join(
+    f"{part},mean,{x},{y},{z},{x / 1e5},{y / 1e5},0\n"
+    for z, part in enumerate(("feet", "detector", "lens"))
+    for x, y in ((1, 0), (0, 1), (-1, -1))
+)
 
 
-@pytest.mark.parametrize("key", FILES)
+@pytest.mark.parametrize("key", [*FILES, "instrument.structure.displacements"])
 def test_trials_of_another_content_of_a_file_are_not_mixed(path, case, tmp_path, key):
     """The same name and the same design, but another file."""
     file = tmp_path / "input.fits"
-    file.write_bytes(shipped(FILES[key]).read_bytes())
+    file.write_bytes(shipped(FILES[key]).read_bytes() if key in FILES else NODES.encode())
     optics = dataclasses.replace(case.instrument.optics, psf="auto", blur=0.0)
-    instrument = dataclasses.replace(case.instrument, optics=optics)
+    instrument = dataclasses.replace(case.instrument, optics=optics, structure=Structure())
     tracker = dataclasses.replace(case.tracker, catalog=case.catalog)
     case = dataclasses.replace(case, instrument=instrument, tracker=tracker)
     case = replaced(case, key, str(file))
@@ -307,8 +318,11 @@ def test_trials_of_another_content_of_a_file_are_not_mixed(path, case, tmp_path,
     ledger = runner._key(case, Fidelity.FRAME, 0)
     Store(path, case, 3).close()
     Store(path, case, 3).close()
-    with fits.open(file, mode="update", checksum=True) as parts:
-        parts[0].header["NOTE"] = "another"
+    if key in FILES:
+        with fits.open(file, mode="update", checksum=True) as parts:
+            parts[0].header["NOTE"] = "another"
+    else:
+        file.write_text(NODES.replace("mean", "flux_x"))
     with pytest.raises(ValueError, match=rf"another content of {key} \S+input.fits: digest"):
         Store(path, case, 3)
     other = about_of(case, 3, Sampling(), STATED_ALONE)

@@ -7,9 +7,10 @@ import pytest
 
 from startrack import Refused
 from startrack.cli.stopping import status_and_sentence
+from startrack.core import require_memory
 from startrack.design import DesignSpace
 from startrack.optimise import Ledger, TrialRunner, runner
-from startrack.optimise.evaluate import evaluate
+from startrack.optimise.evaluate import evaluate, foresee_all
 from startrack.trial import chain
 
 
@@ -70,7 +71,14 @@ def test_a_refusal_is_an_infeasible_design_and_is_kept(small, ledger, monkeypatc
 
 
 def test_what_the_machine_refuses_is_not_kept(small, ledger, monkeypatch):
-    """With more memory the same design may be rendered."""
+    """With more memory the same design may be rendered, and forecast."""
+    space = DesignSpace(small.case, small.campaign.variables)
     monkeypatch.setenv("STARTRACK_MEMORY", "1000")
     assert "--memory" in score(small, ledger).note
+    with monkeypatch.context() as small_machine:
+        small_machine.setitem(
+            foresee_all.__globals__, "forecasts", lambda *_, **__: require_memory(2e3, "")
+        )
+        runner = TrialRunner(7, ledger=ledger)
+        assert foresee_all(space, small.campaign, [space.start], runner)[0].margins == {}
     assert reasons(ledger) == []

@@ -30,6 +30,21 @@ def test_the_region_of_a_known_surface_is_found():
     assert stats.kstest(radius**2, "uniform").pvalue > 1e-3
 
 
+def test_a_signal_in_the_density_ends_it_without_a_word(capfd):
+    """emcee prints the traceback of whatever its function raises."""
+    calls = []
+
+    def density(points):
+        calls.append(len(points))
+        if len(calls) > 100:
+            raise KeyboardInterrupt
+        return -(points**2).sum(axis=1)
+
+    with pytest.raises(KeyboardInterrupt):
+        draw(density, lambda rng, n: rng.normal(size=(n, 2)), seed=1)
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.slow
 def test_the_tolerance_region_of_a_small_tracker(small):
     campaign = dataclasses.replace(small.campaign, variables=small.campaign.variables[:2])
