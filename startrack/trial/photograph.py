@@ -34,9 +34,15 @@ from startrack.identification import (
 # Sigma of the detection: an image of few faint stars is searched twice.
 THRESHOLDS = (5.0, 4.0)
 SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any size fit a window
+# Sigma and scales: all, the file's own, and without the finest, which may show what is no star.
 FIRST = THRESHOLDS[0], SCALES
-# Hypotheses of a try over those of the settings, where few are likely and where all else failed.
-SHORT, LONG = 0.5, 2.5
+LOOKS = (
+    FIRST, (THRESHOLDS[0], SCALES[:1]), *((THRESHOLDS[0], SCALES[k:]) for k in (1, 2, 3)),
+    (THRESHOLDS[1], SCALES), (THRESHOLDS[1], SCALES[:1]),
+)  # fmt: skip
+# Hypotheses of a try over those of the settings, round by round: most images take less than the
+# first of them, so all is tried with few before anything is with many. The last is of few tries.
+ROUNDS = (0.05, 0.25, 2.5)
 LEAST_SIDE = 100  # pixel of a reduced image; a smaller one shows too few stars
 MOST_OF_A_SCALE, MOST_SPOTS = 400, 100  # spots, brightest first: the middle needs more
 # Of a coarse spot's flux over that of the finer ones that it covers, from which on they have lost
@@ -169,17 +175,17 @@ class Photograph:
 
 
 class _Try(NamedTuple):
-    """Spots, view and cameras of a try; hypotheses; share of false matches.
+    """Spots, view and cameras of a try.
 
-    effort  of the hypotheses of the settings
-    share   of the probability of a false match
+    last   whether it is worth the most hypotheses
+    share  of the probability of a false match; more hypotheses of the same need no other
     """
 
     threshold: float
     scales: tuple[int, ...]
     view: View
     cameras: list[tuple[Camera, float]]
-    effort: float = 1.0
+    last: bool = False
     share: float = 0.0
 
 
@@ -193,9 +199,10 @@ def solve_photograph(
     """Try one view and one camera after the other until the attitude is found.
 
     First the spots as they are, of all scales and of the file's own alone, with cameras of the
-    hint, then with all from 1.5 to 90 degrees; then mirrored, squeezed from other common shapes,
-    and the middle of fisheyes of up to 180 degrees. `settings.max_false_probability` bounds all
-    tries together: the first and those by the hint have half of it, the others share the rest.
+    hint; then, with few hypotheses each and again with more, with all from 1.5 to 90 degrees,
+    mirrored, squeezed from other common shapes, and the middle of fisheyes of up to 180 degrees.
+    `settings.max_false_probability` bounds all tries together: the first, or those by the hint,
+    have half of it, the others share the rest.
 
     settings  its `focal_tolerance` is that of the hint
     hint      radian, field of view across the columns; None: unknown
@@ -211,22 +218,27 @@ def solve_photograph(
     looks, index_of = _Looks(frame), _coarser(indexes)
     best: Photograph | None = None
     shape = _shape(frame.image, looks(*FIRST))
-    tries = _tries(columns, rows, hint, settings.focal_tolerance, aspect, shape.elongation)
-    for one in tries:
-        size = one.view.size(columns, rows)
-        spots = one.view.spots(looks(one.threshold, one.scales), columns, rows)
-        spots = _chosen(spots, slice(MOST_SPOTS))
-        chance = settings.max_false_probability * one.share
-        most = max(round(one.effort * settings.max_hypotheses), 1)
-        bounded = replace(settings, max_false_probability=chance, max_hypotheses=most)
-        matches = identify_blind(spots, *size, indexes.stars, index_of, bounded, one.cameras)
-        if matches.icrs_to_camera is not None:
-            found = _with_lens(spots, matches, indexes, settings, one.view)
-            return _as_hinted(_squared(found, looks, indexes, settings, one), hint, settings)
-        if best is None or matches.false_probability < best.matches.false_probability:
-            best = _unsolved(spots, matches, one.view)
+    near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, shape.elongation)
+    last = [one for one in rest if one.last]
+    for effort, tries in zip(ROUNDS[-1:] + ROUNDS, (near, rest, rest, last), strict=True):
+        for one in tries:
+            size = one.view.size(columns, rows)
+            spots = one.view.spots(looks(one.threshold, one.scales), columns, rows)
+            spots = _chosen(spots, slice(MOST_SPOTS))
+            chance = settings.max_false_probability * one.share
+            most = max(round(effort * settings.max_hypotheses), 1)
+            radius = settings.match_radius * one.scales[0]
+            bounded = replace(
+                settings, max_false_probability=chance, max_hypotheses=most, match_radius=radius
+            )
+            matches = identify_blind(spots, *size, indexes.stars, index_of, bounded, one.cameras)
+            if matches.icrs_to_camera is not None:
+                found = _with_lens(spots, matches, indexes, settings, one.view)
+                return _as_hinted(_squared(found, looks, indexes, settings, one), hint, settings)
+            if best is None or matches.false_probability < best.matches.false_probability:
+                best = _unsolved(spots, matches, one.view)
     assert best is not None
-    reason = f"{best.estimate.reason}; {_tried(tries)}. {seen_text(frame, looks)}"
+    reason = f"{best.estimate.reason}; {_tried(near + rest)}. {seen_text(frame, looks)}"
     return replace(best, estimate=replace(best.estimate, reason=reason))
 
 
@@ -322,36 +334,35 @@ def _tries(
     tolerance: float,
     aspect: float | None,
     elongation: float,
-) -> list[_Try]:
-    """What is tried, in turn.
+) -> tuple[list[_Try], list[_Try]]:
+    """What is tried by the hint, and what is tried without it, each in turn.
 
     elongation  1, of stars along the rows over that along the columns
     """
     as_it_is = View(aspect=aspect or 1.0)
     size = as_it_is.size(columns, rows)
     every = cameras(*size, hint)
-    looks = [(threshold, scales) for threshold in THRESHOLDS for scales in (SCALES, SCALES[:1])]
-    rest = [_Try(*look, as_it_is, every, effort=SHORT) for look in looks]
-    rest[0] = rest[0]._replace(effort=1.0)
-    if min(columns, rows) >= LEAST_SIDE * SCALES[-1]:
-        rest.insert(2, _Try(THRESHOLDS[0], SCALES[2:], as_it_is, every, effort=SHORT))
-    pinholes = cameras(*size, hint, fisheyes=False)
-    rest.append(_Try(*FIRST, as_it_is._replace(mirrored=True), pinholes, effort=SHORT))
-    for ratio in [] if aspect else squeezes(columns, rows, elongation):
-        view = View(aspect=ratio)
-        pinholes = cameras(*view.size(columns, rows), hint, fisheyes=False)
-        rest.append(_Try(*FIRST, view, pinholes, effort=SHORT))
+    looks = [look for look in LOOKS if min(columns, rows) >= LEAST_SIDE * look[1][0]]
+    rest = [_Try(*look, as_it_is, every, last=look == FIRST) for look in looks or [FIRST]]
+    squeezed = [] if aspect else squeezes(columns, rows, elongation)
+    for view in [as_it_is._replace(mirrored=True), *(View(aspect=ratio) for ratio in squeezed)]:
+        rest.append(_Try(*FIRST, view, cameras(*view.size(columns, rows), hint, fisheyes=False)))
     steps = math.ceil(math.log(FISHEYES[1] / FISHEYES[0]) / math.log(STEP))
     for field in np.geomspace(*FISHEYES, steps + 1).tolist():
         rest += _middle(columns, rows, field, MIDDLE_TOLERANCE)
-    rest.append(_Try(*FIRST, as_it_is, every, effort=LONG))
-    first, rest = rest[:1], rest[1:]
-    if hint is not None:
-        near, rest = cameras_of(*size, hint, tolerance), first + rest
-        first = [_Try(*look, as_it_is, near, LONG) for look in looks if near]
-        first = first or _middle(columns, rows, hint, tolerance)
-    groups = (first, rest)
-    return [one._replace(share=0.5 / len(group)) for group in groups for one in group]
+    near: list[_Try] = []
+    if hint is None:
+        return near, _shared(rest[:1]) + _shared(rest[1:])
+    if made := cameras_of(*size, hint, tolerance):
+        near = [one._replace(cameras=made) for one in rest if one.view == as_it_is]
+    else:
+        near = _middle(columns, rows, hint, tolerance)
+    return _shared(near), _shared(rest)
+
+
+def _shared(tries: list[_Try]) -> list[_Try]:
+    """The tries with half of the probability of a false match among them."""
+    return [one._replace(share=0.5 / len(tries)) for one in tries]
 
 
 def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Try]:
@@ -360,7 +371,7 @@ def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Tr
     if not LEAST_SIDE <= side <= min(columns, rows):
         return []
     made = [(fisheye(side, side, MIDDLE), tolerance)]
-    return [_Try(*FIRST, View(middle=side), made)]
+    return [_Try(*FIRST, View(middle=side), made, last=True)]
 
 
 def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
