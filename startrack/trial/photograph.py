@@ -7,7 +7,6 @@ of any field. Each try takes spots of the frame, in a view, to the cameras of `i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Estimate, Frame, Matches, Spots, Status, deg, within
+from startrack.core import Camera, Estimate, Frame, Matches, Spots, deg, within
 from startrack.detection import Detection, detect
 from startrack.identification import (
     WIDEST_PINHOLE,
@@ -40,9 +39,12 @@ LOOKS = (
     FIRST, (THRESHOLDS[0], SCALES[:1]), *((THRESHOLDS[0], SCALES[k:]) for k in (1, 2, 3)),
     (THRESHOLDS[1], SCALES), (THRESHOLDS[1], SCALES[:1]),
 )  # fmt: skip
-# Hypotheses of a try over those of the settings, round by round: most images take less than the
-# first of them, so all is tried with few before anything is with many. The last is of few tries.
-ROUNDS = (0.05, 0.25, 2.5)
+# Hypotheses of a try over those of the settings: by a hint, and without it round by round. Most
+# images take less than the first, so all is tried with few before anything is with many.
+BY_HINT, ROUNDS = 1.0, (0.0125, 0.15)
+# Of the longer side, match radius: by so much an unknown lens moves stars. A smaller one takes
+# ten times the hypotheses where the lens is distorted, a larger one more time for each.
+BENT = 0.004
 LEAST_SIDE = 100  # pixel of a reduced image; a smaller one shows too few stars
 MOST_OF_A_SCALE, MOST_SPOTS = 400, 100  # spots, brightest first: the middle needs more
 # Of a coarse spot's flux over that of the finer ones that it covers, from which on they have lost
@@ -56,7 +58,8 @@ SAME_SHAPE, MOST_SQUEEZED = 1.03, 2.5  # ratio of shapes that triangles bear; th
 ROUND, HIDDEN = 1.15, 1.5  # elongation of round stars; squeeze that such stars may hide
 FISHEYES = (90 * deg, 240 * deg)  # across the columns, whose middle alone is tried
 STEP = 1.1  # between these fields
-SQUARED = 2  # times that a view is corrected by what the lens that was found shows
+MANY = 0.5  # of the spots, stars from which on an image is not tried in other shapes
+SQUARED = 3  # times that a view is corrected by what the lens that was found shows
 SLACK = 0.01  # of a field beyond the tolerance of the given one: what distortion changes
 MIDDLE_TOLERANCE = 0.05  # of their focal length
 MIDDLE = 75 * deg  # of a fisheye, which is tried
@@ -177,7 +180,6 @@ class Photograph:
 class _Try(NamedTuple):
     """Spots, view and cameras of a try.
 
-    last   whether it is worth the most hypotheses
     share  of the probability of a false match; more hypotheses of the same need no other
     """
 
@@ -185,7 +187,6 @@ class _Try(NamedTuple):
     scales: tuple[int, ...]
     view: View
     cameras: list[tuple[Camera, float]]
-    last: bool = False
     share: float = 0.0
 
 
@@ -215,71 +216,90 @@ def solve_photograph(
     if aspect is not None:
         within(0.1, 10, aspect=aspect)
     rows, columns = frame.image.shape
-    looks, index_of = _Looks(frame), _coarser(indexes)
+    sought = _Sought(_Looks(frame), indexes, settings)
+    shape = _shape(frame.image, sought.looks(*FIRST))
+    squeezed = [] if aspect else squeezes(columns, rows, shape.elongation)
+    near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, squeezed)
     best: Photograph | None = None
-    shape = _shape(frame.image, looks(*FIRST))
-    near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, shape.elongation)
-    last = [one for one in rest if one.last]
-    for effort, tries in zip(ROUNDS[-1:] + ROUNDS, (near, rest, rest, last), strict=True):
+    for effort, tries in ((BY_HINT, near), *((effort, rest) for effort in ROUNDS)):
         for one in tries:
-            size = one.view.size(columns, rows)
-            spots = one.view.spots(looks(one.threshold, one.scales), columns, rows)
-            spots = _chosen(spots, slice(MOST_SPOTS))
-            chance = settings.max_false_probability * one.share
-            most = max(round(effort * settings.max_hypotheses), 1)
-            radius = settings.match_radius * one.scales[0]
-            bounded = replace(
-                settings, max_false_probability=chance, max_hypotheses=most, match_radius=radius
-            )
-            matches = identify_blind(spots, *size, indexes.stars, index_of, bounded, one.cameras)
-            if matches.icrs_to_camera is not None:
-                found = _with_lens(spots, matches, indexes, settings, one.view)
-                return _as_hinted(_squared(found, looks, indexes, settings, one), hint, settings)
-            if best is None or matches.false_probability < best.matches.false_probability:
-                best = _unsolved(spots, matches, one.view)
+            found = sought.attempt(one, effort)
+            if found.axis is not None:
+                return _as_hinted(sought.squared(found, one, squeezed), hint, settings)
+            if best is None or found.matches.false_probability < best.matches.false_probability:
+                best = found
     assert best is not None
-    reason = f"{best.estimate.reason}; {_tried(near + rest)}. {seen_text(frame, looks)}"
+    seen = seen_text(frame, sought.looks)
+    reason = f"{best.estimate.reason}; {_tried(near + rest)}. {seen}"
     return replace(best, estimate=replace(best.estimate, reason=reason))
 
 
-def _with_lens(
-    spots: Spots, matches: Matches, indexes: PatternIndexes, settings: Identification, view: View
-) -> Photograph:
-    """The solution with what the stars show of the lens."""
-    lens = fit_lens(spots, matches, indexes.stars, indexes(matches.camera), settings)
-    reason = f"{len(lens.matches)} of {len(spots)} spots are stars of the catalogue"
-    estimate = Estimate(
-        Status.SOLVED, reason, lens.matches.icrs_to_camera, lens.covariance, lens.residual_rms,
-        len(lens.matches), matches.false_probability,
-    )  # fmt: skip
-    return Photograph(spots, lens.matches, estimate, lens.icrs_to_image, view)
+class _Sought(NamedTuple):
+    """A frame's spots, and what stars they are compared with."""
 
+    looks: _Looks
+    indexes: PatternIndexes
+    settings: Identification
 
-def _squared(
-    found: Photograph, looks: _Looks, indexes: PatternIndexes, settings: Identification, one: _Try
-) -> Photograph:
-    """The solution in a view of square pixels, where the stars show that those are oblong.
+    def attempt(self, one: _Try, effort: float) -> Photograph:
+        """The first camera of a try that finds an attitude, with what the stars show of its lens.
 
-    The lens is fitted by what is small; the view takes what is large. The same hypothesis is
-    found again, which is no further chance of a false match.
-    """
-    for _ in range(SQUARED):
-        if abs(math.log(found.aspect / found.view.aspect)) < math.log(SAME_SHAPE):
-            break
-        rows, columns = looks.frame.image.shape
-        view = found.view._replace(aspect=found.aspect)
-        size = view.size(columns, rows)
-        spots = view.spots(looks(one.threshold, one.scales), columns, rows)
+        effort  of the hypotheses of the settings
+        """
+        settings, index_of = self.settings, self._index
+        rows, columns = self.looks.frame.image.shape
+        size = one.view.size(columns, rows)
+        spots = one.view.spots(self.looks(one.threshold, one.scales), columns, rows)
         spots = _chosen(spots, slice(MOST_SPOTS))
-        near = cameras_of(*size, found.matches.camera.fov_x, SAME_SHAPE - 1)
-        matches = identify_blind(spots, *size, indexes.stars, indexes, settings, near)
-        if matches.icrs_to_camera is None:
-            break
-        again = _with_lens(spots, matches, indexes, settings, view)
-        if len(again.matches) < len(found.matches):
-            break
-        found = again
-    return found
+        bounded = replace(
+            settings,
+            max_false_probability=settings.max_false_probability * one.share,
+            max_hypotheses=max(round(effort * settings.max_hypotheses), 1),
+            match_radius=max(settings.match_radius, BENT * max(size)),
+        )
+        stars = self.indexes.stars
+        matches = identify_blind(spots, *size, stars, index_of, bounded, one.cameras)
+        reason, attitude, axis, rms = matches.reason, matches.icrs_to_camera, None, math.nan
+        covariance, count = np.full((3, 3), np.nan), 0
+        if attitude is not None:
+            lens = fit_lens(spots, matches, stars, index_of(matches.camera), settings)
+            matches, axis, covariance, rms = lens
+            attitude, count = matches.icrs_to_camera, len(matches)
+            reason = f"{count} of {len(spots)} spots are stars of the catalogue"
+        estimate = Estimate(
+            matches.status, reason, attitude, covariance, rms, count, matches.false_probability
+        )
+        return Photograph(spots, matches, estimate, axis, one.view)
+
+    def squared(self, found: Photograph, one: _Try, squeezed: list[float]) -> Photograph:
+        """The solution in a view of square pixels, where the stars show that those are oblong.
+
+        The lens is fitted by what is small; the view takes what is large. Where few spots are
+        stars, they may be those of the middle of an image that was squeezed, by a common ratio.
+        The same hypothesis is found again, which is no further chance of a false match.
+        """
+        rows, columns = self.looks.frame.image.shape
+        tried = squeezed if len(found.matches) < MANY * len(found.spots) else []
+        for _ in range(SQUARED):
+            best = found
+            if abs(math.log(found.aspect / found.view.aspect)) > math.log(SAME_SHAPE):
+                tried = [found.aspect, *tried]
+            for aspect in tried:
+                view = found.view._replace(aspect=aspect)
+                field, tolerance = found.matches.camera.fov_x, self.settings.focal_tolerance
+                near = cameras_of(*view.size(columns, rows), field, tolerance)
+                again = self.attempt(one._replace(view=view, cameras=near, share=1.0), BY_HINT)
+                best = max(best, again, key=lambda one: one.estimate.stars)
+            if best is found:
+                break
+            found, tried = best, []
+        return found
+
+    def _index(self, camera: Camera) -> PatternIndex:
+        """Of every other field: half as many to read, each as good for its neighbours."""
+        field, step = min(camera.fov_x, camera.fov_y), 2 * math.log(1.1)
+        coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
+        return self.indexes(Camera.from_field_of_view(1, 1, coarse))
 
 
 def _as_hinted(found: Photograph, hint: float | None, settings: Identification) -> Photograph:
@@ -289,26 +309,6 @@ def _as_hinted(found: Photograph, hint: float | None, settings: Identification) 
     fields = (min(field, WIDEST_PINHOLE) for field in (found.field, hint))
     ratio = math.log(math.tan(next(fields) / 4) / math.tan(next(fields) / 4))
     return replace(found, as_hinted=abs(ratio) <= settings.focal_tolerance + SLACK)
-
-
-def _coarser(indexes: PatternIndexes) -> Callable[[Camera], PatternIndex]:
-    """The indexes of every other field: half as many to read, each as good for its neighbours."""
-
-    def index_of(camera: Camera) -> PatternIndex:
-        field = min(camera.fov_x, camera.fov_y)
-        step = 2 * math.log(1.1)
-        coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
-        return indexes(Camera.from_field_of_view(1, 1, coarse))
-
-    return index_of
-
-
-def _unsolved(spots: Spots, matches: Matches, view: View) -> Photograph:
-    nothing = np.full((3, 3), np.nan)
-    estimate = Estimate(
-        matches.status, matches.reason, None, nothing, math.nan, 0, matches.false_probability
-    )
-    return Photograph(spots, matches, estimate, None, view)
 
 
 def _tried(tries: list[_Try]) -> str:
@@ -333,18 +333,14 @@ def _tries(
     hint: float | None,
     tolerance: float,
     aspect: float | None,
-    elongation: float,
+    squeezed: list[float],
 ) -> tuple[list[_Try], list[_Try]]:
-    """What is tried by the hint, and what is tried without it, each in turn.
-
-    elongation  1, of stars along the rows over that along the columns
-    """
+    """What is tried by the hint, and what is tried without it, each in turn."""
     as_it_is = View(aspect=aspect or 1.0)
     size = as_it_is.size(columns, rows)
     every = cameras(*size, hint)
     looks = [look for look in LOOKS if min(columns, rows) >= LEAST_SIDE * look[1][0]]
-    rest = [_Try(*look, as_it_is, every, last=look == FIRST) for look in looks or [FIRST]]
-    squeezed = [] if aspect else squeezes(columns, rows, elongation)
+    rest = [_Try(*look, as_it_is, every) for look in looks or [FIRST]]
     for view in [as_it_is._replace(mirrored=True), *(View(aspect=ratio) for ratio in squeezed)]:
         rest.append(_Try(*FIRST, view, cameras(*view.size(columns, rows), hint, fisheyes=False)))
     steps = math.ceil(math.log(FISHEYES[1] / FISHEYES[0]) / math.log(STEP))
@@ -371,7 +367,7 @@ def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Tr
     if not LEAST_SIDE <= side <= min(columns, rows):
         return []
     made = [(fisheye(side, side, MIDDLE), tolerance)]
-    return [_Try(*FIRST, View(middle=side), made, last=True)]
+    return [_Try(*FIRST, View(middle=side), made)]
 
 
 def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
@@ -380,7 +376,7 @@ def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
     A star that was round is as long along the rows as pixels are narrow. Its pixels may hide
     that, but not turn it round.
 
-    elongation  as of `_tries`
+    elongation  1, of stars along the rows over that along the columns
     """
     ratios = [shape * rows / columns for shape in SHAPES]
     tried = [r for r in ratios if math.log(SAME_SHAPE) < abs(math.log(r)) < math.log(MOST_SQUEEZED)]
