@@ -33,12 +33,15 @@ from startrack.identification import (
 # Sigma of the detection: an image of few faint stars is searched twice.
 THRESHOLDS = (5.0, 4.0)
 SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any size fit a window
-# Sigma and scales: all, the file's own, and without the finest, which may show what is no star.
-FIRST = THRESHOLDS[0], SCALES
+# Sigma and scales of spots, and whether each part of the image gives as many: all scales, the same
+# without the parts that are full of what is no star, the file's own scale, and without the finest.
+FIRST = THRESHOLDS[0], SCALES, False
 LOOKS = (
-    FIRST, (THRESHOLDS[0], SCALES[:1]), *((THRESHOLDS[0], SCALES[k:]) for k in (1, 2, 3)),
-    (THRESHOLDS[1], SCALES), (THRESHOLDS[1], SCALES[:1]),
+    FIRST, (*FIRST[:2], True), (THRESHOLDS[0], SCALES[:1], False),
+    *((THRESHOLDS[0], SCALES[k:], False) for k in (1, 2, 3)),
+    (THRESHOLDS[1], SCALES, False), (THRESHOLDS[1], SCALES[:1], False),
 )  # fmt: skip
+PARTS = 4  # of an image, along each side
 # Hypotheses of a try over those of the settings: by a hint, and without it round by round. Most
 # images take less than the first, so all is tried with few before anything is with many.
 BY_HINT, ROUNDS = 1.0, (0.0125, 0.15)
@@ -185,6 +188,7 @@ class _Try(NamedTuple):
 
     threshold: float
     scales: tuple[int, ...]
+    spread: bool
     view: View
     cameras: list[tuple[Camera, float]]
     share: float = 0.0
@@ -217,7 +221,7 @@ def solve_photograph(
         within(0.1, 10, aspect=aspect)
     rows, columns = frame.image.shape
     sought = _Sought(_Looks(frame), indexes, settings)
-    shape = _shape(frame.image, sought.looks(*FIRST))
+    shape = _shape(frame.image, sought.looks(*FIRST[:2]))
     squeezed = [] if aspect else squeezes(columns, rows, shape.elongation)
     near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, squeezed)
     best: Photograph | None = None
@@ -250,7 +254,7 @@ class _Sought(NamedTuple):
         rows, columns = self.looks.frame.image.shape
         size = one.view.size(columns, rows)
         spots = one.view.spots(self.looks(one.threshold, one.scales), columns, rows)
-        spots = _chosen(spots, slice(MOST_SPOTS))
+        spots = _chosen(_spread(spots, *size) if one.spread else spots, slice(MOST_SPOTS))
         bounded = replace(
             settings,
             max_false_probability=settings.max_false_probability * one.share,
@@ -440,6 +444,21 @@ def _chosen(spots: Spots, which: slice | NDArray[np.integer] | NDArray[np.bool_]
         spots.x[which], spots.y[which], spots.flux[which], spots.covariance[which],
         spots.snr[which], spots.area[which],
     )  # fmt: skip
+
+
+def _spread(spots: Spots, columns: int, rows: int) -> Spots:
+    """The spots so that the brightest of each part of the image come first, then the second ones.
+
+    Parts full of leaves or lamps then have no more of the first spots than others.
+    """
+    part = np.floor(PARTS * (spots.x + 0.5) / columns) * PARTS + np.floor(
+        PARTS * (spots.y + 0.5) / rows
+    )
+    order = np.argsort(part, kind="stable")
+    _, first, of = np.unique(part[order], return_index=True, return_inverse=True)
+    rank = np.empty(len(spots), np.int64)
+    rank[order] = np.arange(len(spots)) - first[of]
+    return _chosen(spots, np.argsort(rank, kind="stable"))
 
 
 def _enlarged(spots: Spots, scale: int) -> Spots:
