@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from startrack.core import (
@@ -165,8 +166,8 @@ LEAST_FREE = 8  # coordinates beyond the unknowns, below which a stage is not tr
 LEAST_GRID = 24  # the same of the grid, which few images have: ten stars would fit it by chance
 FLOOR = 0.05  # pixel, of a centroid: no lens is known better
 # Error of the axis that many stars do not make smaller, chosen by hand beside 45 photographs of ten
-# cameras: pixel, and fraction of the scatter of the residuals beyond their noise, whose cause the
-# model lacks (a tilted lens, the motion of a rolling shutter).
+# cameras: pixel, and least fraction of the scatter of the residuals beyond their noise, whose cause
+# the model lacks (a tilted lens, the motion of a rolling shutter).
 AXIS, COMMON = 0.05, 0.5
 OUTLIER = 2.0  # sigma, beyond which a residual counts less (soft L1)
 BLOCKS, LEAST_IN_BLOCK = (3, 2), 3  # of the jackknife: across, down; stars
@@ -393,7 +394,12 @@ class _Fit:
         rows[:, 3:] = np.linalg.lstsq(slope[0, :, :3], slope[0, :, 3:])[0]
         rows = turn.inv().as_matrix() @ rows
         axis_covariance = rows @ covariance @ rows.T
-        common = AXIS**2 + COMMON**2 * self.excess
+        # What a residual shares with that of its neighbour is of the place, as the axis is.
+        most = OUTLIER * np.sqrt(self.noise + self.excess)[:, None]
+        bounded = np.clip(residual, -most, most)
+        near = cKDTree(self.place).query(self.place, 2)[1][:, 1]
+        shared = float(np.mean(bounded * bounded[near]))
+        common = AXIS**2 + max(COMMON**2 * self.excess, shared)
         axis_covariance[[0, 1], [0, 1]] += common / camera.focal_length_px**2
         rms = float(np.sqrt(np.mean(residual**2)))
         return LensFit(self.matches, _axis(self.matches), axis_covariance, rms)
