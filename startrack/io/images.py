@@ -299,7 +299,8 @@ def _open_heif(path: Path, data: bytes) -> Any:
 
 def _read_heif(path: Path, data: bytes) -> np.ndarray:
     image = _open_heif(path, data)
-    require_image_memory(path, *image.size, 3)
+    columns, rows = image.size
+    require_image_memory(path, columns, rows, 3)
     try:
         return np.asarray(image)
     except Exception as error:
