@@ -21,7 +21,6 @@ from startrack.core import (
     Stars,
     deg,
     plane_slopes,
-    within,
 )
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
@@ -39,27 +38,18 @@ USUAL = 12 * deg  # field that is tried first
 WIDEST_PINHOLE = 2.5  # radian
 
 
-def fields(
-    narrowest: float = NARROWEST, widest: float = WIDEST, first: float = USUAL
-) -> list[float]:
-    """Fields of view to try, radian, whose tolerances leave no gap.
+def fields(first: float = USUAL) -> list[float]:
+    """Fields of view to try, radian, the nearest to the first one first.
 
-    The tolerances are those of the focal length, by which the tangent of half a field goes.
-
-    narrowest, widest  radian
-    first              radian; the nearest to it come first
-    Raises             ValueError where these lie outside [0.001, 2.5] or are not in order.
+    Their tolerances, of the focal length, by which the tangent of half a field goes, leave no gap.
     """
-    within(1e-3, WIDEST_PINHOLE, narrowest=narrowest, widest=widest)
-    if narrowest > widest:
-        raise Refused(f"narrowest must not be above widest, got {narrowest} and {widest}")
-    steps = [narrowest]
-    reach = math.tan(narrowest / 2) * (1 + tolerance_of(narrowest))
-    while reach < math.tan(widest / 2):
+    steps = [NARROWEST]
+    reach = math.tan(NARROWEST / 2) * (1 + tolerance_of(NARROWEST))
+    while reach < math.tan(WIDEST / 2):
         here = 2 * math.atan(reach / (1 - TOLERANCE))
         if here >= WIDE:
             here = 2 * math.atan(reach / (1 - TOLERANCE_WIDE))
-        steps.append(min(here, widest))
+        steps.append(min(here, WIDEST))
         reach = math.tan(steps[-1] / 2) * (1 + tolerance_of(steps[-1]))
     return sorted(steps, key=lambda field: abs(math.log(field / first)))
 

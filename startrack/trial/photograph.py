@@ -59,8 +59,8 @@ FLOOR = 0.05  # pixel of the reduced image, error of a centroid beyond its noise
 SHAPES = (4 / 3, 3 / 2, 16 / 9, 1.0, 3 / 4, 2 / 3, 9 / 16)
 SAME_SHAPE, MOST_SQUEEZED = 1.03, 2.5  # ratio of shapes that triangles bear; that is tried
 ROUND, HIDDEN = 1.15, 1.5  # elongation of round stars; squeeze that such stars may hide
-FISHEYES = (90 * deg, 240 * deg)  # across the columns, whose middle alone is tried
-STEP = 1.1  # between these fields
+# Radian across the columns, of fisheyes whose middle alone is tried.
+FISHEYES = tuple((np.geomspace(90, 240, 12) * deg).tolist())
 MANY = 0.5  # of the spots, stars from which on an image is not tried in other shapes
 SQUARED = 3  # times that a view is corrected by what the lens that was found shows
 SLACK = 0.01  # of a field beyond the tolerance of the given one: what distortion changes
@@ -86,17 +86,12 @@ class View(NamedTuple):
     aspect: float = 1.0
     middle: int | None = None
 
-    @property
-    def scale(self) -> tuple[float, float]:
-        """By which columns and rows are multiplied."""
-        return min(self.aspect, 1.0), min(1 / self.aspect, 1.0)
-
     def size(self, columns: int, rows: int) -> tuple[int, int]:
         """Columns and rows of the view of a file of so many."""
         if self.middle is not None:
             return self.middle, self.middle
-        x, y = self.scale
-        return max(round(columns * x), 1), max(round(rows * y), 1)
+        x, y = columns * min(self.aspect, 1.0), rows * min(1 / self.aspect, 1.0)
+        return max(round(x), 1), max(round(y), 1)
 
     def frame(self, frame: Frame) -> Frame:
         """The image as the camera of the solution sees it."""
@@ -216,7 +211,7 @@ def solve_photograph(
     Accuracy  model: as of `fit_lens`; the bound on false matches as of `identify`.
     """
     if hint is not None:
-        within(1e-3, FISHEYES[1], hint=hint)
+        within(1e-3, FISHEYES[-1], hint=hint)
     if aspect is not None:
         within(0.1, 10, aspect=aspect)
     rows, columns = frame.image.shape
@@ -233,8 +228,8 @@ def solve_photograph(
             if best is None or found.matches.false_probability < best.matches.false_probability:
                 best = found
     assert best is not None
-    seen = seen_text(frame, sought.looks)
-    reason = f"{best.estimate.reason}; {_tried(near + rest)}. {seen}"
+    tried, seen = _tried(near + rest), seen_text(frame, sought.looks)
+    reason = f"{best.estimate.reason}; {tried}. {seen}"
     return replace(best, estimate=replace(best.estimate, reason=reason))
 
 
@@ -250,7 +245,7 @@ class _Sought(NamedTuple):
 
         effort  of the hypotheses of the settings
         """
-        settings, index_of = self.settings, self._index
+        settings, stars, index_of = self.settings, self.indexes.stars, self._index
         rows, columns = self.looks.frame.image.shape
         size = one.view.size(columns, rows)
         spots = one.view.spots(self.looks(one.threshold, one.scales), columns, rows)
@@ -261,7 +256,6 @@ class _Sought(NamedTuple):
             max_hypotheses=max(round(effort * settings.max_hypotheses), 1),
             match_radius=max(settings.match_radius, BENT * max(size)),
         )
-        stars = self.indexes.stars
         matches = identify_blind(spots, *size, stars, index_of, bounded, one.cameras)
         reason, attitude, axis, rms = matches.reason, matches.icrs_to_camera, None, math.nan
         covariance, count = np.full((3, 3), np.nan), 0
@@ -283,7 +277,8 @@ class _Sought(NamedTuple):
         The same hypothesis is found again, which is no further chance of a false match.
         """
         rows, columns = self.looks.frame.image.shape
-        tried = squeezed if len(found.matches) < MANY * len(found.spots) else []
+        few = len(found.matches) < MANY * len(found.spots)
+        tried = squeezed if few and found.view.middle is None else []
         for _ in range(SQUARED):
             best = found
             if abs(math.log(found.aspect / found.view.aspect)) > math.log(SAME_SHAPE):
@@ -310,25 +305,21 @@ def _as_hinted(found: Photograph, hint: float | None, settings: Identification) 
     """The solution, and whether its field is the given one."""
     if hint is None:
         return found
-    fields = (min(field, WIDEST_PINHOLE) for field in (found.field, hint))
-    ratio = math.log(math.tan(next(fields) / 4) / math.tan(next(fields) / 4))
-    return replace(found, as_hinted=abs(ratio) <= settings.focal_tolerance + SLACK)
+    own, given = (math.tan(min(field, WIDEST_PINHOLE) / 4) for field in (found.field, hint))
+    off = abs(math.log(own / given))
+    return replace(found, as_hinted=off <= settings.focal_tolerance + SLACK)
 
 
 def _tried(tries: list[_Try]) -> str:
     """What was tried, in words."""
     focal = [camera.fov_x for one in tries for camera, _ in one.cameras if not one.view.middle]
-    parts = [
-        f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg",
-        f"stars of 1 to {SCALES[-1]} times the usual size",
-    ]
-    if any(one.view.mirrored for one in tries):
-        parts.append("mirrored")
+    text = (
+        f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg, stars of 1 "
+        f"to {SCALES[-1]} times the usual size, mirrored"
+    )
     if squeezed := sorted({one.view.aspect for one in tries} - {1.0}):
-        parts.append("pixels " + ", ".join(f"{a:.2f}" for a in squeezed) + " as wide as high")
-    if any(one.view.middle for one in tries):
-        parts.append("fisheyes to 180 deg")
-    return ", ".join(parts)
+        text += f", pixels {', '.join(f'{a:.2f}' for a in squeezed)} as wide as high"
+    return text + (", fisheyes to 180 deg" if any(one.view.middle for one in tries) else "")
 
 
 def _tries(
@@ -347,17 +338,13 @@ def _tries(
     rest = [_Try(*look, as_it_is, every) for look in looks or [FIRST]]
     for view in [as_it_is._replace(mirrored=True), *(View(aspect=ratio) for ratio in squeezed)]:
         rest.append(_Try(*FIRST, view, cameras(*view.size(columns, rows), hint, fisheyes=False)))
-    steps = math.ceil(math.log(FISHEYES[1] / FISHEYES[0]) / math.log(STEP))
-    for field in np.geomspace(*FISHEYES, steps + 1).tolist():
+    for field in FISHEYES:
         rest += _middle(columns, rows, field, MIDDLE_TOLERANCE)
-    near: list[_Try] = []
     if hint is None:
-        return near, _shared(rest[:1]) + _shared(rest[1:])
-    if made := cameras_of(*size, hint, tolerance):
-        near = [one._replace(cameras=made) for one in rest if one.view == as_it_is]
-    else:
-        near = _middle(columns, rows, hint, tolerance)
-    return _shared(near), _shared(rest)
+        return [], _shared(rest[:1]) + _shared(rest[1:])
+    made = cameras_of(*size, hint, tolerance)
+    near = [one._replace(cameras=made) for one in rest if made and one.view == as_it_is]
+    return _shared(near or _middle(columns, rows, hint, tolerance)), _shared(rest)
 
 
 def _shared(tries: list[_Try]) -> list[_Try]:
@@ -440,10 +427,7 @@ class _Looks:
 
 
 def _chosen(spots: Spots, which: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Spots:
-    return Spots(
-        spots.x[which], spots.y[which], spots.flux[which], spots.covariance[which],
-        spots.snr[which], spots.area[which],
-    )  # fmt: skip
+    return Spots(*(values[which] for values in vars(spots).values()))
 
 
 def _spread(spots: Spots, columns: int, rows: int) -> Spots:
@@ -451,9 +435,8 @@ def _spread(spots: Spots, columns: int, rows: int) -> Spots:
 
     Parts full of leaves or lamps then have no more of the first spots than others.
     """
-    part = np.floor(PARTS * (spots.x + 0.5) / columns) * PARTS + np.floor(
-        PARTS * (spots.y + 0.5) / rows
-    )
+    across, down = (spots.x + 0.5) / columns, (spots.y + 0.5) / rows
+    part = np.floor(PARTS * across) * PARTS + np.floor(PARTS * down)
     order = np.argsort(part, kind="stable")
     _, first, of = np.unique(part[order], return_index=True, return_inverse=True)
     rank = np.empty(len(spots), np.int64)
@@ -486,14 +469,8 @@ def _grown(fine: Spots, coarse: Spots, reach: float) -> Spots:
     taken = light > GROWTH * (covered @ np.maximum(fine.flux, 0.0))
     kept = ~covered[taken].any(axis=0)
     fine, coarse = _chosen(fine, kept), _chosen(coarse, taken)
-    return Spots(
-        np.concatenate([fine.x, coarse.x]),
-        np.concatenate([fine.y, coarse.y]),
-        np.concatenate([fine.flux, coarse.flux]),
-        np.concatenate([fine.covariance, coarse.covariance]),
-        np.concatenate([fine.snr, coarse.snr]),
-        np.concatenate([fine.area, coarse.area]),
-    )
+    pairs = zip(vars(fine).values(), vars(coarse).values(), strict=True)
+    return Spots(*(np.concatenate(pair) for pair in pairs))
 
 
 def seen_text(frame: Frame, looks: _Looks) -> str:
