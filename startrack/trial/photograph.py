@@ -36,15 +36,16 @@ SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any siz
 # Sigma and scales of spots, and whether each part of the image gives as many: all scales, the same
 # without the parts that are full of what is no star, the file's own scale, and without the finest.
 FIRST = THRESHOLDS[0], SCALES, False
+COARSER = THRESHOLDS[0], SCALES[1:], False
 LOOKS = (
-    FIRST, (*FIRST[:2], True), (THRESHOLDS[0], SCALES[:1], False),
-    *((THRESHOLDS[0], SCALES[k:], False) for k in (1, 2, 3)),
+    FIRST, (*FIRST[:2], True), (THRESHOLDS[0], SCALES[:1], False), COARSER,
+    *((THRESHOLDS[0], SCALES[k:], False) for k in (2, 3)),
     (THRESHOLDS[1], SCALES, False), (THRESHOLDS[1], SCALES[:1], False),
 )  # fmt: skip
 PARTS = 4  # of an image, along each side
 # Hypotheses of a try over those of the settings: by a hint, and without it round by round. Most
 # images take less than the first, so all is tried with few before anything is with many.
-BY_HINT, ROUNDS = 1.0, (0.0125, 0.15)
+BY_HINT, ROUNDS = 1.0, (0.0125, 0.1)
 # Of the longer side, match radius: by so much an unknown lens moves stars. A smaller one takes
 # ten times the hypotheses where the lens is distorted, a larger one more time for each.
 BENT = 0.004
@@ -219,6 +220,8 @@ def solve_photograph(
     shape = _shape(frame.image, sought.looks(*FIRST[:2]))
     squeezed = [] if aspect else squeezes(columns, rows, shape.elongation)
     near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, squeezed)
+    if shape.length > DRAWN_OUT:  # oblong pixels are likely
+        rest.sort(key=lambda one: one.view.aspect == 1.0)
     best: Photograph | None = None
     for effort, tries in ((BY_HINT, near), *((effort, rest) for effort in ROUNDS)):
         for one in tries:
@@ -337,7 +340,8 @@ def _tries(
     looks = [look for look in LOOKS if min(columns, rows) >= LEAST_SIDE * look[1][0]]
     rest = [_Try(*look, as_it_is, every) for look in looks or [FIRST]]
     for view in [as_it_is._replace(mirrored=True), *(View(aspect=ratio) for ratio in squeezed)]:
-        rest.append(_Try(*FIRST, view, cameras(*view.size(columns, rows), hint, fisheyes=False)))
+        made = cameras(*view.size(columns, rows), hint, fisheyes=False)
+        rest += [_Try(*look, view, made) for look in (FIRST, COARSER) if look in (FIRST, *looks)]
     for field in FISHEYES:
         rest += _middle(columns, rows, field, MIDDLE_TOLERANCE)
     if hint is None:
