@@ -167,13 +167,12 @@ class Photograph:
     @property
     def note(self) -> str:
         """What the text says beside the numbers: empty, or words after a semicolon."""
-        parts = [] if self.as_hinted is not False else ["the field is not the given one"]
-        polynomial = self.matches.camera.polynomial
-        if polynomial:
-            parts.append(
-                f"pixels {self.aspect:.4f} times as wide as high, shear {polynomial.x[2]:+.4f}"
+        text = "; the field is not the given one" if self.as_hinted is False else ""
+        if polynomial := self.matches.camera.polynomial:
+            text += (
+                f"; pixels {self.aspect:.4f} times as wide as high, shear {polynomial.x[2]:+.4f}"
             )
-        return "".join(f"; {part}" for part in parts)
+        return text
 
 
 class _Try(NamedTuple):
@@ -441,10 +440,7 @@ def _spread(spots: Spots, columns: int, rows: int) -> Spots:
     """
     across, down = (spots.x + 0.5) / columns, (spots.y + 0.5) / rows
     part = np.floor(PARTS * across) * PARTS + np.floor(PARTS * down)
-    order = np.argsort(part, kind="stable")
-    _, first, of = np.unique(part[order], return_index=True, return_inverse=True)
-    rank = np.empty(len(spots), np.int64)
-    rank[order] = np.arange(len(spots)) - first[of]
+    rank = np.array([np.count_nonzero(part[:k] == here) for k, here in enumerate(part)], np.int64)
     return _chosen(spots, np.argsort(rank, kind="stable"))
 
 
