@@ -43,9 +43,9 @@ LOOKS = (
     (THRESHOLDS[1], SCALES, False), (THRESHOLDS[1], SCALES[:1], False),
 )  # fmt: skip
 PARTS = 4  # of an image, along each side
-# Hypotheses of a try over those of the settings: by a hint, and without it round by round. Most
+# Hypotheses of a try over those of the settings: of one field, and of all round by round. Most
 # images take less than the first, so all is tried with few before anything is with many.
-BY_HINT, ROUNDS = 1.0, (0.0125, 0.1)
+FULL, ROUNDS = 1.0, (0.0125, 0.1)
 # Of the longer side, match radius: by so much an unknown lens moves stars. A smaller one takes
 # ten times the hypotheses where the lens is distorted, a larger one more time for each.
 BENT = 0.004
@@ -221,15 +221,16 @@ def solve_photograph(
     near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, squeezed)
     if shape.length > DRAWN_OUT:  # oblong pixels are likely
         rest.sort(key=lambda one: one.view.aspect == 1.0)
-    best: Photograph | None = None
-    for effort, tries in ((BY_HINT, near), *((effort, rest) for effort in ROUNDS)):
+    middles = [one for one in rest if one.view.middle]  # of one camera each
+    rounds = (FULL, near), *((effort, rest) for effort in ROUNDS), (FULL, middles)
+    unsolved = []
+    for effort, tries in rounds:
         for one in tries:
             found = sought.attempt(one, effort)
             if found.axis is not None:
                 return _as_hinted(sought.squared(found, one, squeezed), hint, settings)
-            if best is None or found.matches.false_probability < best.matches.false_probability:
-                best = found
-    assert best is not None
+            unsolved.append(found)
+    best = min(unsolved, key=lambda one: one.estimate.false_probability)
     tried, seen = _tried(near + rest), seen_text(frame, sought.looks)
     reason = f"{best.estimate.reason}; {tried}. {seen}"
     return replace(best, estimate=replace(best.estimate, reason=reason))
@@ -289,7 +290,7 @@ class _Sought(NamedTuple):
                 view = found.view._replace(aspect=aspect)
                 field, tolerance = found.matches.camera.fov_x, self.settings.focal_tolerance
                 near = cameras_of(*view.size(columns, rows), field, tolerance)
-                again = self.attempt(one._replace(view=view, cameras=near, share=1.0), BY_HINT)
+                again = self.attempt(one._replace(view=view, cameras=near, share=1.0), FULL)
                 best = max(best, again, key=lambda one: one.estimate.stars)
             if best is found:
                 break
@@ -315,10 +316,8 @@ def _as_hinted(found: Photograph, hint: float | None, settings: Identification) 
 def _tried(tries: list[_Try]) -> str:
     """What was tried, in words."""
     focal = [camera.fov_x for one in tries for camera, _ in one.cameras if not one.view.middle]
-    text = (
-        f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg, stars of 1 "
-        f"to {SCALES[-1]} times the usual size, mirrored"
-    )
+    text = f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg"
+    text += f", stars of 1 to {SCALES[-1]} times the usual size, mirrored"
     if squeezed := sorted({one.view.aspect for one in tries} - {1.0}):
         text += f", pixels {', '.join(f'{a:.2f}' for a in squeezed)} as wide as high"
     return text + (", fisheyes to 180 deg" if any(one.view.middle for one in tries) else "")
