@@ -198,9 +198,9 @@ def solve_photograph(
 ) -> Photograph:
     """Try one view and one camera after the other until the attitude is found.
 
-    First the spots as they are, of all scales and of the file's own alone, with cameras of the
-    hint; then, with few hypotheses each and again with more, with all from 1.5 to 90 degrees,
-    mirrored, squeezed from other common shapes, and the middle of fisheyes of up to 180 degrees.
+    First the spots of `LOOKS` with cameras of the hint; then, with few hypotheses each and again
+    with more, these with all fields from 1.5 to 90 degrees, mirrored, squeezed from other common
+    shapes, and the middle of fisheyes of up to 180 degrees.
     `settings.max_false_probability` bounds all tries together: the first, or those by the hint,
     have half of it, the others share the rest.
 
@@ -208,7 +208,8 @@ def solve_photograph(
     hint      radian, field of view across the columns; None: unknown
     aspect    width of a pixel over its height; None: 1, then those of common shapes
     Raises    ValueError where hint or aspect are out of range.
-    Accuracy  model: as of `fit_lens`; the bound on false matches as of `identify`.
+    Accuracy  model: as of `fit_lens`; the bound on false matches as of `identify`. None of 300
+              images without a sky is solved with a bound of 1 %, a thousand times the default.
     """
     if hint is not None:
         within(1e-3, FISHEYES[-1], hint=hint)
