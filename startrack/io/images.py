@@ -291,19 +291,20 @@ def _open_heif(path: Path, data: bytes) -> Any:
             f"{path} is an image of HEIC, for which pillow-heif must be installed: python -m pip "
             "install pillow-heif"
         ) from None
-    return heif.open_heif(io.BytesIO(data))
+    try:
+        return heif.open_heif(io.BytesIO(data))
+    except Exception as error:  # libheif raises its own
+        raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
 
 
 def _read_heif(path: Path, data: bytes) -> np.ndarray:
-    try:
-        image = _open_heif(path, data)
-        columns, rows = image.size
-    except ValueError as error:
-        raise ValueError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
-    except Exception as error:  # libheif raises its own
-        raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
+    image = _open_heif(path, data)
+    columns, rows = image.size
     require_image_memory(path, columns, rows, 3)
-    return np.asarray(image)
+    try:
+        return np.asarray(image)
+    except Exception as error:
+        raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
 
 
 def _read_picture(path: Path, data: bytes, mosaic: bool = False) -> np.ndarray:

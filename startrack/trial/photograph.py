@@ -7,7 +7,6 @@ of any field. Each try takes spots of the frame, in a view, to the cameras of `i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Estimate, Frame, Matches, Spots, Status, deg, within
+from startrack.core import Camera, Estimate, Frame, Matches, Spots, deg, within
 from startrack.detection import Detection, detect
 from startrack.identification import (
     WIDEST_PINHOLE,
@@ -34,9 +33,22 @@ from startrack.identification import (
 # Sigma of the detection: an image of few faint stars is searched twice.
 THRESHOLDS = (5.0, 4.0)
 SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any size fit a window
-FIRST = THRESHOLDS[0], SCALES
-# Hypotheses of a try over those of the settings, where few are likely and where all else failed.
-SHORT, LONG = 0.5, 2.5
+# Sigma and scales of spots, and whether each part of the image gives as many: all scales, the same
+# without the parts that are full of what is no star, the file's own scale, and without the finest.
+FIRST = THRESHOLDS[0], SCALES, False
+COARSER = THRESHOLDS[0], SCALES[1:], False
+LOOKS = (
+    FIRST, (*FIRST[:2], True), (THRESHOLDS[0], SCALES[:1], False), COARSER,
+    *((THRESHOLDS[0], SCALES[k:], False) for k in (2, 3)),
+    (THRESHOLDS[1], SCALES, False), (THRESHOLDS[1], SCALES[:1], False),
+)  # fmt: skip
+PARTS = 4  # of an image, along each side
+# Hypotheses of a try over those of the settings: of one field, and of all round by round. Most
+# images take less than the first, so all is tried with few before anything is with many.
+FULL, ROUNDS = 1.0, (0.0125, 0.1)
+# Of the longer side, match radius: by so much an unknown lens moves stars. A smaller one takes
+# ten times the hypotheses where the lens is distorted, a larger one more time for each.
+BENT = 0.004
 LEAST_SIDE = 100  # pixel of a reduced image; a smaller one shows too few stars
 MOST_OF_A_SCALE, MOST_SPOTS = 400, 100  # spots, brightest first: the middle needs more
 # Of a coarse spot's flux over that of the finer ones that it covers, from which on they have lost
@@ -48,9 +60,10 @@ FLOOR = 0.05  # pixel of the reduced image, error of a centroid beyond its noise
 SHAPES = (4 / 3, 3 / 2, 16 / 9, 1.0, 3 / 4, 2 / 3, 9 / 16)
 SAME_SHAPE, MOST_SQUEEZED = 1.03, 2.5  # ratio of shapes that triangles bear; that is tried
 ROUND, HIDDEN = 1.15, 1.5  # elongation of round stars; squeeze that such stars may hide
-FISHEYES = (90 * deg, 240 * deg)  # across the columns, whose middle alone is tried
-STEP = 1.1  # between these fields
-SQUARED = 2  # times that a view is corrected by what the lens that was found shows
+# Radian across the columns, of fisheyes whose middle alone is tried.
+FISHEYES = tuple((np.geomspace(90, 240, 12) * deg).tolist())
+MANY = 0.5  # of the spots, stars from which on an image is not tried in other shapes
+SQUARED = 3  # times that a view is corrected by what the lens that was found shows
 SLACK = 0.01  # of a field beyond the tolerance of the given one: what distortion changes
 MIDDLE_TOLERANCE = 0.05  # of their focal length
 MIDDLE = 75 * deg  # of a fisheye, which is tried
@@ -74,17 +87,12 @@ class View(NamedTuple):
     aspect: float = 1.0
     middle: int | None = None
 
-    @property
-    def scale(self) -> tuple[float, float]:
-        """By which columns and rows are multiplied."""
-        return min(self.aspect, 1.0), min(1 / self.aspect, 1.0)
-
     def size(self, columns: int, rows: int) -> tuple[int, int]:
         """Columns and rows of the view of a file of so many."""
         if self.middle is not None:
             return self.middle, self.middle
-        x, y = self.scale
-        return max(round(columns * x), 1), max(round(rows * y), 1)
+        x, y = columns * min(self.aspect, 1.0), rows * min(1 / self.aspect, 1.0)
+        return max(round(x), 1), max(round(y), 1)
 
     def frame(self, frame: Frame) -> Frame:
         """The image as the camera of the solution sees it."""
@@ -159,27 +167,25 @@ class Photograph:
     @property
     def note(self) -> str:
         """What the text says beside the numbers: empty, or words after a semicolon."""
-        parts = [] if self.as_hinted is not False else ["the field is not the given one"]
-        polynomial = self.matches.camera.polynomial
-        if polynomial:
-            parts.append(
-                f"pixels {self.aspect:.4f} times as wide as high, shear {polynomial.x[2]:+.4f}"
+        text = "; the field is not the given one" if self.as_hinted is False else ""
+        if polynomial := self.matches.camera.polynomial:
+            text += (
+                f"; pixels {self.aspect:.4f} times as wide as high, shear {polynomial.x[2]:+.4f}"
             )
-        return "".join(f"; {part}" for part in parts)
+        return text
 
 
 class _Try(NamedTuple):
-    """Spots, view and cameras of a try; hypotheses; share of false matches.
+    """Spots, view and cameras of a try.
 
-    effort  of the hypotheses of the settings
-    share   of the probability of a false match
+    share  of the probability of a false match; more hypotheses of the same need no other
     """
 
     threshold: float
     scales: tuple[int, ...]
+    spread: bool
     view: View
     cameras: list[tuple[Camera, float]]
-    effort: float = 1.0
     share: float = 0.0
 
 
@@ -192,127 +198,130 @@ def solve_photograph(
 ) -> Photograph:
     """Try one view and one camera after the other until the attitude is found.
 
-    First the spots as they are, of all scales and of the file's own alone, with cameras of the
-    hint, then with all from 1.5 to 90 degrees; then mirrored, squeezed from other common shapes,
-    and the middle of fisheyes of up to 180 degrees. `settings.max_false_probability` bounds all
-    tries together: the first and those by the hint have half of it, the others share the rest.
+    First the spots of `LOOKS` with cameras of the hint; then, with few hypotheses each and again
+    with more, these with all fields from 1.5 to 90 degrees, mirrored, squeezed from other common
+    shapes, and the middle of fisheyes of up to 180 degrees.
+    `settings.max_false_probability` bounds all tries together: the first, or those by the hint,
+    have half of it, the others share the rest.
 
     settings  its `focal_tolerance` is that of the hint
     hint      radian, field of view across the columns; None: unknown
     aspect    width of a pixel over its height; None: 1, then those of common shapes
     Raises    ValueError where hint or aspect are out of range.
-    Accuracy  model: as of `fit_lens`; the bound on false matches as of `identify`.
+    Accuracy  model: as of `fit_lens`; the bound on false matches as of `identify`. None of 300
+              images without a sky is solved with a bound of 1 %, a thousand times the default.
     """
     if hint is not None:
-        within(1e-3, FISHEYES[1], hint=hint)
+        within(1e-3, FISHEYES[-1], hint=hint)
     if aspect is not None:
         within(0.1, 10, aspect=aspect)
     rows, columns = frame.image.shape
-    looks, index_of = _Looks(frame), _coarser(indexes)
-    best: Photograph | None = None
-    shape = _shape(frame.image, looks(*FIRST))
-    tries = _tries(columns, rows, hint, settings.focal_tolerance, aspect, shape.elongation)
-    for one in tries:
-        size = one.view.size(columns, rows)
-        spots = one.view.spots(looks(one.threshold, one.scales), columns, rows)
-        spots = _chosen(spots, slice(MOST_SPOTS))
-        chance = settings.max_false_probability * one.share
-        most = max(round(one.effort * settings.max_hypotheses), 1)
-        bounded = replace(settings, max_false_probability=chance, max_hypotheses=most)
-        matches = identify_blind(spots, *size, indexes.stars, index_of, bounded, one.cameras)
-        if matches.icrs_to_camera is not None:
-            found = _with_lens(spots, matches, indexes, settings, one.view)
-            return _as_hinted(_squared(found, looks, indexes, settings, one), hint, settings)
-        if best is None or matches.false_probability < best.matches.false_probability:
-            best = _unsolved(spots, matches, one.view)
-    assert best is not None
-    reason = f"{best.estimate.reason}; {_tried(tries)}. {seen_text(frame, looks)}"
+    sought = _Sought(_Looks(frame), indexes, settings)
+    shape = _shape(frame.image, sought.looks(*FIRST[:2]))
+    squeezed = [] if aspect else squeezes(columns, rows, shape.elongation)
+    near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, squeezed)
+    if shape.length > DRAWN_OUT:  # oblong pixels are likely
+        rest.sort(key=lambda one: one.view.aspect == 1.0)
+    middles = [one for one in rest if one.view.middle]  # of one camera each
+    rounds = (FULL, near), *((effort, rest) for effort in ROUNDS), (FULL, middles)
+    unsolved = []
+    for effort, tries in rounds:
+        for one in tries:
+            found = sought.attempt(one, effort)
+            if found.axis is not None:
+                return _as_hinted(sought.squared(found, one, squeezed), hint, settings)
+            unsolved.append(found)
+    best = min(unsolved, key=lambda one: one.estimate.false_probability)
+    tried, seen = _tried(near + rest), seen_text(frame, sought.looks)
+    reason = f"{best.estimate.reason}; {tried}. {seen}"
     return replace(best, estimate=replace(best.estimate, reason=reason))
 
 
-def _with_lens(
-    spots: Spots, matches: Matches, indexes: PatternIndexes, settings: Identification, view: View
-) -> Photograph:
-    """The solution with what the stars show of the lens."""
-    lens = fit_lens(spots, matches, indexes.stars, indexes(matches.camera), settings)
-    reason = f"{len(lens.matches)} of {len(spots)} spots are stars of the catalogue"
-    estimate = Estimate(
-        Status.SOLVED, reason, lens.matches.icrs_to_camera, lens.covariance, lens.residual_rms,
-        len(lens.matches), matches.false_probability,
-    )  # fmt: skip
-    return Photograph(spots, lens.matches, estimate, lens.icrs_to_image, view)
+class _Sought(NamedTuple):
+    """A frame's spots, and what stars they are compared with."""
 
+    looks: _Looks
+    indexes: PatternIndexes
+    settings: Identification
 
-def _squared(
-    found: Photograph, looks: _Looks, indexes: PatternIndexes, settings: Identification, one: _Try
-) -> Photograph:
-    """The solution in a view of square pixels, where the stars show that those are oblong.
+    def attempt(self, one: _Try, effort: float) -> Photograph:
+        """The first camera of a try that finds an attitude, with what the stars show of its lens.
 
-    The lens is fitted by what is small; the view takes what is large. The same hypothesis is
-    found again, which is no further chance of a false match.
-    """
-    for _ in range(SQUARED):
-        if abs(math.log(found.aspect / found.view.aspect)) < math.log(SAME_SHAPE):
-            break
-        rows, columns = looks.frame.image.shape
-        view = found.view._replace(aspect=found.aspect)
-        size = view.size(columns, rows)
-        spots = view.spots(looks(one.threshold, one.scales), columns, rows)
-        spots = _chosen(spots, slice(MOST_SPOTS))
-        near = cameras_of(*size, found.matches.camera.fov_x, SAME_SHAPE - 1)
-        matches = identify_blind(spots, *size, indexes.stars, indexes, settings, near)
-        if matches.icrs_to_camera is None:
-            break
-        again = _with_lens(spots, matches, indexes, settings, view)
-        if len(again.matches) < len(found.matches):
-            break
-        found = again
-    return found
+        effort  of the hypotheses of the settings
+        """
+        settings, stars, index_of = self.settings, self.indexes.stars, self._index
+        rows, columns = self.looks.frame.image.shape
+        size = one.view.size(columns, rows)
+        spots = one.view.spots(self.looks(one.threshold, one.scales), columns, rows)
+        spots = _chosen(_spread(spots, *size) if one.spread else spots, slice(MOST_SPOTS))
+        bounded = replace(
+            settings,
+            max_false_probability=settings.max_false_probability * one.share,
+            max_hypotheses=max(round(effort * settings.max_hypotheses), 1),
+            match_radius=max(settings.match_radius, BENT * max(size)),
+        )
+        matches = identify_blind(spots, *size, stars, index_of, bounded, one.cameras)
+        reason, attitude, axis, rms = matches.reason, matches.icrs_to_camera, None, math.nan
+        covariance, count = np.full((3, 3), np.nan), 0
+        if attitude is not None:
+            lens = fit_lens(spots, matches, stars, index_of(matches.camera), settings)
+            matches, axis, covariance, rms = lens
+            attitude, count = matches.icrs_to_camera, len(matches)
+            reason = f"{count} of {len(spots)} spots are stars of the catalogue"
+        estimate = Estimate(
+            matches.status, reason, attitude, covariance, rms, count, matches.false_probability
+        )
+        return Photograph(spots, matches, estimate, axis, one.view)
+
+    def squared(self, found: Photograph, one: _Try, squeezed: list[float]) -> Photograph:
+        """The solution in a view of square pixels, where the stars show that those are oblong.
+
+        The lens is fitted by what is small; the view takes what is large. Where few spots are
+        stars, they may be those of the middle of an image that was squeezed, by a common ratio.
+        The same hypothesis is found again, which is no further chance of a false match.
+        """
+        rows, columns = self.looks.frame.image.shape
+        few = len(found.matches) < MANY * len(found.spots)
+        tried = squeezed if few and found.view.middle is None else []
+        for _ in range(SQUARED):
+            best = found
+            if abs(math.log(found.aspect / found.view.aspect)) > math.log(SAME_SHAPE):
+                tried = [found.aspect, *tried]
+            for aspect in tried:
+                view = found.view._replace(aspect=aspect)
+                field, tolerance = found.matches.camera.fov_x, self.settings.focal_tolerance
+                near = cameras_of(*view.size(columns, rows), field, tolerance)
+                again = self.attempt(one._replace(view=view, cameras=near, share=1.0), FULL)
+                best = max(best, again, key=lambda one: one.estimate.stars)
+            if best is found:
+                break
+            found, tried = best, []
+        return found
+
+    def _index(self, camera: Camera) -> PatternIndex:
+        """Of every other field: half as many to read, each as good for its neighbours."""
+        field, step = min(camera.fov_x, camera.fov_y), 2 * math.log(1.1)
+        coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
+        return self.indexes(Camera.from_field_of_view(1, 1, coarse))
 
 
 def _as_hinted(found: Photograph, hint: float | None, settings: Identification) -> Photograph:
     """The solution, and whether its field is the given one."""
     if hint is None:
         return found
-    fields = (min(field, WIDEST_PINHOLE) for field in (found.field, hint))
-    ratio = math.log(math.tan(next(fields) / 4) / math.tan(next(fields) / 4))
-    return replace(found, as_hinted=abs(ratio) <= settings.focal_tolerance + SLACK)
-
-
-def _coarser(indexes: PatternIndexes) -> Callable[[Camera], PatternIndex]:
-    """The indexes of every other field: half as many to read, each as good for its neighbours."""
-
-    def index_of(camera: Camera) -> PatternIndex:
-        field = min(camera.fov_x, camera.fov_y)
-        step = 2 * math.log(1.1)
-        coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
-        return indexes(Camera.from_field_of_view(1, 1, coarse))
-
-    return index_of
-
-
-def _unsolved(spots: Spots, matches: Matches, view: View) -> Photograph:
-    nothing = np.full((3, 3), np.nan)
-    estimate = Estimate(
-        matches.status, matches.reason, None, nothing, math.nan, 0, matches.false_probability
-    )
-    return Photograph(spots, matches, estimate, None, view)
+    own, given = (math.tan(min(field, WIDEST_PINHOLE) / 4) for field in (found.field, hint))
+    off = abs(math.log(own / given))
+    return replace(found, as_hinted=off <= settings.focal_tolerance + SLACK)
 
 
 def _tried(tries: list[_Try]) -> str:
     """What was tried, in words."""
     focal = [camera.fov_x for one in tries for camera, _ in one.cameras if not one.view.middle]
-    parts = [
-        f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg",
-        f"stars of 1 to {SCALES[-1]} times the usual size",
-    ]
-    if any(one.view.mirrored for one in tries):
-        parts.append("mirrored")
+    text = f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg"
+    text += f", stars of 1 to {SCALES[-1]} times the usual size, mirrored"
     if squeezed := sorted({one.view.aspect for one in tries} - {1.0}):
-        parts.append("pixels " + ", ".join(f"{a:.2f}" for a in squeezed) + " as wide as high")
-    if any(one.view.middle for one in tries):
-        parts.append("fisheyes to 180 deg")
-    return ", ".join(parts)
+        text += f", pixels {', '.join(f'{a:.2f}' for a in squeezed)} as wide as high"
+    return text + (", fisheyes to 180 deg" if any(one.view.middle for one in tries) else "")
 
 
 def _tries(
@@ -321,37 +330,29 @@ def _tries(
     hint: float | None,
     tolerance: float,
     aspect: float | None,
-    elongation: float,
-) -> list[_Try]:
-    """What is tried, in turn.
-
-    elongation  1, of stars along the rows over that along the columns
-    """
+    squeezed: list[float],
+) -> tuple[list[_Try], list[_Try]]:
+    """What is tried by the hint, and what is tried without it, each in turn."""
     as_it_is = View(aspect=aspect or 1.0)
     size = as_it_is.size(columns, rows)
     every = cameras(*size, hint)
-    looks = [(threshold, scales) for threshold in THRESHOLDS for scales in (SCALES, SCALES[:1])]
-    rest = [_Try(*look, as_it_is, every, effort=SHORT) for look in looks]
-    rest[0] = rest[0]._replace(effort=1.0)
-    if min(columns, rows) >= LEAST_SIDE * SCALES[-1]:
-        rest.insert(2, _Try(THRESHOLDS[0], SCALES[2:], as_it_is, every, effort=SHORT))
-    pinholes = cameras(*size, hint, fisheyes=False)
-    rest.append(_Try(*FIRST, as_it_is._replace(mirrored=True), pinholes, effort=SHORT))
-    for ratio in [] if aspect else squeezes(columns, rows, elongation):
-        view = View(aspect=ratio)
-        pinholes = cameras(*view.size(columns, rows), hint, fisheyes=False)
-        rest.append(_Try(*FIRST, view, pinholes, effort=SHORT))
-    steps = math.ceil(math.log(FISHEYES[1] / FISHEYES[0]) / math.log(STEP))
-    for field in np.geomspace(*FISHEYES, steps + 1).tolist():
+    looks = [look for look in LOOKS if min(columns, rows) >= LEAST_SIDE * look[1][0]]
+    rest = [_Try(*look, as_it_is, every) for look in looks or [FIRST]]
+    for view in [as_it_is._replace(mirrored=True), *(View(aspect=ratio) for ratio in squeezed)]:
+        made = cameras(*view.size(columns, rows), hint, fisheyes=False)
+        rest += [_Try(*look, view, made) for look in (FIRST, COARSER) if look in (FIRST, *looks)]
+    for field in FISHEYES:
         rest += _middle(columns, rows, field, MIDDLE_TOLERANCE)
-    rest.append(_Try(*FIRST, as_it_is, every, effort=LONG))
-    first, rest = rest[:1], rest[1:]
-    if hint is not None:
-        near, rest = cameras_of(*size, hint, tolerance), first + rest
-        first = [_Try(*look, as_it_is, near, LONG) for look in looks if near]
-        first = first or _middle(columns, rows, hint, tolerance)
-    groups = (first, rest)
-    return [one._replace(share=0.5 / len(group)) for group in groups for one in group]
+    if hint is None:
+        return [], _shared(rest[:1]) + _shared(rest[1:])
+    made = cameras_of(*size, hint, tolerance)
+    near = [one._replace(cameras=made) for one in rest if made and one.view == as_it_is]
+    return _shared(near or _middle(columns, rows, hint, tolerance)), _shared(rest)
+
+
+def _shared(tries: list[_Try]) -> list[_Try]:
+    """The tries with half of the probability of a false match among them."""
+    return [one._replace(share=0.5 / len(tries)) for one in tries]
 
 
 def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Try]:
@@ -369,7 +370,7 @@ def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
     A star that was round is as long along the rows as pixels are narrow. Its pixels may hide
     that, but not turn it round.
 
-    elongation  as of `_tries`
+    elongation  1, of stars along the rows over that along the columns
     """
     ratios = [shape * rows / columns for shape in SHAPES]
     tried = [r for r in ratios if math.log(SAME_SHAPE) < abs(math.log(r)) < math.log(MOST_SQUEEZED)]
@@ -429,10 +430,18 @@ class _Looks:
 
 
 def _chosen(spots: Spots, which: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Spots:
-    return Spots(
-        spots.x[which], spots.y[which], spots.flux[which], spots.covariance[which],
-        spots.snr[which], spots.area[which],
-    )  # fmt: skip
+    return Spots(*(values[which] for values in vars(spots).values()))
+
+
+def _spread(spots: Spots, columns: int, rows: int) -> Spots:
+    """The spots so that the brightest of each part of the image come first, then the second ones.
+
+    Parts full of leaves or lamps then have no more of the first spots than others.
+    """
+    across, down = (spots.x + 0.5) / columns, (spots.y + 0.5) / rows
+    part = np.floor(PARTS * across) * PARTS + np.floor(PARTS * down)
+    rank = np.array([np.count_nonzero(part[:k] == here) for k, here in enumerate(part)], np.int64)
+    return _chosen(spots, np.argsort(rank, kind="stable"))
 
 
 def _enlarged(spots: Spots, scale: int) -> Spots:
@@ -460,14 +469,8 @@ def _grown(fine: Spots, coarse: Spots, reach: float) -> Spots:
     taken = light > GROWTH * (covered @ np.maximum(fine.flux, 0.0))
     kept = ~covered[taken].any(axis=0)
     fine, coarse = _chosen(fine, kept), _chosen(coarse, taken)
-    return Spots(
-        np.concatenate([fine.x, coarse.x]),
-        np.concatenate([fine.y, coarse.y]),
-        np.concatenate([fine.flux, coarse.flux]),
-        np.concatenate([fine.covariance, coarse.covariance]),
-        np.concatenate([fine.snr, coarse.snr]),
-        np.concatenate([fine.area, coarse.area]),
-    )
+    pairs = zip(vars(fine).values(), vars(coarse).values(), strict=True)
+    return Spots(*(np.concatenate(pair) for pair in pairs))
 
 
 def seen_text(frame: Frame, looks: _Looks) -> str:

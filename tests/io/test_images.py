@@ -1,6 +1,7 @@
 import gzip
 import io
 import struct
+import sys
 import warnings
 import zlib
 
@@ -13,7 +14,7 @@ from astropy.wcs import WCS
 
 from startrack.core.camera import Camera
 from startrack.core.values import Frame, Stars
-from startrack.io.images import read_image, write_fits
+from startrack.io.images import field_hint, read_image, write_fits
 from startrack.io.wcs import pointing
 
 CAMERA = Camera(60, 40, 300.0, k1=-0.1)
@@ -207,3 +208,54 @@ def test_gzipped_fits_is_read(tmp_path):
     path = tmp_path / "whole.fits.gz"
     path.write_bytes(gzip.compress(PLAIN[:100]) + gzip.compress(PLAIN[100:]))
     np.testing.assert_array_equal(read_image(path).image, IMAGE)
+
+
+def written_as(path, image, focal_35mm=None):
+    """The image as a camera would write it, with the focal length in EXIF."""
+    from PIL import Image
+
+    exif = Image.Exif()
+    if focal_35mm is not None:
+        exif.get_ifd(0x8769)[0xA405] = focal_35mm
+    Image.fromarray(image).save(path, quality=95, exif=exif)
+
+
+@pytest.mark.parametrize("kind", ["jpg", "heic"])
+def test_a_photograph_says_its_field(tmp_path, kind):
+    """A 50 mm lens on film of 36 x 24 mm spans 2 atan(18 / 50) along its longer side."""
+    if kind == "heic":
+        pytest.importorskip("pillow_heif").register_heif_opener()
+    wide, high, plain = (tmp_path / f"{name}.{kind}" for name in ("wide", "high", "plain"))
+    image = np.full((200, 300, 3), 20, np.uint8)
+    written_as(wide, image, 50)
+    written_as(high, image.transpose(1, 0, 2).copy(), 50)
+    written_as(plain, image)
+    assert field_hint(wide, (200, 300)) == pytest.approx(2 * np.arctan(18 / 50))
+    assert field_hint(high, (300, 200)) == pytest.approx(2 * np.arctan(12 / 50))
+    assert field_hint(plain, (200, 300)) is None
+
+
+def test_a_heic_image_is_read(tmp_path):
+    """Its spots lie where they were drawn; a file that is cut is refused with its name."""
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    y, x = np.indices((120, 160))
+    star = 200 * np.exp(-((x - 71.4) ** 2 + (y - 33.7) ** 2) / 2 / 2.0**2)
+    path = tmp_path / "star.heic"
+    written_as(path, np.dstack([20 + star.astype(np.uint8)] * 3))
+    light = read_image(path).image.astype(float) - 20
+    light[light < 20] = 0
+    assert light.shape == (120, 160)
+    assert (light * x).sum() / light.sum() == pytest.approx(71.4, abs=0.1)
+    assert (light * y).sum() / light.sum() == pytest.approx(33.7, abs=0.1)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(ValueError, match=r"star\.heic must be a whole HEIC image"):
+        read_image(path)
+    assert field_hint(path, (120, 160)) is None
+
+
+def test_a_heic_image_without_pillow_heif_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    path = tmp_path / "star.heic"
+    path.write_bytes(b"\0\0\0\x18ftypheic" + bytes(40))
+    with pytest.raises(ValueError, match="install pillow-heif"):
+        read_image(path)

@@ -157,3 +157,14 @@ def test_a_refusal_names_what_was_tried_and_what_is_seen():
         assert words in found.estimate.reason
     assert "motion" in found.estimate.reason
     assert "--aspect" not in found.estimate.reason
+
+
+def test_lamps_that_outshine_the_stars_in_a_part_of_the_image():
+    image = draw(PINHOLE.project, COLUMNS, ROWS).astype(float)
+    rng = np.random.default_rng(8)
+    y, x = np.indices(image.shape)
+    for u, v in zip(rng.uniform(330, 620, 110), rng.uniform(370, 470, 110), strict=True):
+        image += rng.uniform(120, 230) * np.exp(-((x - u) ** 2 + (y - v) ** 2) / 2)
+    found = solve_photograph(Frame(np.clip(image, 0, 255).astype(np.uint8)), Indexes(), SETTINGS)
+    assert found.axis is not None
+    assert apart_from(found) < 0.5
