@@ -36,6 +36,7 @@ PART = 0.01  # of the sky
 FASTER = 1.2  # pixel rate over the one at which the read noise is known
 CROWDED = 0.03  # fraction of the stars that share their window with another
 FAR = 0.5  # of the match radius, rms displacement of stars by wrong beliefs
+HIDDEN = 0.3  # of the spots that are kept, by hot pixels
 REFUSED = 0.3  # of the stars above the threshold
 
 # What each cause is, and the keys that change it.
@@ -49,6 +50,8 @@ ADVICE = {
     "PRNU": "pixels respond unequally: instrument.detector.prnu, or more blur",
     "DSNU": "dark signal differs from pixel to pixel: instrument.detector.thermal.temperature, "
     "instrument.detector.exposure, tracker.detection.dark_map",
+    "hot pixels": "pixels of a large dark current near stars: tracker.detection.dark_map and its "
+    "age, a colder detector (instrument.detector.thermal.temperature), more shielding",
     "read-out": "instrument.detector.settling, instrument.detector.lag, "
     "instrument.detector.nonlinearity, instrument.detector.adc_inl",
     "neighbours": "fainter stars in the window: a smaller tracker.detection.window, less blur",
@@ -171,6 +174,16 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
     if moved > FAR * case.tracker.identification.match_radius:
         yield (
             f"stars beyond tracker.identification.match_radius: they lie {moved:.2g} pixel rms off"
+        )
+
+
+def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
+    """What it leaves out because hot pixels make spots that are brighter than stars, so many."""
+    most = case.tracker.detection.max_spots
+    if brighter > HIDDEN * most:
+        yield (
+            f"which star is which, where {brighter:.0f} of {most} spots are hot pixels "
+            "(tracker.detection.dark_map, max_spots)"
         )
 
 
