@@ -38,7 +38,18 @@ from startrack.space.earth import (
     times,
     unit,
 )
-from startrack.space.heat import Heat, Warmth, heater_power, view_of_earth, warmth
+from startrack.space.heat import (
+    STEFAN,
+    Heat,
+    Warmth,
+    heater_power,
+    incident,
+    march,
+    taken_by_head,
+    taken_by_platform,
+    view_of_earth,
+    warmth,
+)
 from startrack.space.orbit import (
     BEYOND,
     Carrier,
