@@ -33,7 +33,7 @@ from startrack.core import (
 )
 from startrack.design import Design, Fidelity, KeepOut, load_design
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
-from startrack.space import FIRST_YEAR, LAST_YEAR, require_perigee, require_two_lines
+from startrack.space import FIRST_YEAR, LAST_YEAR, Heat, require_perigee, require_two_lines
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
@@ -392,6 +392,10 @@ class Mission:
     ] = field(default_factory=Check)  # fmt: skip
     structure: Annotated[tuple[Obstacle, ...],
         "boxes and panels of the spacecraft that may stand in the way of heads"] = ()  # fmt: skip
+    heat: Annotated[Heat | None,
+        "surfaces and heat capacities of platform and heads, from which the temperatures of drawn "
+        "units follow (`--units`); orbit, attitude and direction of the heads are those of the "
+        "mission. None: those of the designs' structures"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.heads) <= 8:
