@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from startrack.budget import Term, analytic
-from startrack.budget.check import differences
-from startrack.budget.left_out import of_false_spots
+from startrack.budget.left_out import differences, of_false_spots
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec, deg
 from startrack.design import load_design

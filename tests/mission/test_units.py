@@ -129,3 +129,16 @@ def test_units_that_do_not_differ_are_refused(tmp_path):
     plan = replace(plan, loaded=alike)
     with pytest.raises(Refused, match="so that its units differ"):
         of_units._drawn(plan, 2, 1)
+
+
+def test_detectors_age_in_the_orbit_of_the_mission(tmp_path):
+    text = shipped("designs/noise_only.toml").read_text()
+    age = '\n[instrument.detector.age]\ntime = "1 yr"\ninclination = "30 deg"\nshielding = "5 mm"\n'
+    (tmp_path / "head.toml").write_text(text + age)
+    (tmp_path / "mission.toml").write_text(MISSION + HEAD.format("up", 0, 5))
+    named, flown = (
+        load_mission(tmp_path / "mission.toml", changes).designs[0].case.instrument.detector.age
+        for changes in ([], ["radiation.ageing=orbit"])
+    )
+    assert (named.altitude, named.inclination) == (550e3, pytest.approx(math.radians(30)))
+    assert (flown.altitude, flown.inclination) == (600e3, pytest.approx(1.7066, abs=1e-3))
