@@ -286,6 +286,9 @@ class Age(Parameters):
                 raise Refused(f"year must not be before launch = {self.launch}, got {self.year}")
         if (self.inclination is None) != (self.shielding is None):
             raise Refused("age must have inclination and shielding together, or neither")
+        if self.shielding is not None:
+            least, most = float(THICKNESS[0]), float(THICKNESS[-1])
+            within(least, most, shielding=self.shielding)
         if self.inclination is None and (self.altitude != ALTITUDE or self.solar_events):
             raise Refused("altitude and solar_events must be left out without inclination")
         if self.inclination is not None and self.fluence:
