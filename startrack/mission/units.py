@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from startrack.core import Floats, Refused, utc, whole
 from startrack.design import TURNS, Case
 from startrack.metrics import Interval, level_interval
 from startrack.mission.engine import CHUNK, Chunk, Plan, at, groups_of
+from startrack.mission.heads import state_of
 from startrack.mission.instants import Instants
+from startrack.mission.parameters import JULIAN_YEAR
 from startrack.space import STEFAN, Heat, incident, march, taken_by_head, taken_by_platform
 from startrack.trial import Term
 
@@ -155,7 +157,7 @@ def fly_units(
               units do not differ; as `unit_budgets`
     Accuracy  model: U does not depend on place or time; gradients of the panel follow the orbit;
               mean over the mission of a head's temperature is that of its calibration; units at
-              the age in the middle of the mission.
+              the age in the middle of the mission, or of the design where heads have none.
     """
     whole(1, 10**6, count=count)
     mission, heads = plan.loaded.mission, len(plan.heads)
@@ -206,9 +208,13 @@ def _drawn(plan: Plan, count: int, seed: int) -> tuple[Floats, Floats]:
                 f"design of {plan.heads[group[0]].name} must have [[variation]], "
                 "[instrument.structure] or [instrument.residual], so that its units differ"
             )
-        middle = 0.0 if age is None else age + mission.time.duration / 2
+        law = case.instrument.detector.age
+        middle = law.years * JULIAN_YEAR if law else 0.0
+        if age is not None:
+            middle = age + mission.time.duration / 2
         found = unit_budgets(case, seed, count * len(group), middle, 1, FIELDS)
-        square = _square(found) - _designed(case)
+        head = replace(mission.heads[group[0]], unit=None)
+        square = _square(found) - _designed(state_of(case, head, seed, middle, 0.0))
         for k, h in enumerate(group):
             bias[:, h], extra[:, h] = found.bias[k :: len(group)], square[k :: len(group)]
     return bias, np.maximum(extra, 0.0)
