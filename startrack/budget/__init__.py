@@ -5,8 +5,8 @@ fields     Sky and camera -> the stars of many fields, and how their errors beco
            attitudes.
 fixed      Case and fields of stars -> errors that are constant from frame to frame.
 analytic   Case -> its Budget in milliseconds, without a trial.
-left_out   Case and its fields of stars -> effects that the analytic budget leaves out.
-check      Case and its analytic budget -> what some trials say of it.
+left_out   Case and its fields of stars -> effects that the analytic budget leaves out; its check
+           by trials.
 exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.
 indices    Simulated sequences -> the error indices of the standard, over members and times.
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
@@ -17,7 +17,6 @@ curves     Case -> its error over the sky and over slew rate, and that of its st
 
 from startrack.budget.analytic import analytic
 from startrack.budget.budget import Budget, Cause, Law, Line, Sample, Spread, causes
-from startrack.budget.check import Check, check, differences
 from startrack.budget.curves import (
     LONGEST,
     SMEARS,
@@ -36,7 +35,17 @@ from startrack.budget.curves import (
 from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
 from startrack.budget.indices import INDICES, indices_of
-from startrack.budget.left_out import ADVICE, advice, caveats, noise_only, refusal, unseen
+from startrack.budget.left_out import (
+    ADVICE,
+    Check,
+    advice,
+    caveats,
+    check,
+    differences,
+    noise_only,
+    refusal,
+    unseen,
+)
 from startrack.budget.measured import measured
 from startrack.budget.residuals import Residuals, StarErrors, residuals, star_errors
 from startrack.budget.units import UnitBudgets, joined, unit_budgets

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from startrack.budget.budget import NEIGHBOURS, Budget, Cause, Law, Line, causes, refuse_scans
@@ -22,8 +24,8 @@ from startrack.budget.fields import (
     propagate,
 )
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
-from startrack.budget.left_out import of_the_case, of_the_sky
-from startrack.core import Floats, Refused
+from startrack.budget.left_out import of_false_spots, of_the_case, of_the_sky
+from startrack.core import Floats, Refused, Streams
 from startrack.design import Case
 from startrack.trial import (
     LENS_FIELD,
@@ -31,41 +33,144 @@ from startrack.trial import (
     READ,
     SHOT,
     Errors,
+    Grid,
+    Search,
     Term,
+    dark_pattern,
     detection_probability,
+    empty_frame,
     errors,
+    hot_windows,
+    scale,
+    sky_electrons,
     systematic_variance_of,
+    with_uniform_dark,
     zone_detection,
     zone_errors,
 )
 
 FINE = 0.05  # magnitude between two entries
+HOT = "hot pixels"
+MEDIAN_SQUARE = 2 * math.log(2)  # of a squared error, in variances per axis
+EVEN: Floats = (np.arange(32) + 0.5) / 32  # quantiles of a threshold
+HOT_RANGE, HOT_STEP = 5.0, 1.0  # magnitude above the faintest, at which shifts are measured; a step
+
+
+class Measured(NamedTuple):
+    """Detection and errors of single stars.
+
+    star     by cause; where pixels are hot, of the case `with_uniform_dark`
+    above    (m,) 1, chance to pass the threshold
+    table    the same in small steps of magnitude, with what hot pixels do
+    random   names of its random causes
+    """
+
+    star: Errors
+    above: Floats
+    table: Response
+    random: list[str]
 
 
 @lru_cache(maxsize=2)
-def response(case: Case) -> tuple[Response, list[str]]:
-    """Detection and errors of single stars, as a table of small steps of magnitude.
-
-    Returns  it, and the names of its random causes; kept for the 2 last cases, as units share one
-    """
-    star = errors(case)
+def response(case: Case) -> Measured:
+    """Detection and errors of single stars; kept for the 2 last cases, as units share one."""
+    pattern = dark_pattern(case) if has_hot_pixels(case) else None
+    even = with_uniform_dark(case) if pattern else case
+    star = errors(even)
+    hot = hot_stars(case, even, star) if pattern else None
+    search = hot and hot.search
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
     if case.instrument.optics.tabulated:
-        zone = zone_errors(case)
+        zone = zone_errors(even)
         kept, stated, random = zone.kept, zone.stated, zone.random
-        fraction = zone_detection(case, grid)
+        fraction = zone_detection(even, grid, search)
     else:
         kept, stated = star.kept[None], star.stated[None]
         random = {name: one[None] for name, one in star.random.items()}
-        fraction = detection_probability(case, grid)[None]
-    found = Response(
+        fraction = detection_probability(even, grid, search=search)[None]
+    false = np.zeros(len(grid))
+    if pattern and hot:
+        size = scale(even)
+        # Of what the read-out adds, the spread of the dark signal is constant in time.
+        part = (pattern.spread / size.noise) ** 2
+        random = random | {READ: (1 - part) * random[READ], "DSNU": part * random[READ]}
+        random |= {HOT: np.broadcast_to(hot.moment, stated.shape)}
+        kept = kept * hot.kept
+        light = size.star * 10 ** (-0.4 * grid)
+        false = (hot.false > light[:, None]).sum(axis=1).astype(float)
+    above = detection_probability(even, star.magnitude, search=search)
+    table = Response(
         float(grid[0]),
         FINE,
         fraction * _between(star.magnitude, kept, grid),
         _fine(star.magnitude, stated, grid),
         np.stack([_fine(star.magnitude, one, grid) for one in random.values()], axis=1),
+        false,
     )
-    return found, list(random)
+    return Measured(star, above, table, list(random))
+
+
+def has_hot_pixels(case: Case) -> bool:
+    """Whether some pixels have a dark current far from that of the others."""
+    detector = case.instrument.detector
+    return bool(detector.age or (detector.defects and detector.defects.hot))
+
+
+class NearHot(NamedTuple):
+    """What hot pixels do to stars of m magnitudes, and to the search of a frame.
+
+    search  of a frame with them
+    false   (k,) electron, of the false spots that they make
+    kept    (m,) chance that they do not make the tracker lose a star that the search finds
+    moment  (m, 2, 2) pixel^2, second moment over the stars of the shifts by them
+    """
+
+    search: Search
+    false: Floats
+    kept: Floats
+    moment: Floats
+
+
+def hot_stars(case: Case, even: Case, star: Errors) -> NearHot:
+    """What hot pixels near stars do to those that are detected.
+
+        kept = 1 - c (1 - <w>),   moment = c <w s s^T> / kept,   w = Phi(gate - |s| / sigma)
+
+    over the windows with hot pixels, of which a part c of the stars has one: those that the search
+    rejects or the solver's gate leaves out are lost, the others are shifted by s, and sigma is the
+    error that the tracker states. The gate is wider where the median of all stars is. Shifts are
+    measured at a few magnitudes; they go as one over the star's light.
+
+    even      the case `with_uniform_dark`;  star  its errors
+    Accuracy  model: that of drawn spots, whose windows these are.
+    """
+    magnitude, sky = star.magnitude, sky_electrons(case)
+    empty = empty_frame(case, sky)
+    assert empty is not None
+    search = Search(empty.noise, np.quantile(empty.of_tiles, EVEN))
+    above = detection_probability(even, magnitude, search=search)
+    faintest = magnitude[above > 0.5].max(initial=magnitude[0])
+    place = np.arange(max(faintest - HOT_RANGE, magnitude[0]), faintest + 1e-9, HOT_STEP)
+    light = scale(even).star * 10 ** (-0.4 * place)
+    middle = empty.noise, empty.threshold_sigma
+    hot, higher = hot_windows(Grid(even, sky, search=middle), case, light)
+    near = (search.threshold[:, None] - higher[-1]).ravel()
+    weight = np.repeat([1 - hot.chance, hot.chance], [len(EVEN), len(near)])
+    weight[: len(EVEN)] /= len(EVEN)
+    weight[len(EVEN) :] /= len(near)
+    search = Search(empty.noise, _quantiles(np.append(search.threshold, near), weight))
+    index = np.abs(magnitude[:, None] - place).argmin(axis=1)
+    if not hot.chance:
+        none = np.zeros_like(star.stated)
+        return NearHot(search, empty.flux, np.ones(len(magnitude)), none)
+    shift = hot.shift[index] * 10 ** (0.4 * (magnitude - place[index]))[:, None, None]
+    good, shift = np.isfinite(shift[..., 0]), np.nan_to_num(shift)
+    sigma = np.sqrt(_variance(star.stated))[:, None]
+    gate = case.tracker.attitude.gate * _typical(shift / sigma[..., None], good, hot.chance)
+    weight = good * ndtr(gate[:, None] - np.hypot(*shift.transpose(2, 0, 1)) / sigma)
+    kept = 1 - hot.chance * (1 - weight.mean(axis=1))
+    square = np.einsum("mk,mka,mkb->mab", weight, shift, shift) / weight.shape[1]
+    return NearHot(search, empty.flux, kept, hot.chance * square / kept[:, None, None])
 
 
 def _between(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
@@ -104,7 +209,10 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
 
     count   fields over the sky, a power of two
     Raises    ValueError where the case contradicts itself, or no field can be solved.
-    Accuracy  model: to first order; cosmic rays, the smear of a roll, lag and
+    Pixels of outlying dark current move, hide and imitate stars (`hot_stars`); the search then has
+    the threshold of a frame with them. All else is that of even pixels with the spread of the rest.
+
+    Accuracy  model: to first order; cosmic rays, dead pixels, the smear of a roll, lag and
               aberrations that grow over the field without a lens table are left out; so is light
               that varies over the sky (`scene.lights`); a star near the threshold, or so sharp
               that the tracker may take it for a hot pixel, counts by its chance. numerical: 1 %
@@ -138,8 +246,8 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     """
     refuse_scans(case)
     same = like or case
-    star, gate = errors(same), case.tracker.attitude.gate
-    table, random = response(same)
+    star, above, table, random = response(same)
+    gate = case.tracker.attitude.gate
     if not table.fraction.any():
         return None
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), same)
@@ -193,20 +301,52 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     whole = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
     whole_line = Line("end to end", None, whole)
     fraction = total / len(weight)
-    refused = _refused(same, star, magnitude)
+    refused = _refused(star, above, magnitude)
     wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
     moved_rms = float(np.sqrt((wrong**2).mean())) if fixed else 0.0
-    left_out = (*of_the_case(case), *of_the_sky(case, found.stars, refused, moved_rms))
+    left_out = (
+        *of_the_case(case),
+        *of_the_sky(case, found.stars, refused, moved_rms),
+        *of_false_spots(case, _false_among(star, above, table)),
+    )
     stars = float(weight @ found.stars)
     budget = Budget(lines, whole_line, fraction, stars, left_out, refused)
     return FieldBudget(budget, found, counted)
 
 
-def _refused(case: Case, star: Errors, magnitude: Floats) -> float:
+def _typical(shift: Floats, good: NDArray[np.bool_], chance: float) -> Floats:
+    """Median error (m,) of stars over that by noise, at least 1; shifts (m, k, 2) in sigmas."""
+    noise = Streams(0, 0)("noise of stars near hot pixels").standard_normal(shift.shape)
+    square = ((shift + noise) ** 2).sum(axis=-1)
+    typical = np.ones(len(shift))
+    for m, near in enumerate(good):
+        if near.any():
+            values = np.append(square[m, near], -2 * np.log1p(-EVEN))
+            share = np.repeat(
+                [chance / near.sum(), (1 - chance) / len(EVEN)], [near.sum(), len(EVEN)]
+            )
+            median = np.median(_quantiles(values, share))
+            typical[m] = max(1.0, math.sqrt(median / MEDIAN_SQUARE))
+    return typical
+
+
+def _false_among(star: Errors, above: Floats, table: Response) -> float:
+    """Number of false spots that are brighter than the faintest star that is likely to count."""
+    faintest = star.magnitude[above > 0.5].max(initial=star.magnitude[0])
+    return float(table.false[int((faintest - table.start) / table.step)])
+
+
+def _quantiles(values: Floats, weight: Floats) -> Floats:
+    """Values that are as frequent as each other, of values (n,) that are not."""
+    order = np.argsort(values)
+    middle = np.cumsum(weight[order]) - weight[order] / 2
+    return np.interp(EVEN, middle / weight.sum(), values[order])
+
+
+def _refused(star: Errors, above: Floats, magnitude: Floats) -> float:
     """Fraction of the stars above the threshold (n,) that are taken for hot pixels."""
-    grid = star.magnitude
-    above = np.interp(magnitude, grid, detection_probability(case, grid))
-    lost = above * (1 - np.interp(magnitude, grid, star.kept))
+    above = np.interp(magnitude, star.magnitude, above)
+    lost = above * (1 - np.interp(magnitude, star.magnitude, star.kept))
     return float(lost.sum() / max(above.sum(), 1e-9))
 
 

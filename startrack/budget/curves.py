@@ -11,8 +11,8 @@ import numpy as np
 
 from startrack.budget.analytic import BLIND, analytic, of_fields
 from startrack.budget.budget import Budget
-from startrack.budget.check import Check, check
 from startrack.budget.fields import boresights, fields
+from startrack.budget.left_out import Check, check
 from startrack.budget.residuals import Residuals, residuals
 from startrack.catalog import Sky
 from startrack.core import Floats, Refused

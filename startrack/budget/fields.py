@@ -102,6 +102,7 @@ class Response(NamedTuple):
     fraction     (z, k) 1, detected, in each zone of the frame and of colour
     stated       (z, k, 2, 2) pixel^2, of the noise, as the tracker states it
     causes       (z, c, k, 2, 2) pixel^2, true covariance of each random cause
+    false        (k,) number of false spots that are brighter, of which each takes a star's place
     """
 
     start: float
@@ -109,6 +110,7 @@ class Response(NamedTuple):
     fraction: Floats
     stated: Floats
     causes: Floats
+    false: Floats
 
 
 class Attitudes(NamedTuple):
@@ -281,7 +283,7 @@ def _information(
     while end < seen.first[f + 1] and total < solver.most:
         k, t = _entry(seen.magnitude[end], response)
         # Of the last, the rest of the room.
-        p = min(_detected(end, k, t, seen, response), solver.most - total)
+        p = min(_detected(end, k, t, seen, response), solver.most - response.false[k] - total)
         if p > LEAST:
             _design(seen.x[end], seen.y[end], solver.focal_length_px, design)
             _inverse(response.stated[seen.zone[end]], k, t, seen.systematic[end], weight)
@@ -321,7 +323,7 @@ def _gains(
     room = float(solver.most)
     for i in range(first, end):
         k, t = _entry(seen.magnitude[i], response)
-        p = min(_detected(i, k, t, seen, response), room)
+        p = min(_detected(i, k, t, seen, response), room - response.false[k])
         if not p > LEAST:
             continue
         room -= p

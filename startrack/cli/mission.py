@@ -33,7 +33,16 @@ if wanted(__name__):
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
     from startrack.core import Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, save_text, shipped, write_fits
-    from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
+    from startrack.metrics import (
+        ARCSEC,
+        PERCENT,
+        SECOND,
+        Column,
+        Table,
+        Unit,
+        bounds_json,
+        bracketed,
+    )
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_mission, draw_placement
     from startrack.trial import observe
@@ -67,6 +76,8 @@ declare = Options(
     Option("--baffle DEG", "compare baffles that keep the Sun out from such angles on instead, "
            "with their length and mass (default with --heads: the exclusion angle of the first "
            "head)", decimal(1, 89), many="+"),
+    Option("--units N", "fly so many spacecraft whose heads are drawn units, too: what 95 % of "
+           "them keep, temperatures, and what alignment in flight gains", whole(1, 10**6)),
     Option("--frame SECOND", "render what each head sees at this time after the begin instead: "
            "HEAD.fits, HEAD.png", decimal(0, 1e12)),
     Option("--scheduler ADDRESS", "fly several missions on the workers of a Dask cluster that "
@@ -102,6 +113,12 @@ def command(options: argparse.Namespace) -> int:
         return _place(options, path, plan, flown, checks)
     with as_wrong_use(ValueError, ImportError):
         result, text, met = _written(_job(options, path, options.out), plan, checks, flown)
+        if options.units:
+            with progress("steps of units", time.steps) as advance:
+                fleet = mission.fly_units(plan, options.units, options.seed, advance)
+            result["units"] = _fleet_values(plan, fleet)
+            save_json(options.out / "summary.json", finite(result))
+            text += "\n" + _fleet_text(plan, fleet)
     print_result(options, result, text)
     return Exit.DONE if met else Exit.UNSOLVED
 
@@ -430,6 +447,52 @@ def _which(plan: mission.Plan) -> str:
     )
     ages = ", ".join(f"{a / YEAR:.2g} to {b / YEAR:.2g} years old" for a, b in years)
     return f"{units or 'perfect and drawn units'}{', ' if ages else ''}{ages}"
+
+
+def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
+    heat = fleet.heat
+    return {
+        "spacecraft": len(fleet.rms),
+        "level_95_arcsec": bounds_json(fleet.level(), ARCSEC),
+        "level_95_aligned_arcsec": bounds_json(fleet.level(aligned=True), ARCSEC),
+        "rms_arcsec": (fleet.rms / arcsec).tolist(),
+        "heads": [
+            {
+                "name": head.name,
+                "across_level_95_arcsec": float(np.quantile(fleet.heads[:, h, 0], 0.95) / arcsec),
+                "about_level_95_arcsec": float(np.quantile(fleet.heads[:, h, 1], 0.95) / arcsec),
+                "swing_rms_arcsec": (fleet.swing[h] / arcsec).tolist(),
+                "kelvin": [float(heat.heads[h].min()), float(heat.heads[h].max())]
+                if heat else None,
+            }
+            for h, head in enumerate(plan.heads)
+        ],
+        "platform_kelvin": [float(heat.platform.min()), float(heat.platform.max())]
+        if heat else None,
+    }  # fmt: skip
+
+
+def _fleet_text(plan: mission.Plan, fleet: mission.Fleet) -> str:
+    lines = [
+        f"{len(fleet.rms)} spacecraft of drawn units: 95 % keep "
+        f"{bracketed(fleet.level(), '.2f', arcsec)} arcsec rms about the worst axis, "
+        f"{bracketed(fleet.level(aligned=True), '.2f', arcsec)} with heads aligned to each other "
+        "in flight"
+    ]
+    for h, head in enumerate(plan.heads):
+        x, y, z = fleet.swing[h] / arcsec
+        across, about = np.quantile(fleet.heads[:, h], 0.95, axis=0) / arcsec
+        lines.append(
+            f"  {head.name}: 95 % keep {across:.2f} across, {about:.2f} about; thermo-elastic "
+            f"{x:.2f}, {y:.2f}, {z:.2f} rms about x, y, z"
+        )
+    if heat := fleet.heat:
+        parts = {"platform": heat.platform, "heads": heat.heads}
+        lines += [
+            f"  {name}: {kelvin.min() - 273.15:.1f} to {kelvin.max() - 273.15:.1f} degC"
+            for name, kelvin in parts.items()
+        ]
+    return "\n".join(lines)
 
 
 def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availability) -> str:

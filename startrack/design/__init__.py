@@ -44,7 +44,7 @@ from startrack.design.parameter import replaced, replaced_all, unchecked
 from startrack.design.parameter import text as value_text
 from startrack.design.products import products
 from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements, cost_of
-from startrack.design.structure import Structure
+from startrack.design.structure import TURNS, Structure
 from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (
     YEAR,

@@ -365,15 +365,9 @@ class Structure(Parameters):
 
         Without a profile, n is 1: complex amplitudes of sinusoids, i of the sine a quarter before.
         """
-        side = self.flux_gradient(optics)
-        left = self.uncontrolled(optics)
-        size = np.array([
-            left * self.swing, left * self.gradient_x, left * self.gradient_y, side, side
-        ])  # fmt: skip
-        phase = np.array([0.0, self.phase_x, self.phase_y, self.phase_x, self.phase_y])
-        wave = size * np.exp(2j * math.pi * phase)
+        wave = self._waves(optics)
         if self.heat:
-            return self._by_heat(self.heat, wave, left, self._gradient_by_flux(optics))
+            return self._by_heat(self.heat, optics)
         if not any(self._profiles):
             return wave[:, None]
         count = max(map(len, self._profiles))
@@ -381,16 +375,38 @@ class Structure(Parameters):
         rows = zip((*self._profiles, (), ()), wave, strict=True)
         return np.array([profile or np.imag(one * turn) for profile, one in rows])
 
-    def _by_heat(self, heat: Heat, wave: Floats, left: float, by_flux: float) -> Floats:
+    def _waves(self, optics: Optics) -> NDArray[np.complexfloating]:
+        """Complex amplitudes (5,) of the loads, without profiles and heat."""
+        left, side = self.uncontrolled(optics), self.flux_gradient(optics)
+        size = [left * self.swing, left * self.gradient_x, left * self.gradient_y, side, side]
+        phase = np.array([0.0, self.phase_x, self.phase_y, self.phase_x, self.phase_y])
+        return np.array(size) * np.exp(2j * math.pi * phase)
+
+    def loads(
+        self, optics: Optics, place: Floats, mean: Floats | None = None, sides: Floats | None = None
+    ) -> Floats:
+        """Kelvin and kelvin / metre (5, n) of `responses`, at places of an orbit.
+
+        place  (n,) of the orbit, 0 to 1, from the ascending node
+        mean   (n,) kelvin above the calibration, without heaters; None: its own swing
+        sides  (2, n) W / m2 that the tube takes up on its side at +x over that at -x, halved, and
+               of y; None: its own flux
+        """
+        found = np.imag(self._waves(optics)[:, None] * np.exp(2j * math.pi * place))
+        if mean is not None:
+            found[0] = self.uncontrolled(optics) * mean
+        if sides is not None:
+            found[3:] = self._gradient_by_flux(optics) * sides
+        return found
+
+    def _by_heat(self, heat: Heat, optics: Optics) -> Floats:
         """As `_over_orbit`; the mean over an orbit is what the tracker is calibrated to."""
         found = warmth(heat)
-        mean = left * (found.head - found.head.mean())
-        rows = np.stack([mean, found.side_x * by_flux, found.side_y * by_flux])
+        rows = np.stack([found.head - found.head.mean(), found.side_x, found.side_y])
         place = np.linspace(0, 1, TIMES + 1)
         known = np.linspace(0, 1, rows.shape[1] + 1)
         rows = np.array([np.interp(place, known, np.append(row, row[0])) for row in rows])
-        panel = np.imag(wave[1:3, None] * np.exp(2j * math.pi * place))
-        return np.concatenate([rows[:1], panel, rows[1:]])
+        return self.loads(optics, place, rows[0], rows[1:])
 
 
 @lru_cache(maxsize=8)

@@ -40,7 +40,7 @@ from startrack.detection.expectation import (
     response,
 )
 from startrack.detection.find import Candidates, DetectionInput, DetectionMethod
-from startrack.detection.matched import filtered
+from startrack.detection.matched import filtered, highest_between
 from startrack.detection.methods import Centroid, CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, Detection
 from startrack.detection.pixels import (

@@ -22,10 +22,12 @@ from startrack.core import (
     Unit,
     within,
 )
+from startrack.space import solar_protons, trapped_protons
 
 # Trapped protons in a circular orbit at 550 km for five years: AP-8 at solar minimum, SHIELDOSE-2,
 # silicon at the centre of spheres of aluminium. Computed with SPENVIS 4.6 by T. Pfandzelter
 # (github.com/pfandzelter/leo-edge-failure-models, compute-failure/results; MIT licence).
+ALTITUDE = 550e3  # metre
 INCLINATION = np.radians([0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0])
 THICKNESS = np.array([1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0]) * 1e-3  # metre
 PROTON_RAD = np.array([  # rad / yr in silicon, of each inclination
@@ -53,16 +55,35 @@ def proton_dose(inclination: float, shielding: float) -> float:
     inclination  radian
     shielding    metre of aluminium all around
     Raises    ValueError outside 0 to 180 degrees, or 1 to 20 mm.
-    Accuracy  between the nodes 8 %; AP-8 itself within a factor of two. Other altitudes are not in
-              the table (higher ones have several times as much), nor are solar protons, which count
-              in polar orbits and are nearly all in a geostationary one: of these, tables of
-              fluence behind a shield were not found (ECSS-E-ST-10-04C has their model, ESP).
+    Accuracy  between the nodes 8 %; AP-8 itself within a factor of two.
     """
     within(0.0, math.pi, inclination=inclination)
     within(float(THICKNESS[0]), float(THICKNESS[-1]), shielding=shielding)
     at = min(inclination, math.pi - inclination)
     columns = [np.interp(at, INCLINATION, column) for column in PROTON_RAD.T]
     return float(np.exp(np.interp(math.log(shielding), np.log(THICKNESS), np.log(columns))))
+
+
+def orbit_dose(altitude: float, inclination: float, shielding: float, events: float) -> float:
+    """Dose of protons of the belts and of solar events, rad in a year in a circular orbit.
+
+    At 550 km without events by the table of `proton_dose`, else by `trapped_protons` and
+    `solar_protons`.
+
+    altitude, shielding  metre;  inclination  radian
+    events    anomalously large ones in a year
+    Raises    ImportError without radbelt; ValueError as of `proton_dose`.
+    Accuracy  as of these; beside the table at 550 km, and from 15 degrees of inclination on, 5 to
+              26 % less.
+    """
+    if altitude == ALTITUDE:
+        dose = proton_dose(inclination, shielding)
+    else:
+        within(float(THICKNESS[0]), float(THICKNESS[-1]), shielding=shielding)
+        dose = YEAR * trapped_protons(altitude, inclination).behind(shielding)[1]
+    if events:
+        dose += events * solar_protons(altitude, inclination).behind(shielding)[1]
+    return dose
 
 
 def damage_fluence(dose: float, niel: float) -> float:
@@ -223,9 +244,15 @@ class Age(Parameters):
         "proton equivalents of 10 MeV, of a square metre and a second, behind the shield; of "
         'the family "interactions"'] = 0.0  # fmt: skip
     inclination: Annotated[float | None, Unit("rad", "deg"),
-        "of a circular orbit at 550 km, from which the fluence of trapped protons then follows; "
-        "those of the Sun, which count from some 60 degrees on, and other orbits (higher, "
-        "geostationary) are not in its table: give their dose or fluence"] = None  # fmt: skip
+        "of a circular orbit, from which the fluence of trapped protons then follows"
+    ] = None  # fmt: skip
+    altitude: Annotated[float, Unit("m", "km"), Range(150e3, 4e7),
+        "of that orbit; for others than 550 km, which has a table, extra `radiation`"
+    ] = ALTITUDE  # fmt: skip
+    solar_events: Annotated[float, Unit("s-1", "yr-1"), NON_NEGATIVE,
+        "anomalously large events of the Sun, as of August 1972, whose protons are added (extra "
+        "`radiation`): one in an active period of seven years was seen in 1964 to 1972"
+    ] = 0.0  # fmt: skip
     shielding: Annotated[float | None, Unit("m", "mm"),
         "of aluminium around the detector in that orbit, 1 to 20 mm"] = None  # fmt: skip
     dose: Annotated[float | None, Unit("Gy / s", "krad / yr"), NON_NEGATIVE,
@@ -259,11 +286,17 @@ class Age(Parameters):
                 raise Refused(f"year must not be before launch = {self.launch}, got {self.year}")
         if (self.inclination is None) != (self.shielding is None):
             raise Refused("age must have inclination and shielding together, or neither")
+        if self.shielding is not None:
+            least, most = float(THICKNESS[0]), float(THICKNESS[-1])
+            within(least, most, shielding=self.shielding)
+        if self.inclination is None and (self.altitude != ALTITUDE or self.solar_events):
+            raise Refused("altitude and solar_events must be left out without inclination")
         if self.inclination is not None and self.fluence:
             raise Refused("fluence must be left out where inclination and shielding give it")
         if self.dose is not None and (self.inclination is not None or self.fluence):
             raise Refused("dose must be left out beside fluence, inclination and shielding")
-        if self.protons and self.family != "interactions":
+        given = self.fluence or self.dose or self.inclination is not None
+        if given and self.family != "interactions":
             raise Refused("fluence must be left out beside a family with a law of its own")
 
     @property
@@ -274,7 +307,8 @@ class Age(Parameters):
         elif self.inclination is None or self.shielding is None:
             return self.fluence
         else:
-            dose = proton_dose(self.inclination, self.shielding)
+            events = self.solar_events * YEAR
+            dose = orbit_dose(self.altitude, self.inclination, self.shielding, events)
         return damage_fluence(dose, NIEL) / SQUARE_CM / YEAR
 
     @property

@@ -13,10 +13,11 @@ placement   Plan of a mission -> mountings of its heads that meet its requiremen
 rendered    Plan of a mission -> trials at its instants: what heads see, and their errors checked.
 exports     Case -> HeadModel: its error as data and C code, for simulators of attitude control;
             an FMU, parameters of Basilisk's starTracker, a block of 42.
-timeline    Plan of a mission, some of its steps -> a table with a row for each step.
+units       Plan of a mission -> temperatures of platform and heads, and the errors of spacecraft
+            whose heads are drawn units.
 store       Plan of a mission -> its flown parts on disk; a run that was stopped goes on.
-summary     Flown -> availability by number of heads, times without an attitude, reacquisition,
-            verdicts.
+summary     Flown -> availability, times without an attitude, reacquisition, verdicts; a table with
+            a row for each step.
 """
 
 from startrack.mission.engine import Flown, Plan, fly, plan_of
@@ -44,7 +45,10 @@ from startrack.mission.summary import (
     availability_of,
     over_beta,
     reacquisition_of,
+    save_timeline,
+    timeline,
     verdicts,
+    write_kernels,
 )
-from startrack.mission.timeline import save_timeline, timeline, write_kernels
+from startrack.mission.units import Fleet, Temperatures, fly_units, temperatures_of
 from startrack.space import PLANETS

@@ -31,9 +31,17 @@ from startrack.core import (
     whole,
     within,
 )
-from startrack.design import Design, Fidelity, KeepOut, load_design
+from startrack.design import Design, Fidelity, KeepOut, load_design, replaced_all
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
-from startrack.space import FIRST_YEAR, LAST_YEAR, require_perigee, require_two_lines
+from startrack.space import (
+    EARTH_RADIUS,
+    FIRST_YEAR,
+    LAST_YEAR,
+    Heat,
+    require_perigee,
+    require_two_lines,
+    sun_synchronous,
+)
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
@@ -252,7 +260,7 @@ class TimeSpan(Parameters):
 
 @dataclass(frozen=True)
 class Radiation(Parameters):
-    """What the South Atlantic anomaly does, as a box of latitude and longitude."""
+    """What the South Atlantic anomaly does, as a box; the orbit by which detectors age."""
 
     saa: Annotated[str, Range(choices=("ignored", "blind")),
         '"ignored", or "blind": no head is valid inside the box'] = "ignored"  # fmt: skip
@@ -260,6 +268,9 @@ class Radiation(Parameters):
         "geodetic south and north"] = (-50 * deg, 0.0)  # fmt: skip
     longitude: Annotated[tuple[float, ...], Unit("rad", "deg"),
         "west and east"] = (-90 * deg, 40 * deg)  # fmt: skip
+    ageing: Annotated[str, Range(choices=("design", "orbit")),
+        '"design": detectors age in the orbit that their designs name; "orbit": in that of the '
+        'mission, of a given altitude (extra `radiation`)'] = "design"  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -392,10 +403,16 @@ class Mission:
     ] = field(default_factory=Check)  # fmt: skip
     structure: Annotated[tuple[Obstacle, ...],
         "boxes and panels of the spacecraft that may stand in the way of heads"] = ()  # fmt: skip
+    heat: Annotated[Heat | None,
+        "surfaces and heat capacities of platform and heads, from which the temperatures of drawn "
+        "units follow (`--units`); orbit, attitude and direction of the heads are those of the "
+        "mission. None: those of the designs' structures"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.heads) <= 8:
             raise Refused(f"heads must be one to eight, got {len(self.heads)}")
+        if self.radiation.ageing == "orbit" and self.orbit.altitude is None:
+            raise Refused("radiation.ageing = 'orbit' must have an orbit of mean elements")
         names = [head.name for head in self.heads]
         if len(set(names)) < len(names):
             raise Refused(f"heads must have different names, got {', '.join(names)}")
@@ -428,7 +445,22 @@ def load_mission(path: Path, changes: Sequence[str] = ()) -> Loaded:
         mission = _resolved(from_table(Mission, layers.table), path.parent)
     except ValueError as error:
         raise Refused(layers.blamed(str(error), path)) from None
-    return Loaded(mission, tuple(load_design(Path(head.design)) for head in mission.heads))
+    designs = (load_design(Path(head.design)) for head in mission.heads)
+    return Loaded(mission, tuple(_in_orbit(design, mission) for design in designs))
+
+
+def _in_orbit(design: Design, mission: Mission) -> Design:
+    """The design whose detector ages in the mission's orbit, where that is asked for."""
+    orbit, age = mission.orbit, design.case.instrument.detector.age
+    if mission.radiation.ageing != "orbit" or age is None or age.inclination is None:
+        return design
+    assert orbit.altitude is not None
+    axis = EARTH_RADIUS + orbit.altitude
+    tilt = orbit.inclination
+    if tilt is None:
+        tilt = sun_synchronous(axis, orbit.eccentricity)
+    there = replace(age, altitude=orbit.altitude, inclination=tilt)
+    return replace(design, case=replaced_all(design.case, {"instrument.detector.age": there}))
 
 
 def save_mission(path: Path, mission: Mission, comment: str = "") -> None:

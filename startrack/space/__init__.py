@@ -4,7 +4,8 @@ earth    Size, gravity and spin of the Earth; place and line of sight -> angle t
          of many vectors that lie component by component.
 bodies   Dates -> Sun, Moon, planets and axes of the Earth: one at a time, and as tables.
 orbit    Elements, two lines or a table of states -> position and velocity over time.
-heat     Orbit, Sun and surfaces -> temperatures of a platform and of a head on it over an orbit.
+heat     Orbit, Sun and surfaces -> temperatures of a platform and of heads on it.
+radiation  Orbit and shielding -> protons of the belts and of the Sun behind it, their dose.
 """
 
 from startrack.space.bodies import (
@@ -38,7 +39,18 @@ from startrack.space.earth import (
     times,
     unit,
 )
-from startrack.space.heat import Heat, Warmth, heater_power, view_of_earth, warmth
+from startrack.space.heat import (
+    STEFAN,
+    Heat,
+    Warmth,
+    heater_power,
+    incident,
+    march,
+    taken_by_head,
+    taken_by_platform,
+    view_of_earth,
+    warmth,
+)
 from startrack.space.orbit import (
     BEYOND,
     Carrier,
@@ -55,6 +67,7 @@ from startrack.space.orbit import (
     sun_synchronous,
     two_line_record,
 )
+from startrack.space.radiation import Protons, solar_protons, trapped_protons
 
 # Public; the other imports serve other rooms.
 __all__ = ["Heat", "Warmth", "warmth"]

@@ -9,7 +9,17 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, utc
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    kernel,
+    utc,
+)
 from startrack.space.bodies import barycentric, seen_from
 from startrack.space.earth import EARTH_RADIUS, GM, cross, dot, unit
 from startrack.space.orbit import Kepler, node_at, sun_synchronous
@@ -95,7 +105,7 @@ class Warmth(NamedTuple):
     heat: Floats
 
 
-def view_of_earth(cosine: Floats, distance: float) -> Floats:
+def view_of_earth(cosine: Floats, distance: float | Floats) -> Floats:
     """Part of what a small plate sees that is the Earth, by the cosine rule: its view factor.
 
         cos / H^2 where the whole disc is in view, and by its lens-shaped part beyond,
@@ -108,7 +118,7 @@ def view_of_earth(cosine: Floats, distance: float) -> Floats:
     Source    Gilmore (2002), chapter 2; Howell, A catalog of radiation heat transfer
               configuration factors, B-8.
     """
-    rest = math.sqrt(distance**2 - 1)
+    rest = np.sqrt(distance**2 - 1)
     c = np.clip(cosine, -1 / distance, 1 / distance)
     s = np.sqrt(1 - c * c)
     part = 0.5 - np.arcsin(np.clip(rest / (distance * s), -1, 1)) / math.pi
@@ -118,6 +128,41 @@ def view_of_earth(cosine: Floats, distance: float) -> Floats:
     return np.where(np.abs(cosine) >= 1 / distance, np.maximum(cosine, 0.0) / distance**2, part)
 
 
+def taken_by_platform(heat: Heat, sunlight: Floats, earth: Floats) -> tuple[Floats, float]:
+    """W (n,) that the platform takes up from outside, and m2 of a black surface that shines as it.
+
+    sunlight, earth  W / m2 (6, n) on its faces +x, -x, +y, -y, +z, -z
+    """
+    sides = heat.size[1] * heat.size[2], heat.size[0] * heat.size[2], heat.size[0] * heat.size[1]
+    area = np.repeat(sides, 2)
+    dark = area * np.array(heat.emittance)
+    return (area * np.array(heat.absorptance)) @ sunlight + dark @ earth, float(dark.sum())
+
+
+def taken_by_head(
+    heat: Heat, sunlight: Floats, earth: Floats
+) -> tuple[Floats, Floats, Floats, float]:
+    """W (n,) that a head takes up from outside; `side_x`, `side_y` of `Warmth`; its black surface.
+
+    A tube takes up as four flat sides of its diameter do: exactly so from one direction.
+
+    sunlight, earth  W / m2 (5, n) on its sides +x, -x, +y, -y and on its end
+    """
+    diameter, length = heat.head_size
+    by_face = heat.head_absorptance * sunlight + heat.head_emittance * earth
+    hole, lid = math.pi / 4 * heat.aperture**2, math.pi / 4 * diameter**2
+    taken = diameter * length * by_face[:4].sum(axis=0)
+    taken = taken + max(lid - hole, 0.0) * by_face[4] + hole * earth[4]
+    return taken, (by_face[0] - by_face[1]) / 2, (by_face[2] - by_face[3]) / 2, _shines(heat)
+
+
+def _shines(heat: Heat) -> float:
+    """m2 of a black surface that shines as a head."""
+    diameter, length = heat.head_size
+    hole, lid = math.pi / 4 * heat.aperture**2, math.pi / 4 * diameter**2
+    return heat.head_emittance * (math.pi * diameter * length + max(lid - hole, 0.0)) + hole
+
+
 @lru_cache(maxsize=64)
 def warmth(heat: Heat) -> Warmth:
     """The periodic temperatures of a platform and its head.
@@ -125,30 +170,18 @@ def warmth(heat: Heat) -> Warmth:
     Raises  ValueError where no orbit of this altitude is Sun-synchronous.
     """
     sunlight, earth, period = _incident(heat)
-    sides = heat.size[1] * heat.size[2], heat.size[0] * heat.size[2], heat.size[0] * heat.size[1]
-    area = np.repeat(sides, 2)
-    dark = area * np.array(heat.emittance)
-    taken = (area * np.array(heat.absorptance)) @ sunlight + dark @ earth
-
+    taken, dark = taken_by_platform(heat, sunlight, earth)
     axis, sign = FACES[heat.face]
-    along = [other for other in range(3) if other != axis]
-    diameter, length = heat.head_size
-    # A tube takes up as four flat sides of its diameter do: exactly so from one direction.
-    flat = diameter * length
-    by_face = heat.head_absorptance * sunlight + heat.head_emittance * earth
-    head = flat * sum(by_face[2 * other] + by_face[2 * other + 1] for other in along)
-    end = 2 * axis + (sign < 0)
-    hole, lid = math.pi / 4 * heat.aperture**2, math.pi / 4 * diameter**2
-    head = head + max(lid - hole, 0.0) * by_face[end] + hole * earth[end]
-    shines = heat.head_emittance * (math.pi * flat + max(lid - hole, 0.0)) + hole
+    x, y = (other for other in range(3) if other != axis)
+    faces = [2 * x, 2 * x + 1, 2 * y, 2 * y + 1, 2 * axis + (sign < 0)]
+    head, side_x, side_y, shines = taken_by_head(heat, sunlight[faces], earth[faces])
     nodes = _periodic(
         np.stack([taken + heat.power, head + heat.head_power]),
-        STEFAN * np.array([dark.sum(), shines]),
+        STEFAN * np.array([dark, shines]),
         np.array([heat.capacity, heat.head_capacity]),
         heat.conductance,
         period,
     )
-    side_x, side_y = ((by_face[2 * other] - by_face[2 * other + 1]) / 2 for other in along)
     return Warmth(nodes[0], nodes[1], side_x, side_y, period, head)
 
 
@@ -160,10 +193,7 @@ def heater_power(heat: Heat, held: float) -> float:
     held    kelvin
     """
     found = warmth(heat)
-    diameter, length = heat.head_size
-    hole, lid = math.pi / 4 * heat.aperture**2, math.pi / 4 * diameter**2
-    shines = heat.head_emittance * (math.pi * diameter * length + max(lid - hole, 0.0)) + hole
-    lost = heat.conductance * (held - found.platform) + STEFAN * shines * held**4
+    lost = heat.conductance * (held - found.platform) + STEFAN * _shines(heat) * held**4
     return float(np.maximum(lost - found.heat - heat.head_power, 0.0).mean())
 
 
@@ -179,14 +209,50 @@ def _incident(heat: Heat) -> tuple[Floats, Floats, float]:
     down, pole = unit(-place), unit(cross(place, speed))
     body = np.stack([cross(-pole, down), -pole, down])  # x, y, z; y against the orbit's normal
     normal = np.concatenate([np.stack([row, -row]) for row in body])
-    to_sun = np.einsum("fan,a->fn", normal, sun)
-    up = -(down * sun[:, None]).sum(axis=0)
-    lit = (up > 0) | (axis * np.sqrt(np.maximum(1 - up * up, 0.0)) > EARTH_RADIUS)
-    seen = view_of_earth(np.stack([dot(one, down) for one in normal]), axis / EARTH_RADIUS)
+    return *incident(heat, normal, place, sun[:, None]), period
+
+
+def incident(heat: Heat, normal: Floats, place: Floats, sun: Floats) -> tuple[Floats, Floats]:
+    """W / m2 (f, n) of sunlight, direct and from the Earth, and of infrared, on plates in orbit.
+
+    normal  (f, 3, n) unit vectors;  place  (3, n) metre from the Earth's centre
+    sun     (3, n) or (3, 1) unit vectors
+    """
+    distance = np.sqrt(dot(place, place))
+    down = -place / distance
+    up = -(down * sun).sum(axis=0)
+    lit = (up > 0) | (distance * np.sqrt(np.maximum(1 - up * up, 0.0)) > EARTH_RADIUS)
+    to_sun, below = (normal * sun).sum(axis=1), (normal * down).sum(axis=1)
+    seen = view_of_earth(below, distance / EARTH_RADIUS)
     sunlight = heat.solar * (
         np.maximum(to_sun, 0.0) * lit + heat.albedo * seen * np.maximum(up, 0.0)
     )
-    return sunlight, heat.infrared * seen, period
+    return sunlight, heat.infrared * seen
+
+
+@kernel
+def march(power, shines, capacity, conductance, step, kelvin, out):  # type: ignore[no-untyped-def]
+    """Temperatures of a platform (node 0) and of heads on it, by steps that are implicit.
+
+        C dT/dt = power - shines T^4 - G (T - T of the other)
+
+    power     (k, n) W, absorbed and dissipated;  shines  (k,) W / K4;  capacity  (k,) J / K
+    kelvin    (k,) at the begin; is written to;  out  (k, n) at the times of `power`; is written to
+    Accuracy  numerical: first order in the step over C / G.
+    """
+    nodes, count = power.shape
+    for n in range(count):
+        flow = 0.0
+        for k in range(1, nodes):
+            flow += conductance * (kelvin[k] - kelvin[0])
+        platform = kelvin[0]
+        for k in range(nodes):
+            cold = kelvin[k]
+            slope = 4 * shines[k] * cold**3 + conductance * (1 if k else nodes - 1)
+            gain = power[k, n] - shines[k] * cold**4
+            gain += conductance * (platform - cold) if k else flow
+            kelvin[k] = cold + step * gain / (capacity[k] + step * slope)
+            out[k, n] = kelvin[k]
 
 
 def _periodic(

@@ -53,6 +53,7 @@ from startrack.trial.chain import (
     solve_matches,
 )
 from startrack.trial.covariance import outcomes
+from startrack.trial.dark_pattern import dark_pattern, empty_frame, with_uniform_dark
 from startrack.trial.effects import HITS, LENS_COLOUR, SHUTTER, Effect, Term, left_out, present
 from startrack.trial.exposure import at_one_time, expected_electrons
 from startrack.trial.images import detected_spectrum, images_of, psf_of
@@ -75,8 +76,10 @@ from startrack.trial.spot_plan import (
     through_of,
     view_of,
 )
+from startrack.trial.spot_response import Grid, hot_windows
 from startrack.trial.star_errors import METHOD, READ, SHOT, TYPICAL, Errors, errors, lasting
 from startrack.trial.star_response import (
+    Search,
     cell_side,
     detection_probability,
     measure,

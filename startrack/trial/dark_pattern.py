@@ -209,13 +209,17 @@ class Empty(NamedTuple):
     """What the search makes of a frame without stars.
 
     spots            beyond those that noise makes of even pixels
+    flux             (k,) electron of all spots, brightest first
     noise            digital number, of the filtered frame in a typical tile
     threshold_sigma  sigma of the filtered frame, detection threshold
+    of_tiles         (t,) the same of each tile, sigma of the typical one
     """
 
     spots: float
+    flux: Floats
     noise: float
     threshold_sigma: float
+    of_tiles: Floats
 
 
 def empty_frame(case: Case, sky: float) -> Empty | None:
@@ -234,5 +238,9 @@ def _empty_frame(case: Case, sky: float) -> Empty:
     frame = as_believed(case, frame_of(electrons, detector, Streams(0, 0)))
     ground = measure_ground(frame, plan)
     noise = false_alarms(plan, detector.columns, detector.rows)
-    spots = max(len(detect(frame, plan)) - noise, 0.0)
-    return Empty(spots, ground.noise, float(np.median(ground.far)))
+    found = detect(frame, plan)
+    flux = -np.sort(-found.flux) * frame.electrons_per_dn
+    spots = max(len(found) - noise, 0.0)
+    inner = (slice(1, -1), slice(1, -1))
+    of_tiles = (ground.far * ground.sky.rms)[inner].ravel().astype(float) / ground.noise
+    return Empty(spots, flux, ground.noise, float(np.median(ground.far)), of_tiles)

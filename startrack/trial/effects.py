@@ -331,19 +331,13 @@ EFFECTS = [
         left_out="blooming (detector.blooming)",
     ),
     Effect(
-        "instrument.detector.defects.hot",
-        lambda case: case.instrument.detector.defects and case.instrument.detector.defects.hot,
-        left_out=lambda case: [
-            f"false spots and lost stars by {_hot(case):.0f} hot pixels (detector.defects.hot)"
-        ],
-    ),
-    Effect(
         "instrument.detector.defects.dead, dead_columns",
         lambda case: (
             (defects := case.instrument.detector.defects)
             and (defects.dead or defects.dead_columns)
         ),
         drawn="dead pixels",
+        left_out="dead pixels (detector.defects.dead, dead_columns)",
     ),
     Effect(
         "variation",
@@ -370,12 +364,6 @@ EFFECTS = [
         lambda case: case.tracker.acquisition == "box",
         drawn="acquisition in boxes",
         left_out="stars taken in boxes: the whole frame is assumed (tracker.acquisition)",
-    ),
-    Effect(
-        "instrument.detector.age",
-        lambda case: case.instrument.detector.age,
-        left_out="pixels that {case.instrument.detector.age.years:.3g} years in orbit made hot "
-        "(detector.age)",
     ),
     Effect(
         "instrument.detector.pattern",
@@ -422,12 +410,6 @@ EFFECTS = [
         "instrument.motion.rate_z", _rolled, drawn="a rate_z that smears stars in the corners"
     ),
 ]  # fmt: skip
-
-
-def _hot(case: Case) -> float:
-    """How many pixels of a frame are hot."""
-    detector = case.instrument.detector
-    return detector.defects.hot * detector.columns * detector.rows if detector.defects else 0.0
 
 
 def present(

@@ -26,6 +26,7 @@ from startrack.trial.spot_response import (
     Grid,
     Response,
     companion_shift,
+    fluxes_between,
     hot_pixels,
     response_of,
     response_of_zones,
@@ -245,7 +246,7 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         false_alarms(detection_plan(even), detector.columns, detector.rows)
         + (empty.spots if empty else 0.0),
         through_of(case),
-        hot_pixels(grid, case, faintest, brightest),
+        hot_pixels(grid, case, fluxes_between(faintest, brightest)),
     )  # fmt: skip
 
 

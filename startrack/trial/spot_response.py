@@ -90,7 +90,7 @@ class Grid:
 
 def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
     """The response of the detection to stars of all fluxes and positions in the pixel."""
-    flux = _fluxes(faintest, brightest)
+    flux = fluxes_between(faintest, brightest)
     count = len(flux)
     stars = np.column_stack([np.tile(phases(), (count, 1)), np.repeat(flux, PHASES**2)])
     seen, place = grid.expect(stars, np.zeros_like(stars), PHASES**2)
@@ -174,15 +174,22 @@ def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:
     return np.array([np.interp(0.0, above, figure) if len(above) else np.nan for figure in rest])
 
 
-def hot_pixels(grid: Grid, true: Case, faintest: float, brightest: float) -> HotPixels:
-    """What hot pixels do to the centroids of stars of all fluxes.
+def hot_pixels(grid: Grid, true: Case, flux: Floats) -> HotPixels:
+    """What hot pixels do to the centroids of stars of some fluxes; arguments as `hot_windows`."""
+    return hot_windows(grid, true, flux)[0]
 
-    grid  of the case `with_uniform_dark`;  true  the case with its hot pixels
+
+def hot_windows(grid: Grid, true: Case, flux: Floats) -> tuple[HotPixels, Floats]:
+    """What hot pixels do to the centroids of stars of some fluxes, and to their detection.
+
+    grid     of the case `with_uniform_dark`;  true  the case with its hot pixels
+    flux     (l,) electron
+    Returns  the shifts, and (l, k) sigma by which the stars pass the threshold by more
     """
     chance, dark = near_stars(true, grid.side)
     if not chance:
-        return NO_HOT
-    flux, samples = _fluxes(faintest, brightest), len(dark)
+        return NO_HOT, np.zeros((2, 1))
+    samples = len(dark)
     phase = Streams(0, 0)("places of stars near hot pixels").random((samples, 2)) - 0.5
     stars = np.column_stack([np.tile(phase, (len(flux), 1)), np.repeat(flux, samples)])
     none = np.zeros_like(stars)
@@ -191,10 +198,11 @@ def hot_pixels(grid: Grid, true: Case, faintest: float, brightest: float) -> Hot
     shift = np.column_stack([seen.x - alone.x, seen.y - alone.y])
     shift[~(seen.kept > KEPT)] = np.nan
     shift[~((alone.above > 0) & np.isfinite(alone.x))] = 0.0  # such a star is lost anyway
-    return HotPixels(chance, shift.reshape(len(flux), samples, 2))
+    higher = (seen.above - alone.above).reshape(len(flux), samples)
+    return HotPixels(chance, shift.reshape(len(flux), samples, 2)), higher
 
 
-def _fluxes(faintest: float, brightest: float) -> Floats:
+def fluxes_between(faintest: float, brightest: float) -> Floats:
     """Electron, of the stars of a `Response`."""
     count = math.ceil(math.log(brightest / faintest) / STEP) + 2
     return np.asarray(faintest * np.exp(STEP * np.arange(count)))

@@ -20,6 +20,7 @@ from startrack.detection import (
     DetectionPlan,
     chance_kept,
     filtered,
+    highest_between,
     pixels,
     places,
 )
@@ -297,7 +298,20 @@ def kept_fraction(case: Case, plain: Chart, images: StarImages) -> Floats:
     return np.where(np.isfinite(plain.offset[..., 0]), chance.reshape(electrons.shape[:2]), 0.0)
 
 
-def detection_probability(case: Case, magnitude: Floats, point: Floats | None = None) -> Floats:
+class Search(NamedTuple):
+    """How a tracker searches a frame with hot pixels.
+
+    noise      digital number, of the filtered frame in a typical tile
+    threshold  (k,) sigma of that, over tiles and over what is near a star, all as frequent
+    """
+
+    noise: float
+    threshold: Floats
+
+
+def detection_probability(
+    case: Case, magnitude: Floats, point: Floats | None = None, search: Search | None = None
+) -> Floats:
     """Fraction of the stars (m,) of a magnitude whose filtered peak passes the threshold.
 
         fraction = mean over positions of Phi(peak / noise - threshold)
@@ -305,6 +319,7 @@ def detection_probability(case: Case, magnitude: Floats, point: Floats | None = 
     Zero where the background alone saturates the pixels.
 
     point     (p, side, side) fraction of a star's light in each pixel; None: `point_images`
+    search    of a frame with hot pixels; None: of the background alone
     Accuracy  model: the noise of the peak is that of the background; neighbours, and the tests
               against hot pixels, are left out.
     """
@@ -313,16 +328,23 @@ def detection_probability(case: Case, magnitude: Floats, point: Floats | None = 
         return np.zeros(len(magnitude))
     point = point_images(case) if point is None else point
     plan = detection_plan(case)
-    kernel = plan.kernel
+    kernel, peak = plan.kernel, np.zeros(len(point))
     middle = point.shape[-1] // 2
-    near = slice(middle - 1, middle + 2)
-    peak = np.array(
-        [filtered(image, kernel)[near, near].max() for image in point.astype(np.float32)]
-    )
-    snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / (size.pixel * kernel.noise)
+    for k, image in enumerate(point.astype(np.float32)):
+        light = filtered(image, kernel)
+        near = light[middle - 1 : middle + 2, middle - 1 : middle + 2]
+        peak[k] = near.max()
+        if search is not None:  # faint stars are looked for between the pixels
+            y, x = np.unravel_index(near.argmax(), near.shape)
+            place = int(x) + middle - 1, int(y) + middle - 1
+            peak[k] = highest_between(image, *place, 0.0, plan.filters)
     detector = case.instrument.detector
-    threshold = plan.threshold(detector.columns * detector.rows)
-    return np.asarray(ndtr(snr - threshold).mean(axis=1))
+    noise = size.pixel * kernel.noise
+    threshold = np.array([plan.threshold(detector.columns * detector.rows)])
+    if search is not None:
+        noise, threshold = search.noise * detector.electrons_per_dn, search.threshold
+    snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / noise
+    return np.asarray(ndtr(snr[..., None] - threshold).mean(axis=(1, 2)))
 
 
 def magnitudes(case: Case, faintest: float) -> Floats:

@@ -25,6 +25,7 @@ from startrack.trial.star_errors import (
     noisy_stars,
 )
 from startrack.trial.star_response import (
+    Search,
     StarImages,
     cell_side,
     chart,
@@ -275,10 +276,13 @@ def _between(at: Floats, magnitude: Floats, covariance: Floats) -> Floats:
     return np.stack(between, axis=-1).reshape(-1, 2, 2)
 
 
-def zone_detection(case: Case, magnitude: Floats) -> Floats:
-    """Fraction (z, m) of the stars of a magnitude that pass the threshold in each zone."""
+def zone_detection(case: Case, magnitude: Floats, search: Search | None = None) -> Floats:
+    """Fraction (z, m) of the stars of a magnitude that pass the threshold in each zone.
+
+    search  as of `detection_probability`
+    """
     zones = zone_errors(case)
-    fractions = [detection_probability(case, magnitude, point) for point in zones.point]
+    fractions = [detection_probability(case, magnitude, point, search) for point in zones.point]
     return np.stack(fractions)[zones.which]
 
 

@@ -7,10 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from startrack.budget import Term, analytic
+from startrack.budget.left_out import differences, of_false_spots
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec, deg
+from startrack.design import load_design
 from startrack.design.case import Case, Fidelity
-from startrack.metrics import Interpretation, summarise
+from startrack.io import shipped
+from startrack.metrics import Interpretation, fraction_interval, summarise
 from startrack.motion import Broadband, Motion, Tone, jitter_rms
 from startrack.trial import errors
 from startrack.trial.chain import run_random_trial, run_trials
@@ -214,3 +217,57 @@ def test_stars_that_are_refused_as_hot_pixels_do_not_count(case):
     assert budget.across == pytest.approx(found.across.value, rel=0.2)
     # Of all skies, with those that have too few stars to be identified; the chance errs by 13 %.
     assert outcomes["spots"].mean() == pytest.approx(budget.stars * budget.availability, rel=0.2)
+
+
+def hot(name: str, *changes: str) -> Case:
+    return load_design(shipped(f"designs/{name}"), changes).case
+
+
+def test_hot_pixels_move_stars_as_in_windows():
+    """80 windows; the interval holds the rms with 99 %. Without hot pixels it is 0.54 arcsec."""
+    case = hot("noise_only.toml", "instrument.detector.defects.hot=0.01",
+               "instrument.detector.defects.hot_current=4000 electron / s")  # fmt: skip
+    budget, plain = analytic(case), analytic(hot("noise_only.toml"))
+    shown = summarise(run_trials(case, 1, range(80), Fidelity.WINDOW))
+    assert budget.across > 1.2 * plain.across
+    assert budget.stars < plain.stars
+    assert not list(differences(budget, shown))
+    assert line(case, "hot pixels")[0] > 0.2
+    assert not any("hot" in phrase for phrase in budget.left_out)
+
+
+def test_a_damaged_detector_loses_stars_as_in_windows():
+    """60 windows; without hot pixels all have an attitude."""
+    case = hot("noise_only.toml", "instrument.detector.age.time=6 yr",
+               "instrument.detector.age.inclination=97.6 deg",
+               "instrument.detector.age.shielding=5 mm",
+               "instrument.detector.age.depleted=2 um")  # fmt: skip
+    budget = analytic(case)
+    correct = round(
+        60 * summarise(run_trials(case, 1, range(60), Fidelity.WINDOW)).availability.value
+    )
+    interval = fraction_interval(correct, 60, 0.99)
+    assert interval.low <= budget.availability <= interval.high < 0.6
+    few = replace(case.tracker.detection, max_spots=10)
+    few = analytic(replace(case, tracker=replace(case.tracker, detection=few)))
+    assert few.availability < budget.availability
+    assert not list(of_false_spots(case, 2.0))
+    assert "40 of 100 spots are hot pixels" in next(of_false_spots(case, 40.0))
+
+
+def test_a_hot_pixel_that_a_map_subtracts_moves_no_star():
+    changes = ("instrument.detector.defects.hot=0.001",
+               "instrument.detector.defects.hot_current=4000 electron / s")  # fmt: skip
+    without, plain = hot("noise_only.toml", *changes), hot("noise_only.toml")
+    mapped = hot("noise_only.toml", *changes, "tracker.detection.dark_map.frames=16")
+    assert line(mapped, "hot pixels")[0] < 0.2 * line(without, "hot pixels")[0]
+    assert analytic(mapped).across == pytest.approx(analytic(plain).across, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("age", ["5 yr", "8 yr"])
+def test_a_tracker_late_in_its_life_is_available_as_in_windows(age):
+    """120 windows; at 8 years every fourth sees too few stars."""
+    case = hot("high_accuracy.toml", f"instrument.detector.age.time={age}")
+    shown = summarise(run_trials(case, 1, range(120), Fidelity.WINDOW))
+    assert not list(differences(analytic(case), shown))

@@ -33,7 +33,10 @@ def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
 def response(sigma: float, fraction: float = 1.0) -> Response:
     """The same for all magnitudes."""
     covariance = np.tile(np.eye(2) * sigma**2, (3, 1, 1))
-    return Response(0.0, 1.0, np.full((1, 3), fraction), covariance[None], covariance[None, None])
+    none = np.zeros(3)
+    return Response(
+        0.0, 1.0, np.full((1, 3), fraction), covariance[None], covariance[None, None], none
+    )
 
 
 def spread(view: Fields, displacement: np.ndarray, table: Response, **changes: object):  # type: ignore[no-untyped-def]

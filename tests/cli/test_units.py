@@ -66,7 +66,7 @@ def test_units_of_a_design_in_which_nothing_varies_are_refused(capsys):
 
 def test_the_budget_has_both_ends_of_life(design, capsys, monkeypatch):
     # Of the trials beside it, which are of the unit as designed, nothing is asserted.
-    monkeypatch.setattr(import_module("startrack.budget.check"), "WINDOWS", 4)
+    monkeypatch.setattr(import_module("startrack.budget.left_out"), "WINDOWS", 4)
     aged = ["--set", "lifetime=10 yr", "--set", "campaign.requirements.max_about=400 arcsec"]
     main(["budget", str(design), "--units", "2", "--tolerances", "--json", *aged])
     told = json.loads(capsys.readouterr().out)
@@ -98,7 +98,7 @@ def test_the_budget_has_both_ends_of_life(design, capsys, monkeypatch):
 
 
 def test_levers_are_steps_that_a_maker_may_take_with_what_they_cost(design, capsys, monkeypatch):
-    monkeypatch.setattr(import_module("startrack.budget.check"), "WINDOWS", 4)
+    monkeypatch.setattr(import_module("startrack.budget.left_out"), "WINDOWS", 4)
     calibrated = ["--set", "tracker.calibration.positions=100"]
     main(["budget", str(design), "--units", "2", "--levers", "--json", *calibrated])
     found = json.loads(capsys.readouterr().out)

@@ -1,0 +1,144 @@
+"""Temperatures along a mission and spacecraft of drawn units, beside other methods."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from startrack.core import Refused, arcsec
+from startrack.design import load_design
+from startrack.io import shipped
+from startrack.mission import fly_units, fuse, load_mission, plan_of, temperatures_of
+from startrack.mission import units as of_units
+from startrack.mission.engine import at
+from startrack.mission.surrogate import COLUMNS, ROWS, Surrogate
+from startrack.space import Heat, warmth
+
+STRUCTURE = """
+[instrument.structure]
+material = "aluminium"
+swing = "5 K"
+gradient_x = "20 K / m"
+gradient_y = "10 K / m"
+
+[[variation]]
+name = "instrument.mounting.x"
+law = "normal"
+sigma = "10 arcsec"
+per = "launch"
+"""
+MISSION = """
+[time]
+begin = "2026-03-20T12:00:00"
+duration = "5800 s"
+step = "60 s"
+[orbit]
+altitude = "600 km"
+local_time = "10.5 h"
+"""
+HEAD = """
+[[heads]]
+name = "{0}"
+design = "head.toml"
+azimuth = "{1} deg"
+elevation = "-60 deg"
+exclusion = {{ sun = "{2} deg", moon = "1 deg", earth = "1 deg" }}
+"""
+
+
+def plan_with(tmp_path, heads, across=2.0, about=20.0):
+    """A plan whose heads have constant errors (arcsec)."""
+    text = shipped("designs/noise_only.toml").read_text()
+    (tmp_path / "head.toml").write_text(text + STRUCTURE)
+    (tmp_path / "mission.toml").write_text(MISSION + "".join(HEAD.format(*head) for head in heads))
+    plan = plan_of(load_mission(tmp_path / "mission.toml"), errors=False)
+    values = [2 * math.log(across * arcsec), 2 * math.log(about * arcsec), 1.0]
+    table = np.repeat(values, ROWS * COLUMNS).reshape(3, 1, 1, 1, 1, -1)
+    one = Surrogate(np.zeros(1), np.array([22.0]), np.zeros(1), np.zeros(1), table, np.zeros(1))
+    many = len(plan.heads)
+    return replace(plan, surrogates=(one,) * many, stray=(None,) * many)
+
+
+def test_temperatures_are_those_of_the_periodic_orbit(tmp_path):
+    """Marching in time beside Newton's method over an orbit; 600 km, a head at the zenith.
+
+    The Sun is 0.4 % nearer than 1 au in March, which is 0.3 K.
+    """
+    plan = plan_with(tmp_path, [("up", 0, 5)])
+    up = replace(plan.heads[0], axes=np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]))
+    heat = Heat(altitude=600e3, local_time=10.5 * 3600, capacity=30e3)
+    found, periodic = temperatures_of(replace(plan, heads=(up,)), heat), warmth(heat)
+    place = np.arange(len(periodic.head)) / len(periodic.head) * periodic.period
+    for marched, known in (
+        (found.platform, periodic.platform), (found.heads[0], periodic.head)
+    ):  # fmt: skip
+        assert np.ptp(known) > 2
+        assert np.abs(np.interp(place, found.second, marched) - known).max() < 1.0
+    side = np.interp(place, found.second, found.sides[0, 0])
+    assert (side - periodic.side_x).std() < 0.2 * periodic.side_x.std()
+
+
+def test_fused_errors_are_those_of_fused_rotations(tmp_path, monkeypatch):
+    """Biases and thermo-elastic turns as rotations, fused one step after the other."""
+    plan = plan_with(tmp_path, [("left", -90, 60), ("right", 90, 60), ("back", 180, 60)])
+    bias = np.array([[[30.0, -20, 90], [-10, 25, -40], [15, 5, 120]]]) * arcsec
+    monkeypatch.setattr(of_units, "_drawn", lambda *_: (bias, np.zeros((1, 3, 3))))
+    fleet = fly_units(plan, 1, 1)
+    chunk = at(plan, plan.motion.at(0.0, 60.0, plan.loaded.mission.time.steps))
+    errors = []
+    for n, phase in enumerate(chunk.instants.phase):
+        given = []
+        for h, head in enumerate(plan.heads):
+            if chunk.seen[h].blind[n]:
+                continue
+            turns = of_units._turns(plan.loaded.designs[h].case)
+            case = plan.loaded.designs[h].case.instrument
+            loads = case.structure.loads(case.optics, np.array([phase / math.tau]))
+            error = bias[0, h] - (turns @ loads)[:, 0]
+            size = np.diag(np.array([2.0, 2, 20]) ** 2 * arcsec**2)
+            given.append((head.axes @ error, head.axes @ size @ head.axes.T))
+        if given:
+            turned = [Rotation.from_rotvec(error) for error, _ in given]
+            mean, size = fuse(turned, [cov for _, cov in given])
+            errors.append(mean.as_rotvec() ** 2 + np.diag(size))
+    assert 60 < len(errors) <= 97
+    np.testing.assert_allclose(fleet.rms[0], np.sqrt(np.mean(errors, axis=0)), rtol=1e-3)
+    assert fleet.aligned[0].max() < fleet.rms[0].max()
+
+
+def test_drawn_units_are_those_of_the_budget(tmp_path):
+    """One head alone: the squares of its biases, of its structure and of its noise add up."""
+    plan = plan_with(tmp_path, [("up", 0, 5)])
+    fleet = fly_units(plan, 12, 3)
+    across, about = fleet.heads[:, 0].T
+    np.testing.assert_allclose((fleet.rms**2).sum(axis=1), 2 * across**2 + about**2, rtol=1e-6)
+    # Ten arcseconds about x alone are 7.1 per axis; twelve units know that to 20 %.
+    turned = math.sqrt(float((across**2).mean()) - (fleet.swing[0, :2] ** 2).mean())
+    assert turned / arcsec == pytest.approx(math.hypot(10 / math.sqrt(2), 2), rel=0.5)
+    assert fleet.level().low <= fleet.level().value
+    structure = plan.loaded.designs[0].case.instrument.structure
+    swings = structure.swings(plan.loaded.designs[0].case.instrument.optics)
+    np.testing.assert_allclose(fleet.swing[0], swings, rtol=0.05)
+
+
+def test_units_that_do_not_differ_are_refused(tmp_path):
+    plan = plan_with(tmp_path, [("up", 0, 5)])
+    alike = replace(plan.loaded, designs=(load_design(shipped("designs/noise_only.toml")),))
+    plan = replace(plan, loaded=alike)
+    with pytest.raises(Refused, match="so that its units differ"):
+        of_units._drawn(plan, 2, 1)
+
+
+def test_detectors_age_in_the_orbit_of_the_mission(tmp_path):
+    text = shipped("designs/noise_only.toml").read_text()
+    age = '\n[instrument.detector.age]\ntime = "1 yr"\ninclination = "30 deg"\nshielding = "5 mm"\n'
+    (tmp_path / "head.toml").write_text(text + age)
+    (tmp_path / "mission.toml").write_text(MISSION + HEAD.format("up", 0, 5))
+    named, flown = (
+        load_mission(tmp_path / "mission.toml", changes).designs[0].case.instrument.detector.age
+        for changes in ([], ["radiation.ageing=orbit"])
+    )
+    assert (named.altitude, named.inclination) == (550e3, pytest.approx(math.radians(30)))
+    assert (flown.altitude, flown.inclination) == (600e3, pytest.approx(1.7066, abs=1e-3))
