@@ -76,7 +76,7 @@ declare = Options(
     Option("--baffle DEG", "compare baffles that keep the Sun out from such angles on instead, "
            "with their length and mass (default with --heads: the exclusion angle of the first "
            "head)", decimal(1, 89), many="+"),
-    Option("--units N", "fly so many spacecraft whose heads are drawn units, too: what 95 % of "
+    Option("--units N", "fly so many spacecraft whose heads are drawn units, too: what 95 %% of "
            "them keep, temperatures, and what alignment in flight gains", whole(1, 10**6)),
     Option("--frame SECOND", "render what each head sees at this time after the begin instead: "
            "HEAD.fits, HEAD.png", decimal(0, 1e12)),

@@ -85,7 +85,9 @@ def command(options: argparse.Namespace) -> int:
             continue
         tetra3 = options.keys == "tetra3"
         seen = solved.spots, solved.matches, solved.estimate
-        values = tetra3_values(*seen, solved.axis, stars) if tetra3 else _values(solved)
+        values = (
+            tetra3_values(*seen, solved.axis, stars) if tetra3 else _values(solved, frame.exposure)
+        )
         result = {"image": str(path), **values}
         text = f"{path}: {_text(solved)}"
         if options.overlay:
@@ -123,7 +125,7 @@ def _with_camera(
     return Photograph(spots, matches, estimate, estimate.icrs_to_camera, View())
 
 
-def _values(solved: Photograph) -> dict[str, Any]:
+def _values(solved: Photograph, exposure: float) -> dict[str, Any]:
     spots, matches, estimate, axis = solved.spots, solved.matches, solved.estimate, solved.axis
     result: dict[str, Any] = {
         "status": "solved" if estimate.icrs_to_camera is not None else str(estimate.status),
@@ -138,6 +140,8 @@ def _values(solved: Photograph) -> dict[str, Any]:
         "mirrored": None,
         "aspect": None,
         "middle_px": None,
+        "streak_px": None,
+        "rate_deg_s": None,
         "as_hinted": None,
         "lens": None,
         "residual_rms_px": None,
@@ -155,6 +159,8 @@ def _values(solved: Photograph) -> dict[str, Any]:
             "mirrored": solved.view.mirrored,
             "aspect": solved.aspect,
             "middle_px": solved.view.middle,
+            "streak_px": solved.streak and list(solved.streak),
+            "rate_deg_s": _rate(solved, exposure),
             "as_hinted": solved.as_hinted,
             "lens": {
                 "icrs_to_lens_xyzw": terminal.quaternion(estimate.icrs_to_camera),
@@ -164,6 +170,14 @@ def _values(solved: Photograph) -> dict[str, Any]:
             "sigma_arcsec": [3600 * math.degrees(v**0.5) for v in estimate.covariance.diagonal()],
         }
     return result
+
+
+def _rate(solved: Photograph, exposure: float) -> float | None:
+    """Degree a second, by which the camera turned; None where stars are points, or not known."""
+    if solved.streak is None or not exposure > 0:
+        return None
+    turn = math.hypot(*solved.streak) / solved.matches.camera.focal_length_px
+    return math.degrees(turn / exposure)
 
 
 def _text(solved: Photograph) -> str:

@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft, ndimage, optimize, special
+from scipy import fft, ndimage, special
 
 from startrack.core import Floats, Frame, Spots
 from startrack.detection.parameters import LONGEST_STREAK
@@ -21,7 +21,7 @@ STRIP = 8  # pixel about the frame that is left out, where dark columns lie
 TIP = 1.5  # pixel between the ends of two streaks that are tried
 POINTS = 1.0  # along a streak, of a pixel
 STACKED, FEWEST = 24, 3  # spots, whose mean image is fitted
-FAR = 1.0  # pixel, by which that fit may differ from the first guess
+FAR, APART = 1.0, 0.5  # pixel, and of its length, by which that may differ from a first guess
 NEAR = 4.0  # sigma, about the line, of the lags that are fitted
 # Sigma of white noise by which a streak must stand out, and how well its length must be known:
 # chosen by hand between frames of the shipped designs at 0.2 to 5 deg/s (above 100, and below 1.5
@@ -109,6 +109,8 @@ def refined(frame: Frame, plan: DetectionPlan, spots: Spots, first: Streak) -> S
         return first
     mean = np.median(images, axis=0)
 
+    from scipy import optimize  # half of a second, for those who need it
+
     def off(unknown: Floats) -> Floats:
         sx, sy, width, light, level, left, top = unknown
         line = _blurred_line(x - left, y - top, sx, sy, width, 1)
@@ -117,7 +119,7 @@ def refined(frame: Frame, plan: DetectionPlan, spots: Spots, first: Streak) -> S
     start = [first.x, first.y, _width(plan) / math.sqrt(2), 1.0, 0.0, 0.0, 0.0]
     found = optimize.least_squares(off, start)
     sx, sy = float(found.x[0]), float(found.x[1])
-    if math.hypot(sx - first.x, sy - first.y) > max(FAR, 0.2 * math.hypot(first.x, first.y)):
+    if math.hypot(sx - first.x, sy - first.y) > max(FAR, APART * math.hypot(first.x, first.y)):
         return first
     return first._replace(x=sx, y=sy)
 
@@ -132,6 +134,8 @@ def _fitted(ridge: Floats, start: Floats, sigma: float, height: float) -> Streak
     chosen = beside & (np.hypot(x, y) < reach) & ((y > 0) | (x > 0))
     x, y = x[chosen], y[chosen]
     value = ridge[far + y, far + x]
+
+    from scipy import optimize  # half of a second, for those who need it
 
     def off(unknown: Floats) -> Floats:
         sx, sy, width, light = unknown

@@ -57,9 +57,6 @@ class Sequence(Parameters):
     legs: Annotated[tuple[Leg, ...],
         "of the attitude profile, one after the other; they replace the rates of the design's "
         "motion, whose jitter remains"]  # fmt: skip
-    dither: Annotated[tuple[Tone, ...],
-        "sinusoidal motion beside the legs and the design's jitter, such as of a spacecraft that "
-        "moves its image over the pixels; of one start in a sequence"] = ()  # fmt: skip
     period: Annotated[float | None, Unit("s"), POSITIVE,
         "from one frame to the next; None: as fast as the detector gives them"] = None  # fmt: skip
     gyro: Annotated[Gyro | None,
@@ -72,6 +69,9 @@ class Sequence(Parameters):
         "manoeuvre may have begun"] = 1 * deg  # fmt: skip
     max_coasted_frames: Annotated[int, Range(0, 10**6),
         "frames without attitude after which the prediction is dropped"] = 3  # fmt: skip
+    dither: Annotated[tuple[Tone, ...],
+        "sinusoidal motion beside the legs and the design's jitter, such as of a spacecraft that "
+        "moves its image over the pixels; of one start in a sequence"] = ()  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Estimate, Frame, Matches, Spots, deg, within
-from startrack.detection import Detection, detect
+from startrack.detection import Detection, detect, plan_detection, refined, streak_of
 from startrack.identification import (
     WIDEST_PINHOLE,
     Identification,
@@ -29,6 +29,7 @@ from startrack.identification import (
     fit_lens,
     identify_blind,
 )
+from startrack.trial.belief import with_smear
 
 # Sigma of the detection: an image of few faint stars is searched twice.
 THRESHOLDS = (5.0, 4.0)
@@ -49,6 +50,8 @@ FULL, ROUNDS = 1.0, (0.0125, 0.1)
 # Of the longer side, match radius: by so much an unknown lens moves stars. A smaller one takes
 # ten times the hypotheses where the lens is distorted, a larger one more time for each.
 BENT = 0.004
+LARGEST = 1500  # pixel of the longer side of an image in whose streaks a motion is looked for
+LEAST_STREAK = 4.0  # pixel of that image; shorter ones are stars that a lens draws out
 LEAST_SIDE = 100  # pixel of a reduced image; a smaller one shows too few stars
 MOST_OF_A_SCALE, MOST_SPOTS = 400, 100  # spots, brightest first: the middle needs more
 # Of a coarse spot's flux over that of the finer ones that it covers, from which on they have lost
@@ -140,6 +143,8 @@ class Photograph:
     axis       attitude of the axis through the centre of the view; None where there is none
     view       in which the camera sees the file
     as_hinted  whether the field is the given one within its tolerance; None: none was given
+    streak     pixel (x, y) of the file that each star moved in the exposure, its sign open; None:
+               stars are points
     """
 
     spots: Spots
@@ -148,6 +153,7 @@ class Photograph:
     axis: Rotation | None
     view: View
     as_hinted: bool | None = None
+    streak: tuple[float, float] | None = None
 
     @property
     def field(self) -> float:
@@ -168,6 +174,8 @@ class Photograph:
     def note(self) -> str:
         """What the text says beside the numbers: empty, or words after a semicolon."""
         text = "; the field is not the given one" if self.as_hinted is False else ""
+        if self.streak:
+            text += f"; stars are streaks of {math.hypot(*self.streak):.1f} px"
         if polynomial := self.matches.camera.polynomial:
             text += (
                 f"; pixels {self.aspect:.4f} times as wide as high, shear {polynomial.x[2]:+.4f}"
@@ -220,11 +228,20 @@ def solve_photograph(
     shape = _shape(frame.image, sought.looks(*FIRST[:2]))
     squeezed = [] if aspect else squeezes(columns, rows, shape.elongation)
     near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, squeezed)
-    if shape.length > DRAWN_OUT:  # oblong pixels are likely
+    unsolved, smear = [], None
+    if shape.length > DRAWN_OUT:  # oblong pixels are likely, or that the camera turned
         rest.sort(key=lambda one: one.view.aspect == 1.0)
+        smear = sought.looks.turned
+    if smear:
+        first = (near or [one for one in rest if one.view.aspect == (aspect or 1.0)])[0]
+        # Half of the probability of a false match is theirs, and that of all others half of it.
+        near, rest = ([one._replace(share=one.share / 2) for one in part] for part in (near, rest))
+        found = sought._replace(looks=_Looks(frame, smear)).attempt(first._replace(share=0.5), FULL)
+        if found.axis is not None:
+            return _as_hinted(replace(found, streak=smear), hint, settings)
+        unsolved.append(found)
     middles = [one for one in rest if one.view.middle]  # of one camera each
     rounds = (FULL, near), *((effort, rest) for effort in ROUNDS), (FULL, middles)
-    unsolved = []
     for effort, tries in rounds:
         for one in tries:
             found = sought.attempt(one, effort)
@@ -380,10 +397,13 @@ def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
 
 
 class _Looks:
-    """The spots of a frame, by threshold and scales, each found once."""
+    """The spots of a frame, by threshold and scales, each found once.
 
-    def __init__(self, frame: Frame) -> None:
-        self.frame = frame
+    smear  pixel of the frame, that each star moved
+    """
+
+    def __init__(self, frame: Frame, smear: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.frame, self.smear = frame, smear
         self._reduced = {1: frame}
         self._spots: dict[tuple[float, int], Spots] = {}
 
@@ -401,6 +421,21 @@ class _Looks:
         return _chosen(kept, np.argsort(-kept.flux, kind="stable"))
 
     @cached_property
+    def turned(self) -> tuple[float, float] | None:
+        """Pixel of the frame that each star moved, where its streaks show it."""
+        scale = 1
+        while max(self.frame.image.shape) > LARGEST * scale:
+            scale *= 2
+        settings = Detection(saturation=self.clipped)
+        frame, plan = self._frame(scale), plan_detection(settings, None)
+        found = streak_of(frame, plan)
+        if not found.seen or math.hypot(found.x, found.y) < LEAST_STREAK:
+            return None
+        spots = detect(frame, replace(settings, smear_x=found.x, smear_y=found.y))
+        found = refined(frame, plan, spots, found)
+        return scale * found.x, scale * found.y
+
+    @cached_property
     def clipped(self) -> float | None:
         """Digital number from which on pixels are saturated; None where none is."""
         image = self.frame.image
@@ -413,6 +448,7 @@ class _Looks:
             settings = Detection(
                 threshold=threshold, saturation=self.clipped, max_spots=MOST_OF_A_SCALE
             )
+            settings = with_smear(settings, *(part / scale for part in self.smear))
             self._spots[threshold, scale] = _enlarged(detect(self._frame(scale), settings), scale)
         return self._spots[threshold, scale]
 

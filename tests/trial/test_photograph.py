@@ -95,6 +95,19 @@ def test_views_are_found_and_said(view):
     assert apart_from(found) < 0.5
 
 
+def test_a_camera_that_turned_is_solved_and_its_streaks_are_said():
+    """Drawn as the mean of 41 images along 20 pixels: no spot of a point is left."""
+    way = np.linspace(-0.5, 0.5, 41)[:, None] * [17.0, -11.0]
+    drawn = [draw(lambda d, s=s: PINHOLE.project(d) + s, COLUMNS, ROWS) for s in way]
+    image = np.mean(np.array(drawn, float), axis=0).astype(np.float32)
+    found = solve_photograph(Frame(image), Indexes(), SETTINGS)
+    assert found.axis is not None, found.estimate.reason
+    assert apart_from(found) < 2.0
+    assert found.streak is not None
+    assert math.hypot(*found.streak) == pytest.approx(math.hypot(17, 11), abs=1.5)
+    assert "streaks of" in found.note
+
+
 def test_a_hint_that_is_wrong_is_left():
     image = draw(PINHOLE.project, COLUMNS, ROWS)
     found = solve_photograph(Frame(image), Indexes(), SETTINGS, 1.3 * FIELD)

@@ -1,0 +1,115 @@
+"""A tracker that turns: behind a rolling shutter, without being told its rate, and in a filter.
+
+    python experiments/in_motion.py [--json FILE] [--quick]
+
+told_ratio        error across over that of the same tracker that is told the rate, by rate (deg/s)
+sigma_ratio       error across over what the tracker states
+availability      [told, not told], by rate; false_attitudes of all trials that were not told
+shutter_arcsec    what a rolling shutter of 20 us a row adds to the error across at 1 deg/s, with a
+                  known rate; shutter_unknown_rate_arcsec the same with the rate from the images
+filter_nees       error squared of the filter over what it states, and degrees of freedom (3), by
+                  rate of the slew (deg/s), with a gyroscope
+
+Of the noise-only design; the filter is that of the nanosatellite. Differences of errors are of the
+same skies and noise.
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401  # isort: skip
+
+import argparse
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import command
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack import Case, arcsec, deg, load_design, run_trials, shipped
+from startrack.sequence import Gyro, Leg, Sequence, run
+
+RATES = (0.0, 0.3, 1.0, 3.0)  # deg/s
+ROW_DELAY = 20e-6  # second
+SLEWS = (0.0, 0.005, 0.1)  # deg/s, of the filter
+PERIOD = 0.213  # second; a multiple of the tones' periods would make their jitter last
+GYRO = Gyro(0.15 * deg / 60, 1e-7, 1e-5)
+BEGIN = 10  # frames of a sequence that are left out, while the filter settles
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    options = command.read(parser)
+    trials = 6 if options.quick else 300
+    case = load_design(shipped("designs/noise_only.toml")).case
+    values: dict[str, Any] = {"told_ratio": {}, "sigma_ratio": {}, "availability": {}}
+    false = 0
+    for rate in RATES[:: 3 if options.quick else 1]:
+        told, alone = (tried(turning(case, rate, how), trials) for how in ("known", "images"))
+        values["told_ratio"][f"{rate:g}"] = across(alone) / across(told)
+        values["sigma_ratio"][f"{rate:g}"] = across(alone) / stated(alone)
+        values["availability"][f"{rate:g}"] = [float(right(one).mean()) for one in (told, alone)]
+        false += int(alone["false"].sum())
+    values["false_attitudes"] = false / (len(values["told_ratio"]) * trials)
+    still = across(tried(turning(case, 1.0, "known"), trials))
+    for name, how in (("shutter_arcsec", "known"), ("shutter_unknown_rate_arcsec", "images")):
+        rolled = across(tried(turning(case, 1.0, how, ROW_DELAY), trials))
+        values[name] = math.sqrt(max(rolled**2 - still**2, 0.0)) / arcsec
+    values["filter_nees"] = {
+        f"{rate:g}": nees(rate, 1 if options.quick else 4, 16 if options.quick else 60)
+        for rate in SLEWS[:: 2 if options.quick else 1]
+    }
+    print(json.dumps(values, indent=1))
+    command.save(options, values)
+
+
+def turning(case: Case, rate: float, how: str, row_delay: float = 0.0) -> Case:
+    """The design at a rate (deg/s), that its tracker knows or takes from the images."""
+    instrument = case.instrument
+    motion = replace(instrument.motion, rate_x=0.8 * rate * deg, rate_y=0.6 * rate * deg)
+    detector = replace(instrument.detector, row_delay=row_delay)
+    return replace(
+        case,
+        instrument=replace(instrument, motion=motion, detector=detector),
+        tracker=replace(case.tracker, rate=how),
+    )
+
+
+def tried(case: Case, trials: int) -> NDArray[np.void]:
+    return run_trials(case, 5, range(trials))
+
+
+def right(outcomes: NDArray[np.void]) -> NDArray[np.bool_]:
+    return np.asarray(outcomes["solved"] & ~outcomes["false"])
+
+
+def across(outcomes: NDArray[np.void]) -> float:
+    """Radian, rms per axis."""
+    good = outcomes[right(outcomes)]
+    return math.sqrt(float((good["error_x"] ** 2 + good["error_y"] ** 2).mean() / 2))
+
+
+def stated(outcomes: NDArray[np.void]) -> float:
+    good = outcomes[right(outcomes)]
+    return math.sqrt(float((good["sigma_x"] ** 2 + good["sigma_y"] ** 2).mean() / 2))
+
+
+def nees(rate: float, sequences: int, frames: int) -> float:
+    """Mean of the filter's squared error over its stated variance, of three axes."""
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    leg = Leg(frames * PERIOD, rate_x=rate * deg)
+    sequence = Sequence((leg,), period=PERIOD, gyro=GYRO)
+    squares = []
+    for number in range(sequences):
+        table = run(case, sequence, 1, number)[BEGIN:]
+        parts = [table[f"filtered_{axis}"] / table[f"filtered_sigma_{axis}"] for axis in "xyz"]
+        squares.append((np.array(parts) ** 2).sum(axis=0))
+    return float(np.nanmean(squares))
+
+
+if __name__ == "__main__":
+    command.run(main)
