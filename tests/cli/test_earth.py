@@ -30,6 +30,7 @@ def scene(folder: Path, *changes: tuple[str, str]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_maps_of_a_scene(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["earth", "geometry", str(scene(tmp_path)), "--out", str(out), "--json"]) == 0

@@ -26,7 +26,7 @@ def turning(rate, angle, **detector):
     return dataclasses.replace(CASE, instrument=instrument, tracker=tracker)
 
 
-@pytest.mark.parametrize("rate", [1.0, 3.0])
+@pytest.mark.parametrize("rate", [pytest.param(1.0, marks=pytest.mark.slow), 3.0])
 def test_the_smear_is_that_of_the_motion(rate):
     case = turning(rate, 0.7)
     motion, camera = case.instrument.motion, case.instrument.camera
