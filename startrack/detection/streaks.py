@@ -66,14 +66,16 @@ def streak_of(frame: Frame, plan: DetectionPlan) -> Streak:
               pixel): 0.2 to 0.4 pixel in the mean, 1 at worst.
     """
     value = np.asarray(calibrated(frame, plan).value, float)
-    value = np.where(np.isfinite(value), value, np.nan)[STRIP:-STRIP, STRIP:-STRIP]
+    if min(value.shape) <= 2 * STRIP:
+        return Streak(0.0, 0.0, math.inf, 0.0)
+    value = np.where(np.isfinite(value), value, np.nanmedian(value))[STRIP:-STRIP, STRIP:-STRIP]
     # Rows and columns have levels of their own, which would make ridges.
-    value = value - np.nanmedian(value, axis=0)
-    value -= np.nanmedian(value, axis=1, keepdims=True)
-    noise = 1.4826 * float(np.nanmedian(np.abs(value)))
+    value = value - np.median(value, axis=0)
+    value -= np.median(value, axis=1, keepdims=True)
+    noise = 1.4826 * float(np.median(np.abs(value)))
     if not noise > 0:
         return Streak(0.0, 0.0, math.inf, 0.0)
-    value = np.clip(np.nan_to_num(value / noise), -3.0, BRIGHTEST)
+    value = np.clip(value / noise, -3.0, BRIGHTEST)
     # A pixel far above all of its neighbours is hot, and no part of a star.
     value = np.minimum(value, SHARP * ndimage.maximum_filter(value, footprint=AROUND))
     value -= value.mean()
@@ -86,7 +88,6 @@ def streak_of(frame: Frame, plan: DetectionPlan) -> Streak:
     along = ndimage.map_coordinates(smooth, place, order=1)
     height = np.add.reduceat(along * weight, tried[:, 2].astype(int)) / (norm * spread)
     best = tried[int(height.argmax()), :2]
-
     return _fitted(ridge / spread, best, sigma, float(height.max()))
 
 
@@ -190,8 +191,7 @@ def _line(s: Floats) -> tuple[Floats, Floats]:
     return points, (1 - points) / count * np.where(points > 0, 1.0, 0.5)
 
 
-@lru_cache(maxsize=4096)
-def _norm_of(length: float, sigma: float) -> float:
+def _norm(length: float, sigma: float) -> float:
     """Standard deviation of the sum along a line of smoothed white noise of deviation one."""
     points, taper = _line(np.array([length, 0.0]))
     apart = np.subtract.outer(points, points) * length
@@ -202,21 +202,17 @@ def _norm_of(length: float, sigma: float) -> float:
     return math.sqrt(float(taper @ shared @ taper))
 
 
-def _norm(s: Floats, sigma: float) -> float:
-    return _norm_of(round(math.hypot(*s) * 4) / 4, sigma)
-
-
 @lru_cache(maxsize=2)
 def _lines(far: int, sigma: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Streaks to try: (n, 3) x, y and the first of their points; places, weights, norms."""
-    ends = [(0.0, 0.0)]
-    radius = TIP
+    ends, norm, radius = [(0.0, 0.0)], [_norm(0.0, sigma)], TIP
     while radius <= LONGEST_STREAK:
         many = max(math.ceil(math.pi * radius / TIP), 2)
         angle = np.arange(many) * math.pi / many
         ends += [(radius * math.cos(a), radius * math.sin(a)) for a in angle]
+        norm += [_norm(radius, sigma)] * many
         radius += TIP
-    first, place, weight, norm = [], [], [], []
+    first, place, weight = [], [], []
     count = 0
     for s in np.array(ends):
         points, taper = _line(s)
@@ -224,7 +220,6 @@ def _lines(far: int, sigma: float) -> tuple[Floats, Floats, Floats, Floats]:
         count += len(points)
         place.append(far + np.outer(points, s[::-1]))
         weight.append(taper)
-        norm.append(_norm(s, sigma))
     return (
         np.column_stack([np.array(ends), first]), np.concatenate(place).T,
         np.concatenate(weight), np.array(norm),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
@@ -106,6 +106,11 @@ class Motion(Parameters):
     def rate(self) -> float:
         """Radian / second, length of the rate vector."""
         return math.hypot(self.rate_x, self.rate_y, self.rate_z)
+
+    @property
+    def steady(self) -> Motion:
+        """The same without jitter: its rates alone."""
+        return replace(self, tones=(), broadband=(), jitter=())
 
     @property
     def drawn(self) -> bool:

@@ -180,7 +180,7 @@ def _tried(
     """Draw, solve and judge a block of trials."""
     many, streams = len(numbers), [Streams(seed, number) for number in numbers]
     instrument, motion = case.instrument, case.instrument.motion
-    jitters = bool(motion.tones or motion.broadband or motion.jitter)
+    jitters = motion != motion.steady
     seen_at = attitude
     if jitters:
         pairs = zip(attitude, streams, strict=True)

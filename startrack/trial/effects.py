@@ -87,8 +87,8 @@ def _believing(case: Case, **changes: object) -> Case:
 
 
 def _calm(case: Case) -> Case:
-    motion = replace(case.instrument.motion, tones=(), broadband=(), jitter=())
-    return replace(case, instrument=replace(case.instrument, motion=motion))
+    instrument = replace(case.instrument, motion=case.instrument.motion.steady)
+    return replace(case, instrument=instrument)
 
 
 def _flawless(case: Case) -> Case:

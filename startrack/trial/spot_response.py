@@ -238,8 +238,8 @@ def _smear(case: Case) -> Floats:
 
     Of the slew: jitter moves the star in each trial otherwise, and blurs it.
     """
-    camera, motion = case.instrument.camera.ideal, case.instrument.motion
-    slew = replace(case.instrument, motion=replace(motion, tones=(), broadband=(), jitter=()))
+    camera = case.instrument.camera.ideal
+    slew = replace(case.instrument, motion=case.instrument.motion.steady)
     path = line_of_sight(slew, Streams(0, 0))
     place = camera.project(Rotation.from_rotvec(path.rotation).apply([0.0, 0.0, 1.0]))
     return np.column_stack([path.weight, place - camera.centre])

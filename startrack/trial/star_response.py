@@ -438,8 +438,7 @@ def _smeared(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
     """
     camera, detector, motion = instrument.camera, instrument.detector, instrument.motion
     pixel = 1 / camera.focal_length_px
-    steady = replace(motion, tones=(), broadband=(), jitter=())
-    path = slew(steady, detector.exposure, pixel, camera.half_diagonal)
+    path = slew(motion.steady, detector.exposure, pixel, camera.half_diagonal)
     # The sky turns by r: a star on the boresight moves by (r_y, -r_x).
     offset = path.rotation[:, [1, 0]] * [1, -1] / pixel
     wide = _jitter_blur(instrument)
