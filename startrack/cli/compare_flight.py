@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import Any
 
 from startrack.cli.options import SEED, SET, Exit, Option, Options, as_wrong_use, out, wanted, whole
 
@@ -14,14 +13,7 @@ if wanted(__name__):
     from startrack.io import save_arrays, save_json
     from startrack.metrics import Column, Table
     from startrack.plots import draw_flown
-    from startrack.verification import (
-        Flown,
-        Windows,
-        compare_flown,
-        correlation,
-        read_windows,
-        simulate,
-    )
+    from startrack.verification import Flown, compare_flown, correlation, read_windows, simulate
 
 
 declare = Options(
@@ -56,7 +48,8 @@ def command(options: argparse.Namespace) -> int:
         with terminal.progress("stars", len(stars)) as advance:
             flown = compare_flown(case, stars, options.devices, options.seed, advance)
         if options.keep:
-            _keep(options.out / "predicted.npz", simulate(case, stars, 1, options.seed)[0])
+            made = simulate(case, stars, 1, options.seed)[0]
+            save_arrays(options.out / "predicted.npz", {star.name: star.columns for star in made})
     table = _table(flown)
     result = {
         "design": str(options.design), "images": str(options.images), "seed": options.seed,
@@ -69,16 +62,6 @@ def command(options: argparse.Namespace) -> int:
     draw_flown(options.out / "flight.png", flown, title)
     terminal.print_result(options, result | {"out": str(options.out)}, *_text(flown, table))
     return Exit.DONE
-
-
-def _keep(path: Path, stars: list[Windows]) -> None:
-    arrays = dict[str, Any]()
-    for star in stars:
-        col0, row0 = star.corner.T
-        parts: dict[str, Any] = {"time": star.time, "number": star.number}
-        parts |= {"col0": col0, "row0": row0}
-        arrays |= {f"{star.name}_{name}": value for name, value in parts.items()}
-    save_arrays(path, arrays)
 
 
 def _table(flown: Flown) -> Table:

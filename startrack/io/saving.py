@@ -99,8 +99,16 @@ def save_json(path: Path, value: Any) -> None:
     save_text(path, json.dumps(value, indent=1) + "\n")
 
 
-def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays whole, as an npz file without pickles."""
+def save_arrays(path: Path, tables: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write the arrays of several tables whole, as an npz file without pickles.
+
+    Each array has the name of its table, "_", and its own.
+    """
+    arrays = {
+        f"{table}_{name}": np.asarray(values)
+        for table, columns in tables.items()
+        for name, values in columns.items()
+    }
     with whole(path) as draft, draft.open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 

@@ -350,13 +350,12 @@ class _StarImages:
 
     def save(self, path: Path) -> None:
         names = "time", "number", "col0", "row0", "x", "y"
-        arrays = {}
+        tables = {}
         for star, rows in self._rows.items():
             number = int(self._identifier[star])
             known = f"gaia{number}" if number > 0 else f"hip{-number}"
-            for name, values in zip(names, zip(*rows, strict=True), strict=True):
-                arrays[f"{known}_{name}"] = np.array(values)
-        save_arrays(path, arrays)
+            tables[known] = dict(zip(names, zip(*rows, strict=True), strict=True))
+        save_arrays(path, tables)
 
 
 def asked_of(case: Case, true: Flight, streams: Streams) -> Rotation:

@@ -81,6 +81,12 @@ class Windows(Parameters):
         if shape[0] < FEWEST_IMAGES:
             raise Refused(f"{self.name} must have {FEWEST_IMAGES} images or more, got {shape[0]}")
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """What `read_windows` makes them of, as an npz file has it."""
+        left, top = self.corner.T
+        return {"time": self.time, "number": self.number, "col0": left, "row0": top}
+
     def of(self, chosen: Any) -> Windows:
         """Some of the exposures."""
         background = None if self.background is None else self.background[chosen]
