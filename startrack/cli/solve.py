@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from startrack.cli.options import (
     FIELD_AND_SKY,
@@ -17,6 +20,7 @@ from startrack.cli.options import (
     decimal,
     images,
     wanted,
+    whole,
 )
 
 if wanted(__name__):
@@ -26,6 +30,7 @@ if wanted(__name__):
     from startrack.detection import Detection
     from startrack.identification import Identification, PatternIndexes
     from startrack.io import celestial, field_hint, tetra3_values, to_table, write_solution
+    from startrack.montecarlo import pool
     from startrack.plots import draw_solution
     from startrack.trial import THRESHOLDS, Photograph, View, lost_in_space, solve_photograph
 
@@ -50,61 +55,112 @@ declare = Options(
     Option("--keys", "names of the values of --json: its own (default), or those of tetra3, "
            "described in docs/json.md", ("startrack", "tetra3"), "startrack"),
     Option("--overlay DIR", "folder for pictures of the images with their stars", Path),
+    Option("--workers N", "number of processes, each of which reads the catalogue; results do not "
+           "depend on it", whole(1, 1024), 1),
 )  # fmt: skip
+
+
+class _How(NamedTuple):
+    """What a process solves images by: the options of these names."""
+
+    fov: float | None
+    aspect: float | None
+    fov_tolerance: float
+    plane: int | None
+    bayer: str | None
+    colour: str
+    raw: str | None
+    dark: Path | None
+    catalog: str
+    epoch: float
+    camera: Path | None
+    tables: Path | None
+    keys: str
+    overlay: Path | None
 
 
 def command(options: argparse.Namespace) -> int:
     """Solve each image; one that cannot be read does not stop the others."""
+    how = _How(*(getattr(options, name) for name in _How._fields))
     with as_wrong_use(ValueError, OSError):
-        if options.fov is not None:
-            positive(fov=options.fov)
-            within(0, 179, fov=options.fov)
-        calibrated = terminal.read_camera(options.camera) if options.camera else None
-        if calibrated and options.fov is not None:
+        if how.fov is not None:
+            positive(fov=how.fov)
+            within(0, 179, fov=how.fov)
+        if how.camera and how.fov is not None:
             raise ValueError("--fov and --camera must not both be given: the camera has its field")
-        tolerance = options.fov_tolerance
-        identification = Identification(
-            focal_tolerance=min(tolerance, KNOWN) if calibrated else tolerance
-        )
-    read = terminal.image_reader(options)
-    stars = terminal.read_stars(options.catalog, options.epoch)
-    indexes = PatternIndexes(stars)
+    _opened.cache_clear()  # files may have changed
+    _opened(how)
     statuses = set()
-    for path in options.images:
-        try:
-            frame = read(path)
-            if calibrated:
-                solved = _with_camera(frame, calibrated, indexes, identification)
-            else:
-                given = None if options.fov is None else math.radians(options.fov)
-                hint = given or field_hint(path, frame.image.shape)
-                solved = solve_photograph(frame, indexes, identification, hint, options.aspect)
-        except Exception as error:  # whatever is wrong with it, the others are solved
-            terminal.print_failed_image(options, path, error)
-            statuses.add(Exit.FAILED)
-            continue
-        tetra3 = options.keys == "tetra3"
-        seen = solved.spots, solved.matches, solved.estimate
-        values = (
-            tetra3_values(*seen, solved.axis, stars) if tetra3 else _values(solved, frame.exposure)
-        )
-        result = {"image": str(path), **values}
-        text = f"{path}: {_text(solved)}"
-        if options.overlay:
-            name = options.overlay / f"{path.stem}.solved.png"
-            draw_solution(
-                name, solved.view.frame(frame), solved.spots, solved.matches,
-                solved.estimate.icrs_to_camera, stars, f"{path.name}\n{_text(solved)}",
-            )  # fmt: skip
-            result["overlay"] = str(name)
-        if options.tables:
-            name = options.tables / path.stem
-            columns, rows = solved.view.size(*frame.image.shape[::-1])
-            files = write_solution(name, solved.spots, (rows, columns), solved.matches, stars)
-            result["tables"] = [str(file) for file in files]
-        terminal.print_result(options, result, text)
-        statuses.add(Exit.DONE if solved.axis is not None else Exit.UNSOLVED)
+    with pool(min(options.workers, len(options.images))) as executor:
+        every = [executor.submit(_solved, how, path) for path in options.images]
+        for path, job in zip(options.images, every, strict=True):
+            try:
+                try:
+                    result, text, status = job.result()
+                except BrokenExecutor:  # a process died, maybe at another image
+                    result, text, status = executor.submit(_solved, how, path).result()
+            except Exception as error:  # whatever is wrong with it, the others are solved
+                terminal.print_failed_image(options, path, error)
+                statuses.add(Exit.FAILED)
+                continue
+            terminal.print_result(options, result, text)
+            statuses.add(status)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
+
+
+class _Opened(NamedTuple):
+    """What all images of a process share."""
+
+    read: Callable[[Path], Frame]
+    camera: Camera | None
+    identification: Identification
+    indexes: PatternIndexes
+
+
+@lru_cache(maxsize=1)
+def _opened(how: _How) -> _Opened:
+    with as_wrong_use(ValueError, OSError):
+        camera = terminal.read_camera(how.camera) if how.camera else None
+        tolerance = how.fov_tolerance
+        identification = Identification(
+            focal_tolerance=min(tolerance, KNOWN) if camera else tolerance
+        )
+    read = terminal.image_reader(argparse.Namespace(**how._asdict()))
+    stars = terminal.read_stars(how.catalog, how.epoch)
+    return _Opened(read, camera, identification, PatternIndexes(stars))
+
+
+def _solved(how: _How, path: Path) -> tuple[dict[str, Any], str, Exit]:
+    """Solve one image and write its files; its values, its line, and its status."""
+    read, camera, identification, indexes = _opened(how)
+    frame, stars = read(path), indexes.stars
+    if camera:
+        solved = _with_camera(frame, camera, indexes, identification)
+    else:
+        given = None if how.fov is None else math.radians(how.fov)
+        hint = given or field_hint(path, frame.image.shape)
+        solved = solve_photograph(frame, indexes, identification, hint, how.aspect)
+    seen = solved.spots, solved.matches, solved.estimate
+    values = (
+        tetra3_values(*seen, solved.axis, stars)
+        if how.keys == "tetra3"
+        else _values(solved, frame.exposure)
+    )
+    result = {"image": str(path), **values}
+    if how.overlay:
+        name = how.overlay / f"{path.stem}.solved.png"
+        draw_solution(
+            name, solved.view.frame(frame), solved.spots, solved.matches,
+            solved.estimate.icrs_to_camera, stars, f"{path.name}\n{_text(solved)}",
+        )  # fmt: skip
+        result["overlay"] = str(name)
+    if how.tables:
+        name = how.tables / path.stem
+        columns, rows = solved.view.size(*frame.image.shape[::-1])
+        files = write_solution(name, solved.spots, (rows, columns), solved.matches, stars)
+        result["tables"] = [str(file) for file in files]
+    status = Exit.UNSOLVED if solved.axis is None else Exit.DONE
+    return result, f"{path}: {_text(solved)}", status
 
 
 def _with_camera(

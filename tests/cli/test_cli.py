@@ -87,6 +87,20 @@ def test_simulate_then_solve(call, tmp_path):
     assert cv2.imread(found["overlay"]) is not None
 
 
+@pytest.mark.slow
+def test_workers_solve_what_one_process_solves(call, tmp_path):
+    names = []
+    for k in range(3):
+        _, (made,), _ = call("simulate", "--seed", k + 1, "--out", tmp_path / str(k), "--json")
+        names.append(tmp_path / str(k) / "frame.fits")
+    names[1].write_bytes(names[1].read_bytes()[:5000])  # cannot be read
+    alone = call("solve", *names, "--fov", 9.5, "--json")
+    shared = call("solve", *names, "--fov", 9.5, "--json", "--workers", 2)
+    assert alone == shared
+    assert shared[0] == 1
+    assert [one["status"] for one in shared[1]] == ["solved", "failed", "solved"]
+
+
 def noise(kind: str) -> np.ndarray:
     rng = np.random.default_rng(5)
     sky = rng.normal(100, 10, (480, 640)).astype(np.uint16)
