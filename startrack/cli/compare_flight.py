@@ -6,14 +6,34 @@ import argparse
 import math
 from pathlib import Path
 
-from startrack.cli.options import SEED, SET, Exit, Option, Options, as_wrong_use, out, wanted, whole
+from startrack.cli.options import (
+    SEED,
+    SET,
+    Exit,
+    Option,
+    Options,
+    as_wrong_use,
+    images,
+    out,
+    wanted,
+    whole,
+)
 
 if wanted(__name__):
     from startrack.cli import terminal
+    from startrack.design import Case
     from startrack.io import save_arrays, save_json
     from startrack.metrics import Column, Table
     from startrack.plots import draw_flown
-    from startrack.verification import Flown, compare_flown, correlation, read_windows, simulate
+    from startrack.verification import (
+        Flown,
+        Windows,
+        compare_flown,
+        correlation,
+        read_windows,
+        simulate,
+        windows_of_frames,
+    )
 
 
 declare = Options(
@@ -23,13 +43,15 @@ declare = Options(
     "centroids from exposure to exposure and in all, steps of the image, and the centroid over "
     "the pixel. A difference is marked, with the keys of the design that it points to; the design "
     "is not changed. Writes flight.json and flight.png.\n\n"
-    "The images are a file of numpy arrays (npz) or FITS tables, with the time (second), the "
-    "numbers of each image less the offset, and col0, row0, the place of its first pixel; "
-    "background and magnitude may be missing. In an npz each name begins with that of its star "
-    "and '_': s4_time, s4_number, s4_col0, s4_row0, s4_background.\n\n"
+    "The images are whole frames, a file each in the order of time, in which the tracker's search "
+    "finds the brightest stars and its box follows them; or a file of numpy arrays (npz) or FITS "
+    "tables, with the time (second), the numbers of each image less the offset, and col0, row0, "
+    "the place of its first pixel; background, magnitude and acquired may be missing. In an npz "
+    "each name begins with that of its star and '_': s4_time, s4_number, s4_col0, s4_row0, "
+    "s4_background.\n\n"
     "  startrack compare-flight trackers/chandra-aca.toml flight.npz --stars s4,s5",
     Option("design DESIGN.toml", "design file", Path),
-    Option("images IMAGES", "npz or FITS file of the images of several stars over time", Path),
+    *images("; or one npz or FITS file of the images of several stars over time"),
     Option("--stars NAMES", "stars of the file, such as s4,s5 (default: all with 32 images or "
            "more)"),
     Option("--devices N", "detectors that are drawn", whole(2, 1000), 8),
@@ -44,24 +66,34 @@ def command(options: argparse.Namespace) -> int:
     """Print what is predicted and seen; write flight.json and flight.png."""
     case = terminal.read_design(options.design, options.set).case
     with as_wrong_use(ValueError, OSError):
-        stars = read_windows(options.images, options.stars.split(",") if options.stars else ())
+        stars = _stars(options, case)
         with terminal.progress("stars", len(stars)) as advance:
             flown = compare_flown(case, stars, options.devices, options.seed, advance)
         if options.keep:
             made = simulate(case, stars, 1, options.seed)[0]
             save_arrays(options.out / "predicted.npz", {star.name: star.columns for star in made})
-    table = _table(flown)
+    table, first = _table(flown), options.images[0]
     result = {
-        "design": str(options.design), "images": str(options.images), "seed": options.seed,
-        "devices": options.devices, "differences": table.json(),
+        "design": str(options.design), "images": str(first), "frames": len(options.images),
+        "seed": options.seed, "devices": options.devices, "differences": table.json(),
         "curve_correlation": {star: correlation(*pair) for star, pair in flown.curves.items()},
         "curves_px": {star: [one.tolist() for one in pair] for star, pair in flown.curves.items()},
     }  # fmt: skip
     save_json(options.out / "flight.json", terminal.finite(result))
-    title = f"{options.design.stem}, {options.images.name}: predicted over seen"
+    title = f"{options.design.stem}, {first.name}: predicted over seen"
     draw_flown(options.out / "flight.png", flown, title)
     terminal.print_result(options, result | {"out": str(options.out)}, *_text(flown, table))
     return Exit.DONE
+
+
+def _stars(options: argparse.Namespace, case: Case) -> list[Windows]:
+    """The images of the stars: read from one file, or cut out of the frames of several."""
+    names = options.stars.split(",") if options.stars else ()
+    if len(options.images) == 1:
+        return read_windows(options.images[0], names)
+    with terminal.progress("frames", len(options.images)) as advance:
+        found = windows_of_frames(options.images, terminal.image_reader(options), case, advance)
+    return [star for star in found if not names or star.name in names]
 
 
 def _table(flown: Flown) -> Table:
@@ -89,5 +121,5 @@ def _text(flown: Flown, table: Table) -> list[str]:
     return [
         *lines, "",
         "pixel; digital numbers (read_noise, brightness, background); electron per number (gain); "
-        "image: worst pixel of the peak; brackets: 95 %",
+        "image: worst pixel of the peak; acquired: share of exposures; brackets: 95 %",
     ]  # fmt: skip

@@ -35,6 +35,7 @@ from startrack.verification.flown import (
     photon_transfer,
     read_windows,
     simulate,
+    windows_of_frames,
 )
 from startrack.verification.units import (
     USUAL,
@@ -68,4 +69,5 @@ __all__ = [
     "read_windows",
     "simulate",
     "verify",
+    "windows_of_frames",
 ]

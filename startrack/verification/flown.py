@@ -8,17 +8,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 
-from startrack.core import Floats, Ints, Parameters, Psf, Refused, Streams, whole
+from startrack.core import Floats, Frame, Ints, Parameters, Psf, Refused, Spots, Streams, whole
 from startrack.design import Case
-from startrack.detection import Box, DetectionPlan, corner_level, follow, image_mask, plan_detection
+from startrack.detection import (
+    Box,
+    DetectionPlan,
+    corner_level,
+    detect,
+    detect_near,
+    follow,
+    image_mask,
+    plan_detection,
+)
 from startrack.detector import Detector, dark, flickering, frame_of, response, stamp
 from startrack.metrics import Interval
 from startrack.trial import psf_of, sky_electrons
@@ -36,6 +47,9 @@ CLIP = 5.0  # sigma, of a difference that is left out
 PULL = 4.0  # sigma, of a group that is left out: its pixel flickered
 SMOOTH = 15  # exposures, over which a path is smoothed
 BORDER = 8  # pixel about a path, of the detector that is drawn
+FOLLOWED = 8  # stars of whole frames, the brightest
+APART = 2.0 * BORDER  # pixel, between two stars that are followed
+NEAR = 2.0  # pixel, within which a spot is that of a star
 # What each figure depends on in a design; those first that are usually known worst.
 KEYS = {
     "background": "instrument.detector.dark_current, .thermal, .age; scene.background_g",
@@ -47,6 +61,7 @@ KEYS = {
     "total": "instrument.detector.age, .dark_current, .prnu; tracker.box.background, .size",
     "moves": "tracker.box.moves",
     "curve": "tracker.box.background, .size, .moves; instrument.optics.psf_file",
+    "acquired": "tracker.detection.threshold, .kernel_sigma; instrument.optics.transmission",
 }
 
 
@@ -59,6 +74,7 @@ class Windows(Parameters):
     corner      (n, 2) pixel (x, y) of the first pixel of each image
     background  (n,) digital number of a pixel, that the tracker takes off; None: not known
     magnitude   that the tracker states; NaN: not known
+    acquired    (n,) whether a search of the frame finds the star; None: not known
     """
 
     name: str
@@ -67,6 +83,7 @@ class Windows(Parameters):
     corner: Ints
     background: Floats | None = None
     magnitude: float = math.nan
+    acquired: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -85,13 +102,16 @@ class Windows(Parameters):
     def columns(self) -> dict[str, Any]:
         """What `read_windows` makes them of, as an npz file has it."""
         left, top = self.corner.T
-        return {"time": self.time, "number": self.number, "col0": left, "row0": top}
+        columns = {"time": self.time, "number": self.number, "col0": left, "row0": top}
+        return columns if self.acquired is None else columns | {"acquired": self.acquired}
 
     def of(self, chosen: Any) -> Windows:
         """Some of the exposures."""
         background = None if self.background is None else self.background[chosen]
+        acquired = None if self.acquired is None else self.acquired[chosen]
         return replace(self, time=self.time[chosen], number=self.number[chosen],
-                       corner=self.corner[chosen], background=background)  # fmt: skip
+                       corner=self.corner[chosen], background=background,
+                       acquired=acquired)  # fmt: skip
 
 
 def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
@@ -99,9 +119,9 @@ def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
 
     names  of the stars to read; none: all that have images enough
 
-    npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and maybe `background` (or `bkg_adu`) and
-          `magnitude` (or `obc_mag`), each behind the name of its star and "_" where there are
-          several
+    npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and maybe `background` (or `bkg_adu`),
+          `magnitude` (or `obc_mag`) and `acquired`, each behind the name of its star and "_" where
+          there are several
     FITS  a table of a star each, whose columns have these names
     Raises  ValueError, in one sentence with the path, where it has no star or a column is missing.
     """
@@ -150,7 +170,75 @@ def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
         np.column_stack(corner).astype(np.int64),
         None if background is None else np.asarray(background, float),
         math.nan if magnitude is None else float(np.median(magnitude)),
+        np.asarray(table["acquired"], bool) if "acquired" in table else None,
     )  # fmt: skip
+
+
+def windows_of_frames(
+    frames: Iterable[Any], read: Callable[[Any], Frame], case: Case,
+    progress: Callable[[int], None] | None = None,
+) -> list[Windows]:  # fmt: skip
+    """Windows of 8 x 8 pixels of the brightest stars of whole frames, in the order of time.
+
+    The tracker's search finds the stars in the first frame; from there on its box follows each, and
+    its search says in each frame whether it would have acquired the star. Stars that come near the
+    border are left out. The frames are taken at the update rate of the detector.
+
+    read      makes each of `frames`, such as a path, a Frame
+    progress  called with 1 after each frame
+    Raises    Refused where the frames are not of the design's detector, are too few, or hold no
+              star away from the border.
+    """
+    detector, box = case.instrument.detector, case.tracker.box
+    plan = plan_detection(case.tracker.detection, psf_of(case.instrument))
+    size = detector.rows, detector.columns
+    corner, corners, numbers, acquired = np.empty((0, 2), np.int64), [], [], []
+    for k, one in enumerate(frames):
+        frame = read(one)
+        if frame.image.shape != size:
+            raise Refused(
+                f"frames must have the {size[1]} x {size[0]} pixels of the detector, got "
+                f"{frame.image.shape[1]} x {frame.image.shape[0]} of {one}"
+            )
+        if not k:
+            corner = _first_corners(detect(frame, plan), size)
+            if not len(corner):
+                raise Refused(f"frames must have a star away from the border, got none in {one}")
+        inside = np.clip(corner, 4, np.array(size[::-1]) - 4)
+        middle = np.asarray(inside - 0.5, float)
+        corners.append(corner - 4)
+        numbers.append(_cut(frame.image, inside, detector))
+        acquired.append(_acquired(detect_near(frame, middle, NEAR + 1, plan), middle))
+        after = follow(frame, corner, box, plan).corner
+        corner = np.where(after < 0, corner, after)
+        if progress:
+            progress(1)
+    time = np.arange(len(corners)) / detector.update_rate
+    path, number = np.array(corners), np.array(numbers)
+    kept = ((path >= 0) & (path <= np.array(size[::-1]) - 8)).all(axis=(0, 2))
+    return [
+        Windows(f"star {star + 1}", time, number[:, star], path[:, star],
+                acquired=np.array(acquired)[:, star])
+        for star in np.flatnonzero(kept)
+    ]  # fmt: skip
+
+
+def _first_corners(spots: Spots, size: tuple[int, int]) -> Ints:
+    """Middles (m, 2) of the images of the brightest spots, which are no neighbours."""
+    place = np.column_stack([spots.x, spots.y])
+    inside = ((place > APART) & (place < np.array(size[::-1]) - APART)).all(axis=1)
+    chosen = list[int]()
+    for n in np.flatnonzero(inside):
+        far = np.hypot(*(np.delete(place, n, axis=0) - place[n]).T)
+        if len(chosen) < FOLLOWED and not (far < APART).any():
+            chosen.append(int(n))
+    return np.rint(place[chosen] + 0.5).astype(np.int64).reshape(-1, 2)
+
+
+def _acquired(spots: Spots, place: Floats) -> NDArray[np.bool_]:
+    """Whether a spot lies near each place (m, 2), in an image's middle half."""
+    away = np.abs(np.column_stack([spots.x, spots.y]) - place[:, None])
+    return np.asarray(np.any(np.all(away < NEAR, axis=2), axis=1))
 
 
 class Centroids(NamedTuple):
@@ -225,7 +313,8 @@ def measure(stars: Sequence[Windows], box: Box, psf: Psf | None) -> list[Measure
     curve       of the same, over the place in the pixel
     moves       steps of an image along an axis, in an exposure
     background  digital number; brightness in digital numbers a second and exposure
-    gain, read_noise  electron a number, and number: photon transfer, see `photon_transfer`
+    gain, read_noise  electron a number, and number: see `photon_transfer`; NaN where it refuses
+    acquired    share of the exposures in which the search finds the star, of those with its light
     image       1, of the peak: worst pixel of the mean images of cells of phase less the design's
                 image at fitted place and flux, of all stars alone; NaN without `psf`
 
@@ -236,7 +325,9 @@ def measure(stars: Sequence[Windows], box: Box, psf: Psf | None) -> list[Measure
     found = []
     for one, off, calm in zip(seen, residual, still, strict=True):
         windows = one.windows
-        gain, read = photon_transfer(windows)
+        gain = read = math.nan
+        with suppress(Refused):  # the image moves too often
+            gain, read = photon_transfer(windows)
         third = _third(off)[calm]
         together = len(seen) > 1
         scalar = {
@@ -248,6 +339,7 @@ def measure(stars: Sequence[Windows], box: Box, psf: Psf | None) -> list[Measure
             "temporal": math.sqrt(float((third**2).mean())) if len(third) else math.nan,
             "total": math.sqrt(float((off**2).mean())) if together else math.nan,
             "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(off)),
+            "acquired": math.nan if windows.acquired is None else float(windows.acquired.mean()),
         }
         curve = _curve(one.place, off) if together else np.full((2, PHASES), math.nan)
         found.append(Measured(scalar, curve))
@@ -453,7 +545,7 @@ def _drawn(
     state, psf, box = flickering(device, streams), psf_of(case.instrument), case.tracker.box
     at = path - low
     corner = np.rint(np.column_stack([at[0, 0] + shift, np.full(devices, at[0, 1])]) + 0.5)
-    corner, numbers, corners = corner.astype(np.int64), [], []
+    corner, numbers, corners, acquired = corner.astype(np.int64), [], [], []
     for k, (x, y) in enumerate(at):
         light = np.zeros((device.rows, device.columns))
         stamp(light, psf, x + shift, np.full(devices, y), np.full(devices, flux))
@@ -467,12 +559,16 @@ def _drawn(
         )  # fmt: skip
         corners.append(corner - 4)
         numbers.append(_cut(frame.image, corner, device))
+        if seen.acquired is not None:
+            middle = np.asarray(corner - 0.5, float)
+            acquired.append(_acquired(detect_near(frame, middle, NEAR + 1, plan), middle))
         after = follow(frame, corner, box, plan).corner
         corner = np.where(after < 0, corner, after)
     origin = np.column_stack([low[0] - shift, np.full(devices, low[1])])
     return [
         replace(seen, number=np.array([n[k] for n in numbers]), background=None,
-                corner=np.array([c[k] for c in corners]) + origin[k])
+                corner=np.array([c[k] for c in corners]) + origin[k],
+                acquired=np.array([a[k] for a in acquired]) if acquired else None)
         for k in range(devices)
     ]  # fmt: skip
 

@@ -1,13 +1,24 @@
 """Windows of a flown tracker: photon transfer and steps by made images, files, and the command."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from astropy.io import fits
+from scipy.spatial.transform import Rotation
 
+from startrack import Streams, load_design, random_attitude, shipped
 from startrack.cli.main import main
-from startrack.verification.flown import Windows, correlation, photon_transfer, read_windows
+from startrack.trial import observe
+from startrack.verification.flown import (
+    Windows,
+    compare_flown,
+    correlation,
+    photon_transfer,
+    read_windows,
+    windows_of_frames,
+)
 
 GAIN, NOISE, COUNT, SIDE = 4.0, 12.0, 2000, 8
 
@@ -81,3 +92,40 @@ def test_the_command_compares_a_design_with_its_own_images(tmp_path, capsys):
     ratio = {row["figure"]: row["ratio"] for row in again["differences"]}
     assert ratio["gain"] == pytest.approx(1, abs=0.1)
     assert ratio["read_noise"] == pytest.approx(1, abs=0.2)
+
+
+def turning(count: int):
+    """Frames of a design whose boresight turns by a hundredth of a pixel a frame."""
+    case = load_design(shipped("designs/noise_only.toml")).case
+    first, pixel = random_attitude(Streams(1, 0)), 1 / case.instrument.camera.focal_length_px
+    turns = [Rotation.from_rotvec([0.01 * pixel * k, 0, 0]) * first for k in range(count)]
+    frames = [observe(case, turn, Streams(1, k)).frame for k, turn in enumerate(turns)]
+    return case, frames
+
+
+def test_stars_of_whole_frames_are_followed():
+    case, frames = turning(40)
+    stars = windows_of_frames(range(40), frames.__getitem__, case)
+    assert len(stars) > 3
+    for star in stars:
+        row, column = np.unravel_index(star.number.mean(axis=0).argmax(), (8, 8))
+        assert (row, column) in {(3, 3), (3, 4), (4, 3), (4, 4)}
+        assert star.acquired.mean() > 0.9
+        left, top = star.corner[7]
+        seen = frames[7].image[top : top + 8, left : left + 8]
+        np.testing.assert_array_equal(star.number[7] + case.instrument.detector.offset, seen)
+    dark = [replace(frame, image=frame.image[:, ::-1]) for frame in frames[:20]] + frames[20:]
+    lost = windows_of_frames(range(40), [*frames[:20], *dark[:20]].__getitem__, case)
+    assert all(star.acquired[:20].mean() > 0.9 > 0.5 > star.acquired[20:].mean() for star in lost)
+    with pytest.raises(ValueError, match="512 x 512 pixels of the detector, got 256 x 512"):
+        windows_of_frames([0], lambda _: replace(frames[0], image=frames[0].image[:, :256]), case)
+
+
+@pytest.mark.slow
+def test_frames_of_a_design_are_as_it_predicts_them():
+    """Eight stars, 160 frames: scatters to 10 % by their number of degrees of freedom."""
+    case, frames = turning(160)
+    flown = compare_flown(case, windows_of_frames(range(160), frames.__getitem__, case), 4, 1)
+    for name in ("temporal", "total", "brightness", "background", "acquired"):
+        ratio = [row.ratio for row in flown.differences if row.name == name]
+        assert np.mean(ratio) == pytest.approx(1, abs=0.1), name
