@@ -340,12 +340,13 @@ def _as_measured(case: Case) -> Case:
 
     Units that differ in nothing else are measured once.
     """
-    instrument, mounting = case.instrument, Mounting()
+    instrument, mounting, seed = case.instrument, Mounting(), "instrument.detector.device_seed"
     detector = replace(instrument.detector, device_seed=0)
     return replace(
         case,
         instrument=replace(instrument, detector=detector, mounting=mounting, delay=0.0),
         tracker=replace(case.tracker, mounting=mounting, delay=0.0),
+        design=case.design and unchecked(case.design, {seed: 0}),  # whose pixels a dark map knows
     )
 
 

@@ -9,10 +9,12 @@ from scipy import stats
 from startrack.attitude import Mounting
 from startrack.budget import Term, UnitBudgets, analytic, unit_budgets
 from startrack.core import arcsec
-from startrack.design import YEAR, CameraCalibration, Variation, load_design
+from startrack.design import YEAR, CameraCalibration, Moment, Variation, load_design
+from startrack.detection import DarkMap
 from startrack.detector import Age
 from startrack.io import shipped
 from startrack.metrics import Interpretation, fraction_interval, level
+from startrack.population import unit_of
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 ONE = np.ones
@@ -85,6 +87,20 @@ def test_a_detector_is_as_old_as_its_unit():
         # The tracker of a unit does not know of the spread of dark signals that age makes.
         assert found.across() == pytest.approx(analytic(aged(same), 64).across, rel=5e-3)
     assert end.across()[0] > 1.2 * begin.across()[0]
+
+
+def test_the_dark_map_of_a_unit_is_of_its_own_pixels():
+    """Hot pixels move its stars no more than those of the unit alone, whose map knows them."""
+    instrument, detection = CASE.instrument, DarkMap(frames=8, hot=200)
+    detector = replace(instrument.detector, age=Age(time=5 * YEAR, fluence=3e4))
+    case = replace(
+        CASE,
+        instrument=replace(instrument, detector=detector),
+        tracker=replace(CASE.tracker, detection=replace(CASE.tracker.detection, dark_map=detection)),
+    )
+    found = unit_budgets(case, 1, 1, 5 * YEAR, 1, 64)
+    alone = analytic(unit_of(case, 1, Moment(0, age=5 * YEAR)), 64)
+    assert found.across() == pytest.approx(alone.across, rel=0.02)
 
 
 def test_what_turns_the_camera_is_bias_or_thermo_elastic():
