@@ -96,7 +96,9 @@ def test_the_dark_map_of_a_unit_is_of_its_own_pixels():
     case = replace(
         CASE,
         instrument=replace(instrument, detector=detector),
-        tracker=replace(CASE.tracker, detection=replace(CASE.tracker.detection, dark_map=detection)),
+        tracker=replace(
+            CASE.tracker, detection=replace(CASE.tracker.detection, dark_map=detection)
+        ),
     )
     found = unit_budgets(case, 1, 1, 5 * YEAR, 1, 64)
     alone = analytic(unit_of(case, 1, Moment(0, age=5 * YEAR)), 64)
