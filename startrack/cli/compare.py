@@ -24,7 +24,7 @@ if wanted(__name__):
     import numpy as np
     from numpy.typing import NDArray
 
-    from startrack.cli.terminal import print_result, progress, read_design
+    from startrack.cli.terminal import found_design, print_result, progress, read_design
     from startrack.design import Campaign, Case, Fidelity
     from startrack.io import aligned, to_table
     from startrack.metrics import ARCSEC, PERCENT, STATED_ALONE, Column, Table
@@ -90,6 +90,8 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _read(path: Path, changes: list[str]) -> Side:
+    with as_wrong_use():
+        path = found_design(path)
     if path.suffix == ".toml":
         design = read_design(path, changes)
         return Side(design.case, design.campaign, None, None)

@@ -35,6 +35,8 @@ if wanted(__name__):
         windows_of_frames,
     )
 
+TABLES = (".npz", ".fits", ".fit", ".fts")  # of images of stars, where there is one file
+
 
 declare = Options(
     "Measures images of stars over time, and images of the same stars on the same paths that the "
@@ -43,8 +45,10 @@ declare = Options(
     "centroids from exposure to exposure and in all, steps of the image, and the centroid over "
     "the pixel. A difference is marked, with the keys of the design that it points to; the design "
     "is not changed. Writes flight.json and flight.png.\n\n"
-    "The images are whole frames, a file each in the order of time, in which the tracker's search "
-    "finds the brightest stars and its box follows them; or a file of numpy arrays (npz) or FITS "
+    "The images are whole frames, files in the order of time or a SER, raw or video file, in which "
+    "the tracker's search finds the brightest stars and its box follows them, at the times of SER "
+    "or of DATE-OBS (MJD-OBS, JD) in FITS, without these at the update rate of the detector; or a "
+    "file of numpy arrays (npz) or FITS "
     "tables, with the time (second), the numbers of each image less the offset, and col0, row0, "
     "the place of its first pixel; background, magnitude and acquired may be missing. In an npz "
     "each name begins with that of its star and '_': s4_time, s4_number, s4_col0, s4_row0, "
@@ -87,12 +91,13 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _stars(options: argparse.Namespace, case: Case) -> list[Windows]:
-    """The images of the stars: read from one file, or cut out of the frames of several."""
-    names = options.stars.split(",") if options.stars else ()
-    if len(options.images) == 1:
-        return read_windows(options.images[0], names)
-    with terminal.progress("frames", len(options.images)) as advance:
-        found = windows_of_frames(options.images, terminal.image_reader(options), case, advance)
+    """The images of the stars: read from one file, or cut out of frames."""
+    names, first = options.stars.split(",") if options.stars else (), options.images[0]
+    if len(options.images) == 1 and first.suffix.lower() in TABLES:
+        return read_windows(first, names)
+    count, frames = terminal.read_series(options)
+    with terminal.progress("frames", count) as advance:
+        found = windows_of_frames(frames, case, advance)
     return [star for star in found if not names or star.name in names]
 
 

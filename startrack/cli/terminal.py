@@ -27,7 +27,9 @@ from startrack.io import (
     Layout,
     celestial,
     claimed_folder,
+    frames_in,
     from_table,
+    read_frames,
     read_image,
     read_table,
     save_text,
@@ -39,6 +41,7 @@ from startrack.sequence import Sequence, load_sequence
 
 EXAMPLE = "designs/nanosatellite.toml"
 SHIPPED = ("designs", "trackers")  # folders of design files
+FEWEST_LETTERS = 3  # of a part of a name, by which a shipped design is suggested
 CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
 SILENT = 30.0  # second, between two lines where there is no terminal
@@ -79,12 +82,15 @@ def found_design(path: Path) -> Path:
     for name, file in known.items():
         if asked in (name, file.name):
             return file
-    names = [*known, *(file.name for file in known.values())]
-    close = get_close_matches(asked, names, 3, 0.6)
-    close = sorted({name for name in known if any(name.endswith(one) for one in close)})
-    if close:
+    stem = path.stem.lower()
+    close = get_close_matches(stem, [file.stem for file in known.values()], 3, 0.75)
+    names = [
+        name for name, file in known.items()
+        if file.stem in close or (len(stem) >= FEWEST_LETTERS and stem in file.stem)
+    ]  # fmt: skip
+    if names:
         raise ValueError(
-            f"{path} must be a design file, but there is none; shipped are {', '.join(close)}"
+            f"{path} must be a design file, but there is none; shipped are {', '.join(names)}"
         )
     return path
 
@@ -125,6 +131,22 @@ def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:
 
     Raises  WrongUse where what they say is no layout, or where one of these two cannot be read
     """
+    layout, correct = _reading(options)
+    return lambda path: correct(read_image(path, layout))
+
+
+def read_series(options: argparse.Namespace) -> tuple[int, Iterator[Frame]]:
+    """The frames of all image files in their order, as `image_reader` reads them, and how many."""
+    layout, correct = _reading(options)
+    with as_wrong_use(ValueError, OSError):
+        one = options.plane is not None
+        count = sum(1 if one else frames_in(path, layout) for path in options.images)
+    frames = (frame for path in options.images for frame in read_frames(path, layout))
+    return count, map(correct, frames)
+
+
+def _reading(options: argparse.Namespace) -> tuple[Layout, Callable[[Frame], Frame]]:
+    """How the options say that images are read, and what is taken off each."""
     with as_wrong_use(ValueError, TypeError, OSError):
         layout = Layout(options.plane, options.bayer, options.colour, options.raw)
         dark, flat = (
@@ -132,12 +154,11 @@ def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:
             for name in ("dark", "flat")
         )
 
-    def read(path: Path) -> Frame:
-        frame = read_image(path, layout)
+    def correct(frame: Frame) -> Frame:
         frame = frame if dark is None else subtract_dark(frame, dark)
         return frame if flat is None else divide_flat(frame, flat)
 
-    return read
+    return layout, correct
 
 
 def read_stars(catalog: str, epoch: float) -> Stars:

@@ -247,6 +247,7 @@ class Frame:
     electrons_per_dn  electron per digital number
     offset            digital number of an empty pixel
     read_noise        electron rms
+    time              second since 2000-01-01 UTC without leap seconds, as the file is stamped
     """
 
     image: NDArray[np.number]
@@ -254,6 +255,7 @@ class Frame:
     electrons_per_dn: float = float("nan")
     offset: float = 0.0
     read_noise: float = float("nan")
+    time: float = float("nan")
 
     @property
     def _rows(self) -> list[tuple[str, str]]:

@@ -18,7 +18,7 @@ frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video 
 """
 
 from startrack.io.frame_files import FORMATS, FrameFiles
-from startrack.io.images import field_hint, read_image, write_fits
+from startrack.io.images import field_hint, read_frames, read_image, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
 from startrack.io.reading import (
     open_checked,
@@ -29,7 +29,7 @@ from startrack.io.reading import (
     shipped,
     unpacked,
 )
-from startrack.io.recordings import COLOURS, PATTERNS, Layout
+from startrack.io.recordings import COLOURS, PATTERNS, Layout, frames_in
 from startrack.io.saving import (
     claimed_folder,
     save_arrays,

@@ -6,6 +6,8 @@ import importlib
 import io
 import math
 import warnings
+from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,16 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Frame, Stars, require_memory
 from startrack.io.reading import picture_size, read_bytes, regular_file, require_fits, unpacked
-from startrack.io.recordings import VIDEOS, Layout, read_raw, read_ser, read_video
+from startrack.io.recordings import (
+    VIDEOS,
+    YEAR_2000,
+    Layout,
+    frames_in,
+    read_raw,
+    read_ser,
+    read_video,
+    video_frames,
+)
 from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header
 
@@ -25,6 +36,10 @@ FITS = {".fits", ".fit", ".fts"}
 EXIF_IFD, FOCAL_LENGTH, FOCAL_35MM, EXIF_WIDTH, EXIF_HEIGHT = 0x8769, 0x920A, 0xA405, 0xA002, 0xA003
 PLANE_RESOLUTION, PLANE_UNIT, FULL_FRAME = 0xA20E, 0xA210, math.hypot(36, 24)
 HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"mif1", b"msf1"}
+DATES = "DATE-OBS", "DATE-BEG", "DATE-AVG"
+# Days of 2000-01-01T00:00 by each keyword.
+JULIAN = {"MJD-OBS": 51544.0, "MJD-BEG": 51544.0, "MJD-AVG": 51544.0, "JD": 2451544.5}
+DAY = 86400.0  # second
 SEARCHED = 24  # bytes that the detection takes for each pixel of an image; measured: 20 at most
 
 
@@ -46,8 +61,8 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
             return Frame(layout.one_image(path, read_raw(path, layout), None))
         regular_file(path)
         if path.suffix.lower() == ".ser":
-            image, said = read_ser(path, layout.plane)
-            return Frame(layout.one_image(path, image, said))
+            image, said, time = read_ser(path, layout.plane)
+            return Frame(layout.one_image(path, image, said), time=time)
         if path.suffix.lower() in VIDEOS:
             return Frame(layout.one_image(path, read_video(path, layout.plane), None))
         data = read_bytes(path, "a file")
@@ -67,6 +82,25 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
     if frame.image.size == 0 or not np.isfinite(frame.image).any():
         raise ValueError(f"{path} must hold finite pixel values, but it has none")
     return frame
+
+
+def read_frames(path: Path, layout: Layout) -> Iterator[Frame]:
+    """The frames of a file, one after the other: all of a SER, raw or video file, one of others.
+
+    layout  where it names a plane, that one alone
+    Raises  as `read_image`.
+    """
+    one_of_many = layout.plane is not None or not (
+        layout.raw or path.suffix.lower() in (".ser", *VIDEOS)
+    )
+    if one_of_many:
+        yield read_image(path, layout)
+    elif layout.raw or path.suffix.lower() == ".ser":
+        for plane in range(frames_in(path, layout)):
+            yield read_image(path, replace(layout, plane=plane))
+    else:
+        for image in video_frames(path):
+            yield Frame(layout.one_image(path, image, None))
 
 
 def field_hint(path: Path, shape: tuple[int, ...]) -> float | None:
@@ -214,7 +248,7 @@ def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
                 image, header = np.asarray(unit.data), unit.header
                 numbers = [_number(header, key) for key in ("EXPTIME", "GAIN", "RDNOISE")]
                 offset = _number(header, "PEDESTAL", 0.0)
-                said = _pattern(header)
+                said, time = _pattern(header), _time(header)
     except StopIteration:
         raise ValueError(f"{path} must hold an image of two axes, but it has none") from None
     except MemoryError:
@@ -239,7 +273,25 @@ def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
     if image.ndim != 2:
         raise ValueError(f"{path} must hold an image of two axes, got shape {image.shape}")
     image = layout.one_image(path, image.astype(image.dtype.newbyteorder("=")), said)
-    return Frame(image, numbers[0], numbers[1], offset, numbers[2])
+    return Frame(image, numbers[0], numbers[1], offset, numbers[2], time)
+
+
+def _time(header) -> float:  # type: ignore[no-untyped-def]
+    """Second since 2000 by the first of the date's keywords; NaN without one, or without an hour.
+
+    Source: FITS standard 4.0, section 9.5; TIME-OBS is of before 2000.
+    """
+    for key in DATES:
+        date = str(header.get(key, "")).strip().removesuffix("Z")
+        if "T" not in date:
+            date = f"{date}T{str(header.get('TIME-OBS', '')).strip()}"
+        try:
+            since = datetime.fromisoformat(date) - YEAR_2000
+        except (ValueError, TypeError):  # no such date; one with a zone
+            continue
+        return since.total_seconds()
+    days = [_number(header, key) - zero for key, zero in JULIAN.items()]
+    return DAY * next((day for day in days if math.isfinite(day)), math.nan)
 
 
 def _pattern(header) -> str | None:  # type: ignore[no-untyped-def]

@@ -6,11 +6,15 @@ Source: Heiko Wilkens and Grischa Hahn, SER format description, version 3 (2014)
 
 from __future__ import annotations
 
+import math
 import os
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO
+from typing import Annotated, Any, BinaryIO, NamedTuple
 
 import cv2
 import numpy as np
@@ -30,6 +34,8 @@ SER_HEADER = struct.Struct("<14s7i40s40s40s2q")
 SER_MAGIC = b"LUCAM-RECORDER"
 SER_PATTERNS = dict(zip((8, 9, 10, 11), PATTERNS, strict=True))
 SER_RGB = (100, 101)
+SER_TICKS = 10**7  # in a second
+YEAR_1, YEAR_2000 = datetime(1, 1, 1), datetime(2000, 1, 1)
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,15 @@ def read_raw(path: Path, layout: Layout) -> NDArray[Any]:
 
     Raises  ValueError where the file does not hold whole frames of this size, or not this plane.
     """
+    rows, columns, form, count = _raw_layout(path, layout)
+    at = _frame_of(path, layout.plane, count)
+    with path.open("rb") as file:
+        image = _pixels(path, file, at * rows * columns * form.itemsize, form, (rows, columns))
+    return image.astype(form.newbyteorder("="))
+
+
+def _raw_layout(path: Path, layout: Layout) -> tuple[int, int, np.dtype[Any], int]:
+    """Rows, columns, type of a pixel and number of frames of a file without a header."""
     rows, columns, kind = _raw_shape(layout.raw or "")
     form = np.dtype(kind.removesuffix("be")).newbyteorder(">" if kind.endswith("be") else "<")
     size = rows * columns * form.itemsize
@@ -117,10 +132,7 @@ def read_raw(path: Path, layout: Layout) -> NDArray[Any]:
         raise ValueError(
             f"{path} must hold whole frames of {size} bytes for {layout.raw}, got {total} bytes"
         )
-    at = _frame_of(path, layout.plane, total // size)
-    with path.open("rb") as file:
-        image = _pixels(path, file, at * size, form, (rows, columns))
-    return image.astype(form.newbyteorder("="))
+    return rows, columns, form, total // size
 
 
 def _frame_of(path: Path, plane: int | None, count: int) -> int:
@@ -141,36 +153,73 @@ def _pixels(
     return np.frombuffer(data, form).reshape(shape)
 
 
-def read_ser(path: Path, plane: int | None) -> tuple[NDArray[Any], str | None]:
-    """One frame of a SER, and its Bayer pattern.
+class _Ser(NamedTuple):
+    """Header of a SER file; size of a frame in bytes."""
 
-    Pixels of 16 bits are little-endian where the header's LittleEndian is 0, as programs have it;
-    the description says the opposite.
+    pattern: str | None
+    form: np.dtype[Any]
+    shape: tuple[int, ...]
+    frames: int
 
-    Raises  ValueError where the file is cut or no SER, or has no such frame.
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape)) * self.form.itemsize
+
+
+def _ser_header(path: Path) -> _Ser:
+    """Pixels of 16 bits are little-endian where LittleEndian is 0, as programs have it; the
+    description says the opposite.
     """
     total = os.stat(path).st_size
     with path.open("rb") as file:
         head = file.read(SER_HEADER.size)
-        if len(head) < SER_HEADER.size or not head.startswith(SER_MAGIC):
-            raise ValueError(f"{path} must be a whole SER file")
-        _, _, kind, big, columns, rows, depth, count, *_ = SER_HEADER.unpack(head)
-        if not (0 < columns <= 2**16 and 0 < rows <= 2**16 and 1 <= depth <= 16 and count > 0):
-            raise ValueError(
-                f"{path} must hold frames of 1 to 16 bits, got {count} of {columns} x {rows} "
-                f"pixels of {depth} bits"
-            )
-        if kind != 0 and kind not in SER_PATTERNS and kind not in SER_RGB:
-            raise ValueError(f"{path}: colour must be mono, Bayer or RGB, got number {kind}")
-        form = np.dtype("u1" if depth <= 8 else ">u2" if big else "<u2")
-        shape = (rows, columns, 3) if kind in SER_RGB else (rows, columns)
-        size = int(np.prod(shape)) * form.itemsize
-        if total < SER_HEADER.size + count * size:
-            raise ValueError(f"{path} must hold {count} frames of {size} bytes, but it is cut")
-        at = _frame_of(path, plane, count)
-        image = _pixels(path, file, SER_HEADER.size + at * size, form, shape)
-    image = image.astype(form.newbyteorder("="))
-    return (image.max(axis=2) if image.ndim == 3 else image), SER_PATTERNS.get(kind)
+    if len(head) < SER_HEADER.size or not head.startswith(SER_MAGIC):
+        raise ValueError(f"{path} must be a whole SER file")
+    _, _, kind, big, columns, rows, depth, count, *_ = SER_HEADER.unpack(head)
+    if not (0 < columns <= 2**16 and 0 < rows <= 2**16 and 1 <= depth <= 16 and count > 0):
+        raise ValueError(
+            f"{path} must hold frames of 1 to 16 bits, got {count} of {columns} x {rows} "
+            f"pixels of {depth} bits"
+        )
+    if kind != 0 and kind not in SER_PATTERNS and kind not in SER_RGB:
+        raise ValueError(f"{path}: colour must be mono, Bayer or RGB, got number {kind}")
+    form = np.dtype("u1" if depth <= 8 else ">u2" if big else "<u2")
+    shape = (rows, columns, 3) if kind in SER_RGB else (rows, columns)
+    header = _Ser(SER_PATTERNS.get(kind), form, shape, count)
+    if total < SER_HEADER.size + count * header.size:
+        raise ValueError(f"{path} must hold {count} frames of {header.size} bytes, but it is cut")
+    return header
+
+
+def read_ser(path: Path, plane: int | None) -> tuple[NDArray[Any], str | None, float]:
+    """One frame of a SER, its Bayer pattern, and its time as a `Frame` has it, NaN without one.
+
+    Raises  ValueError where the file is cut or no SER, or has no such frame.
+    """
+    header = _ser_header(path)
+    at = _frame_of(path, plane, header.frames)
+    with path.open("rb") as file:
+        offset = SER_HEADER.size + at * header.size
+        image = _pixels(path, file, offset, header.form, header.shape)
+        file.seek(SER_HEADER.size + header.frames * header.size + 8 * at)
+        stamp = file.read(8)
+    ticks = struct.unpack("<q", stamp)[0] if len(stamp) == 8 else 0
+    since = ticks - int((YEAR_2000 - YEAR_1).total_seconds()) * SER_TICKS
+    image = image.astype(header.form.newbyteorder("="))
+    image = image.max(axis=2) if image.ndim == 3 else image
+    return image, header.pattern, since / SER_TICKS if ticks > 0 else math.nan
+
+
+def frames_in(path: Path, layout: Layout) -> int:
+    """Number of frames of a SER or raw file; of a video about as many as it says, of others 1."""
+    if layout.raw:
+        return _raw_layout(path, layout)[3]
+    if path.suffix.lower() == ".ser":
+        return _ser_header(regular_file(path)).frames
+    if path.suffix.lower() not in VIDEOS:
+        return 1
+    with _open_video(path) as video:
+        return max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 1)
 
 
 def read_video(path: Path, plane: int | None) -> NDArray[Any]:
@@ -182,31 +231,49 @@ def read_video(path: Path, plane: int | None) -> NDArray[Any]:
     Raises  ValueError where the file is no Matroska, AVI, MP4 or MOV, cannot be decoded, or has no
             such frame.
     """
-    with path.open("rb") as file:
+    with _open_video(path) as video:
+        grabbed = all(video.grab() for _ in range((plane or 0) + 1))
+        image = _retrieved(video) if grabbed else None
+    if image is None:
+        raise ValueError(f"{path} must hold a frame {plane or 0} that can be decoded")
+    return image
+
+
+def video_frames(path: Path) -> Iterator[NDArray[Any]]:
+    """All frames of a video, each as `read_video`; raises as it does where there is none."""
+    yield read_video(path, 0)
+    with _open_video(path) as video:
+        video.grab()
+        while video.grab() and (image := _retrieved(video)) is not None:
+            yield image
+
+
+@contextmanager
+def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
+    with regular_file(path).open("rb") as file:
         head = file.read(12)
     if not any(head[at:].startswith(magic) for at, magic in VIDEO_MAGIC):
         raise ValueError(f"{path} must be a Matroska, AVI, MP4 or MOV video")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the error below says it
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the errors of the callers say it
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     try:
-        image = _video_frame(path, video, plane or 0) if video.isOpened() else None
+        if not video.isOpened():
+            raise ValueError(f"{path} must hold a frame 0 that can be decoded")
+        sides = cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH
+        rows, columns = (int(video.get(side)) for side in sides)
+        require_memory(12.0 * rows * columns, f"{path}, a video of {columns} x {rows} pixels,")
+        form = int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)).to_bytes(8, "little", signed=True)
+        video.set(cv2.CAP_PROP_CONVERT_RGB, 0 if form[:4] in VIDEO_GREY else 1)
+        yield video
     except cv2.error:
-        image = None
+        raise ValueError(f"{path} must hold frames that can be decoded") from None
     finally:
         video.release()
-    if image is None or image.size == 0:
-        raise ValueError(f"{path} must hold a frame {plane or 0} that can be decoded")
-    return image.max(axis=2) if image.ndim == 3 else image
 
 
-def _video_frame(path: Path, video: cv2.VideoCapture, plane: int) -> NDArray[Any] | None:
-    """A frame, of three channels where it has colours; None where it cannot be decoded."""
-    sides = cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH
-    rows, columns = (int(video.get(side)) for side in sides)
-    require_memory(12.0 * rows * columns, f"{path}, a video of {columns} x {rows} pixels,")
-    form = int(video.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)).to_bytes(8, "little", signed=True)
-    video.set(cv2.CAP_PROP_CONVERT_RGB, 0 if form[:4] in VIDEO_GREY else 1)
-    if not all(video.grab() for _ in range(plane + 1)):
-        return None
+def _retrieved(video: cv2.VideoCapture) -> NDArray[Any] | None:
+    """The frame that was grabbed, of one channel; None where it cannot be decoded."""
     decoded, image = video.retrieve()
-    return np.asarray(image) if decoded else None
+    if not decoded or image is None or image.size == 0:
+        return None
+    return np.asarray(image.max(axis=2) if image.ndim == 3 else image)

@@ -97,6 +97,7 @@ class Windows(Parameters):
             )
         if shape[0] < FEWEST_IMAGES:
             raise Refused(f"{self.name} must have {FEWEST_IMAGES} images or more, got {shape[0]}")
+        _require_rising(self.name, self.time)
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -175,35 +176,34 @@ def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
 
 
 def windows_of_frames(
-    frames: Iterable[Any], read: Callable[[Any], Frame], case: Case,
-    progress: Callable[[int], None] | None = None,
-) -> list[Windows]:  # fmt: skip
+    frames: Iterable[Frame], case: Case, progress: Callable[[int], None] | None = None
+) -> list[Windows]:
     """Windows of 8 x 8 pixels of the brightest stars of whole frames, in the order of time.
 
     The tracker's search finds the stars in the first frame; from there on its box follows each, and
     its search says in each frame whether it would have acquired the star. Stars that come near the
-    border are left out. The frames are taken at the update rate of the detector.
+    border are left out. Frames without time stamps are taken at the update rate of the detector.
 
-    read      makes each of `frames`, such as a path, a Frame
     progress  called with 1 after each frame
     Raises    Refused where the frames are not of the design's detector, are too few, or hold no
-              star away from the border.
+              star away from the border; where some have no time stamp, or these do not rise.
     """
     detector, box = case.instrument.detector, case.tracker.box
     plan = plan_detection(case.tracker.detection, psf_of(case.instrument))
     size = detector.rows, detector.columns
     corner, corners, numbers, acquired = np.empty((0, 2), np.int64), [], [], []
-    for k, one in enumerate(frames):
-        frame = read(one)
+    stamps = list[float]()
+    for k, frame in enumerate(frames):
         if frame.image.shape != size:
             raise Refused(
                 f"frames must have the {size[1]} x {size[0]} pixels of the detector, got "
-                f"{frame.image.shape[1]} x {frame.image.shape[0]} of {one}"
+                f"{frame.image.shape[1]} x {frame.image.shape[0]} of frame {k + 1}"
             )
         if not k:
             corner = _first_corners(detect(frame, plan), size)
             if not len(corner):
-                raise Refused(f"frames must have a star away from the border, got none in {one}")
+                raise Refused("frames must have a star away from the border, got none in the first")
+        stamps.append(frame.time)
         inside = np.clip(corner, 4, np.array(size[::-1]) - 4)
         middle = np.asarray(inside - 0.5, float)
         corners.append(corner - 4)
@@ -213,7 +213,7 @@ def windows_of_frames(
         corner = np.where(after < 0, corner, after)
         if progress:
             progress(1)
-    time = np.arange(len(corners)) / detector.update_rate
+    time = _times(np.array(stamps), detector)
     path, number = np.array(corners), np.array(numbers)
     kept = ((path >= 0) & (path <= np.array(size[::-1]) - 8)).all(axis=(0, 2))
     return [
@@ -221,6 +221,31 @@ def windows_of_frames(
                 acquired=np.array(acquired)[:, star])
         for star in np.flatnonzero(kept)
     ]  # fmt: skip
+
+
+def _times(stamps: Floats, detector: Detector) -> Floats:
+    """Times of frames, by their stamps or by the update rate."""
+    known = np.isfinite(stamps)
+    if not known.any():
+        return np.arange(len(stamps)) / detector.update_rate
+    if not known.all():
+        raise Refused(
+            "time stamps must be in all frames or in none, got none in frame "
+            f"{int(np.argmin(known)) + 1}"
+        )
+    _require_rising("frames", stamps)
+    return stamps - stamps[0]
+
+
+def _require_rising(name: str, time: Floats) -> None:
+    """Refuse times that do not rise from image to image."""
+    back = np.flatnonzero(~(np.diff(time) > 0))
+    if len(back):
+        at = int(back[0])
+        raise Refused(
+            f"time of {name} must rise, got {time[at + 1]:.6f} s of number {at + 2} after "
+            f"{time[at]:.6f} s"
+        )
 
 
 def _first_corners(spots: Spots, size: tuple[int, int]) -> Ints:

@@ -239,6 +239,29 @@ def test_every_command_on_a_design_takes_single_values(call, command, tmp_path):
     assert "--set: instrument.optics.f_number must lie in [0.3, 200], got -3" in err
 
 
+MISSPELLED = "trackers/chandra-aca.tml", "chandra", "trackers/Chandra_ACA.toml"
+
+
+@pytest.mark.parametrize("command", [*ON_DESIGNS, "export aocs", "compare-flight"])
+def test_every_command_suggests_a_shipped_design(call, command, tmp_path, monkeypatch):
+    """From any folder; the value that is refused shows that a shipped one is read by its name."""
+    monkeypatch.chdir(tmp_path)
+    second = {"detect --design": ["none.png"], "compare": [EXAMPLE], "compare-flight": ["a.npz"]}
+    for name in MISSPELLED:
+        status, _, err = call(*command.split(), name, *second.get(command, []))
+        assert status == 2
+        assert err.endswith("there is none; shipped are trackers/chandra-aca.toml\n"), err
+    for name in ("trackers/chandra-aca.toml", "chandra-aca"):
+        changed = "--set", "instrument.optics.f_number=-3"
+        status, _, err = call(*command.split(), name, *second.get(command, []), *changed)
+        assert status == 2
+        assert "f_number must lie in [0.3, 200], got -3" in err
+
+
+def test_no_design_is_suggested_where_none_is_close(call):
+    assert call("psf", "nosuch.toml")[2].endswith("must be a design file, but there is none\n")
+
+
 def test_a_value_changes_the_design_and_stands_in_the_result(call):
     plain, faster = (
         call("requirements", EXAMPLE, *more, "--json")[1][0]

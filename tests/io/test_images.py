@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.table import Table
+from astropy.time import Time
 from astropy.wcs import WCS
 
 from startrack.core.camera import Camera
@@ -202,6 +203,26 @@ def test_a_gzip_bomb_is_refused_while_it_is_unpacked(tmp_path, monkeypatch):
     path.write_bytes(gzip.compress(PLAIN + b"\0" * 2**25))
     with pytest.raises(ValueError, match=r"unpacked, would need .* the limit of"):
         read_image(path)
+
+
+def test_frames_are_stamped_as_astropy_reads_their_dates(tmp_path):
+    """Any of the keywords of a date; in a day without a leap second UTC days have 86,400 s."""
+    begin = Time("2000-01-01", scale="utc")
+    cards = {"DATE-OBS": "2026-03-01T23:59:59.250001"}, {"MJD-OBS": 61100.123456}, {
+        "JD": 2461100.5}, {"DATE-OBS": "2026-03-01", "TIME-OBS": "12:30:01.5"}  # fmt: skip
+    dates = "2026-03-01T23:59:59.250001", Time(61100.123456, format="mjd"), Time(
+        2461100.5, format="jd"), "2026-03-01T12:30:01.5"  # fmt: skip
+    for card, date in zip(cards, dates, strict=True):
+        fits.PrimaryHDU(np.ones((4, 4)), fits.Header(card)).writeto(
+            tmp_path / "a.fits", overwrite=True
+        )
+        days = np.round(Time(date, scale="utc").mjd - begin.mjd, 10)
+        assert read_image(tmp_path / "a.fits").time == pytest.approx(days * 86400, abs=2e-5)
+    for card in {"DATE-OBS": "2026-03-01"}, {"DATE-OBS": "yesterday"}, {}:
+        fits.PrimaryHDU(np.ones((4, 4)), fits.Header(card)).writeto(
+            tmp_path / "a.fits", overwrite=True
+        )
+        assert np.isnan(read_image(tmp_path / "a.fits").time)
 
 
 def test_gzipped_fits_is_read(tmp_path):

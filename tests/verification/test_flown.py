@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Streams, load_design, random_attitude, shipped
 from startrack.cli.main import main
+from startrack.io import FrameFiles, Layout, read_frames
 from startrack.trial import observe
 from startrack.verification.flown import (
     Windows,
@@ -105,7 +107,7 @@ def turning(count: int):
 
 def test_stars_of_whole_frames_are_followed():
     case, frames = turning(40)
-    stars = windows_of_frames(range(40), frames.__getitem__, case)
+    stars = windows_of_frames(frames, case)
     assert len(stars) > 3
     for star in stars:
         row, column = np.unravel_index(star.number.mean(axis=0).argmax(), (8, 8))
@@ -115,17 +117,48 @@ def test_stars_of_whole_frames_are_followed():
         seen = frames[7].image[top : top + 8, left : left + 8]
         np.testing.assert_array_equal(star.number[7] + case.instrument.detector.offset, seen)
     dark = [replace(frame, image=frame.image[:, ::-1]) for frame in frames[:20]] + frames[20:]
-    lost = windows_of_frames(range(40), [*frames[:20], *dark[:20]].__getitem__, case)
+    lost = windows_of_frames([*frames[:20], *dark[:20]], case)
     assert all(star.acquired[:20].mean() > 0.9 > 0.5 > star.acquired[20:].mean() for star in lost)
     with pytest.raises(ValueError, match="512 x 512 pixels of the detector, got 256 x 512"):
-        windows_of_frames([0], lambda _: replace(frames[0], image=frames[0].image[:, :256]), case)
+        windows_of_frames([replace(frames[0], image=frames[0].image[:, :256])], case)
+
+
+def test_frames_of_files_have_their_times(tmp_path):
+    """A recording with time stamps gives them, one without takes the update rate."""
+    case, frames = turning(34)
+    rate, begin = case.instrument.detector.update_rate, datetime(2026, 3, 1, tzinfo=UTC)
+    at = 0.5 * np.arange(34) + 0.25 * (np.arange(34) > 9)
+    made = {}
+    for kind in ("ser", "raw", "mkv", "fits"):
+        files = FrameFiles(tmp_path, kind, kind, begin)
+        for frame, time in zip(frames, at, strict=True):
+            files.add(frame, time, Rotation.identity())
+        made[kind] = files.close()[:-1]
+    for kind, times in {"ser": at, "fits": at, "raw": None, "mkv": None}.items():
+        layout = Layout(raw="512x512:uint16" if kind == "raw" else None)
+        read = [frame for path in made[kind] for frame in read_frames(path, layout)]
+        np.testing.assert_array_equal(read[33].image, frames[33].image)
+        expected = np.arange(34) / rate if times is None else times
+        star = windows_of_frames(read, case)[0]
+        np.testing.assert_allclose(star.time, expected, atol=2e-6)
+    stamped = [replace(frame, time=2.0 * k) for k, frame in enumerate(read)]
+    with pytest.raises(ValueError, match=r"must rise, got 6\.000000 s of number 4 after 8\.0"):
+        windows_of_frames([*stamped[:2], *stamped[4:2:-1], *stamped[5:]], case)
+    with pytest.raises(ValueError, match="in all frames or in none, got none in frame 34"):
+        windows_of_frames([*stamped[:33], replace(stamped[33], time=np.nan)], case)
+
+
+def test_times_of_a_star_rise():
+    star = still()
+    with pytest.raises(ValueError, match=r"time of s1 must rise, got .* of number 2"):
+        replace(star, time=star.time[::-1] - star.time[-1])
 
 
 @pytest.mark.slow
 def test_frames_of_a_design_are_as_it_predicts_them():
     """Eight stars, 160 frames: scatters to 10 % by their number of degrees of freedom."""
     case, frames = turning(160)
-    flown = compare_flown(case, windows_of_frames(range(160), frames.__getitem__, case), 4, 1)
+    flown = compare_flown(case, windows_of_frames(frames, case), 4, 1)
     for name in ("temporal", "total", "brightness", "background", "acquired"):
         ratio = [row.ratio for row in flown.differences if row.name == name]
         assert np.mean(ratio) == pytest.approx(1, abs=0.1), name
