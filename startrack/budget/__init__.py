@@ -12,6 +12,7 @@ indices    Simulated sequences -> the error indices of the standard, over member
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
 units      Case -> error budgets of many units at an age: classes of error and levels.
 residuals  Case -> errors of single stars in trials, over their position in the field and magnitude.
+single_stars  Case -> error of a single star's centroid over its magnitude, in time and in all.
 curves     Case -> its error over the sky and over slew rate, and that of its stars.
 """
 
@@ -48,6 +49,7 @@ from startrack.budget.left_out import (
 )
 from startrack.budget.measured import measured
 from startrack.budget.residuals import Residuals, StarErrors, residuals, star_errors
+from startrack.budget.single_stars import single_stars
 from startrack.budget.units import UnitBudgets, joined, unit_budgets
 from startrack.trial import Term
 
@@ -72,6 +74,7 @@ __all__ = [
     "exclusions",
     "indices_of",
     "measured",
+    "single_stars",
     "survey",
     "unit_budgets",
 ]

@@ -19,7 +19,7 @@ from startrack.core import Floats, Refused
 from startrack.design import Case
 from startrack.metrics import Interval, summarise
 from startrack.montecarlo import Serial, run
-from startrack.trial import Errors, errors
+from startrack.trial import Errors, SingleStars, boxed, boxed_stars, errors
 
 SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
 LONGEST = 8.0  # of those of the formula, which takes ten seconds for a longer one
@@ -149,7 +149,8 @@ class ErrorCurves(NamedTuple):
     curve   the analytic budget over slew rates
     steps   of these between two rates of the trials
     tried   slew rates, radian / second, and what trials say there
-    stars   errors of single stars over their magnitude, by formula
+    stars   errors of single stars over their magnitude, by formula, of the whole frame's search
+    boxed   those of stars in boxes; None: the tracker searches the frame
     seen    stars of some trials
     trials  number of these
     """
@@ -158,6 +159,7 @@ class ErrorCurves(NamedTuple):
     steps: int
     tried: tuple[tuple[float, Check], ...]
     stars: Errors
+    boxed: SingleStars | None
     seen: Residuals
     trials: int
 
@@ -178,7 +180,8 @@ def error_curves(
         if budget
     )
     seen = residuals(case, seed, trials)
-    return ErrorCurves(curve, BETWEEN + 1, tried, errors(case), seen, trials)
+    in_boxes = boxed_stars(case) if boxed(case) else None
+    return ErrorCurves(curve, BETWEEN + 1, tried, errors(case), in_boxes, seen, trials)
 
 
 def rates_computed(case: Case) -> int:

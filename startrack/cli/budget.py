@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ if wanted(__name__):
         indices_of,
         measured,
         rates_computed,
+        single_stars,
         survey,
         unseen,
     )
@@ -47,14 +49,27 @@ if wanted(__name__):
     from startrack.core import arcsec
     from startrack.design import Case
     from startrack.io import aligned, save_json
-    from startrack.metrics import LEVELS, Interpretation, summary_rows, to_json
+    from startrack.metrics import (
+        ARCSEC,
+        LEVELS,
+        Column,
+        Interpretation,
+        Table,
+        summary_rows,
+        to_json,
+    )
     from startrack.montecarlo import pool
     from startrack.plots import draw_budget, draw_curves, draw_sky
     from startrack.sequence import Sequence
-    from startrack.trial import TYPICAL, errors, lasting
+    from startrack.trial import TYPICAL, SingleStars, errors, lasting
 
 Pair = tuple[float, float]  # across, about
 UNITS = 6  # where a design varies and no number is asked for
+TEXT_STEP = 2  # rows of single stars in text; JSON has all
+STARS = (
+    "single stars, rms per axis: from exposure to exposure, by the centroid method, in all, and "
+    "without the few that hot pixels move far"
+)
 FAR = 0.1  # relative difference of the two columns from which on it is printed
 
 
@@ -109,6 +124,9 @@ def command(options: argparse.Namespace) -> int:
     result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
     result |= {"star_without_noise_g": TYPICAL}
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
+    with terminal.stage("single stars over magnitude"):
+        stars = _star_table(case, single_stars(case))
+    result["single_stars"] = stars.json()
     with terminal.stage("trials beside the formula"):
         checked = check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
@@ -119,6 +137,7 @@ def command(options: argparse.Namespace) -> int:
         f"{alone}{_table(expected, by_trials)}\n"
         f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
         f"assumes {assumed}",
+        "\n".join([STARS, *replace(stars, records=stars.records[::TEXT_STEP]).text(())]),
         "\n".join(advice(expected)),
         "\n".join(
             [*caveats(case, expected.left_out, expected.refused), *_checked(checked, expected)]
@@ -154,6 +173,27 @@ def command(options: argparse.Namespace) -> int:
     terminal.print_result(options, result, "\n\n".join(text))
     availability = (by_trials or expected).availability
     return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
+
+
+def _star_table(case: Case, stars: SingleStars) -> Table:
+    """Errors of single stars, a row for each magnitude."""
+    pixel = 1 / case.instrument.camera.focal_length_px
+
+    def column(name: str, title: str) -> Column:
+        values = getattr(stars, name) * pixel
+        return Column(name, title, lambda row: float(values[row]), ARCSEC, ".4f")
+
+    return Table(
+        [
+            Column("magnitude_g", "G", lambda row: float(stars.magnitude[row]), form=".1f"),
+            Column("measured", "measured", lambda row: float(stars.measured[row])),
+            column("temporal", "in time"),
+            column("method", "method"),
+            column("total", "in all"),
+            column("usual", "usual"),
+        ],
+        range(len(stars.magnitude)),
+    )
 
 
 def _checked(checked: Check, expected: Budget[Any]) -> list[str]:

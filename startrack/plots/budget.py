@@ -19,7 +19,7 @@ from startrack.detection import STREAK
 from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import quantile_interval
 from startrack.plots import style
-from startrack.trial import Errors
+from startrack.trial import Errors, SingleStars
 
 COLOURS = {
     Term.BIAS: style.GREY,
@@ -244,7 +244,7 @@ def draw_curves(path: Path | None, curves: ErrorCurves, case: Case, title: str) 
     _over_rate(rates, curves, case)
     good = np.hypot(*curves.seen.error.T) < 1.0
     seen = Residuals(*(column[good] for column in curves.seen))
-    _over_magnitude(stars, curves.stars, seen)
+    _over_magnitude(stars, curves.stars, curves.boxed, seen)
     _over_field((place, count), curves, case, seen)
     if not good.all():
         stars.plot([], [], " ", label=f"{(~good).sum()} stars off by a pixel or more left out")
@@ -305,19 +305,16 @@ def _shade_rates(axes: Axes, curve: Curve) -> None:
         )  # fmt: skip
 
 
-def _over_magnitude(axes: Axes, star: Errors, seen: Residuals) -> None:
-    total = np.sqrt(_total(star))
-    floor = FLOOR * float(total.min())
-    for (name, covariance), colour, line in zip(
-        star.random.items(), style.CYCLE, style.LINES, strict=False
-    ):
-        own = np.sqrt(_variance(covariance))
-        drawn = np.where(own >= floor, own, np.nan)
-        part = "" if (own >= floor).all() else f", where above {style.number(floor)} pixel"
-        axes.plot(star.magnitude, drawn, ls=line, color=colour, lw=1.2, label=name + part)
-    axes.plot(star.magnitude, total, "-", color=style.BLACK, lw=1.8, label="all, analytic")
+def _over_magnitude(
+    axes: Axes, star: Errors, in_boxes: SingleStars | None, seen: Residuals
+) -> None:
+    if in_boxes:
+        _in_boxes(axes, in_boxes)
+    else:
+        _by_formula(axes, star)
     at, sizes = [], []
-    for low in np.arange(np.floor(star.magnitude[0]), star.magnitude[-1], 0.5):
+    edges = in_boxes.magnitude if in_boxes else star.magnitude
+    for low in np.arange(np.floor(edges[0]), edges[-1], 0.5):
         mine = seen.error[(seen.magnitude >= low) & (seen.magnitude < low + 0.5)]
         if len(mine) >= FEWEST:
             at.append(low + 0.25)
@@ -333,6 +330,32 @@ def _over_magnitude(axes: Axes, star: Errors, seen: Residuals) -> None:
     )
     style.panel_title(axes, "error of a star over its magnitude")
     style.legend_below(axes, 2)
+
+
+def _in_boxes(axes: Axes, star: SingleStars) -> None:
+    """Stars that were drawn in boxes."""
+    rows = (
+        ("total", "all, drawn in boxes: rms", style.BLACK, "-"),
+        ("usual", "the same: median size over 0.6745", style.BLACK, "--"),
+        ("temporal", "from exposure to exposure", style.RED, "-."),
+        ("method", "centroid method", style.BLUE, ":"),
+    )
+    for name, label, colour, line in rows:
+        axes.plot(star.magnitude, getattr(star, name), line, color=colour, lw=1.6, label=label)
+
+
+def _by_formula(axes: Axes, star: Errors) -> None:
+    """Each cause of the formula, and all of them."""
+    total = np.sqrt(_total(star))
+    floor = FLOOR * float(total.min())
+    for (name, covariance), colour, line in zip(
+        star.random.items(), style.CYCLE, style.LINES, strict=False
+    ):
+        own = np.sqrt(_variance(covariance))
+        drawn = np.where(own >= floor, own, np.nan)
+        part = "" if (own >= floor).all() else f", where above {style.number(floor)} pixel"
+        axes.plot(star.magnitude, drawn, ls=line, color=colour, lw=1.2, label=name + part)
+    axes.plot(star.magnitude, total, "-", color=style.BLACK, lw=1.8, label="all, analytic")
 
 
 def _over_field(

@@ -1,0 +1,78 @@
+"""Single stars over magnitude, beside stars of trials and beside those of a flown tracker."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from startrack import Streams, load_design, random_attitude, shipped
+from startrack.budget import single_stars
+from startrack.budget.residuals import residuals
+from startrack.catalog import open_sky
+from startrack.core import ZERO_CELSIUS
+from startrack.trial import colour_correction
+from startrack.trial.boxed_stars import MEDIAN
+from startrack.trial.boxes import boxes_in_windows
+
+
+def flown(year: float, celsius: float):
+    """Chandra's aspect camera at a year and a temperature of its CCD."""
+    case = load_design(shipped("trackers/chandra-aca.toml")).case
+    detector = case.instrument.detector
+    detector = replace(
+        detector,
+        age=replace(detector.age, year=year),
+        thermal=replace(detector.thermal, temperature=celsius + ZERO_CELSIUS),
+    )
+    return replace(case, instrument=replace(case.instrument, detector=detector))
+
+
+def test_stars_in_boxes_scatter_as_those_of_a_flown_tracker():
+    """Two guide stars of May 2005 (obs6120_2005, docs/flight.md): 0.0061 pixel rms from exposure to
+    exposure, 0.0219 in all about their common motion, of 8.7 and 8.9 mag.
+
+    The total depends on the few pixels that a star crosses, and lies between that of stars without
+    hot pixels and the rms over all pixels.
+    """
+    found = single_stars(flown(2005.4, -14.8))
+    at = {
+        name: np.interp([8.7, 8.9], found.magnitude, getattr(found, name)).mean()
+        for name in ("temporal", "total", "usual")
+    }
+    assert 0.8 < at["temporal"] / 0.0061 < 1.25
+    assert 0.8 * at["usual"] < 0.0219 < at["total"]
+    assert (found.measured[found.magnitude < 9] == 1).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("year", "celsius"), [(2005.0, -19.0), (2025.0, -6.0)])
+def test_stars_in_boxes_scatter_as_those_of_windows(year, celsius):
+    """Median size over what is predicted for each magnitude; 5 % (1 sigma) by their number."""
+    case, parts = flown(year, celsius), []
+    found, stars = single_stars(case), open_sky(case.catalog).stars
+    faint = colour_correction(case, stars.colour)
+    for number in range(60):
+        streams = Streams(7, number)
+        attitude = random_attitude(streams)
+        spots, matches = boxes_in_windows(case, attitude, streams)
+        star, _ = stars.find(open_sky(case.believed_catalog).stars.identifier[matches.star])
+        place = case.instrument.camera.project(attitude.apply(matches.direction))
+        seen = np.column_stack([spots.x, spots.y])[matches.spot] - place
+        parts.append(np.column_stack([stars.magnitude_g[star] + faint[star], seen]))
+    magnitude, x, y = np.concatenate(parts).T
+    good = (np.hypot(x, y) < 1) & (magnitude > found.magnitude[0]) & (magnitude < 9.5)
+    assert good.sum() > 100
+    usual = np.interp(magnitude[good], found.magnitude, found.usual)
+    size = np.abs(np.column_stack([x, y])[good] - np.median([x[good], y[good]], axis=1))
+    assert np.median(size / usual[:, None]) / MEDIAN == pytest.approx(1, abs=0.2)
+
+
+def test_stars_of_a_searched_frame_scatter_as_those_of_trials():
+    """Mean square over what is predicted; some 300 stars know it to 8 % (1 sigma)."""
+    case = load_design(shipped("designs/noise_only.toml")).case
+    found, seen = single_stars(case), residuals(case, 3, 16)
+    good = (np.abs(seen.error) < 1).all(axis=1) & (seen.magnitude > 2)
+    predicted = np.interp(seen.magnitude[good], found.magnitude, found.total)
+    ratio = (seen.error[good] / predicted[:, None]) ** 2
+    assert good.sum() > 100
+    assert np.sqrt(ratio.mean()) == pytest.approx(1, abs=0.2)
