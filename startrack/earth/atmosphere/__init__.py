@@ -5,6 +5,8 @@ aerosol   Extinction over height, and scattering by particles, from type of aero
 spectra   Transmittance of gases over air mass, and irradiance of the Sun, over wavelength.
 table     AirTable: radiance and transmission over wavelength and geometry, and its file; BandTable
           from it and bands: every term as radiance in each band, from one altitude.
+spread    From how far the ground's light reaches a line of sight through air: photon paths,
+          Gaussians.
 build     Radiance at sensors by sasktran2, and new tables by it: AirTable and the Earth's limb.
 look_up   Radiance of each pixel from BandTable and viewing geometry: the second of the two steps.
 cloud     Reflectance and transmission of a cloud layer, by doubling, with exact single scattering.
@@ -26,6 +28,7 @@ from startrack.earth.atmosphere.radiance import (
     sight_of,
 )
 from startrack.earth.atmosphere.spectra import sun_spectrum
+from startrack.earth.atmosphere.spread import SPREADS
 from startrack.earth.atmosphere.table import (
     Air,
     AirTable,

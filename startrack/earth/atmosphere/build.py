@@ -8,13 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, deg, nm
+from startrack.core import Floats, Streams, deg, nm
 from startrack.earth.atmosphere.aerosol import Haze, particles, profile, sasktran2
 from startrack.earth.atmosphere.spectra import GASES, sun_spectrum, transmittance
+from startrack.earth.atmosphere.spread import SPREADS, Column, spread
 from startrack.earth.atmosphere.table import Air, AirTable
 from startrack.scene import Limb
 
 TOP = 100e3  # metre, of the air
+PHOTONS = 300_000  # of each place and wavelength of `spread`
 EARTH = 6371e3  # metre, mean radius
 LIMB_STEP = 1e3  # metre, between the borders of spherical layers
 ORBIT = 600e3  # metre, of the observer of the limb; any height above the air is equivalent
@@ -259,11 +261,43 @@ def build(
         seen,
         around,
         backscatter,
+        *build_spread(air, grid),
         SPECTRUM,
         sun_spectrum(SPECTRUM),
         MASS,
         gas,
     )
+
+
+def build_spread(air: Air, grid: Grid = SHIPPED, photons: int = PHOTONS) -> tuple[Floats, Floats]:
+    """Weights of Gaussians, (k, h, a, g) of the light from around, (k, h, g) of the sky's.
+
+    Raises  as `solve_radiance`
+    """
+    shape = len(grid.wavelength), len(grid.height)
+    around = np.empty((*shape, len(grid.altitude), len(SPREADS)))
+    returned = np.empty((*shape, len(SPREADS)))
+    for h, ground in enumerate(grid.height):
+        columns = columns_of(air, grid.wavelength, ground)
+        for k, column in enumerate(columns):
+            generator = Streams(h, k)("photons in air")
+            around[k, h], returned[k, h] = spread(column, grid.altitude, photons, generator)
+    return around, returned
+
+
+def columns_of(air: Air, wavelength: Floats, ground: float) -> list[Column]:
+    """The air above a ground at (k,) metre, as `solve_radiance` has it."""
+    _, heights, molecules = solve_radiance(
+        Air("none"), wavelength, ground, REFERENCE_SUN, [(1.0, 0.0, TOP)], (0.0,), 2
+    )
+    if air.aerosol == "none":
+        return [Column(heights - ground, row, 0 * row, 1.0, np.ones(1)) for row in molecules]
+    mixture = particles(air.aerosol, tuple(wavelength))
+    at_reference = profile(air.visibility, heights)
+    return [
+        Column(heights - ground, row, at_reference * extinction, albedo, moments)
+        for row, extinction, albedo, moments in zip(molecules, *vars(mixture).values(), strict=True)
+    ]
 
 
 def _ground(
@@ -282,9 +316,12 @@ def _ground(
     rays = [(cosine, 0.0, height) for cosine, height in up]
     rays += [(_off(sun), 0.0, TOP) for sun in grid.sun]
     rays += [(REFERENCE_SUN, 0.0, TOP)]
-    radiances, heights, extinction = solve_radiance(
+    radiances, heights, _ = solve_radiance(
         air, grid.wavelength, ground, REFERENCE_SUN, rays, (0.0, *ALBEDOS), streams, polarised
     )
+    # Of the air itself: the solver takes light that particles bend little for unscattered.
+    columns = columns_of(air, grid.wavelength, ground)
+    extinction = np.array([column.molecules + column.aerosol for column in columns])
     first, second = (
         (lit - radiances[0]) / albedo for lit, albedo in zip(radiances[1:], ALBEDOS, strict=True)
     )

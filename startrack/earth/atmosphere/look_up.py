@@ -138,29 +138,32 @@ def look_up(
     """Reflected and scattered sunlight, in the terms of the paper.
 
         L_dir = R s cos(alpha) / cos(sun) D
-        L_ind = rho (V K + (D + K) B) + rho (1 - V) rho' (D + K) (1 + B)
-        L_sc  = P + A (rho' + rho' B),            B = rho' S / (1 - rho' S)
+        L_ind = rho (V K + (D + K) B) + rho (1 - V) rho" (D + K) (1 + B)
+        L_sc  = P + A (rho' + rho' B),            B = rho" S / (1 - rho" S)
 
     with D, K, A and P the table's direct, sky, around and path terms, rho the ground's reflectance,
-    R that for sunlight, which is rho where the ground is Lambertian, and rho' that of its
-    surroundings, which illuminate the air from below and, by 1 - V, slopes.
+    R that for sunlight, which is rho where the ground is Lambertian, rho' that of the surroundings
+    from which the air scatters light into the line of sight, and rho" that of those from which it
+    scatters light to the ground, and which, by 1 - V, illuminate slopes.
 
     Source: Krutz et al. (2011), eqs. (1) and (2), with transmittances and 1 / pi written out.
 
     sight         n pixels
     reflectance   (n, b) or (b,) 1
-    surroundings  (b,) 1
+    surroundings  (b,) 1, of one rho' = rho"; or (2, n, b), rho' and rho" of each pixel
     direct        (n, b) 1, at least 0; None for `reflectance`
     Returns       three of (n, b) watt / m^2 / sr
     Raises        ValueError where a pixel lies outside the table, is not a number, or reflects less
                   than nothing or more than all.
-    Accuracy      model: flat surroundings of one reflectance; slopes do not change the radiance
+    Accuracy      model: surroundings as flat as the pixel's own; slopes do not change the radiance
                   of the air.
     """
     count, bands = len(sight.height), table.backscatter.shape[1]
     rho = _singles(reflectance, (count, bands))
     factor = rho if direct is None else _singles(direct, (count, bands))
-    around = _singles(surroundings, (bands,))
+    around = np.asarray(surroundings)
+    around = around if around.ndim == 3 else around[None, None]
+    around = _singles(around, (2, around.shape[1], bands))
     for name, values in (("reflectance", rho), ("surroundings", around)):
         if not (values >= 0).all() or not (values <= 1).all():
             raise ValueError(f"{name} must lie in [0, 1], got {_worst(values)}")
@@ -258,14 +261,16 @@ def _look_up(path, ground, backscatter, where, start, step, geometry, rho, facto
                     + (w4 * a4[b] + w5 * a5[b] + w6 * a6[b] + w7 * a7[b])
                 )
         beam, view = geometry[0, n], geometry[1, n]
+        here = n if around.shape[1] > 1 else 0
+        sent, returned = around[0, here], around[1, here]
         below, above = backscatter[low[0]], backscatter[high[0]]
         direct, indirect, reflects, mirrors = out[0, n], out[1, n], rho[n], factor[n]
         for b in range(bands):
             of_beam, of_sky = white_ground[b], white_ground[bands + b]
             white = of_beam + of_sky
-            bounce = one / (one - around[b] * ((one - h) * below[b] + h * above[b]))
-            slopes = (one - view) * around[b] * white * bounce
+            bounce = one / (one - returned[b] * ((one - h) * below[b] + h * above[b]))
+            slopes = (one - view) * returned[b] * white * bounce
             direct[b] = mirrors[b] * beam * of_beam
             indirect[b] = reflects[b] * (view * of_sky + white * (bounce - one) + slopes)
-            scattered[b] += white_ground[2 * bands + b] * around[b] * bounce
+            scattered[b] += white_ground[2 * bands + b] * sent[b] * bounce
     return -1

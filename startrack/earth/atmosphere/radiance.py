@@ -121,7 +121,7 @@ def radiance(
     Source: Krutz et al. (2011), eqs. (1) to (3).
 
     reflectance      (n, b) or (b,) 1
-    surroundings     (b,) 1, mean reflectance of the ground around
+    surroundings     (b,) or (2, n, b) 1, reflectance of the ground around, as for `look_up`
     heat             of the bands; None where thermal radiance is negligible
     temperature      (n,) kelvin, of the ground; needed with `heat`
     air_temperature  kelvin, of isothermal air, where the table has no thermal radiance
@@ -138,7 +138,8 @@ def radiance(
     for first in range(0, count, PIXELS):
         some = slice(first, first + PIXELS)
         part = Sight(*(values[some] for values in sight))
-        lit = look_up(table, part, reflectance[some], surroundings, beam[some])
+        around = surroundings if np.ndim(surroundings) < 3 else surroundings[:, some]
+        lit = look_up(table, part, reflectance[some], around, beam[some])
         for term, values in zip(out, lit, strict=False):
             term[some] = values
     if heat is not None:
@@ -191,6 +192,7 @@ def at_sensor(
     """Radiance of n rays; those that miss the ground see a black sky.
 
     reflectance  (n, b) or (b,) 1, of the ground; without effect where a ray misses
+    surroundings  (b,) or (2, n, b) 1, as for `look_up`
     temperature  (n,) kelvin, likewise
     direct       (n, b) 1, reflectance factor for sunlight, likewise; None for `reflectance`
     Returns      Terms of (n, b); finite and never negative
@@ -210,6 +212,8 @@ def at_sensor(
     ).astype(np.float32)
     sight = sight._replace(sun=np.minimum(sight.sun, lowest), lit=sight.lit * (weak > 0))
     here = np.broadcast_to(reflectance, (len(ground), bands))[ground.hit]
+    if np.ndim(surroundings) == 3:
+        surroundings = surroundings[:, ground.hit]
     warm = None if temperature is None else temperature[ground.hit]
     beam = None if direct is None else direct[ground.hit]
     seen_terms = radiance(_near(table, sight), sight, here, surroundings, heat, warm, direct=beam)

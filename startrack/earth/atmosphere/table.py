@@ -14,12 +14,13 @@ from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Unit, positi
 from startrack.io import open_checked, save_checked
 
 AEROSOLS = ("none", "rural", "urban")
-FORMAT = 1  # of the file
+FORMAT = 2  # of the file; 1 had no spread
 AXES = ("wavelength", "height", "altitude", "sensor", "sun", "azimuth")
 # Scale heights, metre, for the fraction of a gas below a height. Water: 2 km, as Bird and Riordan;
 # mixed gases: as the air; ozone: evenly between two heights, chosen by hand.
 WATER_SCALE, AIR_SCALE = 2e3, 8e3
 OZONE_FROM, OZONE_TO = 12e3, 35e3
+TINY = 1e-300
 WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scatters (as 6S)
 
 
@@ -55,6 +56,9 @@ class AirTable:
     seen         (k, h, a, v) 1, direct transmittance from ground to sensor
     around       (k, h, a, v) 1, diffuse transmittance, of light from the ground around
     backscatter  (k, h) 1, spherical albedo of the air from below
+    spread       (k, h, a, g) 1, of `around`: weights of Gaussians over the ground, as `spread` has
+                 them, for a vertical line of sight
+    returned     (k, h, g) 1, of `backscatter`, likewise
     spectrum     (f,) metre
     irradiance   (f,) watt / m^2 / m, the Sun's at one astronomical unit
     mass         (m,) 1, air masses
@@ -74,6 +78,8 @@ class AirTable:
     seen: Floats
     around: Floats
     backscatter: Floats
+    spread: Floats
+    returned: Floats
     spectrum: Floats
     irradiance: Floats
     mass: Floats
@@ -126,6 +132,8 @@ class BandTable:
     rise         (h, v, b) watt / m^2 / sr, thermal radiance of the air towards the sensor
     fall         (h, v, b) watt / m^2 / sr, thermal radiance of the sky that white ground reflects
                  to the sensor; both None where `radiance` assumes isothermal air
+    spread       (2, h, b, g) 1, weights of Gaussians over the ground, of `around` and of
+                 `backscatter`; None without scattering
     """
 
     height: Floats
@@ -140,6 +148,7 @@ class BandTable:
     through: Floats
     rise: Floats | None = None
     fall: Floats | None = None
+    spread: Floats | None = None
 
 
 def in_bands(
@@ -211,7 +220,23 @@ def in_bands(
         spread,
         backscatter,
         transmittance,
+        spread=_spread(
+            table, weights, across, here, (around[:, 0], fine(table.backscatter, False))
+        ),
     )
+
+
+def _spread(
+    table: AirTable, weights: Floats, across: Floats, here: Floats, light: tuple[Floats, Floats]
+) -> Floats:
+    """(2, h, b, g): the weights of Gaussians, averaged over the light (h, f) of each kind."""
+    kinds = np.einsum("khag,a->khg", table.spread, here), table.returned
+    out = []
+    for gaussians, own in zip(kinds, light, strict=True):
+        band = (weights[None] * own[:, None]) @ across  # (h, b, k)
+        band /= np.maximum(band.sum(-1, keepdims=True), TINY)
+        out.append(np.clip(np.einsum("hbk,khg->hbg", band, gaussians), 0, 1))
+    return np.array(out)
 
 
 def require_response(weights: Floats, spectrum: Floats) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from glob import glob
 from pathlib import Path
 from typing import Annotated
@@ -122,6 +123,7 @@ class Fractal(Parameters):
     roughness: Annotated[float, FINITE, "1, lower for rougher terrain"] = 2.0
     seed: int = 1
 
+    @lru_cache(maxsize=2)  # noqa: B019 - by value; every image opens its terrain several times
     def source(self) -> Array:
         """Its heights."""
         step_y = self.cell / EQUATORIAL

@@ -8,6 +8,7 @@ parameters      Imager, its channels, and Survey (camera, land and air of an Ear
 band            BandTable and thermal radiance of one channel, weighted with its response.
 lens            The lens of a channel over its field: where it looks, its images of points, its
                 illumination; weights of the rays around a pixel.
+adjacency       Reflectance of the ground around each pixel, as air mixes it into lines of sight.
 clouds          Cloud layers of a scene, and their optical depth over the ground.
 cloud_radiance  Radiance of ground and air under cloud layers, of the layers, and their shadows.
 figures         Resolution, swath, MTF, SNR and data rate of a channel; first parameters from goals.
@@ -16,6 +17,7 @@ render          An image from Survey and Channel: radiance at the sensor in five
 files           FITS that is filled while an image is rendered; GeoTIFF with ground control points.
 """
 
+from startrack.earth.imager.adjacency import Environment, Plane, leaving, surrounded
 from startrack.earth.imager.band import INFRARED, Band, band_of, terms_in_band
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
 from startrack.earth.imager.clouds import CloudLayer, Sheet, open_sheets
@@ -47,6 +49,7 @@ from startrack.earth.imager.render import (
     MOST_LINES,
     Picture,
     Setting,
+    around_of,
     as_matrix,
     misregistration,
     pixel_electrons,

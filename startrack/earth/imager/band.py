@@ -88,18 +88,18 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
 
 
 def terms_in_band(
-    ground: Ground, band: Band, reflectance: Floats, surroundings: float,
+    ground: Ground, band: Band, reflectance: Floats, surroundings: Floats | float,
     temperature: Floats | None = None, direct: Floats | None = None,
 ) -> Terms:  # fmt: skip
     """Radiance (n,) of n rays in one band, watt / m^2 / sr / m, as `at_sensor`.
 
     reflectance   (n,) 1, or (1,) of all
-    surroundings  1
+    surroundings  1; or (2, n), as for `look_up`
     temperature   (n,) kelvin; None: without thermal radiance
     direct        (n,) 1, reflectance factor for sunlight; None: `reflectance`
     """
     heat = None if temperature is None else band.heat
-    around, beam = np.array([surroundings]), None if direct is None else direct[:, None]
+    around, beam = np.asarray(surroundings)[..., None], None if direct is None else direct[:, None]
     terms = at_sensor(ground, band.table, reflectance[:, None], around, heat, temperature, beam)
     return Terms(*(term[:, 0] for term in terms))
 

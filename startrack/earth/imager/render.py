@@ -24,6 +24,7 @@ from startrack.earth.geometry import (
     ground_rate,
     observe_earth,
 )
+from startrack.earth.imager.adjacency import Environment, around_scene, leaving
 from startrack.earth.imager.band import Band, band_of, mean_wavelength, terms_in_band
 from startrack.earth.imager.cloud_radiance import Deck, decks_of, with_clouds
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
@@ -88,6 +89,7 @@ class Setting(NamedTuple):
                  over `electrons`; None: the same everywhere
     smile        bands of a line that smile bends, and the share of each in each column (columns,)
     clouds       layers in this band
+    environment  reflectance around each pixel; None: `surroundings` everywhere
     """
 
     period: float
@@ -101,6 +103,7 @@ class Setting(NamedTuple):
     light: Floats | None = None
     smile: tuple[tuple[Band, Floats], ...] = ()
     clouds: tuple[Deck, ...] = ()
+    environment: Environment | None = None
 
 
 def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
@@ -125,14 +128,16 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
         channel, scene.sensor, _shaken(survey.motion, channel, period), band.wavelength,
         band.weight, *_keystone(survey, channel),
     )  # fmt: skip
-    around = survey.surroundings
+    around, environment = survey.surroundings, None
     if around is None:
         around = _mean_reflectance(survey.land, glimpse, band)
+        if band.table.spread is not None and len(ground):
+            environment = _environment(survey, channel, folder, glimpse, band)
     electrons = channel.etendue() * exposure * band.electrons
     drift = smear(channel, period, ground_rate(flight))
     setting = Setting(
         period, exposure, drift, lens.images, band, around, electrons, lens.camera, lens.light,
-        clouds=decks_of(survey.clouds, band, folder),
+        clouds=decks_of(survey.clouds, band, folder), environment=environment,
     )  # fmt: skip
     return _with_smile(survey, channel, setting, max(above, 1.0))
 
@@ -332,7 +337,7 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
     seen = reflection(land, ground, band.wavelength, band.weight)
     warm = temperature(land, ground)
     direct = None if seen.direct is seen.sky else seen.direct
-    terms = terms_in_band(ground, band, seen.sky, setting.surroundings, warm, direct)
+    terms = terms_in_band(ground, band, seen.sky, around_of(setting, ground), warm, direct)
     if band.heat is not None and land.hot_spots:
         terms = _burning(terms, land, ground, setting, spread)
     if not setting.clouds:
@@ -372,6 +377,26 @@ def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
     seen = [reflection(land, ground, band.wavelength, band.weight) for ground in glimpse]
     values = np.concatenate([part.albedo for part in seen])
     return float(values.mean()) if len(values) else 0.0
+
+
+def _environment(
+    survey: Survey, channel: Channel, folder: Path, glimpse: list[Ground], band: Band
+) -> Environment:
+    def sent(ground: Ground) -> Floats:
+        seen = reflection(survey.land, ground, band.wavelength, band.weight)
+        return leaving(ground, band, seen.sky, None if seen.direct is seen.sky else seen.direct)
+
+    distance = float(np.median(np.concatenate([ground.distance for ground in glimpse])))
+    spacing = distance * channel.detector.pitch / channel.optics.image_distance / survey.rays
+    mean = float(np.concatenate([sent(ground) for ground in glimpse]).mean())
+    return around_scene(survey.scene(channel), folder, glimpse, spacing, mean, band, sent)
+
+
+def around_of(setting: Setting, ground: Ground) -> Floats | float:
+    """Reflectance around rays: 1, or (2, n) for lines of sight and for skylight."""
+    if setting.environment is None:
+        return setting.surroundings
+    return setting.environment.at(ground)
 
 
 def _coarse(sensor: Sensor, flight: Carrier) -> Sensor:

@@ -27,10 +27,18 @@ from startrack.earth.product.ortho import (
     resample,
     touched,
 )
-from startrack.earth.product.retrieval import Calibration, mean_reflectance, retrieve, to_radiance
-from startrack.earth.terrain import Ground
+from startrack.earth.product.retrieval import (
+    Calibration,
+    environment_of,
+    mean_reflectance,
+    retrieve,
+    surface_reflectance,
+    to_radiance,
+)
+from startrack.earth.terrain import Ground, joined
 
 PIXEL_BYTES = 400  # of geometry and layers
+ROUNDS = 3  # of what surrounds each pixel; each changes it by a tenth of the last
 SPREAD = 3  # pixel to which a lens spreads light that matters; chosen by hand
 UNITS = {
     "radiance": "W m-2 sr-1 um-1",
@@ -105,13 +113,13 @@ def make_product(
         advance(0.3 * strip.shape[0] / lines)
     if not any(ground.hit.any() for ground in grounds):
         raise ValueError("an image must show the ground to be put on a map, but shows only sky")
-    image, around = _layers(radiance, grounds, setting)
     distance = np.concatenate([ground.distance for ground in grounds]).reshape(lines, columns)
     longitude, latitude = (
         np.concatenate([getattr(ground, name) for ground in grounds])
         for name in ("longitude", "latitude")
     )
     size = float(np.nanmedian(distance)) * channel.detector.pitch / channel.optics.image_distance
+    image, around = _layers(radiance, grounds, setting, size)
     cell = settings.cell or _rounded(size / (channel.columns / channel.detector.columns))
     grid = grid_of(longitude, latitude, settings.projection, cell)
     require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
@@ -131,13 +139,17 @@ def make_product(
 
 
 def _layers(
-    radiance: Floats, grounds: list[Ground], setting: Setting
+    radiance: Floats, grounds: list[Ground], setting: Setting, pixel: float
 ) -> tuple[dict[str, Floats], float]:
     """Layers (lines, columns) in the image, and the mean reflectance of the ground."""
     ends = np.cumsum([len(ground) for ground in grounds])[:-1]
     parts = np.split(radiance.ravel(), ends)
     around = mean_reflectance(parts, grounds, setting)
     here = setting._replace(surroundings=0.0 if math.isnan(around) else around)
+    for _ in range(0 if math.isnan(around) else ROUNDS):
+        surface = [surface_reflectance(*part, here) for part in zip(parts, grounds, strict=True)]
+        mixed = environment_of(np.concatenate(surface), joined(grounds), pixel, here)
+        here = here._replace(environment=mixed)
     retrievals = [retrieve(part, ground, here) for part, ground in zip(parts, grounds, strict=True)]
     image = {"radiance": radiance}
     for name, values in zip(

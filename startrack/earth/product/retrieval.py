@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from startrack.core import Floats, Streams, um, whole
 from startrack.detector import read_out
@@ -16,10 +17,15 @@ from startrack.earth.imager import (
     MOST_LINES,
     Band,
     Channel,
+    Environment,
+    Plane,
     Setting,
     Survey,
+    around_of,
     as_matrix,
+    leaving,
     pixel_electrons,
+    surrounded,
     terms_in_band,
 )
 from startrack.earth.terrain import Ground
@@ -214,8 +220,7 @@ def surface_reflectance(radiance: Floats, ground: Ground, setting: Setting) -> F
 
     Source: Krutz et al. (2011), eqs. (1) and (2), solved for the reflectance.
 
-    Accuracy  model: the air is that of the scene; the light of other ground that air scatters into
-              a pixel is that of the mean ground; reflectance that depends on directions comes out
+    Accuracy  model: the air is that of the scene; reflectance that depends on directions comes out
               as that of Lambertian ground. Faint where a slope is in shadow.
     """
     scattered, white = _air(ground, setting)
@@ -248,9 +253,34 @@ def mean_reflectance(radiance: list[Floats], grounds: list[Ground], setting: Set
     return around
 
 
+def environment_of(
+    reflectance: Floats, ground: Ground, pixel: float, setting: Setting
+) -> Environment | None:
+    """What surrounds each pixel, from the pixels themselves; beyond the image, their mean.
+
+    reflectance  (n,) of the surface
+    pixel        metre, the size of one on the ground
+    Returns      None where air does not scatter, or nothing is known
+    """
+    known = np.flatnonzero(np.isfinite(reflectance))
+    if setting.band.table.spread is None or not len(known):
+        return None
+    here = ground[known]
+    sent = leaving(here, setting.band, np.clip(reflectance[known], 0, 1))
+    plane = Plane(float(here.longitude[0]), float(np.median(here.latitude)))
+    nearest = KDTree(np.stack(plane.at(here.longitude, here.latitude), 1))
+
+    def values(longitude: Floats, latitude: Floats) -> Floats:
+        place = np.stack(plane.at(longitude, latitude), 1)
+        _, at = nearest.query(place, distance_upper_bound=2 * pixel)
+        return np.where(at < len(sent), sent[np.minimum(at, len(sent) - 1)], math.nan)
+
+    return surrounded([here], pixel / 2, float(sent.mean()), setting.band, values)
+
+
 def _air(ground: Ground, setting: Setting) -> tuple[Floats, Floats]:
     """Radiance (n,) of the air, and that of white ground, watt / m^2 / sr / m."""
-    terms = terms_in_band(ground, setting.band, np.ones(1), setting.surroundings)
+    terms = terms_in_band(ground, setting.band, np.ones(1), around_of(setting, ground))
     scattered, direct, indirect = (
         term.astype(np.float64) for term in (terms.scattered, terms.direct, terms.indirect)
     )

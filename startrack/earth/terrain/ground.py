@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -98,6 +99,19 @@ class Ground:
     def sun_zenith(self) -> Floats:
         """(n,) radian, between the vertical of the ground and the sun."""
         return between(up(self.longitude, self.latitude), self.sun)
+
+
+def joined(parts: Sequence[Ground]) -> Ground:
+    """Ground of several parts of an image, under one Sun."""
+    first = parts[0]
+    apart = ("sun", "maps")
+    of_rays = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts])
+        for field in fields(first)
+        if field.name not in apart
+    }
+    maps = {name: np.concatenate([part.maps[name] for part in parts]) for name in first.maps}
+    return replace(first, **of_rays, maps=maps)
 
 
 def between(first: Floats, second: Floats) -> Floats:

