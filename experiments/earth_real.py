@@ -17,6 +17,7 @@ range that would not surprise.
 
 from __future__ import annotations
 
+import importlib
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -104,11 +105,9 @@ def read(path: Path) -> tuple[Floats, MapGrid]:
     """Values (rows, columns) of a SpatialGridDataFrame of R, and its cells."""
     import warnings
 
-    import rdata
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        (grid_frame,) = rdata.read_rda(str(path)).values()
+        (grid_frame,) = importlib.import_module("rdata").read_rda(str(path)).values()
     cells = grid_frame.grid
     west, south = (float(value) for value in vars(cells)["cellcentre.offset"].values)
     step, _ = (float(value) for value in vars(cells)["cellsize"].values)
