@@ -111,4 +111,4 @@ from startrack.trial.systematic import (
 from startrack.trial.zones import LENS_FIELD, residual_shift, zone_detection, zone_errors, zones_of
 
 # Public; the other imports serve other rooms.
-__all__ = ["Errors", "errors", "systematic_variance"]
+__all__ = ["Errors", "SingleStars", "errors", "systematic_variance"]
