@@ -36,6 +36,8 @@ from startrack.trial import (
     Grid,
     Search,
     Term,
+    boxed,
+    boxed_stars,
     dark_pattern,
     detection_probability,
     empty_frame,
@@ -74,6 +76,8 @@ class Measured(NamedTuple):
 @lru_cache(maxsize=2)
 def response(case: Case) -> Measured:
     """Detection and errors of single stars; kept for the 2 last cases, as units share one."""
+    if boxed(case):
+        return in_boxes(case)
     pattern = dark_pattern(case) if has_hot_pixels(case) else None
     even = with_uniform_dark(case) if pattern else case
     star = errors(even)
@@ -108,6 +112,47 @@ def response(case: Case) -> Measured:
         false,
     )
     return Measured(star, above, table, list(random))
+
+
+def in_boxes(case: Case) -> Measured:
+    """The same of stars that are drawn in the tracker's boxes, alike along both axes.
+
+    Noise is of the light by the share of a star's electrons in those of its image; what different
+    pixels add is that of hot pixels.
+    """
+    stars, size, box = boxed_stars(case), scale(case), case.tracker.box
+    known = np.isfinite(stars.total)
+    magnitude, measured = stars.magnitude[known], stars.measured[known]
+    if len(magnitude) < 2:
+        raise Refused(BLIND)
+    stated, temporal, method, total = (
+        part[known] ** 2 for part in (stars.stated, stars.temporal, stars.method, stars.total)
+    )
+    electrons = size.star * 10 ** (-0.4 * magnitude)
+    light = electrons / (electrons + size.pixel**2 * box.size**2)
+    variance = {
+        SHOT: light * temporal,
+        READ: (1 - light) * temporal,
+        METHOD: method,
+        HOT: np.maximum(total - temporal - method, 0.0),
+    }
+    random = {name: one[:, None, None] * np.eye(2) for name, one in variance.items()}
+    no_mean = np.zeros((len(magnitude), 2))
+    star = Errors(
+        magnitude, np.ones(len(measured)), stated[:, None, None] * np.eye(2), random, no_mean
+    )
+    grid = np.arange(magnitude[0], magnitude[-1] + FINE / 2, FINE)
+    zones = len(zone_errors(case).kept) if case.instrument.optics.tabulated else 1  # all alike
+    causes = np.stack([_fine(magnitude, one[None], grid) for one in random.values()], axis=1)
+    table = Response(
+        float(grid[0]),
+        FINE,
+        np.repeat(_between(magnitude, measured[None], grid), zones, axis=0),
+        np.repeat(_fine(magnitude, star.stated[None], grid), zones, axis=0),
+        np.repeat(causes, zones, axis=0),
+        np.zeros(len(grid)),
+    )
+    return Measured(star, measured, table, list(random))
 
 
 def has_hot_pixels(case: Case) -> bool:
@@ -278,8 +323,8 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     solver = Solver(
         case.believed_camera.focal_length_px,
         identification.focal_tolerance,
-        identification.min_matches,
-        case.tracker.detection.max_spots,
+        2 if boxed(case) else identification.min_matches,
+        case.tracker.box.stars if boxed(case) else case.tracker.detection.max_spots,
     )
     counted = FieldStars(
         np.searchsorted(view.field[inside], np.arange(len(view.attitude) + 1)),

@@ -36,6 +36,7 @@ def single_stars(case: Case, seed: int = 0) -> SingleStars:
 
     measured = table.fraction[:, rows].mean(axis=0)
     magnitude: Floats = table.start + table.step * STEP * np.arange(len(measured), dtype=float)
+    stated = np.sqrt(np.trace(table.stated[:, rows], axis1=2, axis2=3).mean(axis=0) / 2)
     return SingleStars(
-        magnitude, measured, rms(only=(SHOT, READ)), rms(only=(METHOD,)), rms(), rms(HOT)
+        magnitude, measured, stated, rms(only=(SHOT, READ)), rms(only=(METHOD,)), rms(), rms(HOT)
     )

@@ -67,8 +67,8 @@ Pair = tuple[float, float]  # across, about
 UNITS = 6  # where a design varies and no number is asked for
 TEXT_STEP = 2  # rows of single stars in text; JSON has all
 STARS = (
-    "single stars, rms per axis: from exposure to exposure, by the centroid method, in all, and "
-    "without the few that hot pixels move far"
+    "single stars, rms per axis: as the tracker states, from exposure to exposure, by the centroid "
+    "method, in all, and without the few that hot pixels move far"
 )
 FAR = 0.1  # relative difference of the two columns from which on it is printed
 
@@ -187,6 +187,7 @@ def _star_table(case: Case, stars: SingleStars) -> Table:
         [
             Column("magnitude_g", "G", lambda row: float(stars.magnitude[row]), form=".1f"),
             Column("measured", "measured", lambda row: float(stars.measured[row])),
+            column("stated", "stated"),
             column("temporal", "in time"),
             column("method", "method"),
             column("total", "in all"),

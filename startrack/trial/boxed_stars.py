@@ -29,6 +29,7 @@ class SingleStars(NamedTuple):
 
     magnitude  (m,) G of a sunlike star
     measured   (m,) 1, share of the stars that are found, and not something else in their place
+    stated     (m,) what the tracker states of noise, and in boxes of the light that they cut off
     temporal   (m,) from exposure to exposure on the same pixels
     method     (m,) over places in the pixel, without noise on equal pixels
     total      (m,) over exposures, places and pixels, less what all stars share
@@ -37,6 +38,7 @@ class SingleStars(NamedTuple):
 
     magnitude: Floats
     measured: Floats
+    stated: Floats
     temporal: Floats
     method: Floats
     total: Floats
@@ -112,6 +114,7 @@ def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
     light, gain, state = electrons * field.point, response(detector), flickering(detector, streams)
     pixels = sky_electrons(case) + np.asarray(dark(detector)) * detector.exposure
     seen, held, parts = pixels + light * (1.0 if gain is None else gain), None, []
+    stated = list[Floats]()
     for time in range(TIMES):
         if state and time:
             state.later(1 / detector.update_rate)
@@ -120,16 +123,23 @@ def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
         taken = taken_in(frame, settings, held)
         held = taken.corner if held is None else held
         parts.append(_places(taken) - field.place)
+        stated.append(taken.covariance)
     off = np.array(parts)
     good = (np.hypot(off[..., 0], off[..., 1]) < NEAR).all(axis=0)
     if good.sum() < FEWEST:
-        return [float(good.mean()), *[math.nan] * 4]
+        return [float(good.mean()), *[math.nan] * 5]
     off = off[:, good]
     number = (light + size.background) / detector.electrons_per_dn + detector.offset
     even = replace(settings, dark_map=None, dark_map_age=None)
     still = (_places(taken_in(to_frame(number, detector), even, held)) - field.place)[good]
     about = off - np.median(off.reshape(-1, 2), axis=0)
-    variances = off.var(axis=0, ddof=1).mean(), still.var(axis=0).mean(), (about**2).mean()
+    believed = np.trace(np.array(stated)[:, good], axis1=2, axis2=3).mean() / 2
+    variances = (
+        believed,
+        off.var(axis=0, ddof=1).mean(),
+        still.var(axis=0).mean(),
+        (about**2).mean(),
+    )
     return [float(good.mean()), *np.sqrt(variances), float(np.median(np.abs(about))) / MEDIAN]
 
 

@@ -363,7 +363,7 @@ EFFECTS = [
         "tracker.acquisition",
         lambda case: case.tracker.acquisition == "box",
         drawn="acquisition in boxes",
-        left_out="stars taken in boxes: the whole frame is assumed (tracker.acquisition)",
+        left_out="false things that boxes take where few are true stars (tracker.box)",
     ),
     Effect(
         "instrument.detector.pattern",

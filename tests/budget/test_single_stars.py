@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from startrack import Streams, load_design, random_attitude, shipped
-from startrack.budget import single_stars
+from startrack.budget import analytic, single_stars
 from startrack.budget.residuals import residuals
 from startrack.catalog import open_sky
 from startrack.core import ZERO_CELSIUS
-from startrack.trial import colour_correction
+from startrack.design import Fidelity
+from startrack.metrics import summarise
+from startrack.trial import colour_correction, run_trials
 from startrack.trial.boxed_stars import MEDIAN
 from startrack.trial.boxes import boxes_in_windows
 
@@ -76,3 +78,13 @@ def test_stars_of_a_searched_frame_scatter_as_those_of_trials():
     ratio = (seen.error[good] / predicted[:, None]) ** 2
     assert good.sum() > 100
     assert np.sqrt(ratio.mean()) == pytest.approx(1, abs=0.2)
+
+
+@pytest.mark.slow
+def test_the_budget_of_boxes_is_that_of_their_trials():
+    """Across and about the boresight, of a camera as launched, by 100 trials of windows."""
+    case = flown(2005.4, -14.8)
+    budget, trials = analytic(case), summarise(run_trials(case, 2, range(100), Fidelity.WINDOW))
+    for name in ("across", "about"):
+        seen = getattr(trials, name)
+        assert 0.8 * seen.low < getattr(budget, name) < 1.25 * seen.high, name
