@@ -65,7 +65,7 @@ if wanted(__name__):
 
 Pair = tuple[float, float]  # across, about
 UNITS = 6  # where a design varies and no number is asked for
-TEXT_STEP = 2  # rows of single stars in text; JSON has all
+MOST_ROWS = 12  # of single stars in text; JSON has all
 STARS = (
     "single stars, rms per axis: as the tracker states, from exposure to exposure, by the centroid "
     "method, in all, and without the few that hot pixels move far"
@@ -137,7 +137,7 @@ def command(options: argparse.Namespace) -> int:
         f"{alone}{_table(expected, by_trials)}\n"
         f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
         f"assumes {assumed}",
-        "\n".join([STARS, *replace(stars, records=stars.records[::TEXT_STEP]).text(())]),
+        "\n".join([STARS, *_shown(stars).text(())]),
         "\n".join(advice(expected)),
         "\n".join(
             [*caveats(case, expected.left_out, expected.refused), *_checked(checked, expected)]
@@ -195,6 +195,11 @@ def _star_table(case: Case, stars: SingleStars) -> Table:
         ],
         range(len(stars.magnitude)),
     )
+
+
+def _shown(table: Table) -> Table:
+    """Not more rows than are read at a glance."""
+    return replace(table, records=table.records[:: 1 + len(table.records) // MOST_ROWS])
 
 
 def _checked(checked: Check, expected: Budget[Any]) -> list[str]:

@@ -18,7 +18,8 @@ from startrack.trial.star_response import magnitudes, point_images, scale, star_
 from startrack.trial.stars import sky_electrons
 
 SIDE = 16  # stars along a side of the detector that is drawn
-TIMES = 3  # exposures of each star
+TIMES = 2  # exposures of each star
+STEP = 2  # of the magnitudes of a chart
 FEWEST = 8  # stars of a magnitude, below which it has no figure
 MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
 NEAR = 1.0  # pixel from its place, within which a star is taken, and no other thing
@@ -61,7 +62,7 @@ def boxed_stars(case: Case, seed: int = 0) -> SingleStars:
     size, peak = scale(case), float(point_images(case).max())
     all_of_them = magnitudes(case, case.believed_catalog.limit_g)
     fits = size.star * 10 ** (-0.4 * all_of_them) * peak + size.background < size.largest
-    chosen = all_of_them[fits] if fits.any() else all_of_them[-1:]
+    chosen = (all_of_them[fits] if fits.any() else all_of_them[-1:])[::-STEP][::-1]
     field = _Field.of(case, seed)
     rows = [_at_magnitude(field, float(magnitude), seed) for magnitude in chosen]
     return SingleStars(chosen, *np.array(rows).T)
