@@ -9,6 +9,7 @@ from startrack.cli.options import DESIGN, SEED, WORKERS, Exit, Option, Options, 
 
 if wanted(__name__):
     from startrack.cli import terminal
+    from startrack.design import Fidelity
     from startrack.io import save_json, shipped
     from startrack.metrics import ARCSEC, PERCENT, SECOND, Row, to_json, to_lines
     from startrack.montecarlo import export, pool
@@ -30,6 +31,8 @@ declare = Options(
            "attitudes for each sequence", ("fits", "png", "ser", "raw", "mkv")),
     Option("--stars", "keep the images and places of each matched star over time, in the folder "
            "frames, as compare-flight reads them"),
+    Option("--fidelity", "frame, or window: only windows of each frame are rendered, which is "
+           "faster where pixels do not flicker", ("frame", "window"), "frame"),
     SEED,
     WORKERS,
     out("startrack-sequence"),
@@ -48,8 +51,9 @@ def command(options: argparse.Namespace) -> int:
         terminal.progress("sequences", options.sequences) as advance,
     ):
         table = fly_sequences(
-            case, sequence, options.sequences, options.seed, executor, advance, recording
-        )
+            case, sequence, options.sequences, options.seed, executor, advance, recording,
+            Fidelity(options.fidelity),
+        )  # fmt: skip
     tracking = summarise_sequences(table)
     result = {"design": str(design), "profile": str(profile), "seed": options.seed}
     rows = _rows(tracking)

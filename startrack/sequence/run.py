@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +25,14 @@ from startrack.core import (
     Floats,
     Frame,
     Matches,
+    Refused,
     Spots,
     Stars,
     Status,
     Streams,
     whole,
 )
-from startrack.design import Case
+from startrack.design import Case, Fidelity
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, flickering, frame_of
 from startrack.identification import identify, track
@@ -59,6 +60,7 @@ from startrack.trial import (
     seen_smear,
     shared_errors,
     smear_of,
+    spots_in_windows,
     stars_in_field,
     systematic_variance,
     throughput,
@@ -234,15 +236,16 @@ def fly_sequences(
     executor: Executor,
     progress: Callable[[int], None] | None = None,
     recording: Recording | None = None,
+    fidelity: Fidelity = Fidelity.FRAME,
 ) -> NDArray[np.void]:
     """Many sequences over workers, one after the other in the table, as `run`.
 
     progress   called with 1 for each sequence that ended
-    recording  what is kept of the frames, and where; None: nothing
+    recording, fidelity  as of `run`
     """
     whole(1, 10**6, sequences=sequences)
     tables = []
-    fly = partial(run, case, sequence, seed, recording=recording)
+    fly = partial(run, case, sequence, seed, recording=recording, fidelity=fidelity)
     for table in executor.map(fly, range(sequences)):
         tables.append(table)
         if progress:
@@ -269,18 +272,25 @@ class Recording:
 
 
 def run(
-    case: Case, sequence: Sequence, seed: int, number: int, recording: Recording | None = None
+    case: Case,
+    sequence: Sequence,
+    seed: int,
+    number: int,
+    recording: Recording | None = None,
+    fidelity: Fidelity = Fidelity.FRAME,
 ) -> NDArray[np.void]:
     """One sequence from a random attitude, by a tracker without an attitude at its start.
 
     recording  what is kept of the frames, and where; None: nothing
+    fidelity   of the frames: whole, or windows of them
     Returns  (frames,) structured array: number of the sequence, time (second), true rate
              (radian / second), Mode, the fields of Outcome for the frame alone, and error and
              stated sigma (radian, camera axes) of the filter after it; NaN where there is none
-    Raises    those of `flight` and of the chain's rooms.
+    Raises    those of `flight` and of the chain's rooms; Refused that names what windows cannot do.
     Accuracy  model: the tracker gets each frame at the end of its exposure. A swing of the
               mounting stays where it is for the whole sequence, at a random phase; the gyroscope
-              has the axes of the camera.
+              has the axes of the camera. Windows have the accuracy of `spots_in_windows`, and a
+              residual charge as if the camera had turned before as it turns now.
     """
     streams = Streams(seed, number)
     true = flight(case.instrument, sequence, random_attitude(streams), streams)
@@ -290,14 +300,19 @@ def run(
     known, camera, asked = TrackerState(), case.believed_camera, asked_of(case, true, streams)
     before, step, lengths, parts = known, 0.0, error_lengths(case), known.lasting
     images, stars = Images(), _StarImages(case)
-    for k, frame in enumerate(_kept(case, true, seed, number, recording)):
+    views = (
+        _whole_frames(case, true, seed, number, recording)
+        if fidelity is Fidelity.FRAME
+        else _windows(case, true, seed, number, recording, fidelity)
+    )
+    for k, view in enumerate(views):
         if k:
             before, step = known, float(true.time[k] - true.time[k - 1])
             turned = None if rates is None else rates[k - 1]
             known = predict_state(known, turned, step, sequence, lengths)
         predicted = known.state
         rate = known_rate(predicted, None if seen is None else seen[k])
-        spots, matches, estimate, images = _see(case, frame, camera, predicted, rate, images)
+        spots, matches, estimate, images = _see(case, view, camera, predicted, rate, images)
         if estimate.status is not Status.SOLVED:
             known = doubted(before, known, step, sequence, lengths)
         else:
@@ -305,8 +320,8 @@ def run(
         known = update_state(known, estimate, sequence, parts)
         if estimate.status is Status.SOLVED:
             camera = matches.camera
-        if recording and recording.stars:
-            stars.add(float(true.time[k]), frame, spots, matches, images)
+        if recording and recording.stars and view.frame:
+            stars.add(float(true.time[k]), view.frame, spots, matches, images)
         table[k] = (
             number,
             true.time[k],
@@ -379,6 +394,44 @@ def asked_of(case: Case, true: Flight, streams: Streams) -> Rotation:
     return asked
 
 
+class _View(NamedTuple):
+    """What a tracker may look at: spots (of what smear it believes), and a whole frame or none."""
+
+    spots: Callable[[tuple[float, float]], Spots]
+    frame: Frame | None
+
+
+def _whole_frames(
+    case: Case, true: Flight, seed: int, number: int, recording: Recording | None
+) -> Iterator[_View]:
+    for frame in _kept(case, true, seed, number, recording):
+        yield _View(partial(_in_frame, case, as_believed(case, frame)), frame)
+
+
+def _in_frame(case: Case, frame: Frame, smear: tuple[float, float]) -> Spots:
+    return detect(frame, detection_plan(case, smear=smear))
+
+
+def _windows(
+    case: Case, true: Flight, seed: int, number: int, recording: Recording | None,
+    fidelity: Fidelity,
+) -> Iterator[_View]:  # fmt: skip
+    """Views of windows of each frame, whose numbers are those of the whole frames."""
+    needs = {
+        "fidelity must be frame or window in a sequence": fidelity is not Fidelity.WINDOW,
+        "fidelity must be frame where frames or images of stars are kept": recording is not None,
+        "fidelity must be frame in a sequence with search boxes (tracker.acquisition)": boxed(case),
+        "fidelity must be frame in a sequence with pixels that flicker (detector.age.flicker)":
+            case.instrument.detector.flickers,
+    }  # fmt: skip
+    for text, needed in needs.items():
+        if needed:
+            raise Refused(f"{text}, got {fidelity}")
+    for k, turn in enumerate(true.turns):
+        noise = Streams(seed, number * NUMBER_OF_FRAMES + k)
+        yield _View(partial(spots_in_windows, case, true.attitude[k], noise, turn), None)
+
+
 def _kept(
     case: Case, true: Flight, seed: int, number: int, recording: Recording | None
 ) -> Iterator[Frame]:
@@ -428,19 +481,19 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[tuple[
 
 
 def _see(
-    case: Case, frame: Frame, camera: Camera, predicted: State | None, rate: Floats, images: Images
+    case: Case, view: _View, camera: Camera, predicted: State | None, rate: Floats, images: Images
 ) -> tuple[Spots, Matches, Estimate, Images]:
     """What the flight software does with a frame, with a prediction or without.
 
     images  of its stars, where the frame before left them; the last of the result: this one
     """
-    tracker = case.tracker
-    if predicted is None and tracker.rate == "images":
+    tracker, frame = case.tracker, view.frame
+    if predicted is None and tracker.rate == "images" and frame:
         x, y = seen_smear(case, frame)
     else:
         smears = smear_of(case, rate[0], rate[1])
         x, y = (SMEAR_STEP * round(smear / SMEAR_STEP) for smear in smears)
-    if boxed(case) and predicted is not None:
+    if boxed(case) and predicted is not None and frame:
         plan = detection_plan(case, smear=(x, y))
         spots, matches, images = follow_boxes(
             case, frame, camera, predicted.icrs_to_camera, images, plan
@@ -448,8 +501,7 @@ def _see(
         spots = at_one_time(spots, case.believed_row_delay, rate, camera)
         return spots, matches, estimate_of(case, agreeing(tracker), spots, matches), images
     stars = open_sky(case.believed_catalog).stars
-    spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
-    spots = at_one_time(spots, case.believed_row_delay, rate, camera)
+    spots = at_one_time(view.spots((x, y)), case.believed_row_delay, rate, camera)
     rooms = spots, camera, stars, pattern_indexes(case.believed_catalog)(case.believed_camera)
     if predicted is None:
         matches = identify(*rooms, tracker.identification)

@@ -108,6 +108,7 @@ from startrack.trial.systematic import (
     systematic_variance,
     systematic_variance_of,
 )
+from startrack.trial.window import spots_in_windows
 from startrack.trial.zones import LENS_FIELD, residual_shift, zone_detection, zone_errors, zones_of
 
 # Public; the other imports serve other rooms.

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Camera, Floats, Frame, Light, LineOfSight, Spots, Stars, Streams
 from startrack.design import Case, Instrument
 from startrack.detector import Detector, Exposure, Line, LineExposure, Scan, expected, scan
-from startrack.motion import Motion, realise_motion
+from startrack.motion import Motion, MotionRealisation, realise_motion
 from startrack.trial.images import images_of, psf_of
 from startrack.trial.pointing import motion_before, motion_function
 from startrack.trial.stars import light_of, throughput
@@ -123,6 +123,7 @@ def exposure_of(
     path: LineOfSight,
     icrs_to_camera: Rotation,
     streams: Streams,
+    turn: MotionRealisation | None = None,
 ) -> Exposure:
     """What the frame of a trial depends on, except its noise.
 
@@ -130,7 +131,7 @@ def exposure_of(
     one are taken to be like it.
 
     light  as `light_of` gives it
-    path   as `line_of_sight` gives it
+    path   as `line_of_sight` gives it, of the same turn
     """
     exposure = Exposure(
         light,
@@ -140,11 +141,11 @@ def exposure_of(
         instrument.camera,
         instrument.detector,
         throughput(instrument),
-        motion_function(instrument, streams),
+        motion_function(instrument, streams, turn),
     )
     if not instrument.detector.lag:
         return exposure
-    earlier, moved = motion_before(instrument, path, streams)
+    earlier, moved = motion_before(instrument, path, streams, turn)
     before = replace(
         exposure,
         line_of_sight=earlier,

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core import LineOfSight, Streams
 from startrack.design import Case, Instrument
 from startrack.detector import MotionFunction
-from startrack.motion import realise_motion, sample_jitter
+from startrack.motion import MotionRealisation, realise_motion, sample_jitter, trace
 
 
 def random_attitude(streams: Streams) -> Rotation:
@@ -41,35 +41,40 @@ def _quaternion(streams: Streams) -> NDArray[np.float64]:
     return streams("attitude").standard_normal(4)
 
 
-def line_of_sight(instrument: Instrument, streams: Streams) -> LineOfSight:
-    """The path of the line of sight in the exposure of one trial."""
-    camera = instrument.camera
-    return sample_jitter(
-        instrument.motion,
-        instrument.detector.exposure,
-        1 / camera.focal_length_px,
-        streams,
-        camera.half_diagonal,
-    )
+def line_of_sight(
+    instrument: Instrument, streams: Streams, turn: MotionRealisation | None = None
+) -> LineOfSight:
+    """The path of the line of sight in the exposure of one trial.
+
+    turn  how the camera moves about the middle of the exposure; None: drawn
+    """
+    camera, exposure = instrument.camera, instrument.detector.exposure
+    pixel, half = 1 / camera.focal_length_px, camera.half_diagonal
+    if turn:
+        return trace(turn, exposure, pixel, half)
+    return sample_jitter(instrument.motion, exposure, pixel, streams, half)
 
 
-def motion_function(instrument: Instrument, streams: Streams) -> MotionFunction | None:
+def motion_function(
+    instrument: Instrument, streams: Streams, turn: MotionRealisation | None = None
+) -> MotionFunction | None:
     """The motion of `line_of_sight` at any time; None except for a rolling shutter."""
     detector = instrument.detector
     if not detector.row_delay:
         return None
-    return realise_motion(instrument.motion, detector.exposure, streams).over
+    return (turn or realise_motion(instrument.motion, detector.exposure, streams)).over
 
 
 def motion_before(
-    instrument: Instrument, path: LineOfSight, streams: Streams
+    instrument: Instrument,
+    path: LineOfSight,
+    streams: Streams,
+    turn: MotionRealisation | None = None,
 ) -> tuple[LineOfSight, MotionFunction]:
     """The line of sight in the exposure of the frame before, and its motion at any time."""
     detector = instrument.detector
-    motion, late = (
-        realise_motion(instrument.motion, detector.exposure, streams),
-        1 / detector.update_rate,
-    )
+    motion = turn or realise_motion(instrument.motion, detector.exposure, streams)
+    late = 1 / detector.update_rate
     earlier = replace(path, rotation=motion.at(path.time - late))
     return earlier, lambda start, step: motion.over(start - late, step)
 

@@ -58,6 +58,7 @@ from startrack.detector import (
     tilted_law,
     write_numbers,
 )
+from startrack.motion import MotionRealisation
 from startrack.trial.belief import as_believed, detection_plan
 from startrack.trial.effects import require_window
 from startrack.trial.exposure import expected_electrons, exposure_of
@@ -73,6 +74,7 @@ from startrack.trial.stars import (
     throughput,
 )
 
+Smear = tuple[float, float] | None
 SAMPLES = 16  # frames, whose background and noise represent those of all
 SAMPLE_SEED = 2**63 - 1
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
@@ -86,7 +88,13 @@ WINDOW_PIXEL = 3.0  # a pixel that is rendered in a window
 PROPOSAL = 300.0  # a proposal of a crossing, with the windows of those that are accepted
 
 
-def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
+def spots_in_windows(
+    case: Case,
+    icrs_to_camera: Rotation,
+    streams: Streams,
+    turn: MotionRealisation | None = None,
+    smear: Smear = None,
+) -> Spots:
     """The spots of a frame, of which only windows are rendered and searched.
 
     Around each star that may be detected, and around each outlier pixel, the same numbers as in
@@ -96,19 +104,21 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
     Where the windows would take more time than the whole frame, that is rendered and searched.
 
     icrs_to_camera  true attitude at the middle of the exposure
+    turn            how the camera moves about it; None: as the design says, drawn
+    smear           pixel, along x and y, as the tracker believes it; None: by the design
     Returns         Spots, brightest first
     Raises          ValueError that names what in the design needs the whole frame.
     Accuracy        statistical: the background and the noise of all trials, of all seeds, are those
                     of the same 16 sample frames; more trials do not average out what these differ
                     by from the mean of all frames.
     """
-    plan, instrument = plan_of(case), case.instrument
+    plan, instrument = plan_of(case, smear), case.instrument
     detector, sky, settings = plan.detector, plan.sky, case.tracker.detection
     noise = plan.noise
     if noise is None:
-        return spots_of_frame(case, icrs_to_camera, streams)
+        return spots_of_frame(case, icrs_to_camera, streams, turn, smear)
     direction, star, colour = arrive(case, plan, icrs_to_camera, streams)
-    weight, x, y = path_points(instrument, direction, icrs_to_camera, streams)
+    weight, x, y = path_points(instrument, direction, icrs_to_camera, streams, turn)
     ground, rates = noise.grounds[int(streams("sample of the sky").integers(SAMPLES))]
     half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
     size = detector.columns, detector.rows
@@ -118,7 +128,7 @@ def spots_in_windows(case: Case, icrs_to_camera: Rotation, streams: Streams) -> 
         regions = np.concatenate([regions, around_pixels(apart, plan.spread, *size)])
     rendered = grown_mask(regions, plan.far, *size)
     if cost(area(rendered), rates.total) > detector.columns * detector.rows:
-        return spots_of_frame(case, icrs_to_camera, streams)
+        return spots_of_frame(case, icrs_to_camera, streams, turn, smear)
     pixel, numbers = threshold_crossings(
         noise.numbers, noise.tilt, rates, ground.sky.mesh, plan.border, regions, streams
     )
@@ -159,19 +169,27 @@ def frame_in_windows(
     return expose_within(windows, places, star, psf, detector, level, streams, Workspace(), colour)
 
 
-def spots_of_frame(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
+def spots_of_frame(
+    case: Case,
+    icrs_to_camera: Rotation,
+    streams: Streams,
+    turn: MotionRealisation | None = None,
+    smear: Smear = None,
+) -> Spots:
     """The spots of the whole frame."""
-    frame = whole_frame(case, icrs_to_camera, streams)
-    return detect(as_believed(case, frame), detection_plan(case))
+    frame = whole_frame(case, icrs_to_camera, streams, turn)
+    return detect(as_believed(case, frame), detection_plan(case, smear=smear))
 
 
-def whole_frame(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Frame:
+def whole_frame(
+    case: Case, icrs_to_camera: Rotation, streams: Streams, turn: MotionRealisation | None = None
+) -> Frame:
     """The whole frame of a trial."""
     instrument = case.instrument
     stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
     light = light_of(case, stars, icrs_to_camera, streams)
-    path = line_of_sight(instrument, streams)
-    return expose(exposure_of(instrument, light, path, icrs_to_camera, streams), streams)
+    path = line_of_sight(instrument, streams, turn)
+    return expose(exposure_of(instrument, light, path, icrs_to_camera, streams, turn), streams)
 
 
 @kernel
@@ -214,16 +232,20 @@ def arrive(
 
 
 def path_points(
-    instrument: Instrument, direction: Floats, icrs_to_camera: Rotation, streams: Streams
+    instrument: Instrument,
+    direction: Floats,
+    icrs_to_camera: Rotation,
+    streams: Streams,
+    turn: MotionRealisation | None = None,
 ) -> tuple[Floats, Floats, Floats]:
     """Weights (m,), x and y (m, n) of the points of the stars' paths.
 
     The residual charge of the frame before is a fainter star, where the star was then.
     """
-    path, lag = line_of_sight(instrument, streams), instrument.detector.lag
-    views = [(1 - lag, path, motion_function(instrument, streams))]
+    path, lag = line_of_sight(instrument, streams, turn), instrument.detector.lag
+    views = [(1 - lag, path, motion_function(instrument, streams, turn))]
     if lag:
-        views.append((lag, *motion_before(instrument, path, streams)))
+        views.append((lag, *motion_before(instrument, path, streams, turn)))
     camera, detector = instrument.camera, instrument.detector
     parts = [
         (fraction * weight, x, y)
@@ -286,7 +308,7 @@ class Plan:
 
 
 @kept(8)
-def plan_of(case: Case) -> Plan:
+def plan_of(case: Case, smear: Smear = None) -> Plan:
     """Render and measure some frames of a case; kept for the 8 last cases."""
     instrument, settings = case.instrument, case.tracker.detection
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
@@ -294,8 +316,8 @@ def plan_of(case: Case) -> Plan:
     # Lights that vary over the field in some attitudes are refused in these.
     require_window(case, "instrument.ghosts", "tracker.detection.search", "tracker.rate")
     sky = sky_electrons(case)
-    grounds = [ground_of(case, Streams(SAMPLE_SEED, n)) for n in range(SAMPLES)]
-    border, detection = peak_border(settings), detection_plan(case)
+    border, detection = peak_border(settings), detection_plan(case, smear=smear)
+    grounds = [ground_of(case, Streams(SAMPLE_SEED, n), detection) for n in range(SAMPLES)]
     kernel = detection.kernel
     return Plan(
         detector,
@@ -355,7 +377,7 @@ def noise_of(
     return best
 
 
-def ground_of(case: Case, streams: Streams) -> Ground:
+def ground_of(case: Case, streams: Streams, plan: DetectionPlan) -> Ground:
     """Background and noise of one frame of the design, which its stars raise a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)
@@ -364,7 +386,7 @@ def ground_of(case: Case, streams: Streams) -> Ground:
         case, stars, line_of_sight(instrument, streams), attitude, streams
     )
     frame = as_believed(case, frame_of(electrons, instrument.detector, streams))
-    return measure_ground(frame, detection_plan(case))
+    return measure_ground(frame, plan)
 
 
 @kernel

@@ -14,6 +14,7 @@ from scipy import stats
 
 from startrack.attitude import Mounting
 from startrack.core.units import arcsec, deg
+from startrack.design import Fidelity
 from startrack.io import to_qtable
 from startrack.montecarlo.workers import Serial
 from startrack.motion import Motion, Tone
@@ -35,6 +36,7 @@ GYRO = Gyro(2 * arcsec, 0.05 * arcsec, 5 * arcsec)
 CALM = Leg(2.0, rate_x=0.05 * deg)
 WILD = Leg(1.5, rate_y=25 * deg)  # smears a star over fifty pixels
 AXES = "xyz"
+BOTH = Fidelity.FRAME, Fidelity.WINDOW
 LOST = 2  # sequences that lose the sky
 
 
@@ -162,6 +164,30 @@ def test_a_frame_alone_has_the_law_of_a_trial(small):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs processes that fork")
+@pytest.mark.parametrize("rate", [0.0, 0.5])
+def test_windows_of_a_sequence_are_those_of_its_frames(small, rate):
+    """The same noise of the same stars; the background beside them is measured in other frames."""
+    sequence = Sequence((Leg(6.0, rate_x=rate * deg, rate_z=0.1 * deg),), period=0.2)
+    whole, parts = (run(small.case, sequence, 3, 0, fidelity=one) for one in BOTH)
+    assert (parts["mode"][1:] == Mode.TRACKED).all()
+    for axis in AXES:
+        frame, window = whole[f"error_{axis}"], parts[f"error_{axis}"]
+        assert np.std(window - frame) < 0.8 * np.std(frame)
+        assert np.corrcoef(frame, window)[0, 1] > 0.7
+        assert np.std(window) == pytest.approx(np.std(frame), rel=0.25)
+
+
+def test_what_windows_of_a_sequence_cannot_do_is_named(small, tmp_path):
+    sequence = Sequence((CALM,), period=0.8)
+    with pytest.raises(ValueError, match="where frames or images of stars are kept, got window"):
+        run(small.case, sequence, 3, 0, Recording(tmp_path, "fits"), Fidelity.WINDOW)
+    boxes = dataclasses.replace(small.case.tracker, acquisition="box")
+    with pytest.raises(ValueError, match="with search boxes"):
+        run(dataclasses.replace(small.case, tracker=boxes), sequence, 3, 0, None, Fidelity.WINDOW)
+    with pytest.raises(ValueError, match="must be frame or window in a sequence, got spots"):
+        run(small.case, sequence, 3, 0, None, Fidelity.SPOTS)
+
+
 def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
     still = dataclasses.replace(
         small.case, instrument=dataclasses.replace(small.case.instrument, motion=Motion())
