@@ -98,7 +98,7 @@ def _response(device: Detector) -> Floats:
     return _frozen(_binned(device, array) / device.binning**2)
 
 
-@kept(2)
+@kept(4)
 def _dark(device: Detector) -> Floats:
     streams, defects = device_streams(device), device.defects or Defects()
     array = dark_response(_array(device), device.dark_current, defects, streams)

@@ -12,7 +12,7 @@ from scipy import ndimage
 from scipy.special import ndtr
 
 from startrack.core import Floats, Ints, Streams, kept
-from startrack.design import Case
+from startrack.design import Case, turning
 from startrack.detection import DarkMap, detect, false_alarms, measure_ground
 from startrack.detector import Defects, Detector, dark, flickering, frame_of
 from startrack.trial.belief import as_believed, detection_plan
@@ -123,7 +123,13 @@ def dark_pattern(case: Case) -> DarkPattern | None:
     defects, has_map = detector.defects, case.tracker.detection.dark_map is not None
     if not (has_map or detector.age or (defects and (defects.dsnu or defects.hot))):
         return None
-    return _pattern(_still(detector), case if has_map else None)
+    return _pattern(_still(detector), _at_rest(case) if has_map else None)
+
+
+@lru_cache(maxsize=8)
+def _at_rest(case: Case) -> Case:
+    """The case at rest, whose dark map is the same; of the 8 last cases."""
+    return turning(case, 0.0)
 
 
 def _still(detector: Detector) -> Detector:

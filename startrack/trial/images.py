@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Camera, FieldPsf, Psf, kept
-from startrack.design import Instrument
+from startrack.design import Case, Instrument
 from startrack.optics import Optics, cube_psf, field_psf, open_optics, pixel_psf
 from startrack.scene import SUN, WAVELENGTH
 
@@ -57,6 +57,15 @@ def field_psf_of(instrument: Instrument) -> FieldPsf:
     if not optics.lens_field:
         images = images.of_one_place(sunlike_colour(instrument))
     return images
+
+
+def with_images_of(case: Case) -> Case:
+    """The design that a unit shares its images with; the case itself where there is none.
+
+    Displacements of centroids follow from the images; what such a unit differs in otherwise, light
+    and noise, changes errors of attitudes by at most 1e-5 of them through these displacements.
+    """
+    return case.as_designed if case.instrument.imaged else case
 
 
 def _whole_images(instrument: Instrument) -> FieldPsf:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -53,9 +53,12 @@ def errors(case: Case) -> Errors:
     star = noisy_stars(case, magnitude, images)
     plain, kept = star.plain, star.kept
     method = mean_of(plain.offset, kept)
+    stated, noise, shot = (
+        mean_of(each, kept) for each in (plain.covariance, star.noise, star.shot)
+    )
     random = {
-        SHOT: star.shot,
-        READ: star.noise - star.shot,
+        SHOT: shot,
+        READ: noise - shot,
         METHOD: moment_of(plain.offset - method[:, None], kept),
     }
     shape = (len(magnitude), *images.point.shape)
@@ -68,47 +71,52 @@ def errors(case: Case) -> Errors:
         extra = spread * pattern("dark current", shape)
         moved = chart(case, magnitude, extra=extra, both_signs=False).offset - plain.one_sign
         random["DSNU"] = moment_of(moved, kept)
-    return Errors(magnitude, kept.mean(axis=1), star.stated, random, method)
+    return Errors(magnitude, kept.mean(axis=1), stated, random, method)
 
 
 class NoisyStars(NamedTuple):
     """Stars of m magnitudes at p positions, and what the noise does to them.
 
-    plain                those without noise
-    kept                 (m, p) chance that the tracker measures a detected star and takes it for no
-                         hot pixel
-    stated, noise, shot  (m, 2, 2) pixel^2, means over the positions: covariance by the tracker, by
-                         all noise, by shot noise alone
+    plain        those without noise, with the covariance by the tracker
+    kept         (m, p) chance that the tracker measures a detected star and takes it for no hot
+                 pixel
+    noise, shot  (m, p, 2, 2) pixel^2, covariance by all noise, by shot noise alone
     """
 
     plain: Chart
     kept: Floats
-    stated: Floats
     noise: Floats
     shot: Floats
 
+    def at(self, positions: slice) -> NoisyStars:
+        """Those at some of the positions."""
+        plain = Chart(self.plain.magnitude, *(each[:, positions] for each in self.plain[1:]))
+        return NoisyStars(plain, *(each[:, positions] for each in self[1:]))
+
 
 def noisy_stars(
-    case: Case, magnitude: Floats, images: StarImages, both_signs: bool = True
+    case: Case, magnitude: Floats, images: StarImages, both_signs: bool = True, groups: int = 1
 ) -> NoisyStars:
     """The noise of stars of some images; arguments as of `chart`."""
-    plain = chart(case, magnitude, images, both_signs=both_signs)
+    measured = partial(chart, magnitude=magnitude, images=images, groups=groups)
+    plain = measured(case, both_signs=both_signs)
     kept = kept_fraction(case, plain, images)
-    noise = _noise_covariance(case, plain, images, both_signs)
+    noise = _noise_covariance(case, plain, images, both_signs, groups)
     # The tracker overstates the covariance of a saturated star on purpose.
     bold = without_saturation(case)
-    bare = chart(bold, magnitude, images, reading=Reading.SHOT_NOISE, both_signs=False)
-    covariances = plain.covariance, noise, bare.covariance
-    return NoisyStars(plain, kept, *(mean_of(covariance, kept) for covariance in covariances))
+    bare = measured(bold, reading=Reading.SHOT_NOISE, both_signs=False)
+    return NoisyStars(plain, kept, noise, bare.covariance)
 
 
-def _noise_covariance(case: Case, plain: Chart, images: StarImages, both_signs: bool) -> Floats:
+def _noise_covariance(
+    case: Case, plain: Chart, images: StarImages, both_signs: bool, groups: int
+) -> Floats:
     """The true covariance (m, p, 2, 2) pixel^2 of a chart, by the case `without_saturation`."""
     saturation, bold = case.tracker.detection.saturation, without_saturation(case)
     magnitude, covariance = plain.magnitude, plain.covariance
+    measured = partial(chart, bold, images=images, both_signs=both_signs, groups=groups)
     if case.design is not None:
-        true = Reading.TRUE
-        return chart(bold, magnitude, images, reading=true, both_signs=both_signs).covariance
+        return measured(magnitude, reading=Reading.TRUE).covariance
     if saturation is None:
         return covariance
     size, detector = scale(case), case.instrument.detector
@@ -118,7 +126,7 @@ def _noise_covariance(case: Case, plain: Chart, images: StarImages, both_signs: 
     near = detector.offset + peak / detector.electrons_per_dn > NEAR * saturation
     covariance = covariance.copy()
     if near.any():
-        covariance[near] = chart(bold, magnitude[near], images, both_signs=both_signs).covariance
+        covariance[near] = measured(magnitude[near]).covariance
     return covariance
 
 

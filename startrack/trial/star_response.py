@@ -12,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.special import ndtr
 
-from startrack.core import Floats, Frame, Ints, Psf, Refused, Streams, kept, require_memory
+from startrack.core import Floats, Frame, Ints, Psf, Refused, Streams, kept, kernel, require_memory
 from startrack.design import Case, Instrument
 from startrack.detection import (
     Candidates,
@@ -62,20 +62,29 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
         level = nonlinear_signal(level, detector.full_well, detector.nonlinearity)
     if detector.settling:
         level = settle(level, detector.settling)
-    level += ripple
-    level[::2, 1::2] -= 2 * ripple
-    level[1::2, ::2] -= 2 * ripple
-    level /= detector.electrons_per_dn
-    level += detector.offset
-    if detector.adc_inl:
-        level = with_adc_inl(level, level / largest, detector.adc_inl)
+    gain, offset = detector.electrons_per_dn, float(detector.offset)
     return Frame(
-        np.minimum(level, largest).astype(np.float32),
+        _numbers(level, ripple, gain, offset, detector.adc_inl, largest),
         detector.exposure,
-        detector.electrons_per_dn,
-        float(detector.offset),
+        gain,
+        offset,
         noise,
     )
+
+
+@kernel
+def _numbers(level, ripple, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
+    """Numbers (rows, columns) that are not rounded, of electrons with a chessboard of ripples."""
+    rows, columns = level.shape
+    image = np.empty((rows, columns), np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            sign = 1.0 - 2.0 * ((row + column) & 1)
+            x = (level[row, column] + sign * ripple) / gain + offset
+            if adc_inl != 0.0:
+                x = with_adc_inl(x, x / largest, adc_inl)
+            image[row, column] = min(x, largest)
+    return image
 
 
 def pixel_noise(detector: Detector, streams: Streams) -> Floats:
@@ -180,6 +189,7 @@ def chart(
     extra: Floats | None = None,
     reading: Reading = Reading.BELIEVED,
     both_signs: bool = True,
+    groups: int = 1,
 ) -> Chart:
     """Measure stars without noise, as the tracker would.
 
@@ -191,6 +201,8 @@ def chart(
     gain        (m, p, side, side) 1, response of the pixels around each star; None: uniform
     extra       (m, p, side, side) electron to add to them; None: none
     both_signs  as of `measure`
+    groups      of positions, of which each is measured as if it were alone: with one sign, the
+                chessboard moves equal positions of all groups alike
     """
     images = images or images_at_phases(case)
     electrons = star_electrons(case, magnitude, images)
@@ -198,15 +210,27 @@ def chart(
         electrons = electrons * gain
     if extra is not None:
         electrons = electrons + extra
-    side, shape = electrons.shape[-1], electrons.shape[:2]
-    cells = electrons.reshape(-1, side, side)
+    cells = _grouped(electrons, groups)
     centroids, covariances = _measurements(case, cells, reading, both_signs)
     return Chart(
         magnitude,
-        _mean(centroids).reshape(*shape, 2) - images.place,
-        centroids[0].reshape(*shape, 2) - images.place,
-        _mean(covariances).reshape(*shape, 2, 2),
+        _ungrouped(_mean(centroids), len(magnitude)) - images.place,
+        _ungrouped(centroids[0], len(magnitude)) - images.place,
+        _ungrouped(_mean(covariances), len(magnitude)),
     )
+
+
+def _grouped(values: Floats, groups: int) -> Floats:
+    """Values (m, g p, ...) of g groups of positions -> (g, m p, ...)."""
+    m, _, *rest = values.shape
+    parts = values.reshape(m, groups, -1, *rest).swapaxes(0, 1)
+    return parts.reshape(groups, -1, *rest)
+
+
+def _ungrouped(values: Floats, m: int) -> Floats:
+    """Values (g, m p, ...) -> (m, g p, ...)."""
+    groups, _, *rest = values.shape
+    return values.reshape(groups, m, -1, *rest).swapaxes(0, 1).reshape(m, -1, *rest)
 
 
 def star_electrons(case: Case, magnitude: Floats, images: StarImages) -> Floats:
@@ -230,14 +254,14 @@ def measure(
     Returns     (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
                 star that the tracker drops
     """
-    centroids, covariances = _measurements(case, electrons, reading, both_signs)
-    return _mean(centroids), _mean(covariances)
+    centroids, covariances = _measurements(case, electrons[None], reading, both_signs)
+    return _mean(centroids)[0], _mean(covariances)[0]
 
 
 def _measurements(
     case: Case, electrons: Floats, reading: Reading, both_signs: bool
 ) -> tuple[list[Floats], list[Floats]]:
-    """What `measure` averages: places and covariances with one chessboard or with both."""
+    """What `measure` averages, of cells (g, n, side, side): places (g, n, 2) and covariances."""
     size, detection = scale(case), case.tracker.detection
     noise = 0.0 if reading is Reading.SHOT_NOISE else size.noise
     ripple = math.hypot(noise, math.sqrt(size.background))
@@ -265,23 +289,33 @@ def _measured(
     column, row = middle.T
     candidates = Candidates(column, row, np.ones(len(row), np.int64))
     centroid, covariance = places(frame, pixels(frame), candidates, plan)
-    return centroid - middle, covariance
+    shape = electrons.shape[:2]
+    return (centroid - middle).reshape(*shape, 2), covariance.reshape(*shape, 2, 2)
 
 
 def _in_cells(
     case: Case, electrons: Floats, ripple: float, reading: Reading = Reading.BELIEVED
 ) -> tuple[Frame, Ints]:
-    """A frame of the stars of `measure`, and the middles (n, 2) of their cells, pixel."""
-    side, across = electrons.shape[-1], math.gcd(len(electrons), PHASES**2)
+    """A frame of stars (g, n, side, side), and the middles (g n, 2) of their cells, pixel.
+
+    Groups lie below each other, each from an even row on.
+    """
+    groups, count, side, _ = electrons.shape
+    across = math.gcd(count, PHASES**2)
+    high = count // across * side
     noise = 0.0 if reading is Reading.SHOT_NOISE else scale(case).noise
-    cells = electrons.reshape(-1, across, side, side).transpose(0, 2, 1, 3)
-    light = cells.reshape(-1, across * side) + scale(case).background
+    light = np.full((groups, high + high % 2, across * side), scale(case).background)
+    cells = electrons.reshape(groups, -1, across, side, side).transpose(0, 1, 3, 2, 4)
+    light[:, :high] += cells.reshape(groups, high, across * side)
+    light = light.reshape(-1, across * side)
     frame = noise_free_frame(light, case.instrument.detector, ripple, noise)
     if case.design is not None and reading is Reading.BELIEVED:
         stated = scale(case.as_designed).noise
         frame = replace(as_believed(case, frame), read_noise=stated)
-    row, column = np.divmod(np.arange(len(electrons)), across) * np.array(side) + side // 2
-    return frame, np.column_stack([column, row])
+    row, column = np.divmod(np.arange(count), across) * np.array(side) + side // 2
+    first = np.arange(groups)[:, None] * (high + high % 2)
+    place = np.stack([np.broadcast_to(column, (groups, count)), first + row], axis=-1)
+    return frame, place.reshape(-1, 2)
 
 
 def kept_fraction(case: Case, plain: Chart, images: StarImages) -> Floats:
@@ -291,8 +325,8 @@ def kept_fraction(case: Case, plain: Chart, images: StarImages) -> Floats:
     images  as `chart` takes them
     """
     electrons = star_electrons(case, plain.magnitude, images)
-    frame, middle = _in_cells(case, electrons.reshape(-1, *electrons.shape[2:]), 0.0)
-    empty, _ = _in_cells(case, np.zeros((1, 2, 2)), 0.0)
+    frame, middle = _in_cells(case, _grouped(electrons, 1), 0.0)
+    empty, _ = _in_cells(case, np.zeros((1, 1, 2, 2)), 0.0)
     level = float(empty.image[0, 0])
     chance = chance_kept(frame, middle.astype(float), level, detection_plan(case))
     return np.where(np.isfinite(plain.offset[..., 0]), chance.reshape(electrons.shape[:2]), 0.0)

@@ -108,8 +108,29 @@ def mean_colour(case: Case, bp_rp: Floats) -> Floats:
 
     bp_rp  where it is not known (NaN), that of a sunlike star
     """
+    return _wavelengths(bp_rp, mean_by_colour(case))
+
+
+def mean_by_colour(case: Case) -> tuple[float, ...]:
+    """Mean detected wavelengths of stars of COLOURS, and of a sunlike one; metre.
+
+    The same for all apertures, to the last bit.
+    """
     light, instrument = light_by_colour(case, np.append(COLOURS, np.nan)), case.instrument
-    mean = mean_wavelength(light, instrument.detector, throughput(instrument))
+    transmission = instrument.optics.transmission(WAVELENGTH)
+    return tuple(mean_wavelength(light, instrument.detector, transmission).tolist())
+
+
+@kept(4)
+def sorted_wavelengths(selection: Selection, mean: tuple[float, ...]) -> Floats:
+    """Mean detected wavelengths (n,) of the stars of a catalogue, in order; of the 4 last.
+
+    mean  as `mean_by_colour` gives it
+    """
+    return np.sort(_wavelengths(open_sky(selection).stars.colour, mean))
+
+
+def _wavelengths(bp_rp: Floats, mean: tuple[float, ...]) -> Floats:
     return np.where(np.isnan(bp_rp), mean[-1], np.interp(bp_rp, COLOURS, mean[:-1]))
 
 

@@ -15,6 +15,7 @@ from startrack.core import Floats, Ints, Stars, kept
 from startrack.design import Case, Scope, found_at, unchecked
 from startrack.motion import jitter_rms
 from startrack.trial.belief import detection_plan
+from startrack.trial.images import with_images_of
 from startrack.trial.star_errors import errors, lasting
 from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
 from startrack.trial.stars import (
@@ -69,7 +70,7 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     distance = near.angle * camera.focal_length_px
     magnitude, other = near.magnitude + colour_correction(case, near.colour)
     contrast = other - magnitude
-    pull = _shift(case, distance, contrast)
+    pull = _shift(with_images_of(case), distance, contrast)
     pull[(distance < _merged(case)) & (contrast < 0)] = LOST
     along = pull / np.maximum(near.angle, 1e-12)
     moved = np.empty((len(stars), 3))

@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.catalog import open_sky
 from startrack.core import FieldPsf, Floats, Ints, Psf, kept
 from startrack.design import Case, Instrument
 from startrack.optics import mirrored
-from startrack.trial.images import field_psf_of, psf_of, sunlike_colour
+from startrack.trial.images import field_psf_of, psf_of, sunlike_colour, with_images_of
 from startrack.trial.star_errors import (
     READ,
     SHOT,
@@ -35,7 +34,7 @@ from startrack.trial.star_response import (
     smear_extent,
     star_images,
 )
-from startrack.trial.stars import mean_colour
+from startrack.trial.stars import mean_by_colour, sorted_wavelengths
 
 PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them
@@ -87,7 +86,7 @@ class Zones(NamedTuple):
 def zones_of(case: Case) -> Zones:
     """The zones of a case; kept for the 8 last cases."""
     camera = case.instrument.camera
-    colour = np.sort(mean_colour(case, open_sky(case.catalog).stars.colour))
+    colour = sorted_wavelengths(case.catalog, mean_by_colour(case))
     classes = [stars for stars in np.array_split(colour, COLOURS) if len(stars)]
     if not classes:
         classes = [np.array([sunlike_colour(case.instrument)])]
@@ -157,7 +156,7 @@ def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
 
     The tracker's own correction of the star's colour is taken off. Kept for the 8 last cases.
     """
-    shift = centroid_shift(case)
+    shift = centroid_shift(with_images_of(case))
     sunlike = shift.of_one_colour(sunlike_colour(case.instrument))
     rest = shift.value.copy()
     rest[..., :2] -= sunlike.value[..., :2]
@@ -215,17 +214,26 @@ def zone_errors(case: Case) -> ZoneErrors:
     unique, which, mirror = unique_places(case, zones_of(case).middles)
     points = [_mean_points(case), *(_points(case, *place) for place in unique)]
     # One sign, because only differences from the mean image count.
+    images = StarImages(np.concatenate(points), np.tile(_positions(), (len(points), 1)))
+    every = noisy_stars(case, magnitude, images, both_signs=False, groups=len(points))
     mean, *parts = (
-        noisy_stars(case, magnitude, StarImages(point, _positions()), both_signs=False)
-        for point in points
+        every.at(slice(k, k + POSITIONS)) for k in range(0, len(images.place), POSITIONS)
     )
     stated, shot, read, field, kept = [], [], [], [], []
     for zone in parts:
-        stated.append(scaled_to_zone(star, star.stated, magnitude, zone.stated, mean.stated))
-        shot.append(scaled_to_zone(star, star.random[SHOT], magnitude, zone.shot, mean.shot))
+        by_tracker, by_all, by_shot = (
+            (mean_of(here, zone.kept), mean_of(there, mean.kept))
+            for here, there in (
+                (zone.plain.covariance, mean.plain.covariance),
+                (zone.noise, mean.noise),
+                (zone.shot, mean.shot),
+            )
+        )
+        stated.append(scaled_to_zone(star, star.stated, magnitude, *by_tracker))
+        shot.append(scaled_to_zone(star, star.random[SHOT], magnitude, *by_shot))
         # Read noise alone is nearly none, of either sign, where the brightest stars saturate.
         noise = star.random[SHOT] + star.random[READ]
-        read.append(scaled_to_zone(star, noise, magnitude, zone.noise, mean.noise) - shot[-1])
+        read.append(scaled_to_zone(star, noise, magnitude, *by_all) - shot[-1])
         apart = zone.plain.offset - mean.plain.offset
         both = np.minimum(zone.kept, mean.kept)
         moved = moment_of(apart - mean_of(apart, both)[:, None], both)
