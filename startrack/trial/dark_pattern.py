@@ -123,7 +123,7 @@ def dark_pattern(case: Case) -> DarkPattern | None:
     defects, has_map = detector.defects, case.tracker.detection.dark_map is not None
     if not (has_map or detector.age or (defects and (defects.dsnu or defects.hot))):
         return None
-    return _pattern(_still(detector), _at_rest(case) if has_map else None)
+    return _pattern(_still(detector), _at_rest(case.as_designed) if has_map else None)
 
 
 @lru_cache(maxsize=8)
@@ -141,7 +141,7 @@ def _still(detector: Detector) -> Detector:
 
 @kept(4)
 def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
-    """The pattern of a detector, with the dark map of a case."""
+    """The pattern of a detector, with the dark map of a design."""
     signal = np.full((detector.rows, detector.columns), dark(detector)) * detector.exposure
     flicker = flickering(detector, Streams(0, 0))
     if flicker is not None:
@@ -150,7 +150,7 @@ def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
     if mapped is not None:
         correction = detection_plan(mapped).correction
         assert correction is not None
-        signal = signal - correction.offset * mapped.instrument.detector.electrons_per_dn
+        signal = signal - correction.offset * detector.electrons_per_dn
         marked = len(correction.hot) / signal.size
         signal = np.where(correction.marks > 0, np.median(signal), signal)
     flat = signal.ravel()
