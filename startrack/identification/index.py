@@ -45,18 +45,17 @@ def merged(
         pairs = cKDTree(direction).query_pairs(2 * np.sin(resolution / 2), output_type="ndarray")
     taker = _takers(len(stars), pairs)
     flux = np.exp(-MAGNITUDE * stars.magnitude_g[order])
-    light = np.zeros(len(stars))
-    np.add.at(light, taker, flux)
-    centre: Floats = np.zeros_like(direction)
-    np.add.at(centre, taker, flux[:, None] * direction)
-    kept = np.flatnonzero(taker == np.arange(len(stars)))
-    alone = light[kept] == flux[kept]
-    centre = centre[kept] / np.linalg.norm(centre[kept], axis=1, keepdims=True)
-    centre[alone] = direction[kept][alone]  # to the last digit
-    names = order[kept]
-    left = Stars(
-        stars.identifier[names], centre, -np.log(light[kept]) / MAGNITUDE, stars.colour[names]
-    )
+    light, is_left = flux.copy(), taker == np.arange(len(stars))
+    lost = np.flatnonzero(~is_left)
+    np.add.at(light, taker[lost], flux[lost])
+    several = np.flatnonzero(light != flux)
+    centre = np.zeros_like(direction)
+    centre[several] = flux[several, None] * direction[several]
+    np.add.at(centre, taker[lost], flux[lost, None] * direction[lost])
+    direction[several] = centre[several] / np.linalg.norm(centre[several], axis=1, keepdims=True)
+    names = order[is_left]
+    magnitude = -np.log(light[is_left]) / MAGNITUDE
+    left = Stars(stars.identifier[names], direction[is_left], magnitude, stars.colour[names])
     return left, names
 
 

@@ -156,9 +156,9 @@ def index_resolution(camera: Camera) -> float:
     return indexed_field(camera) / POINTS
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def separated(selection: Selection, resolution: float) -> SeparableStars:
-    """`separable_stars` by resolution; kept for the 16 last pairs, as a search needs them again."""
+    """`separable_stars` by resolution; kept for the 32 last pairs, as a search needs them again."""
     pair, chord = _close(selection, 2.0 ** math.ceil(math.log2(resolution)))
     near = pair[chord <= 2 * math.sin(resolution / 2)]
     stars, name = merged(open_sky(selection).stars, resolution, near)

@@ -14,6 +14,7 @@ from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints, Stars, kept
 from startrack.design import Case, Scope, found_at, unchecked
 from startrack.motion import jitter_rms
+from startrack.optics import Residual
 from startrack.trial.belief import detection_plan
 from startrack.trial.images import with_images_of
 from startrack.trial.star_errors import errors, lasting
@@ -164,7 +165,7 @@ class _Pairs(NamedTuple):
     apart: Floats
 
 
-@kept(16)
+@kept(32)
 def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float) -> _Pairs:
     """All pairs of separable stars within a radius (radian) whose star is no fainter than asked."""
     several = separated(catalog, resolution)
@@ -230,13 +231,13 @@ def _map_noise(design: Case) -> float:
     return noise * calibration.map**2 / places
 
 
-@kept(8)
 def _residual_law(design: Case) -> Floats:
     """`Residual.law` (33, 33, 2, k) of what the calibration of a design's units leaves."""
     instrument, calibration = design.instrument, design.tracker.calibration
     if instrument.residual is None:
         return np.zeros((1, 1, 2, 1))
-    return instrument.residual.law(
+    return _law(
+        instrument.residual,
         design.believed_camera.ideal,
         instrument.optics,
         instrument.detector.pitch,
@@ -244,6 +245,9 @@ def _residual_law(design: Case) -> Floats:
         calibration.tangential if calibration else False,
         calibration.map if calibration else 0,
     )
+
+
+_law = kept(8)(Residual.law)  # of the last 8 designs, at all rates
 
 
 @lru_cache(maxsize=8)

@@ -221,7 +221,7 @@ def zone_errors(case: Case) -> ZoneErrors:
     )
     stated, shot, read, field, kept = [], [], [], [], []
     for zone in parts:
-        by_tracker, by_all, by_shot = (
+        both_stated, both_noise, both_shot = (
             (mean_of(here, zone.kept), mean_of(there, mean.kept))
             for here, there in (
                 (zone.plain.covariance, mean.plain.covariance),
@@ -229,11 +229,11 @@ def zone_errors(case: Case) -> ZoneErrors:
                 (zone.shot, mean.shot),
             )
         )
-        stated.append(scaled_to_zone(star, star.stated, magnitude, *by_tracker))
-        shot.append(scaled_to_zone(star, star.random[SHOT], magnitude, *by_shot))
+        stated.append(scaled_to_zone(star, star.stated, magnitude, *both_stated))
+        shot.append(scaled_to_zone(star, star.random[SHOT], magnitude, *both_shot))
         # Read noise alone is nearly none, of either sign, where the brightest stars saturate.
         noise = star.random[SHOT] + star.random[READ]
-        read.append(scaled_to_zone(star, noise, magnitude, *by_all) - shot[-1])
+        read.append(scaled_to_zone(star, noise, magnitude, *both_noise) - shot[-1])
         apart = zone.plain.offset - mean.plain.offset
         both = np.minimum(zone.kept, mean.kept)
         moved = moment_of(apart - mean_of(apart, both)[:, None], both)
