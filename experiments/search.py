@@ -9,6 +9,7 @@ of all seeds, and long ones by nlopt from the best of each. At last whole comman
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import math
 import subprocess
@@ -39,15 +40,13 @@ from startrack.optimise.forecast import budgets_of_units, forecasts
 from startrack.optimise.steps import explore
 from startrack.population import middle_of
 
-try:
-    import cma
-except ImportError:  # such a peer is left out
-    cma = None
-try:
-    import optuna
-except ImportError:
-    optuna = None
 
+def _if_installed(name: str) -> Any:
+    """A peer's module; None where it is not installed: such a peer is left out."""
+    return importlib.import_module(name) if importlib.util.find_spec(name) else None
+
+
+cma, optuna = _if_installed("cma"), _if_installed("optuna")
 UNITS = ("nanosatellite", "high_accuracy")  # judged over their units
 ALONE = "noise_only"
 LONG = 400  # forecasts of each long search
