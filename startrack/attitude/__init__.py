@@ -11,6 +11,8 @@ refine      Gauss-Newton on the residuals in the image plane, and the covariance
             with the errors that the stars of a frame share.
 solve       Estimate from Spots and Matches: attitude, covariance and status; by code of one's own.
 camera      Identified frames of one camera -> the camera model that fits them all.
+camera_filter  Matches of one frame after the other -> the camera as it is known, with temperature
+            terms.
 follow      Filtered attitude, gyroscope bias and lasting errors from attitudes and rates in time.
 """
 
@@ -27,6 +29,7 @@ from startrack.attitude.camera import (
     moved_camera,
     typical_square,
 )
+from startrack.attitude.camera_filter import CameraFilter, KnownCamera, after_frame, first_camera
 from startrack.attitude.follow import Gyroscope, Lasting, State, correct, predict, start
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
 from startrack.attitude.refine import SharedErrors, attitude_gain, refine
@@ -37,10 +40,14 @@ from startrack.attitude.wahba import davenport, foam, quest, svd
 __all__ = [
     "Alignment",
     "AttitudeInput",
+    "CameraFilter",
+    "KnownCamera",
     "Mounting",
     "Observability",
     "SharedErrors",
     "SolverSettings",
+    "after_frame",
     "align",
+    "first_camera",
     "solve",
 ]

@@ -93,7 +93,7 @@ def calibrate(
             f"matches must be as many as spots, got {len(matches)} for {len(spots)} frames"
         )
     frames = [
-        _Frame(found_spots, match)
+        MatchedFrame(found_spots, match)
         for found_spots, match in zip(spots, matches, strict=True)
         if len(match) >= 3
     ]
@@ -140,7 +140,7 @@ class _Block:
         return self.inverse @ (self.attitude_right - self.cross.T @ step)
 
 
-class _Frame:
+class MatchedFrame:
     """The matches of one frame, and its attitude so far."""
 
     def __init__(self, spots: Spots, matches: Matches) -> None:
@@ -150,6 +150,7 @@ class _Frame:
         self.icrs_to_camera: Rotation = matches.icrs_to_camera
 
     def turn(self, vector: Floats) -> None:
+        """Turn its attitude by a rotation vector (3,), radian, in camera axes."""
         self.icrs_to_camera = Rotation.from_rotvec(vector) * self.icrs_to_camera
 
     def residual(self, camera: Camera) -> Floats:
@@ -162,6 +163,7 @@ class _Frame:
         return float(np.sum(square * weight))
 
     def normal(self, camera: Camera, free: Ints, floor: float) -> _Block:
+        """The normal equations of some of UNKNOWNS, by their numbers."""
         residual = self.residual(camera)
         inverse, _, weight = self._weigh(camera, floor)
         inverse = inverse * weight[:, None, None]

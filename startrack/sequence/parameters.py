@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+from startrack.attitude import CameraFilter
 from startrack.core import (
     FINITE,
     NON_NEGATIVE,
@@ -69,6 +70,9 @@ class Sequence(Parameters):
         "manoeuvre may have begun"] = 1 * deg  # fmt: skip
     max_coasted_frames: Annotated[int, Range(0, 10**6),
         "frames without attitude after which the prediction is dropped"] = 3  # fmt: skip
+    camera: Annotated[CameraFilter | None,
+        "calibrates the tracker's camera from frame to frame; None: it keeps what it believes"
+    ] = None  # fmt: skip
     dither: Annotated[tuple[Tone, ...],
         "sinusoidal motion beside the legs and the design's jitter, such as of a spacecraft that "
         "moves its image over the pixels; of one start in a sequence"] = ()  # fmt: skip

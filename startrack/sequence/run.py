@@ -17,7 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Gyroscope, Lasting, State, correct, predict, start
+from startrack.attitude import (
+    Gyroscope,
+    Lasting,
+    State,
+    after_frame,
+    correct,
+    first_camera,
+    predict,
+    start,
+)
 from startrack.catalog import open_sky
 from startrack.core import (
     Camera,
@@ -300,6 +309,9 @@ def run(
     known, camera, asked = TrackerState(), case.believed_camera, asked_of(case, true, streams)
     before, step, lengths, parts = known, 0.0, error_lengths(case), known.lasting
     images, stars = Images(), _StarImages(case)
+    learnt, since = None, 0.0
+    if sequence.camera:
+        learnt = first_camera(camera, sequence.camera)
     views = (
         _whole_frames(case, true, seed, number, recording)
         if fidelity is Fidelity.FRAME
@@ -318,8 +330,12 @@ def run(
         else:
             parts = lasting_parts(case, spots, matches, estimate.covariance)
         known = update_state(known, estimate, sequence, parts)
+        since += step
         if estimate.status is Status.SOLVED:
             camera = matches.camera
+            if learnt and sequence.camera:
+                learnt = after_frame(learnt, sequence.camera, spots, matches, since)
+                camera, since = learnt.camera, 0.0
         if recording and recording.stars and view.frame:
             stars.add(float(true.time[k]), view.frame, spots, matches, images)
         table[k] = (

@@ -1,0 +1,132 @@
+"""A camera calibrated frame by frame, beside the bound of Cramer and Rao of all frames at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from startrack.attitude import CameraFilter, after_frame, first_camera
+from startrack.attitude.camera import UNKNOWNS, Calibration, camera_vector
+from startrack.core import Camera, Matches, Spots, Status
+
+DESIGN = Camera(1024, 1024, 1500.0)
+TRUTH = replace(DESIGN, focal_length_px=1502.5, principal_x=4.0, principal_y=-3.0, k1=0.06)
+PRIOR = Calibration(focal_length=0.003, principal=6.0, k1=0.1, floor=0.0)
+FREE = [0, 1, 2, 3]
+NOISE, STARS = 0.05, 12  # pixel
+SMALL = 1e-4  # of finite differences
+
+
+def frame(rng, camera: Camera, stars: int = STARS):
+    """Stars on a camera, and what a tracker matches of them, with an error of its attitude."""
+    pixel = rng.uniform(20, 1004, (stars, 2))
+    direction = camera.unproject(pixel)
+    attitude = Rotation.from_rotvec(rng.normal(0, 1, 3))
+    seen = pixel + rng.normal(0, NOISE, pixel.shape)
+    covariance = np.tile(NOISE**2 * np.eye(2), (stars, 1, 1))
+    spots = Spots(*seen.T, np.ones(stars), covariance, np.full(stars, 50.0), np.ones(stars, int))
+    believed = Rotation.from_rotvec(rng.normal(0, 3e-4, 3)) * attitude
+    order = np.arange(stars)
+    matches = Matches(Status.SOLVED, "", order, order, attitude.inv().apply(direction), camera,
+                      believed, -30.0)  # fmt: skip
+    return spots, matches, direction
+
+
+def information(directions) -> np.ndarray:
+    """Of the camera's unknowns, (4, 4), by finite differences and all attitudes at once."""
+    total = np.diag(PRIOR.sigma(DESIGN)[FREE] ** -2.0)
+    for direction in directions:
+        columns = []
+        for number in FREE:
+            sides = []
+            step = SMALL * max(abs(camera_vector(TRUTH)[number]), 1.0)
+            for sign in (1, -1):
+                changed = camera_vector(TRUTH)[number] + sign * step
+                sides.append(replace(TRUTH, **{UNKNOWNS[number]: changed}).project(direction))
+            columns.append((sides[0] - sides[1]).ravel() / 2 / step)
+        for axis in np.eye(3):
+            sides = [
+                TRUTH.project(Rotation.from_rotvec(sign * SMALL * axis).apply(direction))
+                for sign in (1, -1)
+            ]
+            columns.append((sides[0] - sides[1]).ravel() / 2 / SMALL)
+        rows = np.column_stack(columns) / NOISE
+        whole = rows.T @ rows
+        cross = whole[:4, 4:]
+        total += whole[:4, :4] - cross @ np.linalg.solve(whole[4:, 4:], cross.T)
+    return total
+
+
+def error(camera: Camera) -> np.ndarray:
+    return (camera_vector(camera) - camera_vector(TRUTH))[FREE]
+
+
+@pytest.mark.parametrize("frames", [100, pytest.param(1000, marks=pytest.mark.slow)])
+def test_the_error_is_that_of_the_bound(frames):
+    """Error squared over the bound of 8 cameras with 4 unknowns: 1 within 0.25 (1 sigma)."""
+    rng, settings, squares = np.random.default_rng(frames), CameraFilter(PRIOR), []
+    for unit in range(8):
+        known, directions = first_camera(DESIGN, settings), []
+        for _ in range(frames):
+            spots, matches, direction = frame(rng, TRUTH)
+            known = after_frame(known, settings, spots, matches)
+            directions.append(direction)
+        bound = information(directions)
+        squares.append(error(known.camera) @ bound @ error(known.camera) / 4)
+        if not unit:
+            stated = known.covariance[np.ix_(FREE, FREE)]
+            np.testing.assert_allclose(
+                np.linalg.inv(stated), bound, rtol=0.03, atol=1e-3 * bound.max()
+            )
+    assert np.mean(squares) < 2.0
+
+
+def test_slopes_with_temperature_are_found():
+    """Focal length and principal point that follow the temperature of an orbit."""
+    rng = np.random.default_rng(5)
+    settings = CameraFilter(PRIOR, focal_length_slope=5e-5, principal_slope=0.05)
+    known = first_camera(DESIGN, settings)
+    for k in range(400):
+        warmer = 10 * np.sin(k / 30)
+        camera = replace(
+            TRUTH,
+            focal_length_px=TRUTH.focal_length_px * (1 + 3e-5 * warmer),
+            principal_x=TRUTH.principal_x + 0.02 * warmer,
+        )
+        spots, matches, _ = frame(rng, camera)
+        known = after_frame(known, settings, spots, matches, 1.0, warmer)
+    sigma = np.sqrt(np.diag(known.covariance)[8:11])
+    true = np.array([3e-5 * TRUTH.focal_length_px, 0.02, 0.0])
+    assert (np.abs(known.slope[:3] - true) < 4 * sigma).all()
+    assert (sigma < 0.3 * settings.sigma(DESIGN)[8:11]).all()
+
+
+def test_a_launch_shift_is_followed():
+    """A step of a pixel, by a filter that lets the principal point walk."""
+    rng = np.random.default_rng(6)
+    settings = CameraFilter(PRIOR, principal_walk=0.1)
+    known, shifted = first_camera(DESIGN, settings), replace(TRUTH, principal_x=5.0)
+    for k in range(300):
+        spots, matches, _ = frame(rng, TRUTH if k < 100 else shifted)
+        known = after_frame(known, settings, spots, matches, 1.0)
+    sigma = np.sqrt(known.covariance[1, 1])
+    assert known.camera.principal_x == pytest.approx(shifted.principal_x, abs=4 * sigma)
+    assert sigma < 0.5
+
+
+def test_false_matches_move_it_little():
+    rng, settings = np.random.default_rng(7), CameraFilter(PRIOR)
+    clean = dirty = first_camera(DESIGN, settings)
+    for _ in range(100):
+        spots, matches, _ = frame(rng, TRUTH)
+        clean = after_frame(clean, settings, spots, matches)
+        x = spots.x.copy()
+        x[0] += rng.normal(0, 20)
+        dirty = after_frame(dirty, settings, replace(spots, x=x), matches)
+    plain = np.sqrt(np.diag(clean.covariance)[FREE])
+    assert (np.abs(error(dirty.camera)) < 6 * plain).all()
+    few = replace(
+        matches, spot=matches.spot[:2], star=matches.star[:2], direction=matches.direction[:2]
+    )
+    assert after_frame(clean, settings, spots, few).camera == clean.camera
