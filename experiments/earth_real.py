@@ -131,7 +131,7 @@ def rendered(terrain: Floats, grid: MapGrid, folder: Path, fields: Floats | None
     maps: dict[str, Any] = {}
     if fields is not None:
         write(folder / "fields.tif", fields, grid)
-        maps = {"maps": (MapFile("fields", "fields.tif"),)}
+        maps = {"maps": (MapFile("fields", "fields.tif", exact=True),)}
     middle = np.array([grid.rows // 2 * grid.columns + grid.columns // 2])
     places = grid.places(slice(0, grid.rows))
     longitude, latitude = (float(values[middle][0]) for values in places)
