@@ -103,6 +103,8 @@ declare = Parts(
                "rounded)", float),
         Option("--resampling", "how values between pixels are found",
                ("bilinear", "nearest", "cubic"), "bilinear"),
+        Option("--uncertainty", "also write CHANNEL-uncertainty.tif: standard deviations of each "
+               "layer by contributors, from `[knowledge]` of the scene"),
         out("startrack-earth"),
     )),
     terrain=("print the area of height files, and the table that a scene needs", Options(
@@ -275,7 +277,9 @@ def processed(options: argparse.Namespace) -> int:
     path = _scene_path(options.scene or "hsrs")
     with as_wrong_use():
         survey = imager.load_survey(path)
-        settings = product.Settings(options.projection, options.cell, options.resampling)
+        settings = product.Settings(
+            options.projection, options.cell, options.resampling, options.uncertainty
+        )
     products = []
     for channel in survey.channels:
         with as_wrong_use(ValueError, FileNotFoundError):
@@ -297,6 +301,12 @@ def processed(options: argparse.Namespace) -> int:
             start.with_suffix(".tif"), mapped.layers, PRODUCT_UNITS, mapped.grid, tags
         )
         product.write_quality(quality, mapped.quality, mapped.grid)
+        if mapped.doubt:
+            units = PRODUCT_UNITS | {"place": "m"}
+            product.write_product(
+                options.out / f"{channel.name}-uncertainty.tif", mapped.doubt,
+                {name: units[name.partition(":")[0]] for name in mapped.doubt}, mapped.grid, tags,
+            )  # fmt: skip
         shown = {name: imager.thinned(layer, PANEL) for name, layer in mapped.layers.items()}
         draw_product(
             start.with_suffix(".png"), shown, PRODUCT_UNITS, imager.thinned(mapped.quality, PANEL),
@@ -329,6 +339,10 @@ def _product_values(
             word: float((mapped.quality & bit > 0).mean()) for word, bit in product.QUALITY.items()
         },
         "surroundings": mapped.surroundings, "radiance_error": error, "radiance_rms": rms,
+        "uncertainty": {
+            layer: {cause: float(np.nanmedian(values)) for cause, values in causes.items()}
+            for layer, causes in mapped.uncertainty.items()
+        },
     }  # fmt: skip
 
 
@@ -358,6 +372,10 @@ def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
         f"mean      {layers}",
         f"quality   {flags}",
         *truth,
+        *(
+            f"u({layer})  " + ", ".join(f"{cause} {value:.2g}" for cause, value in causes.items())
+            for layer, causes in result["uncertainty"].items()
+        ),
         f"wrote {result['map']}, {result['quality']} and {result['png']}",
     ]
 

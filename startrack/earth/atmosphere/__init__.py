@@ -35,6 +35,7 @@ from startrack.earth.atmosphere.table import (
     BandTable,
     in_bands,
     load_table,
+    mixed,
     save_table,
 )
 

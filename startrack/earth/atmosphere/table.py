@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +11,8 @@ from typing import Annotated
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Unit, positive
+from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Unit, lagrange_weights, positive
+from startrack.earth.atmosphere.aerosol import profile
 from startrack.io import open_checked, save_checked
 
 AEROSOLS = ("none", "rural", "urban")
@@ -114,6 +116,30 @@ def load_table(path: Path) -> AirTable:
         head = parts[0].header
         air = Air(head["AEROSOL"], head["VISIBIL"], head["WATER"], head["OZONE"])
         arrays = {name: parts[name].data.astype(np.float64) for name in ARRAYS}
+    return AirTable(air, **arrays)
+
+
+def mixed(air: Air, tables: Sequence[AirTable]) -> AirTable:
+    """The table of other visibility, between tables that differ in nothing else.
+
+    By a parabola over the optical depth of the aerosol at 550 nm; direct light by its logarithm.
+
+    Accuracy  model: light of the air within 1.2 % of the solver from 18 to 30 km, 3 % from 5 to 50.
+    """
+    height = np.arange(0.0, 100e3, 100.0)
+    depth = [
+        float(np.trapezoid(profile(own.visibility, height), height)) * (own.aerosol != "none")
+        for own in (*(table.air for table in tables), air)
+    ]
+    weights = lagrange_weights(np.array(depth[:-1]), np.array(depth[-1:]))[0]
+    arrays = {}
+    for name in ARRAYS:
+        values = [getattr(table, name) for table in tables]
+        direct = name in ("beam", "seen")
+        if direct:
+            values = [np.log(np.maximum(part, TINY)) for part in values]
+        total = sum(weight * part for weight, part in zip(weights, values, strict=True))
+        arrays[name] = np.exp(total) if direct else np.maximum(total, 0)
     return AirTable(air, **arrays)
 
 

@@ -37,6 +37,7 @@ from startrack.earth.imager.lens import lens_registration
 from startrack.earth.imager.parameters import (
     Channel,
     Imager,
+    Knowledge,
     Performance,
     Reference,
     Spectrometer,
@@ -68,6 +69,7 @@ __all__ = [
     "Goals",
     "HotSpot",
     "Imager",
+    "Knowledge",
     "Land",
     "Performance",
     "Picture",

@@ -21,6 +21,7 @@ from startrack.earth.atmosphere import (
     infrared_bands,
     load_infrared,
     load_table,
+    mixed,
     sun_spectrum,
     vacuum,
 )
@@ -29,6 +30,7 @@ from startrack.earth.terrain import Ground
 from startrack.io import shipped
 
 INFRARED = 3 * um  # a band beyond is infrared: thermal radiance exceeds scattered light there
+TABLES = "molecules", "rural-23km", "rural-5km"  # shipped
 PARTS = 16  # of a wavelength step of a table, for the mean response; chosen by hand
 LEAST = 0.98  # of a band's response that a table must cover; chosen by hand
 
@@ -135,14 +137,15 @@ def _table(air: Air | None, infrared: bool) -> AirTable | InfraredTable:
         return vacuum()
     if infrared:
         return load_infrared(shipped("atmosphere/infrared.fits"))
-    known = []
-    for path in sorted(shipped("atmosphere").glob("*.fits")):
-        if path.stem not in ("infrared", "limb", "limb-rural", "sun", "water"):
-            table = load_table(path)
-            if table.air == air:
-                return table
-            known.append(f"{table.air.aerosol} {table.air.visibility / 1e3:g} km")
-    raise ValueError(
-        f"air must be that of a shipped table, {', '.join(known)} with 29.2 kg / m2 of water and "
-        f"3.32 mm of ozone, got {air}"
-    )
+    tables = [load_table(shipped(f"atmosphere/{name}.fits")) for name in TABLES]
+    for table in tables:
+        if table.air == air:
+            return table
+    gases = tables[-1].air.water, tables[-1].air.ozone
+    other = air.aerosol != "rural" or (air.water, air.ozone) != gases
+    if other or air.visibility < tables[-1].air.visibility:
+        raise ValueError(
+            "air must be none, or rural from 5 to 150 km, with 29.2 kg / m2 of water and 3.32 mm "
+            f"of ozone, got {air}"
+        )
+    return mixed(air, tables)

@@ -15,6 +15,7 @@ from startrack.core import (
     ALL,
     FINITE,
     LIGHT_SPEED,
+    NON_NEGATIVE,
     PLANCK,
     POSITIVE,
     Curve,
@@ -22,6 +23,7 @@ from startrack.core import (
     Parameters,
     Range,
     Unit,
+    nm,
     shown,
     whole,
 )
@@ -254,6 +256,21 @@ class Imager:
 
 
 @dataclass(frozen=True)
+class Knowledge(Parameters):
+    """One standard deviation of what a product takes as known; the defaults are assumed."""
+
+    lamp: Annotated[float, NON_NEGATIVE, "1, of the calibration's radiance, relative"] = 0.02
+    straylight: Annotated[float, NON_NEGATIVE, "1, of the mean radiance of the image"] = 0.003
+    wavelength: Annotated[float, Unit("m", "nm"), NON_NEGATIVE,
+        "of the channel's response"] = 0.5 * nm  # fmt: skip
+    visibility: Annotated[float, NON_NEGATIVE, "1, of the air's visibility, relative"] = 0.1
+    slope: Annotated[float, Unit("rad", "deg"), NON_NEGATIVE,
+        "of the terrain, along each axis"] = 0.01  # fmt: skip
+    height: Annotated[float, Unit("m"), NON_NEGATIVE, "of the terrain"] = 5.0
+    registration: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 0.3
+
+
+@dataclass(frozen=True)
 class Survey(Parameters):
     """An image to be rendered: camera, carrier, terrain, air and land."""
 
@@ -274,6 +291,8 @@ class Survey(Parameters):
         "1, reflectance of the ground around, which illuminates air and slopes; None for the "
         "mean of the image"] = None  # fmt: skip
     sun_distance: Annotated[float, POSITIVE, "astronomical unit"] = 1.0
+    knowledge: Annotated[Knowledge,
+        "how well a product knows what it assumes"] = field(default_factory=Knowledge)  # fmt: skip
     motion: Annotated[Motion,
         "drift and jitter of the camera, one motion for all channels: those that see the ground "
         "at different times do not register. Time is zero at the epoch"

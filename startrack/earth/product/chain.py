@@ -30,11 +30,13 @@ from startrack.earth.product.ortho import (
 from startrack.earth.product.retrieval import (
     Calibration,
     environment_of,
+    is_thermal,
     mean_reflectance,
     retrieve,
     surface_reflectance,
     to_radiance,
 )
+from startrack.earth.product.uncertainty import contributors
 from startrack.earth.terrain import Ground, joined
 
 PIXEL_BYTES = 400  # of geometry and layers
@@ -56,6 +58,7 @@ class Settings(Parameters):
     cell: Annotated[float | None, Unit("m"), POSITIVE,
         "None for the pixel's size in the middle of the image"] = None  # fmt: skip
     resampling: Annotated[str, Range(choices=tuple(RESAMPLING))] = "bilinear"
+    uncertainty: Annotated[bool, "whether each pixel has one, by contributors"] = False
 
 
 class Product(NamedTuple):
@@ -68,6 +71,9 @@ class Product(NamedTuple):
     layers        name to (rows, columns), likewise; NaN where there is nothing
     quality       (rows, columns) bits of QUALITY
     surroundings  1, mean reflectance that was found; NaN for thermal radiance
+    uncertainty   of each layer, and of `place` in metre: causes to (lines, columns), one standard
+                  deviation each; empty where not asked for
+    doubt         the same on the map, named "layer: cause"
     """
 
     image: dict[str, Floats]
@@ -76,6 +82,8 @@ class Product(NamedTuple):
     layers: dict[str, Floats]
     quality: Bytes
     surroundings: float
+    uncertainty: dict[str, dict[str, Floats]]
+    doubt: dict[str, Floats]
 
 
 def make_product(
@@ -119,29 +127,37 @@ def make_product(
         for name in ("longitude", "latitude")
     )
     size = float(np.nanmedian(distance)) * channel.detector.pitch / channel.optics.image_distance
-    image, around = _layers(radiance, grounds, setting, size)
+    image, here = _layers(radiance, grounds, setting, size)
+    causes: dict[str, dict[str, Floats]] = {}
+    if settings.uncertainty:
+        causes = contributors(image, numbers, joined(grounds), calibration, here, survey, channel)
+    doubts = {
+        f"{name}: {cause}": values for name, own in causes.items() for cause, values in own.items()
+    }
     cell = settings.cell or _rounded(size / (channel.columns / channel.detector.columns))
     grid = grid_of(longitude, latitude, settings.projection, cell)
     require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
-    layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image}
+    layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image | doubts}
     quality = np.zeros((grid.rows, grid.columns), np.uint8)
     for part in place_cells(
         scene, folder, grid, distance, size, setting.camera, open_sheets(survey.clouds, folder)
     ):  # fmt: skip
         bits = part.quality | np.where(touched(saturated, part.pixel), SATURATED, 0)
-        for name, values in image.items():
+        for name, values in (image | doubts).items():
             resampled = resample(values, part.pixel, settings.resampling)
             layers[name][part.rows] = np.where(bits & NO_DATA, math.nan, resampled)
         lost = np.isnan(layers["radiance"][part.rows])
         quality[part.rows] = np.where(lost, NO_DATA, bits)
         advance(0.7 * (part.rows.stop - part.rows.start) / grid.rows)
-    return Product(image, saturated, grid, layers, quality, around)
+    mapped, doubt = ({name: layers[name] for name in own} for own in (image, doubts))
+    around = math.nan if is_thermal(setting.band) else here.surroundings
+    return Product(image, saturated, grid, mapped, quality, around, causes, doubt)
 
 
 def _layers(
     radiance: Floats, grounds: list[Ground], setting: Setting, pixel: float
-) -> tuple[dict[str, Floats], float]:
-    """Layers (lines, columns) in the image, and the mean reflectance of the ground."""
+) -> tuple[dict[str, Floats], Setting]:
+    """Layers (lines, columns) in the image, and the setting with what surrounds each pixel."""
     ends = np.cumsum([len(ground) for ground in grounds])[:-1]
     parts = np.split(radiance.ravel(), ends)
     around = mean_reflectance(parts, grounds, setting)
@@ -158,7 +174,7 @@ def _layers(
     ):  # fmt: skip
         if values[0] is not None:
             image[name] = np.concatenate(values).reshape(radiance.shape)
-    return image, around
+    return image, here
 
 
 def _rounded(size: float) -> float:

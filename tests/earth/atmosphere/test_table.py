@@ -14,10 +14,12 @@ from startrack.earth.atmosphere import (
     in_bands,
     load_table,
     look_up,
+    mixed,
     radiance,
     refine,
     save_table,
 )
+from startrack.earth.atmosphere.build import columns_of
 from startrack.io import shipped
 
 EVERYWHERE = Reach((0.0, 4e3), (0.0, 70 * deg), (0.0, 70 * deg), (0.0, 180 * deg))
@@ -252,3 +254,23 @@ def test_shipped_tables_are_those_that_were_built():
     for line in (folder / "SHA256SUMS").read_text().splitlines():
         digest, name = line.split()
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+
+
+def test_other_visibility_is_between_the_tables():
+    """Light of the air and through it at 12 and 40 km, against the solver."""
+    pytest.importorskip("sasktran2")
+    from startrack.earth.atmosphere.build import solve_radiance as solved
+
+    names = ("molecules", "rural-23km", "rural-5km")
+    tables = [load_table(shipped(f"atmosphere/{name}.fits")) for name in names]
+    node = slice(6, 7)  # 550 nm
+    for visibility in (12e3, 40e3):
+        air = Air(visibility=visibility)
+        table = mixed(air, tables)
+        rays = [(1.0, np.pi - table.azimuth[4], 100e3)]
+        sun = float(np.cos(table.sun[4]))
+        black, _, _ = solved(air, table.wavelength[node], 0.0, sun, rays, (0.0,), 8, True)
+        assert table.path[6, 0, -1, 0, 4, 4] == pytest.approx(float(black[0, 0, 0]), rel=0.03)
+        (column,) = columns_of(air, table.wavelength[node], 0.0)
+        depth = np.trapezoid(column.molecules + column.aerosol, column.height)
+        assert table.seen[6, 0, -1, 0] == pytest.approx(np.exp(-depth), rel=0.01)

@@ -37,7 +37,7 @@ from startrack.earth.imager import (
     prepare,
     render,
 )  # fmt: skip
-from startrack.earth.product import calibrate, make_product
+from startrack.earth.product import Settings, calibrate, make_product
 from startrack.earth.product.ortho import (
     CLOUD,
     CLOUD_SHADOW,
@@ -55,6 +55,7 @@ from startrack.earth.product.retrieval import (
     brightness_temperature,
     to_radiance,
 )
+from startrack.earth.product.uncertainty import CAUSES
 from startrack.earth.terrain import Rays, cartesian, survey, up
 from startrack.optics import Optics
 
@@ -289,3 +290,31 @@ def test_a_matrix_has_frames_of_its_own_size():
     assert frames.electrons == pytest.approx(linear, rel=0.08)
     again = calibrate(one, channel, setting, 1, 40)
     np.testing.assert_array_equal(frames.flat, again.flat)
+
+
+def test_each_pixel_has_an_uncertainty_by_contributors():
+    """Noise against the scatter of even ground; causes add up; the lamp is two per cent of it."""
+    one = flown(replace(SCAN, prnu=0.0), land=Land((Cover(Curve((), (0.3,))),)))
+    one = replace(one, terrain=replace(HILLS, fractal=replace(HILLS.fractal, relief=1e-3)))
+    channel = one.channels[0]
+    picture = Picture.blank(channel.detector.rows, channel.columns)
+    setting = render(one, channel, Path(), 1, picture)
+    frames = calibrate(one, channel, setting, 1, count=4096)
+    product = make_product(
+        one, channel, Path(), picture.numbers, frames, Settings(uncertainty=True)
+    )
+    truth = picture.terms.total.astype(float)
+    scatter = (product.image["radiance"] - truth) / product.uncertainty["radiance"]["noise"]
+    assert scatter.std() == pytest.approx(1, abs=0.07)  # 1,600 pixels: 4 sigma
+    for name, causes in product.uncertainty.items():
+        if name != "place":
+            parts = [values for cause, values in causes.items() if cause != "total"]
+            np.testing.assert_allclose(causes["total"], np.sqrt(np.sum(np.square(parts), 0)))
+    surface = product.uncertainty["surface reflectance"]
+    assert set(surface) == {*CAUSES, "total"}
+    lamp = product.uncertainty["radiance"]["calibration"] / product.image["radiance"]
+    assert np.median(lamp) == pytest.approx(one.knowledge.lamp, rel=0.01)
+    # A slope of 0.01 rad towards the Sun changes its light by 0.01 tan(zenith) at most.
+    share = surface["terrain"] / product.image["surface reflectance"]
+    assert 0 < np.nanmedian(share) < 0.01 * math.tan(30 * deg)
+    assert {"place: total", "surface reflectance: atmosphere"} <= set(product.doubt)

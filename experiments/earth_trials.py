@@ -1,0 +1,174 @@
+"""Stated uncertainties of Earth products against trials in which what they assume is wrong.
+
+Each trial draws all that `Knowledge` names: the lamp, stray light, the response, visibility, the
+terrain, the pointing; renders the true scene with them, with the detector's noise, and makes the
+product with what it believes. The truth is the radiance of the true air and terrain in the
+believed band and direction, and the map of reflectance at the place that the product states;
+pixels on the edge of the image are left out.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from earth_real import write
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from startrack import Curve, nm, um
+from startrack.detector import Detector, Scan
+from startrack.earth.atmosphere import Air
+from startrack.earth.geometry import Aircraft, MapFile, Pointing, Terrain
+from startrack.earth.imager import (
+    Channel,
+    Cover,
+    Imager,
+    Knowledge,
+    Land,
+    Picture,
+    ReflectanceMap,
+    Survey,
+    render,
+)
+from startrack.earth.product import MapGrid, Settings, calibrate, make_product
+from startrack.optics import Optics
+
+Floats = NDArray[np.float64]
+SIDE, PIXEL = 28, 30.0  # pixel, metre
+EDGE = 3  # pixel that are left out
+KNOWN = Knowledge(
+    lamp=0.01, straylight=0.005, wavelength=0.5 * nm, visibility=0.1, slope=0.02, height=2.0,
+    registration=0.3,
+)  # fmt: skip
+LAYERS = "radiance", "reflectance", "surface reflectance"
+
+
+def shares(trials: int, seed: int = 1) -> dict[str, tuple[float, float]]:
+    """Of each layer, the shares of pixels within one and two standard deviations of the truth."""
+    rng = np.random.default_rng(seed)
+    near: dict[str, list[Floats]] = {layer: [] for layer in LAYERS}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        believed = scene(folder, rng)
+        picture = Picture.blank(SIDE, SIDE)
+        render(believed, believed.channels[0], folder, 0, picture)
+        surface = on_map(folder / "land.tif", picture)
+        for trial in range(trials):
+            z = rng.standard_normal(6)
+            true = wrong(believed, folder, rng, z)
+            layers, doubt = made(
+                true, believed, folder, trial + 1, KNOWN.lamp * z[0], KNOWN.straylight * z[1]
+            )
+            straight = replace(true, camera=believed.camera, pointing=believed.pointing)
+            render(straight, straight.channels[0], folder, 0, picture)
+            light = picture.terms.total.astype(float)
+            truth = {
+                "radiance": light, "surface reflectance": surface,
+                "reflectance": layers["reflectance"] * light / layers["radiance"],
+            }  # fmt: skip
+            for layer in LAYERS:
+                off = (layers[layer] - truth[layer]) / doubt[layer]["total"]
+                near[layer].append(abs(off[EDGE:-EDGE, EDGE:-EDGE]).ravel())
+    return {
+        layer: (float((np.concatenate(off) < 1).mean()), float((np.concatenate(off) < 2).mean()))
+        for layer, off in near.items()
+    }
+
+
+def scene(folder: Path, rng: np.random.Generator) -> Survey:
+    """Hills and fields that change over some pixels."""
+    cells = 4 * SIDE
+    grid = MapGrid(500000.0, 5200000.0, PIXEL / 2, PIXEL / 2, cells, cells, "EPSG:32632")
+    heights = 400 + 60 * smooth(cells, 20.0, rng)
+    write(folder / "dem.tif", heights, grid)
+    write(folder / "land.tif", np.clip(0.25 + 0.06 * smooth(cells, 8.0, rng), 0.05, 0.6), grid)
+    longitude, latitude = grid.places(slice(0, cells))
+    middle = cells // 2 * cells + cells // 2
+    detector = Detector(
+        SIDE, SIDE, 40 * um, 1e-3, Curve((), (0.6,)), full_well=2e5, bits=12, offset=20,
+        read_noise=60.0, pixel_rate=1e9, scan=Scan(),
+    )  # fmt: skip
+    focal = 40 * um * (99.6e3) / PIXEL
+    band = Curve((499 * nm, 500 * nm, 540 * nm, 541 * nm), (0.0, 1.0, 1.0, 0.0))
+    channel = Channel("green", Optics(focal, focal / 0.02, blur=10 * um), detector, band)
+    plane = Aircraft(
+        "2026-06-21T09:00:00", float(longitude[middle]), float(latitude[middle]), 100e3, speed=100.0
+    )
+    land = Land((Cover(Curve((), (0.25,))),), lapse=0.0, maps=(ReflectanceMap("land", 520 * nm),))
+    terrain = Terrain(("dem.tif",), sea=400.0, lowest=0.0, highest=1000.0)
+    terrain = replace(terrain, maps=(MapFile("land", "land.tif", absent=0.25),))
+    return fitted(
+        Survey(Imager((channel,)), terrain, aircraft=plane, land=land, air=Air(visibility=15e3),
+               knowledge=KNOWN),
+        folder,
+    )  # fmt: skip
+
+
+def fitted(survey: Survey, folder: Path) -> Survey:
+    """The scene with a full well of 1.6 times its mean signal."""
+    channel = survey.channels[0]
+    picture = Picture.blank(SIDE, SIDE)
+    setting = render(survey, channel, folder, 1, picture)
+    well = float(picture.terms.total.mean()) / um * setting.electrons * 1.6
+    detector = replace(channel.detector, full_well=well, read_noise=well / 400)
+    return replace(survey, camera=Imager((replace(channel, detector=detector),)))
+
+
+def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats) -> Survey:
+    """The true scene: what the product believes, one draw away."""
+    import rasterio
+
+    with rasterio.open(folder / "dem.tif") as file:
+        heights, step = file.read(1).astype(float), file.transform.a
+        corner = file.transform.c, file.transform.f
+    grid = MapGrid(*corner, step, step, heights.shape[1], heights.shape[0], "EPSG:32632")
+    width = 4.0  # cells: a Gaussian of it has slopes of rms 1 / (sqrt(2) width) of its height
+    rough = smooth(len(heights), width, rng) * KNOWN.slope * np.sqrt(2) * width * step
+    write(folder / "true.tif", heights + rough, grid)
+    channel = survey.channels[0].shifted(KNOWN.wavelength * z[2])
+    pixel = channel.detector.pitch / channel.optics.image_distance
+    turned = Pointing(
+        roll=KNOWN.registration * z[4] * pixel, pitch=KNOWN.registration * z[5] * pixel
+    )
+    return replace(
+        survey, camera=Imager((channel,)), pointing=turned,
+        air=Air(visibility=15e3 * (1 + KNOWN.visibility * z[3])),
+        terrain=replace(survey.terrain, files=("true.tif",)),
+    )  # fmt: skip
+
+
+def made(
+    true: Survey, believed: Survey, folder: Path, seed: int, lamp: float, stray: float,
+) -> tuple[dict[str, Floats], dict[str, dict[str, Floats]]]:  # fmt: skip
+    """Layers of the product of a true scene by what is believed, and their uncertainties."""
+    channel, mine = true.channels[0], believed.channels[0]
+    picture = Picture.blank(SIDE, SIDE)
+    setting = render(true, channel, folder, seed, picture)
+    frames = calibrate(true, channel, setting, seed)
+    numbers = picture.numbers
+    numbers = numbers + stray * (numbers.mean() - channel.detector.offset)
+    frames = frames._replace(radiance=frames.radiance * (1 + lamp))
+    product = make_product(believed, mine, folder, numbers, frames, Settings(uncertainty=True))
+    return product.image, product.uncertainty
+
+
+def smooth(cells: int, width: float, rng: np.random.Generator) -> Floats:
+    """A field of mean zero and rms one that changes over `width` cells."""
+    field = gaussian_filter(rng.standard_normal((cells, cells)), width, mode="wrap")
+    return (field - field.mean()) / field.std()
+
+
+def on_map(path: Path, picture: Picture) -> Floats:
+    """Values (lines, columns) of a map at the places of an image's pixels."""
+    import rasterio
+    from rasterio import warp
+
+    with rasterio.open(path) as file:
+        values, place, system = file.read(1).astype(float), file.transform, file.crs
+    x, y = warp.transform("EPSG:4326", system, picture.longitude.ravel(), picture.latitude.ravel())
+    column = (np.array(x) - place.c) / place.a - 0.5
+    row = (np.array(y) - place.f) / place.e - 0.5
+    return map_coordinates(values, [row, column], order=1).reshape(picture.longitude.shape)

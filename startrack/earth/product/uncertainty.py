@@ -1,0 +1,139 @@
+"""Uncertainty of each pixel of a product by its contributors, from what is known how well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Floats
+from startrack.earth.imager import Channel, Knowledge, Setting, Survey, band_of
+from startrack.earth.product.retrieval import (
+    Calibration,
+    apparent_reflectance,
+    brightness_temperature,
+    is_thermal,
+    surface_reflectance,
+)
+from startrack.earth.terrain import Ground
+
+# The contributors, as S2-RUT has them, and those of the surface.
+CAUSES = (
+    "noise", "calibration", "straylight", "spectral response", "atmosphere", "terrain",
+    "registration",
+)  # fmt: skip
+WARM = np.array([290.0])  # kelvin, of ground whose heat changes with the wavelength
+CLEAREST, HAZIEST = 100e3, 5e3  # metre, visibility of the tables
+
+
+def contributors(
+    layers: dict[str, Floats], numbers: NDArray[np.integer], ground: Ground,
+    calibration: Calibration, setting: Setting, survey: Survey, channel: Channel,
+) -> dict[str, dict[str, Floats]]:  # fmt: skip
+    """Standard uncertainty of each layer by causes, and of the place, in the layer's unit.
+
+        u(y)^2 = sum over causes of (dy / dx)^2 u(x)^2,   with finite differences
+
+    Source: Gorrono et al. (2017), Remote Sensing 9, 178 (S2-RUT), of whose list the contributors
+    are; JCGM 100 (2008), eq. (10).
+
+    layers   of the image, (lines, columns) each, radiance first
+    ground   of the middles of all pixels
+    setting  with what surrounds each pixel
+    Returns  of each layer CAUSES that it has and "total", (lines, columns) each; and `place`, metre
+             along each axis on the ground
+    Accuracy model: causes are independent, and first order; all but noise are common to many
+             pixels. The air's gases, its type of aerosol, reflectance that depends on directions
+             and edges that the lens blurs are left out.
+    """
+    knowledge, radiance = survey.knowledge, layers["radiance"]
+    of_radiance = _of_radiance(radiance, numbers, calibration, knowledge, channel)
+    shifted = band_of(
+        channel.shifted(knowledge.wavelength), survey.air, _above(ground), survey.sun_distance
+    )
+    moved = setting._replace(band=shifted)
+    ratio = shifted.irradiance / setting.band.irradiance
+    if is_thermal(setting.band) and shifted.heat and setting.band.heat:
+        ratio = float(shifted.heat(WARM)[0, 0] / setting.band.heat(WARM)[0, 0])
+    out = {"radiance": of_radiance | {"spectral response": abs(ratio - 1) * radiance}}
+    flat = radiance.ravel()
+
+    def through(convert: Callable[[Floats], Floats], other: Callable[[], Floats]) -> dict[str, Any]:
+        base = convert(flat)
+        causes = {
+            cause: abs(convert(flat + u.ravel()) - base) for cause, u in of_radiance.items()
+        } | {"spectral response": abs(other() - base)}
+        return {cause: values.reshape(radiance.shape) for cause, values in causes.items()}
+
+    if "reflectance" in layers:
+        zenith = ground.sun_zenith
+        out["reflectance"] = through(
+            lambda light: apparent_reflectance(light, zenith, setting.band),
+            lambda: apparent_reflectance(flat, zenith, shifted),
+        )
+        surface = through(
+            lambda light: surface_reflectance(light, ground, setting),
+            lambda: surface_reflectance(flat, ground, moved),
+        )
+        base = surface_reflectance(flat, ground, setting)
+        tilted = replace(
+            ground, sun_incidence=np.minimum(ground.sun_incidence + knowledge.slope, math.pi / 2)
+        )
+        for cause, place, here in (
+            ("terrain", tilted, setting),
+            ("atmosphere", ground, _hazier(survey, channel, ground, setting)),
+        ):
+            change = abs(surface_reflectance(flat, place, here) - base)
+            surface[cause] = change.reshape(radiance.shape)
+        out["surface reflectance"] = surface
+    if "brightness temperature" in layers:
+        out["brightness temperature"] = through(
+            lambda light: brightness_temperature(light, setting.band),
+            lambda: brightness_temperature(flat, shifted),
+        )
+    for name, causes in out.items():
+        slopes = np.gradient(layers[name])
+        causes["registration"] = knowledge.registration * np.hypot(*slopes)
+        causes["total"] = np.sqrt(np.sum([values**2 for values in causes.values()], 0))
+    pixel = ground.distance * channel.detector.pitch / channel.optics.image_distance
+    aside = knowledge.height * np.tan(ground.view_zenith)
+    place = np.hypot(knowledge.registration * pixel, aside).reshape(radiance.shape)
+    return out | {"place": {"total": place}}
+
+
+def _of_radiance(
+    radiance: Floats, numbers: NDArray[np.integer], calibration: Calibration,
+    knowledge: Knowledge, channel: Channel,
+) -> dict[str, Floats]:  # fmt: skip
+    """Of the radiance; photon noise by the measured electrons of a digital number."""
+    detector, electrons = channel.detector, max(calibration.electrons, 1e-9)
+    signal = np.maximum(numbers - detector.offset, 0) / electrons
+    variance = signal + (detector.read_noise / electrons) ** 2 + 1 / 12
+    noise = np.sqrt(variance) / calibration.gain
+    return {
+        "noise": noise,
+        "calibration": np.hypot(knowledge.lamp * radiance, noise / calibration.exposures**0.5),
+        "straylight": np.full(radiance.shape, knowledge.straylight * float(np.nanmean(radiance))),
+    }
+
+
+def _above(ground: Ground) -> float:
+    """Metre from ground to camera, in the middle of an image."""
+    cosine = np.cos(ground.view_zenith[ground.hit])
+    return max(float(np.median(ground.distance[ground.hit] * cosine)), 1.0)
+
+
+def _hazier(survey: Survey, channel: Channel, ground: Ground, setting: Setting) -> Setting:
+    """The setting in air of another visibility, one standard deviation away."""
+    air = survey.air
+    if air is None or air.aerosol == "none":
+        return setting
+    other = air.visibility / (1 + survey.knowledge.visibility)
+    if other < HAZIEST:
+        other = min(air.visibility * (1 + survey.knowledge.visibility), CLEAREST)
+    air = replace(air, visibility=other)
+    return setting._replace(band=band_of(channel, air, _above(ground), survey.sun_distance))
