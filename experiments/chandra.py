@@ -20,6 +20,7 @@ import math
 import os
 import re
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -30,8 +31,8 @@ import numpy as np
 from flight_page import draw, write_page
 from scipy import stats
 
-from startrack import Frame, Streams, arcsec, load_design, shipped
-from startrack.budget import analytic
+from startrack import Case, Frame, Streams, arcsec, load_design, shipped
+from startrack.budget import analytic, single_stars
 from startrack.calibration import (
     Order,
     assumed_array,
@@ -55,7 +56,7 @@ from startrack.detector import (
 )
 from startrack.io.saving import save_json
 from startrack.trial import psf_of
-from startrack.verification import compare_flown, correlation, read_windows
+from startrack.verification import Flown, Windows, compare_flown, correlation, read_windows
 
 LAUNCH = 1999.56
 # The team counts 5 electrons a number; photon transfer of pixels in flight says 5.9.
@@ -382,7 +383,7 @@ def bench(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 
 def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     """Figures of guide stars' pixels, predicted over seen, of each observation."""
-    rows, curves, files = [], {}, data.get("raw", ())
+    rows, curves, files, budgets = [], {}, data.get("raw", ()), []
     for path in files:
         with np.load(path) as file:
             celsius = float(file["ccd_celsius"])
@@ -393,6 +394,7 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         case = load_design(shipped("trackers/chandra-aca.toml")).case
         case = replace(case, instrument=replace(case.instrument, detector=device(year, celsius)))
         flown = compare_flown(case, stars, 2 if quick else DEVICES)
+        budgets.append(by_budget(case, stars, flown))
         prefix = f"{path.stem} " if len(files) > 1 else ""
         for row in flown.differences:
             bounds = [*vars(row.seen).values(), *vars(row.predicted).values()]
@@ -408,6 +410,9 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     background = np.array([*ratios("background").values()])
     together = [correlation(*map(np.array, pair)) for pair in curves.values()]
     return {
+        "raw_budget_ratio": {
+            name: float(np.mean([one[name] for one in budgets])) for name in budgets[0]
+        },
         "raw_temporal_ratio": ratios("temporal"),
         "raw_total_ratio": ratios("total"),
         "raw_background": ratios("background"),
@@ -419,6 +424,24 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         "gain_ratio": float(np.mean([*ratios("gain").values()])),
         "raw_rows": rows,
         "raw_shapes": [[star, *pair] for star, pair in curves.items()],
+    }
+
+
+def by_budget(case: Case, stars: Sequence[Windows], flown: Flown) -> dict[str, float]:
+    """Errors of single stars of these magnitudes by the budget, over what is seen of them."""
+    found = single_stars(case)
+    seen = {(row.star, row.name): row.seen.value for row in flown.differences}
+
+    def mean(name: str, of: str) -> float:
+        expected = np.interp(
+            [star.magnitude for star in stars], found.magnitude, getattr(found, name)
+        )
+        return float(expected.mean() / np.mean([seen[star.name, of] for star in stars]))
+
+    return {
+        "temporal": mean("temporal", "temporal"),
+        "usual": mean("usual", "total"),
+        "total": mean("total", "total"),
     }
 
 

@@ -312,8 +312,16 @@ EFFECTS = [
     ),
     Effect(
         "instrument.detector.row_delay",
-        lambda case: case.instrument.detector.row_delay,
-        drawn="row_delay",
+        lambda case: (
+            case.instrument.detector.row_delay
+            and case.instrument.motion != case.instrument.motion.steady
+        ),
+        drawn="jitter behind a rolling shutter (row_delay)",
+    ),
+    Effect(
+        "instrument.detector.row_delay",
+        lambda case: case.instrument.detector.row_delay and case.instrument.motion.rate,
+        covariance="a detector without row_delay on a platform that turns",
     ),
     Effect(
         "tracker.delay",

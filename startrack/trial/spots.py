@@ -21,7 +21,7 @@ from startrack.core import (
     poisson_of_uniform,
     uniform,
 )
-from startrack.design import Case
+from startrack.design import Case, Instrument
 from startrack.trial.dark_pattern import HotPixels
 from startrack.trial.pointing import mean_attitude
 from startrack.trial.spot_plan import Plan, Through, plan_of, refuse
@@ -214,6 +214,7 @@ def _pulled(dx: float, dy: float, ratio: float, pull: Floats) -> tuple[float, fl
     return x / total, y / total
 
 
+ROWS = 3  # steps, each smaller by the pixels that a star moves in the time of a row
 ROW = 7  # x, y, flux, its sigma, xx, xy, yy
 
 
@@ -226,7 +227,8 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     Stars are those of `outcomes`, also those that the tracker's catalogue lacks. The noise by which
     a star passes the threshold makes it brighter too, and its error, divided by the flux, smaller.
     Stars are where they are in the mean of the exposure, jitter with them; that a trial's jitter
-    blurs more or less than the mean of all trials is left out. False spots are distributed
+    blurs more or less than the mean of all trials is left out. Behind a rolling shutter each star
+    is where it is at the time of its row, by the rates alone. False spots are distributed
     uniformly, with the covariance of stars at the threshold, and exceed it by the tail of a normal
     distribution.
 
@@ -242,7 +244,22 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     table = table[np.argsort(-table[:, 2], kind="stable")][: case.tracker.detection.max_spots]
     x, y, flux, sigma, xx, xy, yy = table.T.copy()
     covariance = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+    x, y = _rolled(case.instrument, np.column_stack([x, y])).T.copy()
     return Spots(x, y, flux, covariance, flux / sigma, np.zeros(len(x), np.int64))
+
+
+def _rolled(instrument: Instrument, place: Floats) -> Floats:
+    """Places (n, 2) at the middle of the frame's exposure -> those at the time of their rows."""
+    detector, camera, motion = instrument.detector, instrument.camera, instrument.motion
+    if not (detector.row_delay and motion.rate and len(place)):
+        return place
+    direction, moved = camera.unproject(place), place
+    rates = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
+    for _ in range(ROWS):  # the row is that to which the star has moved
+        late = detector.row_delay * (moved[:, 1] - (camera.rows - 1) / 2)
+        turn = Rotation.from_rotvec(np.multiply.outer(-late, rates))
+        moved = camera.project(turn.apply(direction))
+    return moved
 
 
 @kernel
