@@ -5,6 +5,7 @@
 told_ratio        error across over that of the same tracker that is told the rate, by rate (deg/s)
 sigma_ratio       error across over what the tracker states
 availability      [told, not told], by rate; false_attitudes of all trials that were not told
+nanosatellite     [availability, error over that of a told tracker] of this design at 3 deg/s
 shutter_arcsec    what a rolling shutter of 20 us a row adds to the error across at 1 deg/s, with a
                   known rate; shutter_unknown_rate_arcsec the same with the rate from the images
 filter_nees       error squared of the filter over what it states, and degrees of freedom (3), by
@@ -80,6 +81,11 @@ def main() -> None:
         values["availability"][f"{rate:g}"] = [float(right(one).mean()) for one in (told, alone)]
         false += int(alone["false"].sum())
     values["false_attitudes"] = false / (len(values["told_ratio"]) * trials)
+    small = load_design(shipped("designs/nanosatellite.toml")).case
+    told, alone = (
+        tried(turning(small, RATES[-1], how), trials // 3) for how in ("known", "images")
+    )
+    values["nanosatellite"] = [float(right(alone).mean()), across(alone) / across(told)]
     still = across(tried(turning(case, 1.0, "known"), trials))
     for name, how in (("shutter_arcsec", "known"), ("shutter_unknown_rate_arcsec", "images")):
         rolled = across(tried(turning(case, 1.0, how, ROW_DELAY), trials))
