@@ -179,19 +179,23 @@ def draw_flown(path: Path | None, flown: Flown, title: str) -> Figure:
     ratios, below = panels[0], range(len(shown))
     for n, row in zip(below, shown, strict=True):
         ends = [row.predicted.low / row.seen.value, row.predicted.high / row.seen.value]
-        colour = style.RED if row.differs else style.BLUE
+        colour, marker = (style.RED, "D") if row.differs else (style.BLUE, "o")
+        seen_ends = [row.seen.low / row.seen.value, row.seen.high / row.seen.value]
+        ratios.plot(seen_ends, [n, n], color="0.75", lw=7, solid_capstyle="butt", zorder=1)
         ratios.plot(ends, [n, n], color=colour, lw=2)
-        ratios.plot(row.ratio, n, "o", color=colour)
+        ratios.plot(row.ratio, n, marker, color=colour)
     ratios.axvline(1.0, color=style.GREY, lw=1)
     ratios.set(yticks=list(below), yticklabels=[f"{row.star} {row.name}" for row in shown])
-    ratios.set(xlabel="predicted over seen (red: the intervals do not meet)")
+    ratios.set(
+        xlabel="over what is seen; grey: seen, 95 %; red diamonds: the intervals do not meet"
+    )
     ratios.invert_yaxis()
     for axes, (star, (seen, predicted)) in zip(panels[1:], curves.items(), strict=True):
         phase = (np.arange(seen.shape[1]) + 0.5) / seen.shape[1] - 0.5
         for axis, colour in ((0, style.BLUE), (1, style.ORANGE)):
             axes.plot(phase, predicted[axis], color=colour, label=f"{'xy'[axis]} predicted")
             axes.plot(phase, seen[axis], "o", color=colour, label=f"{'xy'[axis]} seen")
-        axes.set(xlabel="place in the pixel", ylabel="centroid (pixel)")
+        axes.set(xlabel="place in the pixel", ylabel="offset of the centroid (pixel)")
         style.panel_title(axes, star, 40)
         style.legend_below(axes, 4)
     return style.save_picture(path, figure)
