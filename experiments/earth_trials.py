@@ -41,7 +41,7 @@ SIDE, PIXEL = 28, 30.0  # pixel, metre
 EDGE = 3  # pixel that are left out
 KNOWN = Knowledge(
     lamp=0.01, straylight=0.005, wavelength=0.5 * nm, visibility=0.1, slope=0.02, height=2.0,
-    registration=0.3,
+    registration=0.3, beyond=0.03,
 )  # fmt: skip
 LAYERS = "radiance", "reflectance", "surface reflectance"
 
@@ -57,8 +57,8 @@ def shares(trials: int, seed: int = 1) -> dict[str, tuple[float, float]]:
         render(believed, believed.channels[0], folder, 0, picture)
         surface = on_map(folder / "land.tif", picture)
         for trial in range(trials):
-            z = rng.standard_normal(6)
-            true = wrong(believed, folder, rng, z)
+            z = rng.standard_normal(7)
+            true = wrong(believed, folder, rng, z, float(surface.mean()))
             layers, doubt = made(
                 true, believed, folder, trial + 1, KNOWN.lamp * z[0], KNOWN.straylight * z[1]
             )
@@ -80,7 +80,7 @@ def shares(trials: int, seed: int = 1) -> dict[str, tuple[float, float]]:
 
 def scene(folder: Path, rng: np.random.Generator) -> Survey:
     """Hills and fields that change over some pixels."""
-    cells = 4 * SIDE
+    cells = round(2.4 * SIDE)  # the image and little more
     grid = MapGrid(500000.0, 5200000.0, PIXEL / 2, PIXEL / 2, cells, cells, "EPSG:32632")
     heights = 400 + 60 * smooth(cells, 20.0, rng)
     write(folder / "dem.tif", heights, grid)
@@ -117,7 +117,7 @@ def fitted(survey: Survey, folder: Path) -> Survey:
     return replace(survey, camera=Imager((replace(channel, detector=detector),)))
 
 
-def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats) -> Survey:
+def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats, mean: float) -> Survey:
     """The true scene: what the product believes, one draw away."""
     import rasterio
 
@@ -128,6 +128,9 @@ def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats) -> 
     width = 4.0  # cells: a Gaussian of it has slopes of rms 1 / (sqrt(2) width) of its height
     rough = smooth(len(heights), width, rng) * KNOWN.slope * np.sqrt(2) * width * step
     write(folder / "true.tif", heights + rough, grid)
+    beyond = max(mean + KNOWN.beyond * z[6], 0.0)
+    around = MapFile("land", "land.tif", absent=beyond)
+    land = replace(survey.land, covers=(Cover(Curve((), (beyond,))),))
     channel = survey.channels[0].shifted(KNOWN.wavelength * z[2])
     pixel = channel.detector.pitch / channel.optics.image_distance
     turned = Pointing(
@@ -136,7 +139,7 @@ def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats) -> 
     return replace(
         survey, camera=Imager((channel,)), pointing=turned,
         air=Air(visibility=15e3 * (1 + KNOWN.visibility * z[3])),
-        terrain=replace(survey.terrain, files=("true.tif",)),
+        terrain=replace(survey.terrain, files=("true.tif",), maps=(around,)), land=land,
     )  # fmt: skip
 
 

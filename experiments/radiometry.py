@@ -16,6 +16,7 @@ import argparse
 import importlib
 import json
 import math
+import sys
 import time
 import tomllib
 from collections.abc import Callable
@@ -37,21 +38,24 @@ from startrack.earth.atmosphere import (
     Reach,
     Sight,
     at_sensor,
-    build,
     in_bands,
     load_table,
     look_up,
     radiance,
     refine,
 )
-from startrack.earth.atmosphere.build import SHIPPED, TOP
-from startrack.earth.atmosphere.build import solve_radiance as solve
 from startrack.earth.geometry import EarthScene, observe_earth
 from startrack.io.tables import from_table
 from startrack.plots import LINES, legend_below, picture, save_picture, styled
 from startrack.scene import Orbit, Scene, load_limb
 from startrack.scene.ephemeris import observer_of
 from startrack.space import EARTH_RADIUS
+
+sys.path.append(str(shipped("atmosphere")))  # where the tables are built
+solver = importlib.import_module("air_solver")
+SHIPPED, TOP, solve, build = (
+    getattr(solver, name) for name in ("SHIPPED", "TOP", "solve_radiance", "build")
+)
 
 ROOT = Path(__file__).parents[1]
 GREEN: Floats = np.array([550 * nm])

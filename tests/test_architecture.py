@@ -22,7 +22,6 @@ ONE_PLACE = {
     "nlopt": "optimise/search.py",
     "emcee": "optimise/ensemble.py",
     "rich": "cli/terminal.py",
-    "sasktran2": "earth/atmosphere/aerosol.py",
 }
 FILES = sorted(ROOT.rglob("*.py"))
 MODULES = {

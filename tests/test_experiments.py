@@ -31,7 +31,7 @@ LONG = {
     "budget_against_trials", "camera_posterior", "cameras", "campaign", "design",
     "earth_loop", "ecosystem", "exclusion", "fidelities", "first_run", "identification", "lens",
     "optimiser", "photographs", "profile_trial", "radiometry", "robust", "search", "speed",
-    "terrain", "backgrounds", "earth_sensors", "in_motion", "mission",
+    "terrain", "backgrounds", "earth_images", "earth_sensors", "in_motion", "mission",
 }  # fmt: skip
 EXPECTED = {
     name: command.expectations(name)

@@ -16,7 +16,8 @@ from build_tables import sign
 
 from startrack.core import Floats
 from startrack.core.units import nm
-from startrack.earth.atmosphere.spectra import save_sun
+from startrack.earth.atmosphere.spectra import FORMAT
+from startrack.io import save_checked
 from startrack.io.saving import whole
 
 HERE = Path(__file__).parent
@@ -29,7 +30,9 @@ def main() -> None:
         [near[near[:, 0] <= JOIN], far[(far[:, 0] > JOIN + 1) & (far[:, 0] <= LAST)]]
     )
     with whole(HERE / "sun.fits") as draft:
-        save_sun(draft, rows[:, 0] * nm, rows[:, 1] * 1e-3 / nm)
+        cards = {"SUN": (FORMAT, "format of this spectrum of the Sun")}
+        values = np.float32(rows[:, 1] * 1e-3 / nm)
+        save_checked(draft, cards, {"WAVELENGTH": rows[:, 0] * nm, "VALUE": values})
     sign()
 
 

@@ -11,7 +11,9 @@ import hashlib
 from functools import partial
 from pathlib import Path
 
-from startrack.earth.atmosphere import Air, build, build_limb, save_table
+from air_solver import build, build_limb
+
+from startrack.earth.atmosphere import Air, save_table
 from startrack.io.saving import save_text, whole
 from startrack.scene import save_limb
 

@@ -12,12 +12,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from air_gases import FORMAT, WATER_TO
+from air_solver import MASS, SPECTRUM
 from build_tables import sign
 
 from startrack.core import Floats
 from startrack.core.units import nm
-from startrack.earth.atmosphere.build import MASS, SPECTRUM
-from startrack.earth.atmosphere.spectra import WATER_TO, save_water
+from startrack.io import save_checked
 from startrack.io.saving import whole
 
 HERE = Path(__file__).parent
@@ -37,7 +38,9 @@ def main() -> None:
             depth = _coefficient(rows, column / 10, max(mass, float(MASS[1])))
             table[c, :, m] = np.interp(spectrum, rows[:, 0] * nm, depth)
     with whole(HERE / "water.fits") as draft:
-        save_water(draft, spectrum, MASS, COLUMNS, table)
+        cards = {"WATER": (FORMAT, "format of this table of water vapour")}
+        named = {"WAVELENGTH": spectrum, "MASS": MASS, "COLUMN": COLUMNS, "DEPTH": table}
+        save_checked(draft, cards, named)
     sign()
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import math
+import sys
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
@@ -198,14 +200,13 @@ def radiance() -> Stage:
 
 def direct(scene: Scenery) -> Floats:
     """The solver's reflectance at the pixels that are judged, (n, bands), for one unit of light."""
-    from startrack.earth.atmosphere import TOP
-    from startrack.earth.atmosphere import solve_radiance as solve
-
+    sys.path.append(str(shipped("atmosphere")))  # where the tables are built
+    solver = importlib.import_module("air_solver")
     rows, wavelength = [], scene.table.spectrum[scene.node]
     for i in scene.pick:
         height, sensor, sun, azimuth = (part[i] for part in scene.sight[:4])
-        rays = [(math.cos(sensor), math.pi - azimuth, TOP)]
-        radiance = solve(
+        rays = [(math.cos(sensor), math.pi - azimuth, solver.TOP)]
+        radiance = solver.solve_radiance(
             scene.table.air, wavelength, height, math.cos(sun), rays, (ALBEDO,), 8, True
         )
         rows.append(radiance[0][0, :, 0])

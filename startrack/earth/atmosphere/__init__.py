@@ -1,20 +1,17 @@
 """Radiance at a sensor from tables of radiative transfer.
 
-aerosol   Extinction over height, and scattering by particles, from type of aerosol and visibility;
-          the one file that imports sasktran2.
-spectra   Transmittance of gases over air mass, and irradiance of the Sun, over wavelength.
+aerosol   Extinction of the aerosol over height, from visibility.
+spectra   Irradiance of the Sun over wavelength.
 table     AirTable: radiance and transmission over wavelength and geometry, and its file; BandTable
           from it and bands: every term as radiance in each band, from one altitude.
-spread    From how far the ground's light reaches a line of sight through air: photon paths,
-          Gaussians.
-build     Radiance at sensors by sasktran2, and new tables by it: AirTable and the Earth's limb.
 look_up   Radiance of each pixel from BandTable and viewing geometry: the second of the two steps.
 cloud     Reflectance and transmission of a cloud layer, by doubling, with exact single scattering.
 infrared  BandTable from InfraredTable and bands: thermal radiance and transmittance of the air.
 radiance  At-sensor radiance in five terms, from the viewing geometry of pixels or from Ground.
+
+The tables are built by the scripts in catalogs/atmosphere.
 """
 
-from startrack.earth.atmosphere.build import TOP, Grid, build, build_limb, solve_radiance
 from startrack.earth.atmosphere.cloud import LayerOptics, layer_optics
 from startrack.earth.atmosphere.infrared import InfraredTable, infrared_bands, load_infrared, vacuum
 from startrack.earth.atmosphere.look_up import FineTable, Reach, Sight, look_up, refine
@@ -28,8 +25,8 @@ from startrack.earth.atmosphere.radiance import (
     sight_of,
 )
 from startrack.earth.atmosphere.spectra import sun_spectrum
-from startrack.earth.atmosphere.spread import SPREADS
 from startrack.earth.atmosphere.table import (
+    SPREADS,
     Air,
     AirTable,
     BandTable,
@@ -45,13 +42,11 @@ __all__ = [
     "AirTable",
     "BandTable",
     "FineTable",
-    "Grid",
     "Heat",
     "Reach",
     "Sight",
     "Terms",
     "at_sensor",
-    "build",
     "in_bands",
     "load_table",
     "look_up",

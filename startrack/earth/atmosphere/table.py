@@ -23,6 +23,7 @@ AXES = ("wavelength", "height", "altitude", "sensor", "sun", "azimuth")
 WATER_SCALE, AIR_SCALE = 2e3, 8e3
 OZONE_FROM, OZONE_TO = 12e3, 35e3
 TINY = 1e-300
+SPREADS: Floats = 20.0 * np.sqrt(10.0) ** np.arange(7.0)  # metre, of the Gaussians
 WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scatters (as 6S)
 
 
@@ -58,8 +59,8 @@ class AirTable:
     seen         (k, h, a, v) 1, direct transmittance from ground to sensor
     around       (k, h, a, v) 1, diffuse transmittance, of light from the ground around
     backscatter  (k, h) 1, spherical albedo of the air from below
-    spread       (k, h, a, g) 1, of `around`: weights of Gaussians over the ground, as `spread` has
-                 them, for a vertical line of sight
+    spread       (k, h, a, g) 1, of `around`: weights of Gaussians of SPREADS over the ground, for a
+                 vertical line of sight
     returned     (k, h, g) 1, of `backscatter`, likewise
     spectrum     (f,) metre
     irradiance   (f,) watt / m^2 / m, the Sun's at one astronomical unit

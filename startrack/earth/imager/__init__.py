@@ -17,7 +17,7 @@ render          An image from Survey and Channel: radiance at the sensor in five
 files           FITS that is filled while an image is rendered; GeoTIFF with ground control points.
 """
 
-from startrack.earth.imager.adjacency import Environment, Plane, leaving, surrounded
+from startrack.earth.imager.adjacency import Cells, Environment, Plane, leaving, surrounded
 from startrack.earth.imager.band import INFRARED, Band, band_of, terms_in_band
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
 from startrack.earth.imager.clouds import CloudLayer, Sheet, open_sheets
@@ -61,9 +61,11 @@ from startrack.earth.imager.render import (
 # Public; the other imports serve other rooms.
 __all__ = [
     "Band",
+    "Cells",
     "Channel",
     "CloudLayer",
     "Cover",
+    "Environment",
     "Figures",
     "First",
     "Goals",
@@ -72,6 +74,7 @@ __all__ = [
     "Knowledge",
     "Land",
     "Performance",
+    "Plane",
     "Picture",
     "Reference",
     "ReflectanceMap",

@@ -268,6 +268,9 @@ class Knowledge(Parameters):
         "of the terrain, along each axis"] = 0.01  # fmt: skip
     height: Annotated[float, Unit("m"), NON_NEGATIVE, "of the terrain"] = 5.0
     registration: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 0.3
+    beyond: Annotated[float, NON_NEGATIVE,
+        "1, of the mean reflectance around the image, which is taken as that of the image"
+    ] = 0.03  # fmt: skip
 
 
 @dataclass(frozen=True)

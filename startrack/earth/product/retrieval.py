@@ -254,12 +254,13 @@ def mean_reflectance(radiance: list[Floats], grounds: list[Ground], setting: Set
 
 
 def environment_of(
-    reflectance: Floats, ground: Ground, pixel: float, setting: Setting
+    reflectance: Floats, ground: Ground, pixel: float, setting: Setting, more: float = 0.0
 ) -> Environment | None:
     """What surrounds each pixel, from the pixels themselves; beyond the image, their mean.
 
     reflectance  (n,) of the surface
     pixel        metre, the size of one on the ground
+    more         1, by which ground beyond the image reflects more than its mean
     Returns      None where air does not scatter, or nothing is known
     """
     known = np.flatnonzero(np.isfinite(reflectance))
@@ -275,7 +276,7 @@ def environment_of(
         _, at = nearest.query(place, distance_upper_bound=2 * pixel)
         return np.where(at < len(sent), sent[np.minimum(at, len(sent) - 1)], math.nan)
 
-    return surrounded([here], pixel / 2, float(sent.mean()), setting.band, values)
+    return surrounded([here], pixel / 2, float(sent.mean()) + more, setting.band, values)
 
 
 def _air(ground: Ground, setting: Setting) -> tuple[Floats, Floats]:

@@ -16,6 +16,7 @@ from startrack.earth.product.retrieval import (
     Calibration,
     apparent_reflectance,
     brightness_temperature,
+    environment_of,
     is_thermal,
     surface_reflectance,
 )
@@ -24,7 +25,7 @@ from startrack.earth.terrain import Ground
 # The contributors, as S2-RUT has them, and those of the surface.
 CAUSES = (
     "noise", "calibration", "straylight", "spectral response", "atmosphere", "terrain",
-    "registration",
+    "registration", "surroundings",
 )  # fmt: skip
 WARM = np.array([290.0])  # kelvin, of ground whose heat changes with the wavelength
 CLEAREST, HAZIEST = 100e3, 5e3  # metre, visibility of the tables
@@ -51,6 +52,7 @@ def contributors(
              and edges that the lens blurs are left out.
     """
     knowledge, radiance = survey.knowledge, layers["radiance"]
+    pixel = ground.distance * channel.detector.pitch / channel.optics.image_distance
     of_radiance = _of_radiance(radiance, numbers, calibration, knowledge, channel)
     shifted = band_of(
         channel.shifted(knowledge.wavelength), survey.air, _above(ground), survey.sun_distance
@@ -80,12 +82,15 @@ def contributors(
             lambda: surface_reflectance(flat, ground, moved),
         )
         base = surface_reflectance(flat, ground, setting)
+        size = float(np.median(pixel[ground.hit]))
+        brighter = environment_of(base, ground, size, setting, knowledge.beyond)
         tilted = replace(
             ground, sun_incidence=np.minimum(ground.sun_incidence + knowledge.slope, math.pi / 2)
         )
         for cause, place, here in (
             ("terrain", tilted, setting),
             ("atmosphere", ground, _hazier(survey, channel, ground, setting)),
+            ("surroundings", ground, setting._replace(environment=brighter)),
         ):
             change = abs(surface_reflectance(flat, place, here) - base)
             surface[cause] = change.reshape(radiance.shape)
@@ -99,7 +104,6 @@ def contributors(
         slopes = np.gradient(layers[name])
         causes["registration"] = knowledge.registration * np.hypot(*slopes)
         causes["total"] = np.sqrt(np.sum([values**2 for values in causes.values()], 0))
-    pixel = ground.distance * channel.detector.pitch / channel.optics.image_distance
     aside = knowledge.height * np.tan(ground.view_zenith)
     place = np.hypot(knowledge.registration * pixel, aside).reshape(radiance.shape)
     return out | {"place": {"total": place}}

@@ -7,10 +7,11 @@ import pytest
 
 from startrack.core.units import nm
 from startrack.earth.atmosphere import Air
-from startrack.earth.atmosphere.aerosol import Haze, particles, profile
+from startrack.earth.atmosphere.aerosol import profile
 
 pytest.importorskip("sasktran2", reason="new tables of the air need the extra `earth`")
-from startrack.earth.atmosphere.build import EARTH, TOP, layers, limb_radiance, solve_radiance
+from air_particles import Haze, particles
+from air_solver import EARTH, TOP, layers, limb_radiance, solve_radiance
 
 GREEN = np.array([550 * nm])
 SHETTLE = (550 * nm, 1060 * nm)  # one integral over particles serves them all

@@ -19,7 +19,6 @@ from startrack.earth.atmosphere import (
     refine,
     save_table,
 )
-from startrack.earth.atmosphere.build import columns_of
 from startrack.io import shipped
 
 EVERYWHERE = Reach((0.0, 4e3), (0.0, 70 * deg), (0.0, 70 * deg), (0.0, 180 * deg))
@@ -163,7 +162,7 @@ def test_pixels_beyond_the_reach_are_refused(bands):
 def test_a_low_sensor_sees_less_air(table):
     """Against the solver itself at 500 m, a quarter of the lowest altitude; none at 1 m."""
     pytest.importorskip("sasktran2")
-    from startrack.earth.atmosphere.build import solve_radiance as solved
+    from air_solver import solve_radiance as solved
 
     from .test_solver import SHETTLE  # of which the particles are kept; the first is 550 nm
 
@@ -259,7 +258,8 @@ def test_shipped_tables_are_those_that_were_built():
 def test_other_visibility_is_between_the_tables():
     """Light of the air and through it at 12 and 40 km, against the solver."""
     pytest.importorskip("sasktran2")
-    from startrack.earth.atmosphere.build import solve_radiance as solved
+    from air_solver import columns_of
+    from air_solver import solve_radiance as solved
 
     names = ("molecules", "rural-23km", "rural-5km")
     tables = [load_table(shipped(f"atmosphere/{name}.fits")) for name in names]

@@ -1,78 +1,29 @@
 """Light of the ground around: against photons in three dimensions, 6S, and taken off again."""
 
 import json
-import math
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from startrack.core import Curve
-from startrack.core.units import deg, nm
-from startrack.detector import Detector, Scan
-from startrack.earth.atmosphere import Air, load_table
-from startrack.earth.atmosphere.spread import SPREADS
-from startrack.earth.geometry.scene import Fractal, Terrain
-from startrack.earth.imager import Channel, Setting, around_of, band_of, surrounded, terms_in_band
-from startrack.earth.terrain import EQUATORIAL, Rays, cartesian, up
-from startrack.earth.terrain import survey as survey_ground
+from startrack.earth.atmosphere import SPREADS, load_table
 from startrack.io import shipped
-from startrack.optics import Optics
 
+sys.path.append(str(Path(__file__).parents[3] / "experiments"))
 ORACLE = json.loads((Path(__file__).parents[2] / "oracle" / "adjacency.json").read_text())
-FLAT = Terrain(fractal=Fractal(0.0, 0.0, 200.0, 64, 1e-3), highest=100.0, lowest=-10.0)
-MAPS = {
-    "coast": lambda x, y: np.where(x < 0, 0.02, 0.30),
-    "patch": lambda x, y: np.where(np.maximum(abs(x), abs(y)) < 500, 0.8, 0.1),
-}
-DETECTOR = Detector(40, 40, 10e-6, 1e-3, Curve((), (0.5,)), full_well=1e6, scan=Scan())
-
-
-def narrow(wavelength: float) -> Channel:
-    low, high = (wavelength - 1) * nm, (wavelength + 1) * nm
-    band = Curve((low - 0.5 * nm, low, high, high + 0.5 * nm), (0.0, 1.0, 1.0, 0.0))
-    return Channel("one", Optics(0.1, 4.0), DETECTOR, band)
-
-
-def nadir(x, y):
-    """Flat ground at the equator and 0 degrees, seen from above; the Sun 40 degrees from zenith."""
-    longitude, latitude = x / EQUATORIAL, y / EQUATORIAL
-    rays = Rays(
-        cartesian(longitude, latitude, np.full(len(x), 20e3)), -up(longitude, latitude),
-        np.full(len(x), 1e-3),
-    )  # fmt: skip
-    sun = np.array([math.cos(40 * deg), math.sin(40 * deg), 0.0])
-    return survey_ground(FLAT.open(Path()), rays, sun)
 
 
 @pytest.mark.parametrize("column", ORACLE["columns"], ids=["470 nm", "865 nm"])
 @pytest.mark.parametrize("case", ["coast", "patch"])
 def test_a_coast_and_a_patch_shine_as_photons_say(column, case):
     """Radiance at the satellite within 1 %, with cells of 60 m; by the mean alone it is not."""
-    band = band_of(narrow(column["wavelength"]), Air(), 700e3, 1.0)
-    theirs = column["collected"][case]
-    x = np.array(theirs["place"], float)
-    ground = nadir(x, np.zeros(len(x)))
-    rho = MAPS[case](x, 0 * x)
+    from earth_images import shining
 
-    def values(longitude, latitude):
-        return MAPS[case](longitude * EQUATORIAL, latitude * EQUATORIAL)
-
-    corners = nadir(np.array([-6e3, 6e3, 0.0]), np.array([-6e3, 6e3, 0.0]))
-    mean = {"coast": 0.16, "patch": 0.1}[case]
-    environment = surrounded([corners], 15.0, mean, band, values)
-    setting = Setting(0, 1, 0, None, band, mean, 1, None, environment=environment)
-    extinction = np.array(column["molecules"]) + np.array(column["aerosol"])
-    direct = math.exp(-np.trapezoid(extinction, column["height"]))
-    black = terms_in_band(ground, band, np.zeros(1), 0.0).total
-    white = terms_in_band(ground, band, np.ones(1), 0.0)
-    lamp = (white.direct + white.indirect) / direct
-    truth = black + lamp * np.array(theirs["mean"])
-    ours = terms_in_band(ground, band, rho, around_of(setting, ground)).total
-    plain = terms_in_band(ground, band, rho, mean).total
-    assert abs(ours / truth - 1).max() < 0.01
+    seen = shining(column, case)
+    assert abs(seen.ours - 1).max() < 0.01
     if column["wavelength"] == 470:
-        assert abs(plain / truth - 1).max() > 0.02
+        assert abs(seen.plain - 1).max() > 0.02
 
 
 def test_molecules_spread_light_as_in_6s():

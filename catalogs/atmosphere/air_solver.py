@@ -7,12 +7,14 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from air_gases import GASES, transmittance
+from air_particles import Haze, particles, sasktran2
+from air_photons import Column, spread
 
 from startrack.core import Floats, Streams, deg, nm
-from startrack.earth.atmosphere.aerosol import Haze, particles, profile, sasktran2
-from startrack.earth.atmosphere.spectra import GASES, sun_spectrum, transmittance
-from startrack.earth.atmosphere.spread import SPREADS, Column, spread
-from startrack.earth.atmosphere.table import Air, AirTable
+from startrack.earth.atmosphere.aerosol import profile
+from startrack.earth.atmosphere.spectra import sun_spectrum
+from startrack.earth.atmosphere.table import SPREADS, Air, AirTable
 from startrack.scene import Limb
 
 TOP = 100e3  # metre, of the air

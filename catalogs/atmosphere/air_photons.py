@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from startrack.core import Floats
+from startrack.earth.atmosphere import SPREADS
 
-SPREADS: Floats = 20.0 * np.sqrt(10.0) ** np.arange(7.0)  # metre, of the Gaussians
 RADII: Floats = np.geomspace(5.0, 80e3, 61)  # metre, at which their sum is fitted
 ORDERS = 60  # of scattering, at most
 FAINT = 1e-4  # weight below which a path ends
@@ -148,8 +148,3 @@ def _fit(radius: Floats, weight: Floats) -> Floats:
     counts = np.histogram(radius, np.concatenate([[0.0], RADII]), weights=weight)[0]
     shares = -np.expm1(-(RADII[:, None] ** 2) / (2 * SPREADS**2))
     return np.asarray(nnls(shares, np.cumsum(counts) / total)[0])
-
-
-def fraction_within(weights: Floats, radius: Floats) -> Floats:
-    """F (n,) of (n,) metre."""
-    return -np.expm1(-(radius[:, None] ** 2) / (2 * SPREADS**2)) @ weights
