@@ -17,12 +17,14 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 import startrack
 
 PAGE = Path(__file__).parent / "api.md"
 HOME = Path(startrack.__file__).parent
+# What a large index holds inside, which nobody is meant to take out.
+INSIDE = {"Cache", "Deck", "CodeTable", "SkyGrid", "VerificationStars", "Workspace"}
 HEAD = """\
 # The public API
 The names that scripts may use: those of `startrack`, and those of the packages below. Each is \
@@ -36,6 +38,8 @@ record = observe(case, pointing(84, -1, 0), Streams(seed=1, trial=0))
 print(record.outcome.stars, "stars matched;", budget.analytic(case).whole.across / arcsec)
 ```
 
+A class that a function returns, and that nobody makes, stands below the functions of its package: \
+its attributes are public, the place that it is imported from is not. \
 All else may change without notice: the files inside a package, and modules that are not named \
 here. Type checkers read the same list, `startrack/__init__.pyi` and \
 `py.typed`. Units are SI; `Floats` and `Ints` are NumPy arrays of float64 and int64. Each name's \
@@ -233,14 +237,94 @@ def _tree(module: str) -> ast.Module:
     return ast.parse(_source(module))
 
 
+def classes_in(kind: Any) -> Iterator[type]:
+    """The classes of the package that a type is made of."""
+    ours = inspect.isclass(kind) and kind.__module__.startswith("startrack.")
+    if ours and kind.__name__ not in INSIDE:
+        yield kind
+    for part in get_args(kind):
+        for inner in part if isinstance(part, list) else [part]:
+            yield from classes_in(inner)
+
+
+def types_of(thing: Any) -> dict[str, Any]:
+    """Types of the arguments and the result of a function, of the fields of a class."""
+    thing = function_of(thing)
+    if not (inspect.isfunction(thing) or inspect.isclass(thing)):
+        return {}
+    kinds = get_type_hints(thing, localns=_for_type_checkers(thing.__module__))
+    return {name: kind for name, kind in kinds.items() if not name.startswith("_")}
+
+
+@cache
+def _for_type_checkers(module: str) -> dict[str, type]:
+    """Names that a module imports for its annotations alone, such as astropy's WCS."""
+    return {
+        alias.name: object
+        for node in _tree(module).body
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        for inner in ast.walk(node)
+        if isinstance(inner, ast.ImportFrom)
+        for alias in inner.names
+    }
+
+
+def given(names: list[Name]) -> list[type]:
+    """Classes whose values these names give: results, those of methods, and their fields."""
+    classes: list[type] = []
+    waiting = [
+        kind
+        for one in names
+        for kind in (
+            classes_in(types_of(one.thing).get("return"))
+            if not inspect.isclass(one.thing)
+            else results_of_methods(one.thing)
+        )
+    ]
+    while waiting:
+        kind = waiting.pop(0)
+        if kind not in classes:
+            classes.append(kind)
+            waiting += [part for one in types_of(kind).values() for part in classes_in(one)]
+            waiting += results_of_methods(kind)
+    return classes
+
+
+def results_of_methods(kind: type) -> list[type]:
+    return [
+        part
+        for name, method in inspect.getmembers(kind, inspect.isfunction)
+        if not name.startswith("_") and method.__module__.startswith("startrack.")
+        for part in classes_in(types_of(method).get("return"))
+    ]
+
+
 def page() -> str:
     """The text of docs/api.md."""
     parts = [HEAD]
-    for module, names in public():
+    modules = list(public())
+    shown = {one.thing for _, names in modules for one in names if inspect.isclass(one.thing)}
+    for module, names in modules:
         about = (module.__doc__ or "").strip().partition("\n")[0]
         parts.append(f"## `{module.__name__}`\n{about}\n")
-        parts.append("".join(f"- `{signature(one)}`  \n  {line(one)}\n" for one in names))
+        parts.append("".join(_item(one) for one in names))
+        returned = [kind for kind in given(names) if kind not in shown and line_of(kind)]
+        shown |= set(returned)
+        if returned:
+            items = [
+                Name(kind.__module__, kind.__name__, kind.__module__, kind) for kind in returned
+            ]
+            parts.append("Returned:\n\n" + "".join(_item(one) for one in items))
     return "\n".join(parts)
+
+
+def line_of(kind: type) -> str:
+    """The first line of a class's own docstring."""
+    return (vars(kind).get("__doc__") or "").strip().partition("\n")[0]
+
+
+def _item(one: Name) -> str:
+    return f"- `{signature(one)}`  \n  {line(one)}\n"
 
 
 if __name__ == "__main__":

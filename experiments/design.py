@@ -28,7 +28,8 @@ from startrack.design import Campaign, Objective
 from startrack.design.objective import AXES
 from startrack.metrics import Interval
 from startrack.montecarlo import Sampling, pool, warm
-from startrack.optimise import Evaluation, Ledger, Optimum, TrialRunner, comparison, optimize
+from startrack.optimise import Ledger, Optimum, TrialRunner, comparison, optimize
+from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.runner import FRESH
 from startrack.plots import (
     BLUE,

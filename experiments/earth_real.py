@@ -43,8 +43,8 @@ from startrack.earth.imager import (
     prepare,
     render,
 )
-from startrack.earth.product import MapGrid, calibrate
-from startrack.earth.product.ortho import place_cells, resample
+from startrack.earth.product import calibrate
+from startrack.earth.product.ortho import MapGrid, place_cells, resample
 from startrack.earth.product.retrieval import to_radiance
 from startrack.optics import Optics
 

@@ -33,7 +33,8 @@ from startrack.earth.imager import (
     Survey,
     render,
 )
-from startrack.earth.product import MapGrid, Settings, calibrate, make_product
+from startrack.earth.product import Settings, calibrate, make_product
+from startrack.earth.product.ortho import MapGrid
 from startrack.optics import Optics
 
 Floats = NDArray[np.float64]

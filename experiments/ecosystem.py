@@ -66,12 +66,11 @@ from scipy import stats
 
 from startrack import Case, Fidelity, deg, load_design, run_trials, shipped
 from startrack.cli.main import main as startrack
-from startrack.core import code_of_command
+from startrack.core.extension import code_of_command
 from startrack.detection import DetectionPlan
 from startrack.detection.methods import CENTROIDS
 from startrack.identification import blind
 from startrack.montecarlo import (
-    Bins,
     Sampling,
     Serial,
     Sketch,
@@ -83,6 +82,7 @@ from startrack.montecarlo import (
     run,
     save_sketch,
 )
+from startrack.montecarlo.sketch import Bins
 from startrack.optimise import TrialRunner, optimize
 from startrack.sequence import Leg, Recording, Sequence
 from startrack.sequence import run as fly

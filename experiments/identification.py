@@ -48,8 +48,9 @@ from startrack.benchmark.solving import (
     wrong,
 )
 from startrack.core import Floats
-from startrack.identification import build_index, cached_index, identify, track
+from startrack.identification import build_index, identify, track
 from startrack.identification.agree import Agreed
+from startrack.identification.cache import cached_index
 from startrack.identification.seen import keep_brightest, see, usable
 from startrack.identification.verify import log_evidence_of_match
 from startrack.plots import CYCLE, MARKERS, picture, save_picture, styled

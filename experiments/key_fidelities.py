@@ -35,7 +35,8 @@ from startrack import Case, Fidelity, shipped
 from startrack.budget import analytic
 from startrack.budget.analytic import refuse_scans
 from startrack.budget.left_out import of_the_case
-from startrack.core import Field, KeptFunction, fields_of
+from startrack.core import Field, fields_of
+from startrack.core.keeping import KeptFunction
 from startrack.design.keys import item_of, range_of
 from startrack.design.products import with_product
 from startrack.io import from_table, save_json, written

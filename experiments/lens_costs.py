@@ -19,7 +19,7 @@ from typing import Any
 import command
 
 from startrack import shipped
-from startrack.design import cost_of
+from startrack.design.requirements import cost_of
 from startrack.io import save_text
 from startrack.optics import open_lens, open_surfaces
 

@@ -66,13 +66,10 @@ from startrack.mission import (
     exports,
     fly,
     fly_units,
-    fuse,
-    head_covariance,
     head_model,
     load_mission,
     place,
     plan_of,
-    relative_alignment,
     scenes_at,
     surrogate,
     write_model,
@@ -80,6 +77,7 @@ from startrack.mission import (
 from startrack.mission import placement as placement_of_heads
 from startrack.mission.engine import at
 from startrack.mission.files import Attitudes, read_aem, write_aem
+from startrack.mission.fusion import fuse, head_covariance, relative_alignment
 from startrack.mission.instants import path_of
 from startrack.mission.parameters import MissionRequirements, Orbit, mounted
 from startrack.montecarlo import Serial

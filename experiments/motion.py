@@ -24,11 +24,11 @@ from startrack.motion import (
     Motion,
     Tone,
     image_path,
-    nyquist_mtf,
     realise_motion,
     sample_jitter,
     slew,
 )
+from startrack.motion.transfer import nyquist_mtf
 
 PIXEL = 3e-4  # radian, 62 arcsec
 EXPOSURE = 0.1

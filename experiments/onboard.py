@@ -28,14 +28,9 @@ from startrack.core import Floats, Ints
 from startrack.design import Case
 from startrack.identification import merged
 from startrack.metrics import fraction_interval
-from startrack.onboard import (
-    CompiledGuide,
-    Guide,
-    GuideSettings,
-    c_compiler,
-    guide_stars,
-    read_variables,
-)
+from startrack.onboard import CompiledGuide, GuideSettings, guide_stars, read_variables
+from startrack.onboard.compiled import c_compiler
+from startrack.onboard.layout import Guide
 from startrack.trial import colour_correction
 
 FIELDS = (10, 15, 20)  # degree

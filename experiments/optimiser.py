@@ -24,9 +24,10 @@ import numpy as np
 from startrack import Case, arcsec, load_design, shipped
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
-from startrack.metrics import Star, centre_of_gravity_error
-from startrack.optimise import Evaluation, Ledger, Search, TrialRunner, evaluate, least
-from startrack.optimise.evaluate import LOST, PENALTY, measured, missed
+from startrack.metrics import Star
+from startrack.metrics.bounds import centre_of_gravity_error
+from startrack.optimise import Ledger, Search, TrialRunner, evaluate, least
+from startrack.optimise.evaluate import LOST, PENALTY, Evaluation, measured, missed
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import expected_objective
 from startrack.optimise.runner import FRESH

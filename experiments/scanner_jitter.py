@@ -31,8 +31,8 @@ from startrack import Case, LineOfSight, arcsec, deg, load_design, shipped
 from startrack.core import Floats, Ints
 from startrack.design import replaced
 from startrack.montecarlo import pool
-from startrack.motion import Motion, Tone, image_path, nyquist_mtf, slew, stability
-from startrack.motion.transfer import NYQUIST
+from startrack.motion import Motion, Tone, image_path, slew, stability
+from startrack.motion.transfer import NYQUIST, nyquist_mtf
 from startrack.optimise import TrialRunner
 from startrack.plots import BLUE, GREEN, legend_below, picture, save_picture, styled
 from startrack.trial.exposure import duration

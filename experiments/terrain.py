@@ -46,14 +46,14 @@ from startrack.earth.terrain import (
     Mosaic,
     Pyramid,
     Rays,
-    Relief,
     Scan,
-    Surface,
     cartesian,
     fractal,
     index,
     survey,
 )
+from startrack.earth.terrain.pyramid import Relief
+from startrack.earth.terrain.surface import Surface
 from startrack.earth.terrain.survey import LIFT
 from startrack.earth.terrain.trace import blocked, trace
 from startrack.plots import MARKERS, colour_bar, legend_below, picture, save_picture, styled

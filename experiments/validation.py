@@ -21,8 +21,10 @@ import numpy as np
 from markley_mortari import SCENARIOS, scenario
 
 from startrack import Case, arcsec, deg, load_design, shipped
-from startrack.budget import analytic, circles
-from startrack.catalog import Selection, Sky, earth_observer, open_sky, v_from_g
+from startrack.budget import analytic
+from startrack.budget.curves import circles
+from startrack.catalog import Selection, Sky, earth_observer, open_sky
+from startrack.catalog.colour import v_from_g
 from startrack.core.units import LIGHT_SPEED
 from startrack.metrics import attitude_bound
 from startrack.trial import errors

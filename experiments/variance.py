@@ -21,17 +21,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from startrack import OUTCOMES, Case, Fidelity, load_design, run_trials, shipped
-from startrack.montecarlo import (
-    Mean,
-    Regions,
-    Sampling,
-    by_regions,
-    combined,
-    mean_square,
-    plain,
-    stratified,
-)
-from startrack.montecarlo.attitudes import REPLICATES
+from startrack.montecarlo import Regions, Sampling, combined, mean_square
+from startrack.montecarlo.attitudes import REPLICATES, by_regions
+from startrack.montecarlo.estimate import Mean, plain, stratified
 from startrack.montecarlo.sampling import squares
 from startrack.montecarlo.workers import one_thread as one_opencv_thread
 

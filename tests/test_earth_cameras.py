@@ -5,7 +5,9 @@ import sys
 
 import pytest
 
-from startrack.earth.imager import band_of, figures, load_imager
+from startrack.earth.imager import load_imager
+from startrack.earth.imager.band import band_of
+from startrack.earth.imager.figures import figures
 from tests.conftest import ROOT
 
 

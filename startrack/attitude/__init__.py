@@ -29,21 +29,18 @@ from startrack.attitude.camera import (
     moved_camera,
     typical_square,
 )
-from startrack.attitude.camera_filter import CameraFilter, KnownCamera, after_frame, first_camera
+from startrack.attitude.camera_filter import CameraFilter, after_frame, first_camera
 from startrack.attitude.follow import Gyroscope, Lasting, State, correct, predict, start
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
 from startrack.attitude.refine import SharedErrors, attitude_gain, refine
-from startrack.attitude.solve import AttitudeInput, AttitudeMethod, scale_unknown, solve
+from startrack.attitude.solve import AttitudeInput, scale_unknown, solve
 from startrack.attitude.wahba import davenport, foam, quest, svd
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Alignment",
     "AttitudeInput",
     "CameraFilter",
-    "KnownCamera",
     "Mounting",
-    "Observability",
     "SharedErrors",
     "SolverSettings",
     "after_frame",

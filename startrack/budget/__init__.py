@@ -17,7 +17,7 @@ curves     Case -> its error over the sky and over slew rate, and that of its st
 """
 
 from startrack.budget.analytic import analytic
-from startrack.budget.budget import Budget, Cause, Law, Line, Sample, Spread, causes
+from startrack.budget.budget import Budget, Law, Line, Sample, Spread
 from startrack.budget.curves import (
     LONGEST,
     SMEARS,
@@ -26,14 +26,13 @@ from startrack.budget.curves import (
     Slew,
     Survey,
     analytic_curve,
-    circles,
     error_curves,
     rates_computed,
     slew_rates,
     slews,
     survey,
 )
-from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
+from startrack.budget.exclusion import added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
 from startrack.budget.indices import INDICES, indices_of
 from startrack.budget.left_out import (
@@ -44,35 +43,20 @@ from startrack.budget.left_out import (
     check,
     differences,
     noise_only,
-    refusal,
     unseen,
 )
 from startrack.budget.measured import measured
-from startrack.budget.residuals import Residuals, StarErrors, residuals, star_errors
+from startrack.budget.residuals import Residuals, StarErrors, star_errors
 from startrack.budget.single_stars import single_stars
 from startrack.budget.units import UnitBudgets, joined, unit_budgets
 from startrack.trial import Term
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "INDICES",
     "Budget",
-    "Cause",
-    "Check",
-    "Exclusion",
-    "Law",
-    "Line",
-    "Sample",
-    "Spread",
-    "Survey",
-    "Term",
-    "UnitBudgets",
     "analytic",
-    "causes",
     "check",
-    "circles",
     "exclusions",
-    "indices_of",
     "measured",
     "single_stars",
     "survey",

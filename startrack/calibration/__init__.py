@@ -23,27 +23,18 @@ from startrack.calibration.field import (
     orders_of,
     residuals,
 )
-from startrack.calibration.photon_transfer import DetectorPosterior, Level, sample_detector
-from startrack.calibration.posterior import CameraPosterior, Prior, sample_camera
+from startrack.calibration.posterior import Prior, sample_camera
 from startrack.calibration.star_table import Names, StarTable, is_star_table, read_star_table
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Calibrated",
     "Calibration",
-    "CameraPosterior",
-    "FieldFit",
-    "Level",
     "Names",
-    "Order",
     "Prior",
-    "StarTable",
-    "Unseen",
     "calibrate",
     "cross_validate_all",
     "fit_attitude",
     "fit_field",
-    "orders_of",
     "read_star_table",
     "sample_camera",
 ]

@@ -34,7 +34,6 @@ from startrack.core.checks import (
     non_negative,
     one_of,
     positive,
-    refusal,
     shown,
     whole,
     within,
@@ -81,7 +80,7 @@ from startrack.core.interpolation import (
     node_places,
 )
 from startrack.core.interpret import instead_of, interpreted
-from startrack.core.keeping import Kept, KeptFunction, Workspace, kept
+from startrack.core.keeping import Kept, Workspace, kept
 from startrack.core.kernel import (
     READY,
     compiling_reports,

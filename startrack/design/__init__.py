@@ -27,15 +27,7 @@ from startrack.design.case import (
     Temperatures,
     Tracker,
 )
-from startrack.design.conditions import (
-    NOMINAL,
-    Change,
-    Condition,
-    Judged,
-    OverUnits,
-    judged,
-    turning,
-)
+from startrack.design.conditions import NOMINAL, Change, Condition, Judged, OverUnits, turning
 from startrack.design.files import Design, load_design, save_design
 from startrack.design.keys import Key, design_keys, design_schema, keys_of, template
 from startrack.design.objective import AXES, Objective
@@ -43,7 +35,7 @@ from startrack.design.parameter import find as found_at
 from startrack.design.parameter import replaced, replaced_all, unchecked
 from startrack.design.parameter import text as value_text
 from startrack.design.products import products
-from startrack.design.requirements import Accuracy, CaseNumber, KeepOut, Requirements, cost_of
+from startrack.design.requirements import Accuracy, KeepOut, Requirements
 from startrack.design.structure import TURNS, Structure
 from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (

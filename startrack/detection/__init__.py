@@ -39,9 +39,9 @@ from startrack.detection.expectation import (
     joined,
     response,
 )
-from startrack.detection.find import Candidates, DetectionInput, DetectionMethod
+from startrack.detection.find import Candidates, DetectionInput
 from startrack.detection.matched import filtered, highest_between
-from startrack.detection.methods import Centroid, CentroidInput
+from startrack.detection.methods import CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, Detection
 from startrack.detection.pixels import (
     DarkFrames,
@@ -51,7 +51,6 @@ from startrack.detection.pixels import (
     divide_flat,
     pixels,
     subtract_dark,
-    without_pixels,
 )
 from startrack.detection.plan import (
     STREAK,
@@ -61,7 +60,7 @@ from startrack.detection.plan import (
     plan_detection,
     threshold_of,
 )
-from startrack.detection.star_model import StarModel, gaussian_psf
+from startrack.detection.star_model import gaussian_psf
 from startrack.detection.streaks import Streak, refined, streak_of
 from startrack.detection.within import (
     Ground,
@@ -76,18 +75,13 @@ from startrack.detection.within import (
 # Public; the other imports serve other rooms.
 __all__ = [
     "Box",
-    "Centroid",
     "CentroidInput",
     "DarkFrames",
     "DarkMap",
     "Detection",
     "DetectionInput",
-    "DetectionPlan",
-    "StarModel",
-    "Streak",
     "detect",
     "divide_flat",
     "plan_detection",
-    "streak_of",
     "subtract_dark",
 ]

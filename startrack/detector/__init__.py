@@ -24,15 +24,7 @@ threshold_crossings  Filter and thresholds -> where noise alone exceeds them, an
 scan                 Light and the motion of a camera -> the image of a detector of lines.
 """
 
-from startrack.detector.ageing import (
-    CHANDRA_ACA,
-    YEAR,
-    Age,
-    Flicker,
-    Flickering,
-    TailLaw,
-    pixels_above,
-)
+from startrack.detector.ageing import YEAR, Age, Flicker
 from startrack.detector.collect import electron_rate, mean_wavelength
 from startrack.detector.digitise import normals, shot
 from startrack.detector.exposure import (
@@ -54,7 +46,6 @@ from startrack.detector.maps import dark, device_streams, flickering, read_noise
 from startrack.detector.parameters import Detector, RegionOfInterest
 from startrack.detector.pixel_effects import (
     PIXEL_EFFECTS,
-    Effect,
     EffectInput,
     diffuse,
     require_independent_pixels,
@@ -84,7 +75,6 @@ __all__ = [
     "Age",
     "Defects",
     "Detector",
-    "Effect",
     "EffectInput",
     "Exposure",
     "Flicker",

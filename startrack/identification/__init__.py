@@ -20,14 +20,13 @@ track       Matches from spots and a predicted attitude.
 from startrack.identification.agree import refit
 from startrack.identification.blind import (
     WIDEST_PINHOLE,
-    LensFit,
     cameras,
     cameras_of,
     fisheye,
     fit_lens,
     identify_blind,
 )
-from startrack.identification.cache import PatternIndexes, cached_index
+from startrack.identification.cache import PatternIndexes
 from startrack.identification.identify import identify
 from startrack.identification.index import (
     POINTS,
@@ -37,22 +36,14 @@ from startrack.identification.index import (
     local_rank,
     merged,
 )
-from startrack.identification.parameters import (
-    Identification,
-    IdentificationInput,
-    IdentificationMethod,
-)
+from startrack.identification.parameters import Identification, IdentificationInput
 from startrack.identification.track import track
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Identification",
     "IdentificationInput",
-    "LensFit",
-    "PatternIndex",
-    "PatternIndexes",
     "build_index",
-    "fit_lens",
     "identify",
     "identify_blind",
     "track",

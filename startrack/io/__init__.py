@@ -17,7 +17,7 @@ interchange   Tables of results -> pandas, xarray and astropy, with the units of
 frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video files, and a table.
 """
 
-from startrack.io.frame_files import FORMATS, FrameFiles
+from startrack.io.frame_files import FrameFiles
 from startrack.io.images import field_hint, read_frames, read_image, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
 from startrack.io.reading import (
@@ -29,7 +29,7 @@ from startrack.io.reading import (
     shipped,
     unpacked,
 )
-from startrack.io.recordings import COLOURS, PATTERNS, Layout, frames_in
+from startrack.io.recordings import Layout, frames_in
 from startrack.io.saving import (
     claimed_folder,
     save_arrays,
@@ -57,7 +57,6 @@ from startrack.io.wcs import (
     celestials,
     pointing,
     tetra3_values,
-    wcs_header,
     write_solution,
 )
 

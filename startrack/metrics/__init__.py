@@ -8,7 +8,7 @@ levels   Size of the error that is not exceeded at a stated confidence level, an
          of ECSS-E-ST-60-10C from a sequence of errors.
 """
 
-from startrack.metrics.bounds import Star, attitude_bound, centre_of_gravity_error, centroid_bound
+from startrack.metrics.bounds import Star, attitude_bound, centroid_bound
 from startrack.metrics.judge import (
     FALSE_ANGLE,
     JUDGED,
@@ -22,14 +22,11 @@ from startrack.metrics.judge import (
 )
 from startrack.metrics.levels import (
     LEVELS,
-    Indices,
     Interpretation,
-    fewest_trials,
     indices,
     level,
     level_interval,
     level_ranks,
-    levels,
     quantile_of_few,
     reproducibility,
 )
@@ -45,7 +42,6 @@ from startrack.metrics.results import (
     bounds_json,
     bracketed,
     four_digits,
-    limits_text,
     markdown,
     summary_rows,
     to_cells,
@@ -63,8 +59,13 @@ from startrack.metrics.summary import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "LEVELS", "Indices", "Interpretation", "Interval", "Limits", "Outcome", "Star", "Summary",
-    "attitude_bound", "centre_of_gravity_error", "centroid_bound", "correct",
-    "fraction_interval", "indices", "judge", "level", "level_interval", "levels", "reproducibility",
-    "rms_interval", "summarise",
-]  # fmt: skip
+    "Limits",
+    "Star",
+    "attitude_bound",
+    "centroid_bound",
+    "fraction_interval",
+    "judge",
+    "reproducibility",
+    "rms_interval",
+    "summarise",
+]

@@ -31,7 +31,6 @@ from startrack.mission.exports import (
     write_fmu,
     write_model,
 )
-from startrack.mission.fusion import fuse, head_covariance, relative_alignment
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import KeepClear, Loaded, Mission, load_mission, save_mission
 from startrack.mission.placement import angles_of, map_of, moved_plan, place, trades
@@ -50,5 +49,5 @@ from startrack.mission.summary import (
     verdicts,
     write_kernels,
 )
-from startrack.mission.units import Fleet, Temperatures, fly_units, temperatures_of
+from startrack.mission.units import Fleet, fly_units
 from startrack.space import PLANETS

@@ -21,24 +21,16 @@ merge       Stores of parts of a campaign -> one store, with the same bytes in a
             parts.
 """
 
-from startrack.montecarlo.attitudes import Regions, at_random, by_regions, chances, where_likely
+from startrack.montecarlo.attitudes import Regions, at_random, chances
 from startrack.montecarlo.causes import Ending, Endings, endings, with_causes
 from startrack.montecarlo.comparison import Difference, differences, fidelity_comparison
-from startrack.montecarlo.estimate import (
-    Mean,
-    combined,
-    mean_square,
-    plain,
-    probability,
-    stratified,
-)
-from startrack.montecarlo.merge import Merged, merge_stores
-from startrack.montecarlo.precision import STATISTICS, Precision, half_width, quantile_interval
+from startrack.montecarlo.estimate import combined, mean_square, probability
+from startrack.montecarlo.merge import merge_stores
+from startrack.montecarlo.precision import Precision, half_width, quantile_interval
 from startrack.montecarlo.resume import Watch, last_words, resume
 from startrack.montecarlo.run import run, warm
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.sketch import (
-    Bins,
     Sketch,
     load_sketch,
     merge_sketches,
@@ -50,10 +42,23 @@ from startrack.montecarlo.workers import Certificates, Serial, cluster, dask_poo
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Bins", "Certificates", "Difference", "Ending", "Endings", "Mean", "Merged", "Precision",
-    "Regions", "Sampling", "Serial", "Sketch", "Store", "Watch", "at_random", "by_regions",
-    "chances", "cluster", "combined", "dask_pool", "differences", "endings", "export",
-    "load_sketch", "mean_square", "merge_sketches", "merge_stores", "plain", "pool", "probability",
-    "quantile_interval", "resume", "resume_sketch", "run", "save_sketch", "stratified", "warm",
-    "with_causes",
-]  # fmt: skip
+    "Certificates",
+    "Precision",
+    "Sampling",
+    "Serial",
+    "Sketch",
+    "Store",
+    "chances",
+    "dask_pool",
+    "export",
+    "load_sketch",
+    "merge_sketches",
+    "merge_stores",
+    "pool",
+    "probability",
+    "resume",
+    "resume_sketch",
+    "run",
+    "save_sketch",
+    "warm",
+]

@@ -8,17 +8,8 @@ transfer       Motion within an exposure -> its PSF, its transfer function and i
 
 from startrack.motion.line_of_sight import blur, jitter_rms, sample_jitter, slew, stability, trace
 from startrack.motion.parameters import Broadband, Motion, Tone
-from startrack.motion.realisation import Jitter, JitterInput, MotionRealisation, realise_motion
-from startrack.motion.transfer import image_path, nyquist_mtf, transfer
+from startrack.motion.realisation import JitterInput, MotionRealisation, realise_motion
+from startrack.motion.transfer import image_path, transfer
 
 # Public; the other imports serve other rooms.
-__all__ = [
-    "Broadband",
-    "Jitter",
-    "JitterInput",
-    "Motion",
-    "MotionRealisation",
-    "Tone",
-    "realise_motion",
-    "sample_jitter",
-]
+__all__ = ["Broadband", "JitterInput", "Motion", "Tone", "realise_motion"]

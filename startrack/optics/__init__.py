@@ -41,7 +41,7 @@ from startrack.optics.lens_psf import ROOM, field_psf, fit_camera, mirrored, ope
 from startrack.optics.lens_table import LensTable, lens_path, load_lens, open_lens, save_lens
 from startrack.optics.measured_psf import brightest, file_of, lone_stars, reconstruct
 from startrack.optics.parameters import Optics
-from startrack.optics.pixel_psf import PsfInput, PsfModel, over_field, pixel_psf
+from startrack.optics.pixel_psf import PsfInput, over_field, pixel_psf
 from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, save_psf_file
 from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pupil_grid, zernike
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, quality
@@ -54,7 +54,6 @@ from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_o
 __all__ = [
     "Aberration",
     "Baffle",
-    "Choice",
     "Ghosts",
     "LensTable",
     "Optics",

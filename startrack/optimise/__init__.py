@@ -19,16 +19,16 @@ tolerance    Design -> how far each parameter may vary, by emcee on a quadratic 
 tables       The results of studies as CSV, JSON lines and Markdown.
 """
 
-from startrack.optimise.allocation import Allocation, Change, Gain, allocation, halved, levers
+from startrack.optimise.allocation import Change, allocation, halved, levers
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
-from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee
-from startrack.optimise.explore import Explorer, Landscape, Span
+from startrack.optimise.evaluate import Foresight, evaluate, foresee
+from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, Stage, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
-from startrack.optimise.search import Algorithm, Found, Search, SearchInput, least
+from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
 from startrack.optimise.tables import (
     chain_text,
@@ -43,36 +43,19 @@ from startrack.optimise.tables import (
     write_samples,
 )
 from startrack.optimise.tolerance import Tolerance, designs_needed, sample
-from startrack.optimise.units import ComparedUnits, UnitYield
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Algorithm",
-    "Allocation",
-    "Chains",
-    "Change",
-    "ComparedUnits",
     "Ensembles",
-    "Evaluation",
     "Forecast",
     "Foresight",
-    "Found",
-    "Gain",
     "Goals",
-    "Landscape",
     "Ledger",
-    "Optimum",
-    "Point",
     "Search",
     "SearchInput",
-    "Sensitivity",
-    "Span",
     "Stage",
-    "Tolerance",
     "TrialRunner",
-    "UnitYield",
-    "allocation",
-    "comparison",
     "evaluate",
     "front",
     "least",

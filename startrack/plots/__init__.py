@@ -17,4 +17,4 @@ import lazy_loader
 __getattr__, __dir__, _ = lazy_loader.attach_stub(__name__, __file__)
 
 # Public; the other names serve other rooms.
-__all__ = ["draw_budget", "draw_errors", "draw_frame", "draw_sequence", "draw_spots"]
+__all__ = ["draw_budget", "draw_sequence", "draw_sky"]

@@ -8,8 +8,7 @@ yields     Outcomes of trials of units -> error of each unit, yield, and what ma
 trials     Units -> outcomes of trials of many units, each with its unit and environment.
 """
 
-from startrack.population.calibrate import calibrated, drawn, left_over
-from startrack.population.nodes import UnitPlans, of_places, unit_plans
+from startrack.population.nodes import of_places
 from startrack.population.trials import UNITS, Units, unit_trials
 from startrack.population.unit import middle_of, placed, unit_of
 from startrack.population.yields import PerUnit, explain, per_unit, unit_errors

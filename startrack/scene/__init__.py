@@ -16,11 +16,11 @@ illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by code
 
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
 from startrack.scene.ephemeris import BODIES, body_angles, date_of, orbital_velocity
-from startrack.scene.illuminate import DiffuseSource, LightInput, Sight, illuminate
+from startrack.scene.illuminate import LightInput, Sight, illuminate
 from startrack.scene.lights import LIGHTS
-from startrack.scene.limb import Limb, load_limb, save_limb
+from startrack.scene.limb import Limb, save_limb
 from startrack.scene.parameters import DARK, Orbit, Scene
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, blackbody_photons
 
 # Public; the other imports serve other rooms.
-__all__ = ["WAVELENGTH", "LightInput", "Limb", "Orbit", "Scene", "Sight", "illuminate", "load_limb"]
+__all__ = ["LightInput", "Orbit", "Scene", "Sight", "illuminate"]

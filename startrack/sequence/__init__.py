@@ -11,14 +11,4 @@ from startrack.sequence.run import Mode, Recording, fly_sequences, run
 from startrack.sequence.summary import Tracking, summarise_sequences
 
 # Public; the other imports serve other rooms.
-__all__ = [
-    "Gyro",
-    "Leg",
-    "Recording",
-    "Sequence",
-    "Tracking",
-    "fly_sequences",
-    "load_sequence",
-    "run",
-    "summarise_sequences",
-]
+__all__ = ["Gyro", "Leg", "Recording", "Sequence", "fly_sequences", "load_sequence", "run"]

@@ -42,13 +42,10 @@ from startrack.space.earth import (
 from startrack.space.heat import (
     STEFAN,
     Heat,
-    Warmth,
-    heater_power,
     incident,
     march,
     taken_by_head,
     taken_by_platform,
-    view_of_earth,
     warmth,
 )
 from startrack.space.orbit import (
@@ -67,7 +64,7 @@ from startrack.space.orbit import (
     sun_synchronous,
     two_line_record,
 )
-from startrack.space.radiation import Protons, solar_protons, trapped_protons
+from startrack.space.radiation import solar_protons, trapped_protons
 
 # Public; the other imports serve other rooms.
-__all__ = ["Heat", "Warmth", "warmth"]
+__all__ = ["Heat"]

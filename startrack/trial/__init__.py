@@ -38,7 +38,7 @@ from startrack.trial.belief import (
     smear_of,
 )
 from startrack.trial.boxed_stars import SingleStars, boxed_stars
-from startrack.trial.boxes import Images, agreeing, boxed, follow_boxes, take_boxes
+from startrack.trial.boxes import Images, agreeing, boxed, follow_boxes
 from startrack.trial.chain import (
     OUTCOMES,
     Record,
@@ -52,7 +52,6 @@ from startrack.trial.chain import (
     run_trials,
     searched,
     shrunk,
-    solve_matches,
 )
 from startrack.trial.covariance import outcomes
 from startrack.trial.dark_pattern import dark_pattern, empty_frame, with_uniform_dark
@@ -71,7 +70,6 @@ from startrack.trial.spot_plan import (
     Limits,
     Plan,
     limits_of,
-    plan_of,
     plan_within,
     refuse,
     require_fidelity,
@@ -112,4 +110,4 @@ from startrack.trial.window import spots_in_windows
 from startrack.trial.zones import LENS_FIELD, residual_shift, zone_detection, zone_errors, zones_of
 
 # Public; the other imports serve other rooms.
-__all__ = ["Errors", "SingleStars", "errors", "systematic_variance"]
+__all__ = ["errors", "systematic_variance"]

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack.budget import Exclusion, exclusions
+from startrack.budget import exclusions
+from startrack.budget.exclusion import Exclusion
 from startrack.core.units import deg
 from startrack.design.files import load_design
 from startrack.io import shipped

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack.budget import analytic, causes, measured
+from startrack.budget import analytic, measured
+from startrack.budget.budget import causes
 from startrack.budget.measured import contributions, terms
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from startrack.budget import analytic, circles, survey
+from startrack.budget import analytic, survey
+from startrack.budget.curves import circles
 from startrack.budget.fields import boresights
-from startrack.catalog import Selection, Sky, open_sky, v_from_g
+from startrack.catalog import Selection, Sky, open_sky
+from startrack.catalog.colour import v_from_g
 from startrack.core.streams import Streams
 from startrack.core.units import deg
 from startrack.trial.chain import observe

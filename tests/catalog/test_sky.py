@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startrack.catalog import Selection, Sky, open_sky, v_from_g
+from startrack.catalog import Selection, Sky, open_sky
+from startrack.catalog.colour import v_from_g
 from startrack.core.units import arcsec, deg
 from startrack.core.values import Stars
 from tests.catalog.layouts import hip_main

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from startrack.budget import causes
+from startrack.budget.budget import causes
 from startrack.design import Design, load_design, save_design
 from startrack.io import from_table, shipped, to_table
 from startrack.optics import open_lens

@@ -28,7 +28,8 @@ from startrack.design import (
 from startrack.design.variation import differences
 from startrack.io import shipped
 from startrack.optics import Optics, Residual, open_lens
-from startrack.space import Heat, heater_power, view_of_earth, warmth
+from startrack.space import Heat, warmth
+from startrack.space.heat import heater_power, view_of_earth
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 OPTICS = CASE.instrument.optics

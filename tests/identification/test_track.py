@@ -8,7 +8,8 @@ from scipy.stats import binom
 from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.core.values import Stars, Status
-from startrack.identification import Identification, build_index, cache, cached_index, track
+from startrack.identification import Identification, build_index, cache, track
+from startrack.identification.cache import cached_index
 
 SETTINGS = Identification()
 

@@ -9,7 +9,9 @@ import pytest
 from astropy.io import fits
 
 from startrack.core import Frame
-from startrack.io import FORMATS, PATTERNS, FrameFiles, Layout, pointing, read_image
+from startrack.io import FrameFiles, Layout, pointing, read_image
+from startrack.io.frame_files import FORMATS
+from startrack.io.recordings import PATTERNS
 
 START = datetime(2026, 3, 20, 12, tzinfo=UTC)
 IMAGES = [np.arange(24, dtype=np.uint16).reshape(4, 6) * 1000 + k for k in range(3)]

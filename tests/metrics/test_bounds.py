@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from startrack.core.units import arcsec, deg
-from startrack.metrics import Star, attitude_bound, centre_of_gravity_error, centroid_bound
+from startrack.metrics import Star, attitude_bound, centroid_bound
+from startrack.metrics.bounds import centre_of_gravity_error
 
 
 @pytest.fixture(scope="module")

@@ -5,15 +5,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.metrics import (
-    Interpretation,
-    fewest_trials,
-    indices,
-    level,
-    level_interval,
-    levels,
-    reproducibility,
-)
+from startrack.metrics import Interpretation, indices, level, level_interval, reproducibility
+from startrack.metrics.levels import fewest_trials, levels
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,12 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Refused, arcsec
 from startrack.design import load_design
 from startrack.io import shipped
-from startrack.mission import fly_units, fuse, load_mission, plan_of, temperatures_of
+from startrack.mission import fly_units, load_mission, plan_of
 from startrack.mission import units as of_units
 from startrack.mission.engine import at
+from startrack.mission.fusion import fuse
 from startrack.mission.surrogate import COLUMNS, ROWS, Surrogate
+from startrack.mission.units import temperatures_of
 from startrack.space import Heat, warmth
 
 STRUCTURE = """

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from startrack.cli.main import main
-from startrack.core import code_of_command, used_code
+from startrack.core import used_code
+from startrack.core.extension import code_of_command
 from startrack.design import Case, Design, Fidelity, load_design, save_design
 from startrack.io import shipped
 from startrack.montecarlo import Serial, Store, pool, run

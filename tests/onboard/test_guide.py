@@ -14,17 +14,16 @@ from startrack.cli.main import main
 from startrack.core import arcsec
 from startrack.onboard import (
     DOUBLE,
-    HEADER,
-    STAR,
     VARIABLE,
     CompiledGuide,
     GuideSettings,
-    c_compiler,
     guide_stars,
     read_guide,
     read_variables,
     write_guide,
 )
+from startrack.onboard.compiled import c_compiler
+from startrack.onboard.layout import HEADER, STAR
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 SETTINGS = GuideSettings(limit=5.5, resolution=60 * arcsec)

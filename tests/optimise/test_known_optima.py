@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from startrack.metrics import Star, centre_of_gravity_error
+from startrack.metrics import Star
+from startrack.metrics.bounds import centre_of_gravity_error
 from startrack.optimise.search import Search, least
 
 

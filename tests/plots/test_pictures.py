@@ -14,7 +14,8 @@ from startrack.budget import Survey, analytic, curves, error_curves
 from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
 from startrack.design import Accuracy, Objective
 from startrack.metrics import Interval
-from startrack.optimise import Evaluation, Goals, Optimum, Point, Sensitivity
+from startrack.optimise import Goals, Optimum, Point, Sensitivity
+from startrack.optimise.evaluate import Evaluation
 from startrack.plots import (
     draw_budget,
     draw_convergence,

@@ -9,7 +9,8 @@ from startrack.core import Camera, Streams, arcsec, um
 from startrack.design import CameraCalibration, Moment, Variation, load_design, unit_case
 from startrack.io import shipped
 from startrack.optics import Optics, Residual
-from startrack.population import calibrated, drawn, left_over, unit_of
+from startrack.population import unit_of
+from startrack.population.calibrate import calibrated, drawn, left_over
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 VARIED = replace(

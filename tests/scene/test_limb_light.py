@@ -5,9 +5,8 @@ import pytest
 
 from startrack.core.units import deg, nm
 from startrack.io import shipped
-from startrack.scene import load_limb
 from startrack.scene.bodies import Disc, Earth, sunlight
-from startrack.scene.limb import limb_light
+from startrack.scene.limb import limb_light, load_limb
 from startrack.scene.photometry import WAVELENGTH
 from startrack.space import AU, EARTH_RADIUS
 

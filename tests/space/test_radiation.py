@@ -8,8 +8,15 @@ import pytest
 from startrack.core import Refused
 from startrack.detector import Age
 from startrack.detector.ageing import INCLINATION, PROTON_RAD, THICKNESS, YEAR, orbit_dose
-from startrack.space import Protons, radiation, trapped_protons
-from startrack.space.radiation import SILICON, field_lines, left_behind, solar_protons, stopping
+from startrack.space import radiation, trapped_protons
+from startrack.space.radiation import (
+    SILICON,
+    Protons,
+    field_lines,
+    left_behind,
+    solar_protons,
+    stopping,
+)
 
 
 def test_energy_that_is_left_loses_what_the_shield_takes():

@@ -5,9 +5,8 @@ import pytest
 
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
-from startrack.trial import plan_of
 from startrack.trial.pointing import random_attitude
-from startrack.trial.spot_plan import View
+from startrack.trial.spot_plan import View, plan_of
 from startrack.trial.spot_response import REACH
 from startrack.trial.spots import _project, _pulled
 

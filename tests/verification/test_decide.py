@@ -8,8 +8,9 @@ from startrack.core import arcsec
 from startrack.design import Accuracy, Objective, Requirements
 from startrack.metrics import Limits
 from startrack.trial import OUTCOMES
-from startrack.verification import REGIONS, Answer, Claim, Looks, claims_of
-from startrack.verification.decide import mean_bounds
+from startrack.verification import Answer, Looks, claims_of
+from startrack.verification.accuracy import REGIONS
+from startrack.verification.decide import Claim, mean_bounds
 
 NOWHERE = np.empty((0, 3))
 EVERYTHING = Limits(math.inf, math.inf)

@@ -37,20 +37,4 @@ from startrack.earth.atmosphere.table import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = [
-    "Air",
-    "AirTable",
-    "BandTable",
-    "FineTable",
-    "Heat",
-    "Reach",
-    "Sight",
-    "Terms",
-    "at_sensor",
-    "in_bands",
-    "load_table",
-    "look_up",
-    "radiance",
-    "refine",
-    "sun_spectrum",
-]
+__all__ = ["Air", "Terms", "load_table", "sun_spectrum"]

@@ -6,15 +6,7 @@ scene  EarthScene: a camera in flight over terrain, as a scene file gives it; th
        line, that it sees.
 """
 
-from startrack.earth.geometry.orbit import (
-    Aircraft,
-    Carrier,
-    Flight,
-    Orbit,
-    TwoLines,
-    choose_carrier,
-    fly,
-)
+from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, TwoLines, choose_carrier, fly
 from startrack.earth.geometry.scene import (
     EarthScene,
     Fractal,
@@ -32,13 +24,11 @@ __all__ = [
     "Aircraft",
     "Carrier",
     "EarthScene",
-    "Flight",
     "Fractal",
     "MapFile",
     "Orbit",
     "Pointing",
     "Sensor",
-    "Strip",
     "Terrain",
     "TwoLines",
     "fly",

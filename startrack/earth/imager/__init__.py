@@ -19,13 +19,12 @@ files           FITS that is filled while an image is rendered; GeoTIFF with gro
 
 from startrack.earth.imager.adjacency import Cells, Environment, Plane, leaving, surrounded
 from startrack.earth.imager.band import INFRARED, Band, band_of, terms_in_band
-from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water
+from startrack.earth.imager.brdf import RossLi, Snow, Water
 from startrack.earth.imager.clouds import CloudLayer, Sheet, open_sheets
 from startrack.earth.imager.figures import (
     Figures,
     First,
     Goals,
-    figures,
     figures_of,
     first_parameters,
     known,
@@ -60,36 +59,24 @@ from startrack.earth.imager.render import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Band",
-    "Cells",
     "Channel",
     "CloudLayer",
     "Cover",
-    "Environment",
-    "Figures",
-    "First",
-    "Goals",
     "HotSpot",
     "Imager",
     "Knowledge",
     "Land",
     "Performance",
-    "Plane",
     "Picture",
+    "Plane",
     "Reference",
     "ReflectanceMap",
     "RossLi",
-    "Setting",
     "Snow",
     "Spectrometer",
     "Survey",
     "Water",
-    "band_of",
-    "figures",
-    "first_parameters",
     "load_imager",
     "load_survey",
-    "margins_of",
-    "misregistration",
     "render",
 ]

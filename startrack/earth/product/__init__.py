@@ -18,16 +18,8 @@ from startrack.earth.product.files import (
     write_product,
     write_quality,
 )
-from startrack.earth.product.ortho import QUALITY, MapGrid
-from startrack.earth.product.retrieval import Calibration, calibrate
+from startrack.earth.product.ortho import QUALITY
+from startrack.earth.product.retrieval import calibrate
 
 # Public; the other imports serve other rooms.
-__all__ = [
-    "Calibration",
-    "MapGrid",
-    "Product",
-    "Settings",
-    "against_truth",
-    "calibrate",
-    "make_product",
-]
+__all__ = ["Settings", "calibrate", "make_product"]

@@ -30,10 +30,10 @@ from startrack.earth.terrain.constant_height import ConstantHeight
 from startrack.earth.terrain.ellipsoid import EQUATORIAL, cartesian, geodetic, up
 from startrack.earth.terrain.ground import Ground, Rays, between, joined
 from startrack.earth.terrain.mosaic import Mosaic
-from startrack.earth.terrain.pyramid import Pyramid, Relief
+from startrack.earth.terrain.pyramid import Pyramid
 from startrack.earth.terrain.scan import Scan
 from startrack.earth.terrain.sources import Array, Raster, Source, fractal, require_rasterio
-from startrack.earth.terrain.surface import Grid, NorthUp, Surface, index
+from startrack.earth.terrain.surface import Grid, NorthUp, index
 from startrack.earth.terrain.survey import Chart, Intersector, read_charts, survey
 from startrack.earth.terrain.trace import trace
 
@@ -42,13 +42,10 @@ __all__ = [
     "Array",
     "ConstantHeight",
     "Grid",
-    "Ground",
     "Intersector",
     "Mosaic",
     "Pyramid",
-    "Raster",
     "Rays",
-    "Source",
     "cartesian",
     "fractal",
     "geodetic",

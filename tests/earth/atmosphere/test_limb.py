@@ -5,7 +5,8 @@ import pytest
 
 from startrack.core.units import deg, nm
 from startrack.io import shipped
-from startrack.scene import load_limb, save_limb
+from startrack.scene import save_limb
+from startrack.scene.limb import load_limb
 
 
 @pytest.fixture(scope="module")

@@ -10,13 +10,13 @@ from startrack.earth.terrain import (
     ConstantHeight,
     Grid,
     Rays,
-    Relief,
     cartesian,
     fractal,
     index,
     survey,
     up,
 )
+from startrack.earth.terrain.pyramid import Relief
 from startrack.io import shipped
 
 WEST, NORTH, STEP = 10 * deg, 47 * deg, 1 / 3600 * deg

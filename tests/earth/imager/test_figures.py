@@ -22,13 +22,13 @@ from startrack.earth.imager import (
     Goals,
     Performance,
     Reference,
-    band_of,
-    figures,
     first_parameters,
     load_imager,
     load_survey,
     margins_of,
 )
+from startrack.earth.imager.band import band_of
+from startrack.earth.imager.figures import figures
 from startrack.io import shipped
 from startrack.optics import Optics
 

@@ -21,12 +21,12 @@ from startrack.earth.imager import (
     Picture,
     Spectrometer,
     Survey,
-    band_of,
-    figures,
     lens_registration,
     prepare,
     render,
 )
+from startrack.earth.imager.band import band_of
+from startrack.earth.imager.figures import figures
 from startrack.earth.imager.lens import FieldLens, field_blur, field_lens, image_pixels
 from startrack.earth.product import calibrate
 from startrack.earth.product.ortho import Locator

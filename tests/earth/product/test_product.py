@@ -32,11 +32,11 @@ from startrack.earth.imager import (
     Land,
     Picture,
     Survey,
-    band_of,
     open_sheets,
     prepare,
     render,
 )  # fmt: skip
+from startrack.earth.imager.band import band_of
 from startrack.earth.product import Settings, calibrate, make_product
 from startrack.earth.product.ortho import (
     CLOUD,

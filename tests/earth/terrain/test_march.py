@@ -6,17 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from startrack.earth.terrain import (
-    ConstantHeight,
-    Grid,
-    Rays,
-    Relief,
-    Scan,
-    cartesian,
-    geodetic,
-    index,
-)
+from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, geodetic, index
 from startrack.earth.terrain.horizon import FEWEST, with_horizon
+from startrack.earth.terrain.pyramid import Relief
 from startrack.earth.terrain.trace import blocked, go_on, trace, waiting
 
 from .scenes import STEP, axes, flat, globe, hills, mountains, random_rays, ray

@@ -11,13 +11,13 @@ from startrack.earth.terrain import (
     Mosaic,
     Pyramid,
     Rays,
-    Relief,
     fractal,
     index,
     read_charts,
     survey,
     up,
 )
+from startrack.earth.terrain.pyramid import Relief
 
 from .scenes import STEP, flat, globe, random_rays, ray
 

@@ -3,17 +3,8 @@
 import numpy as np
 import pytest
 
-from startrack.earth.terrain import (
-    ConstantHeight,
-    Grid,
-    Rays,
-    Relief,
-    Scan,
-    cartesian,
-    index,
-    survey,
-    up,
-)
+from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, index, survey, up
+from startrack.earth.terrain.pyramid import Relief
 
 from .scenes import STEP, axes, flat, mountains, random_rays, ray
 
