@@ -64,9 +64,9 @@ def error(camera: Camera) -> np.ndarray:
 
 @pytest.mark.parametrize("frames", [100, pytest.param(1000, marks=pytest.mark.slow)])
 def test_the_error_is_that_of_the_bound(frames):
-    """Error squared over the bound of 8 cameras with 4 unknowns: 1 within 0.25 (1 sigma)."""
+    """Error squared over the bound of 4 cameras with 4 unknowns: 1 within 0.35 (1 sigma)."""
     rng, settings, squares = np.random.default_rng(frames), CameraFilter(PRIOR), []
-    for unit in range(8):
+    for unit in range(4):
         known, directions = first_camera(DESIGN, settings), []
         for _ in range(frames):
             spots, matches, direction = frame(rng, TRUTH)
@@ -79,7 +79,7 @@ def test_the_error_is_that_of_the_bound(frames):
             np.testing.assert_allclose(
                 np.linalg.inv(stated), bound, rtol=0.03, atol=1e-3 * bound.max()
             )
-    assert np.mean(squares) < 2.0
+    assert np.mean(squares) < 2.4
 
 
 def test_slopes_with_temperature_are_found():
@@ -87,7 +87,7 @@ def test_slopes_with_temperature_are_found():
     rng = np.random.default_rng(5)
     settings = CameraFilter(PRIOR, focal_length_slope=5e-5, principal_slope=0.05)
     known = first_camera(DESIGN, settings)
-    for k in range(400):
+    for k in range(200):
         warmer = 10 * np.sin(k / 30)
         camera = replace(
             TRUTH,

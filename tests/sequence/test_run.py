@@ -178,6 +178,7 @@ def test_windows_of_a_sequence_are_those_of_its_frames(small, rate):
         assert np.std(window) == pytest.approx(np.std(frame), rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_wrong_camera_is_calibrated_in_a_sequence(small):
     """Focal length and distortion that are off: errors of frames fall to those of a known camera.
 
