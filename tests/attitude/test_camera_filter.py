@@ -88,7 +88,7 @@ def test_slopes_with_temperature_are_found():
     settings = CameraFilter(PRIOR, focal_length_slope=5e-5, principal_slope=0.05)
     known = first_camera(DESIGN, settings)
     for k in range(200):
-        warmer = 10 * np.sin(k / 30)
+        warmer = 30 * np.sin(k / 15)
         camera = replace(
             TRUTH,
             focal_length_px=TRUTH.focal_length_px * (1 + 3e-5 * warmer),
@@ -99,7 +99,11 @@ def test_slopes_with_temperature_are_found():
     sigma = np.sqrt(np.diag(known.covariance)[8:11])
     true = np.array([3e-5 * TRUTH.focal_length_px, 0.02, 0.0])
     assert (np.abs(known.slope[:3] - true) < 4 * sigma).all()
-    assert (sigma < 0.3 * settings.sigma(DESIGN)[8:11]).all()
+    # Of a line through points at temperatures of mean zero: that of its middle over their rms; k1,
+    # with which the focal length shares its error, has no slope.
+    held = 1 / np.sqrt(np.linalg.inv(known.covariance[:4, :4])[0, 0])
+    alone = held / np.sqrt(np.mean((30 * np.sin(np.arange(200) / 15)) ** 2))
+    assert sigma[0] == pytest.approx(alone, rel=0.25)
 
 
 def test_a_launch_shift_is_followed():
