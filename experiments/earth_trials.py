@@ -18,7 +18,7 @@ from earth_real import write
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from startrack import Curve, nm, um
+from startrack import Curve, deg, nm, um
 from startrack.detector import Detector, Scan
 from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import Aircraft, MapFile, Pointing, Terrain
@@ -109,10 +109,18 @@ def scene(folder: Path, rng: np.random.Generator) -> Survey:
 
 
 def fitted(survey: Survey, folder: Path) -> Survey:
-    """The scene with a full well of 1.6 times its mean signal."""
+    """The scene in the middle of its map, with a full well of 1.6 times its mean signal."""
     channel = survey.channels[0]
     picture = Picture.blank(SIDE, SIDE)
     setting = render(survey, channel, folder, 1, picture)
+    # The camera looks at the Earth's centre, which is not below it: so much must be taken off.
+    plane = survey.aircraft
+    assert plane
+    away = {
+        name: 2 * getattr(plane, name) - float(getattr(picture, name).mean()) * deg
+        for name in ("longitude", "latitude")
+    }
+    survey = replace(survey, aircraft=replace(plane, **away))
     well = float(picture.terms.total.mean()) / um * setting.electrons * 1.6
     detector = replace(channel.detector, full_well=well, read_noise=well / 400)
     return replace(survey, camera=Imager((replace(channel, detector=detector),)))

@@ -29,18 +29,16 @@ from startrack.earth.product.ortho import (
 )
 from startrack.earth.product.retrieval import (
     Calibration,
-    environment_of,
     is_thermal,
     mean_reflectance,
     retrieve,
-    surface_reflectance,
+    settled,
     to_radiance,
 )
 from startrack.earth.product.uncertainty import contributors
 from startrack.earth.terrain import Ground, joined
 
 PIXEL_BYTES = 400  # of geometry and layers
-ROUNDS = 3  # of what surrounds each pixel; each changes it by a tenth of the last
 SPREAD = 3  # pixel to which a lens spreads light that matters; chosen by hand
 UNITS = {
     "radiance": "W m-2 sr-1 um-1",
@@ -162,10 +160,8 @@ def _layers(
     parts = np.split(radiance.ravel(), ends)
     around = mean_reflectance(parts, grounds, setting)
     here = setting._replace(surroundings=0.0 if math.isnan(around) else around)
-    for _ in range(0 if math.isnan(around) else ROUNDS):
-        surface = [surface_reflectance(*part, here) for part in zip(parts, grounds, strict=True)]
-        mixed = environment_of(np.concatenate(surface), joined(grounds), pixel, here)
-        here = here._replace(environment=mixed)
+    if not math.isnan(around):
+        here = settled(radiance.ravel(), joined(grounds), pixel, here)
     retrievals = [retrieve(part, ground, here) for part, ground in zip(parts, grounds, strict=True)]
     image = {"radiance": radiance}
     for name, values in zip(

@@ -37,6 +37,7 @@ TRANSFER = 2  # the level of the photon transfer
 LINES, FRAMES = 256, 16  # by default: lines of a scanner, or frames of a matrix, that are averaged
 IN_TURN = 2**16  # exposures of one level
 ROUNDS = 6  # of the mean reflectance of the surroundings; each changes it by a tenth of the last
+MIXED = 5  # rounds of what surrounds each pixel; in haze each changes it by a third of the last
 FIRST = 0.2  # guess of it
 THINNED = 2**14  # pixels at most that give it
 
@@ -277,6 +278,20 @@ def environment_of(
         return np.where(at < len(sent), sent[np.minimum(at, len(sent) - 1)], math.nan)
 
     return surrounded([here], pixel / 2, float(sent.mean()) + more, setting.band, values)
+
+
+def settled(
+    radiance: Floats, ground: Ground, pixel: float, setting: Setting, more: float = 0.0
+) -> Setting:
+    """The setting with what surrounds each pixel, solved by iteration over the whole image.
+
+    radiance, ground, pixel, more  as for `surface_reflectance` and `environment_of`
+    """
+    for _ in range(MIXED):
+        surface = surface_reflectance(radiance, ground, setting)
+        around = environment_of(surface, ground, pixel, setting, more)
+        setting = setting._replace(environment=around)
+    return setting
 
 
 def _air(ground: Ground, setting: Setting) -> tuple[Floats, Floats]:

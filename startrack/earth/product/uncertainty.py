@@ -16,8 +16,8 @@ from startrack.earth.product.retrieval import (
     Calibration,
     apparent_reflectance,
     brightness_temperature,
-    environment_of,
     is_thermal,
+    settled,
     surface_reflectance,
 )
 from startrack.earth.terrain import Ground
@@ -77,24 +77,10 @@ def contributors(
             lambda light: apparent_reflectance(light, zenith, setting.band),
             lambda: apparent_reflectance(flat, zenith, shifted),
         )
-        surface = through(
-            lambda light: surface_reflectance(light, ground, setting),
-            lambda: surface_reflectance(flat, ground, moved),
+        hazier = _hazier(survey, channel, ground, setting)
+        out["surface reflectance"] = _of_surface(
+            flat, ground, pixel, of_radiance, setting, moved, hazier, knowledge
         )
-        base = surface_reflectance(flat, ground, setting)
-        size = float(np.median(pixel[ground.hit]))
-        brighter = environment_of(base, ground, size, setting, knowledge.beyond)
-        tilted = replace(
-            ground, sun_incidence=np.minimum(ground.sun_incidence + knowledge.slope, math.pi / 2)
-        )
-        for cause, place, here in (
-            ("terrain", tilted, setting),
-            ("atmosphere", ground, _hazier(survey, channel, ground, setting)),
-            ("surroundings", ground, setting._replace(environment=brighter)),
-        ):
-            change = abs(surface_reflectance(flat, place, here) - base)
-            surface[cause] = change.reshape(radiance.shape)
-        out["surface reflectance"] = surface
     if "brightness temperature" in layers:
         out["brightness temperature"] = through(
             lambda light: brightness_temperature(light, setting.band),
@@ -107,6 +93,36 @@ def contributors(
     aside = knowledge.height * np.tan(ground.view_zenith)
     place = np.hypot(knowledge.registration * pixel, aside).reshape(radiance.shape)
     return out | {"place": {"total": place}}
+
+
+def _of_surface(
+    flat: Floats, ground: Ground, pixel: Floats, of_radiance: dict[str, Floats], setting: Setting,
+    moved: Setting, hazier: Setting, knowledge: Knowledge,
+) -> dict[str, Floats]:  # fmt: skip
+    """Of the surface's reflectance.
+
+    What is common to all pixels also changes what surrounds them, which weakens it.
+
+    moved, hazier  the setting with another response, and in other air
+    """
+    size, lines = float(np.median(pixel[ground.hit])), of_radiance["noise"].shape
+    base = surface_reflectance(flat, ground, setting)
+    noisy = flat + of_radiance["noise"].ravel()
+    tilt = np.minimum(ground.sun_incidence + knowledge.slope, math.pi / 2)
+    brighter = settled(flat, ground, size, setting, knowledge.beyond)
+    other = {
+        "noise": surface_reflectance(noisy, ground, setting),
+        "terrain": surface_reflectance(flat, replace(ground, sun_incidence=tilt), setting),
+        "surroundings": surface_reflectance(flat, ground, brighter),
+    }  # fmt: skip
+    common = {
+        cause: (flat + of_radiance[cause].ravel(), setting)
+        for cause in ("calibration", "straylight")
+    } | {"spectral response": (flat, moved), "atmosphere": (flat, hazier)}
+    for cause, (light, here) in common.items():
+        here = settled(light, ground, size, here)
+        other[cause] = surface_reflectance(light, ground, here)
+    return {cause: abs(values - base).reshape(lines) for cause, values in other.items()}
 
 
 def _of_radiance(
