@@ -29,7 +29,9 @@ SIGMAS = 2.0  # by which a design may be better than expected: 98 % of a normal 
 BAD = 0.5  # of a score above the least, beyond which no condition without a weight is forecast
 GOOD = 0.2  # the same, up to which a design tells whether they matter
 ENOUGH_MET = 8  # good designs that meet all limits in these conditions by far, after which none is
-CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
+BEYOND = 1.0  # ln(error) above the least, beyond which a design is only bad: an emulator of all
+# would take its lengths from the worst
+FEWEST = 2  # designs per variable at least that an emulator of the objective is of
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
 SAFE = 1e-3  # by which an emulated margin must be met, as it is wrong by so much at a limit
@@ -38,7 +40,8 @@ APART = 1e-3  # of each range: nearer points are the same design
 RELAXED = 0.01  # of a limit, by which `prices` relaxes it
 NODES = 25  # of each variable, at which its span is looked for
 ALL = 0.9  # of its range, from which on a variable that may have any value does not matter
-SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 where it has none
+# An emulated margin: 1 of the best design, 0 of one that is BEYOND, -1 where there is no forecast.
+SOLVED = "solved"
 
 
 class Linear(Protocol):
@@ -163,21 +166,24 @@ def emulators(
     like     of fewer forecasts of the same space
     Raises   Refused where no design has a forecast.
     """
-    known = np.isfinite([value.expected for value in values])
+    expected = np.array([value.expected for value in values])
+    known = np.isfinite(expected)
     if not known.any():
         raise Refused("none of the designs that were tried has a forecast")
-    expected = np.array([value.expected for value in values])[known]
-    expected = np.minimum(expected, expected.min() + CLIPPED)
-    objective = emulator(points[known], expected, like.objective if like else None)
+    above = np.where(known, expected - expected[known].min(), np.inf)
+    fewest = np.sort(above[known])[: FEWEST * points.shape[1]][-1]
+    near = above <= max(BEYOND, fewest)
+    objective = emulator(points[near], expected[near], like.objective if like else None)
     before, margins = like.margins if like else {}, dict[str, Emulator]()
     tried = ~np.array([value.left_out for value in values])
-    if not known[tried].all():
-        solved = np.where(known[tried], 1.0, -1.0)
+    if not near[tried].all():
+        solved = np.clip(1 - above[tried] / BEYOND, -1.0, 1.0)
         margins[SOLVED] = emulator(points[tried], solved, before.get(SOLVED))
     names = dict.fromkeys(name for value in values for name in value.margins)
     for name in names:
         held = np.array([name in value.margins for value in values])
-        margin = np.array([value.margins[name] for value in values if name in value.margins])
+        held &= near | ~tried  # of designs that cost too much, nothing else is known
+        margin = np.array([values[k].margins[name] for k in np.flatnonzero(held)])
         if (margin < 0).any():
             place = scales.get(name, Scale()).of(margin)
             margins[name] = emulator(points[held], place, before.get(name))
