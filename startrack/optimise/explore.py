@@ -183,7 +183,7 @@ def emulators(
     for name in names:
         held = np.array([name in value.margins for value in values])
         held &= near | ~tried  # of designs that cost too much, nothing else is known
-        margin = np.array([values[k].margins[name] for k in np.flatnonzero(held)])
+        margin = np.array([values[k].margins[name] for k in np.flatnonzero(held).tolist()])
         if (margin < 0).any():
             place = scales.get(name, Scale()).of(margin)
             margins[name] = emulator(points[held], place, before.get(name))

@@ -112,6 +112,26 @@ def test_of_two_valleys_the_deeper_is_found(monkeypatch):
     assert found.best == pytest.approx([0.2, 0.2], abs=0.02)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_designs_far_from_the_best_do_not_make_the_good_ones_uncertain(seed):
+    # A cliff, as where an exposure is too short to see enough stars: nothing varies fast near the
+    # best, and an emulator of all designs would take the length of the cliff for that of the rest.
+    def value(points):
+        wall = 3.0 * np.tanh(np.maximum(points[:, 0] - 0.5, 0) / 0.02)
+        return 0.5 * points[:, 1] + 0.3 * (points**2).sum(axis=1) + wall
+
+    random = np.random.default_rng(seed)
+    points, others = random.random((40, 4)), random.random((200, 4))
+    others = others[others[:, 0] < 0.45]
+    values = [Foresight(float(one), {}, {}) for one in value(points)]
+    known = explore.emulators(points, values, {})
+    expected, sigma = known.objective.expected_and_sigma(others)
+    error = expected - value(others)
+    assert np.sqrt((error**2).mean()) < 0.03
+    assert np.sqrt(((error / np.maximum(sigma, 1e-4)) ** 2).mean()) < 2
+    assert (known.margins[explore.SOLVED].expected(others) > 0).all()
+
+
 def test_designs_without_a_forecast_are_avoided(monkeypatch):
     def holed(point):
         return Foresight(math.nan, {}) if point[0] > 0.6 else Foresight(float(-point[0]), {})
