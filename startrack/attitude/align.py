@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.linear import best_rotation, invert, largest_eigenvalue, least_squares
-from startrack.core import Floats, Refused, kernel, rotation_of
+from startrack.core import Floats, Refused, kernel, rotated, rotation_of, turn_by
 
 EPS = 2.0**-52
 MOST_STEPS = 100  # two or three are enough, except for stars that contradict each other
@@ -171,7 +171,7 @@ def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
     """
     sine = cosine = 0.0
     for i in range(len(w)):
-        px, py, pz = _apply(a, r[i])
+        px, py, pz = rotated(a, r[i])
         bx, by, bz = b[i]
         along = px * axis[0] + py * axis[1] + pz * axis[2]
         px, py, pz = px - along * axis[0], py - along * axis[1], pz - along * axis[2]
@@ -192,7 +192,7 @@ def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
 def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
     """Write sqrt(w) d(p) / d(turn) and sqrt(w) (b - p) with p = a r, a star every three columns."""
     for i in range(len(w)):
-        px, py, pz = _apply(a, r[i])
+        px, py, pz = rotated(a, r[i])
         root = math.sqrt(w[i])
         x, y, z = 3 * i, 3 * i + 1, 3 * i + 2
         columns[0, x], columns[1, x], columns[2, x] = 0.0, root * pz, -root * py
@@ -201,21 +201,6 @@ def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
         columns[3, x] = root * (b[i, 0] - px)
         columns[3, y] = root * (b[i, 1] - py)
         columns[3, z] = root * (b[i, 2] - pz)
-
-
-@kernel
-def turn_by(turn, a):  # type: ignore[no-untyped-def]
-    """Rotate a by a rotation vector (Rodrigues' formula, with half angles for small ones)."""
-    angle = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
-    sine = math.sin(angle) / angle if angle > 0 else 1.0
-    versine = 2 * (math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
-    x, y, z = turn
-    for j in range(3):
-        u, v, w = a[0, j], a[1, j], a[2, j]
-        ux, uy, uz = y * w - z * v, z * u - x * w, x * v - y * u
-        a[0, j] = u + sine * ux + versine * (y * uz - z * uy)
-        a[1, j] = v + sine * uy + versine * (z * ux - x * uz)
-        a[2, j] = w + sine * uz + versine * (x * uy - y * ux)
 
 
 @kernel
@@ -231,7 +216,7 @@ def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
     h, half = np.zeros((3, 3)), np.empty((3, 3))
     p, e = np.empty(3), np.empty(3)
     for i in range(len(w)):
-        p[0], p[1], p[2] = _apply(a, r[i])
+        p[0], p[1], p[2] = rotated(a, r[i])
         along = square = 0.0
         for j in range(3):
             e[j] = b[i, j] - p[j]
@@ -256,12 +241,3 @@ def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
         + h[0, 2] * (h[0, 1] * h[1, 2] - h[1, 1] * h[0, 2])
     )
     return loss, h[0, 0] > 0 and minor > 0 and determinant > 0
-
-
-@kernel
-def _apply(a, v):  # type: ignore[no-untyped-def]
-    return (
-        a[0, 0] * v[0] + a[0, 1] * v[1] + a[0, 2] * v[2],
-        a[1, 0] * v[0] + a[1, 1] * v[1] + a[1, 2] * v[2],
-        a[2, 0] * v[0] + a[2, 1] * v[1] + a[2, 2] * v[2],
-    )

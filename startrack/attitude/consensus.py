@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.attitude.linear import best_rotation
-from startrack.core import Floats, kernel
+from startrack.core import Floats, axes_of_pair, kernel
 
 
 def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -> NDArray[np.bool_]:
@@ -52,13 +52,13 @@ def _search(
             spread = math.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
             if abs(near - far) > gate * spread or far <= gate * spread:
                 continue
-            _frame(observed[i], observed[j], seen)
-            _frame(reference[i], reference[j], known)
+            axes_of_pair(observed[i], observed[j], seen)
+            axes_of_pair(reference[i], reference[j], known)
             for m in range(3):
                 for n in range(3):
                     attitude[m, n] = 0.0
                     for axis in range(3):
-                        attitude[m, n] += seen[m, axis] * known[n, axis]
+                        attitude[m, n] += seen[axis, m] * known[axis, n]
             agree = 0
             for k in range(count):
                 # Error of the pair's middle: spread / 2; of the rotation about it: spread / far.
@@ -107,18 +107,3 @@ def _distance(seen: Floats, attitude: Floats, known: Floats) -> float:
         turned = attitude[k, 0] * known[0] + attitude[k, 1] * known[1] + attitude[k, 2] * known[2]
         square += (seen[k] - turned) ** 2
     return math.sqrt(square)
-
-
-@kernel
-def _frame(a: Floats, b: Floats, frame: Floats) -> None:
-    """Columns: along the sum of two unit vectors, along their difference, and across both."""
-    along = across = 0.0
-    for k in range(3):
-        along += (a[k] + b[k]) ** 2
-        across += (b[k] - a[k]) ** 2
-    along, across = math.sqrt(along), math.sqrt(across)
-    for k in range(3):
-        frame[k, 0], frame[k, 1] = (a[k] + b[k]) / along, (b[k] - a[k]) / across
-    frame[0, 2] = frame[1, 0] * frame[2, 1] - frame[2, 0] * frame[1, 1]
-    frame[1, 2] = frame[2, 0] * frame[0, 1] - frame[0, 0] * frame[2, 1]
-    frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[1, 0] * frame[0, 1]

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude.align import turn_by
 from startrack.attitude.linear import invert, least_squares
-from startrack.core import Camera, Floats, Refused, kernel, plane_slopes, rotation_of
+from startrack.core import Camera, Floats, Refused, kernel, plane_slopes, rotation_of, turn_by
 
 MOST_STEPS = 10  # a limit: the start is close to the minimum
 SMALLEST_STEP = 1e-15  # radian, some eps

@@ -16,7 +16,8 @@ interpolation  Values at nodes -> values between them: on a line, over wavelengt
 compiler   Kernels -> machine code, once for each kernel that Python calls; optional, for it uses
            names that numba does not publish.
 interpret  Kernels that are not compiled yet -> their results by Python, for as long as it pays.
-rotations  Rotation matrices -> quaternions and scipy's Rotations, in compiled code.
+rotations  Rotation matrices: from pairs of directions, turned, applied, as quaternions; in
+           compiled code.
 camera     Direction to pixel and pixel to direction, both ways together: OpenCV's distortion, a
            polynomial over the field.
 values     The nouns that flow from room to room; every array has its shape and unit here.
@@ -91,7 +92,7 @@ from startrack.core.kernel import (
     trusted,
 )
 from startrack.core.memory import begin_limited, gib, limited_memory, memory_limit, require_memory
-from startrack.core.rotations import quaternion, rotation_of
+from startrack.core.rotations import axes_of_pair, quaternion, rotated, rotation_of, turn_by
 from startrack.core.streams import Streams
 from startrack.core.units import (
     BOLTZMANN,

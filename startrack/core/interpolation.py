@@ -26,13 +26,13 @@ def local_weights(nodes: Floats, at: Floats) -> tuple[Ints, Floats]:
 
 
 def lagrange_weights(nodes: Floats, at: Floats) -> Floats:
-    """(n, k) weights of the values at nodes (k,) for those of the polynomial at places (n,)."""
+    """(n, k) weights of values at nodes, (k,) or (n, k), in their polynomial at places (n,)."""
     away = at[:, None] - nodes
-    weight = np.ones((len(at), len(nodes)))
-    for k in range(len(nodes)):
-        for other in range(len(nodes)):
+    weight = np.ones(away.shape)
+    for k in range(away.shape[1]):
+        for other in range(away.shape[1]):
             if other != k:
-                weight[:, k] *= away[:, other] / (nodes[k] - nodes[other])
+                weight[:, k] *= away[:, other] / (nodes[..., k] - nodes[..., other])
     return weight
 
 

@@ -1,4 +1,4 @@
-"""Rotation matrices -> quaternions and scipy's Rotations, in compiled code.
+"""Rotation matrices: from pairs of directions, turned, applied, as quaternions; in compiled code.
 
 scipy checks each matrix, and so takes longer to take one than a tracker takes to find it.
 """
@@ -51,3 +51,49 @@ def quaternion(rotation: Floats) -> Floats:  # pragma: no cover
     for m in range(4):
         q[m] /= length
     return q
+
+
+@kernel
+def rotated(rotation: Floats, v: Floats) -> tuple[float, float, float]:  # pragma: no cover
+    """A vector (3,) after a rotation (3, 3)."""
+    return (
+        rotation[0, 0] * v[0] + rotation[0, 1] * v[1] + rotation[0, 2] * v[2],
+        rotation[1, 0] * v[0] + rotation[1, 1] * v[1] + rotation[1, 2] * v[2],
+        rotation[2, 0] * v[0] + rotation[2, 1] * v[1] + rotation[2, 2] * v[2],
+    )
+
+
+@kernel
+def turn_by(turn: Floats, rotation: Floats) -> None:  # pragma: no cover
+    """Follow a rotation (3, 3), in place, by that of a rotation vector (3,).
+
+    Rodrigues' formula, with half angles for small ones.
+    """
+    x, y, z = turn[0], turn[1], turn[2]
+    angle = math.sqrt(x**2 + y**2 + z**2)
+    sine = math.sin(angle) / angle if angle > 0 else 1.0
+    versine = 2 * (math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
+    for j in range(3):
+        u, v, w = rotation[0, j], rotation[1, j], rotation[2, j]
+        ux, uy, uz = y * w - z * v, z * u - x * w, x * v - y * u
+        rotation[0, j] = u + sine * ux + versine * (y * uz - z * uy)
+        rotation[1, j] = v + sine * uy + versine * (z * ux - x * uz)
+        rotation[2, j] = w + sine * uz + versine * (x * uy - y * ux)
+
+
+@kernel
+def axes_of_pair(a: Floats, b: Floats, axes: Floats) -> None:  # pragma: no cover
+    """Write rows: along the sum of two unit vectors, along their difference, and across both.
+
+    Source: TRIAD, Black (1964), AIAA J. 2(7), 1350, in the form that treats both vectors alike.
+    """
+    along = across = 0.0
+    for k in range(3):
+        along += (a[k] + b[k]) ** 2
+        across += (b[k] - a[k]) ** 2
+    along, across = math.sqrt(along), math.sqrt(across)
+    for k in range(3):
+        axes[0, k], axes[1, k] = (a[k] + b[k]) / along, (b[k] - a[k]) / across
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        axes[2, k] = axes[0, i] * axes[1, j] - axes[0, j] * axes[1, i]

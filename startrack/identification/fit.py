@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel, plane_slopes
+from startrack.core import Floats, axes_of_pair, kernel, plane_slopes, rotated, turn_by
 
 
 @kernel
@@ -18,8 +18,9 @@ def align(a: Floats, b: Floats, u: Floats, v: Floats) -> Floats:  # pragma: no c
 
     a, b, u, v  (3,) unit vectors
     """
-    source, target = _triad(a, b), _triad(u, v)
-    rotation = np.empty((3, 3))
+    source, target, rotation = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    axes_of_pair(a, b, source)
+    axes_of_pair(u, v, target)
     for i in range(3):
         for j in range(3):
             rotation[i, j] = (
@@ -28,22 +29,6 @@ def align(a: Floats, b: Floats, u: Floats, v: Floats) -> Floats:  # pragma: no c
                 + target[2, i] * source[2, j]
             )
     return rotation
-
-
-@kernel
-def _triad(a: Floats, b: Floats) -> Floats:  # pragma: no cover
-    """Three unit vectors as rows: along a + b, along b - a, and normal to both."""
-    triad = np.empty((3, 3))
-    for i in range(3):
-        triad[0, i], triad[1, i] = a[i] + b[i], b[i] - a[i]
-    for k in range(2):
-        length = math.sqrt(triad[k, 0] ** 2 + triad[k, 1] ** 2 + triad[k, 2] ** 2)
-        for i in range(3):
-            triad[k, i] /= length
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        triad[2, k] = triad[0, i] * triad[1, j] - triad[0, j] * triad[1, i]
-    return triad
 
 
 @kernel
@@ -72,14 +57,14 @@ def fit(
     steps       of Gauss-Newton
     Returns     rotation (3, 3), scale; NaN where the matches do not determine them
     """
-    unknowns = 4 if focal > 0 else 3
+    rotation, unknowns = rotation.copy(), 4 if focal > 0 else 3
     row_x, row_y = np.zeros(4), np.zeros(4)
     for _ in range(steps):
         normal, right = np.zeros((4, 4)), np.zeros(4)
         if focal > 0:
             normal[3, 3], right[3] = focal**-2, (1 - scale) * focal**-2
         for i in range(len(spot)):
-            px, py, pz = turned(rotation, direction[star[i]])
+            px, py, pz = rotated(rotation, direction[star[i]])
             x, y = px / pz, py / pz
             slope_x, slope_y = plane_slopes(x, y)
             row_x[0], row_x[1], row_x[2] = slope_x
@@ -93,7 +78,7 @@ def fit(
                 for k in range(j + 1):
                     normal[j, k] += w * (row_x[j] * row_x[k] + row_y[j] * row_y[k])
         step = _solve(normal, right, unknowns)
-        rotation = _turn(step[:3], rotation)
+        turn_by(step, rotation)
         scale += step[3]
     return rotation, scale
 
@@ -105,7 +90,7 @@ def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  #
     direction  (3,) ICRS axes
     Returns    per radian about the camera's axes, and per unit of the scale
     """
-    px, py, pz = turned(rotation, direction)
+    px, py, pz = rotated(rotation, direction)
     x, y = px / pz, py / pz
     rows = np.empty((2, 4))
     slope_x, slope_y = plane_slopes(x, y)
@@ -113,16 +98,6 @@ def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  #
         rows[0, k], rows[1, k] = slope_x[k] * scale, slope_y[k] * scale
     rows[0, 3], rows[1, 3] = x, y
     return rows
-
-
-@kernel
-def turned(rotation: Floats, d: Floats) -> tuple[float, float, float]:  # pragma: no cover
-    """A direction (3,) after a rotation (3, 3)."""
-    return (
-        rotation[0, 0] * d[0] + rotation[0, 1] * d[1] + rotation[0, 2] * d[2],
-        rotation[1, 0] * d[0] + rotation[1, 1] * d[1] + rotation[1, 2] * d[2],
-        rotation[2, 0] * d[0] + rotation[2, 1] * d[1] + rotation[2, 2] * d[2],
-    )
 
 
 @kernel
@@ -152,22 +127,3 @@ def _solve(normal: Floats, right: Floats, n: int) -> Floats:  # pragma: no cover
             total -= normal[i, j] * solution[i]
         solution[j] = total / normal[j, j]
     return solution
-
-
-@kernel
-def _turn(step: Floats, rotation: Floats) -> Floats:  # pragma: no cover
-    """The rotation (3, 3) followed by that of a rotation vector (3,), by Rodrigues' formula."""
-    angle = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-    sine = math.sin(angle) / angle if angle > 0 else 1.0
-    cosine = 2 * (math.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
-    turned_by = np.empty((3, 3))
-    for k in range(3):
-        v = rotation[:, k]
-        once, twice = np.empty(3), np.empty(3)
-        for i in range(3):
-            once[i] = step[(i + 1) % 3] * v[(i + 2) % 3] - step[(i + 2) % 3] * v[(i + 1) % 3]
-        for i in range(3):
-            twice[i] = step[(i + 1) % 3] * once[(i + 2) % 3] - step[(i + 2) % 3] * once[(i + 1) % 3]
-        for i in range(3):
-            turned_by[i, k] = v[i] + sine * once[i] + cosine * twice[i]
-    return turned_by

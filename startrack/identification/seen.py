@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Camera, Floats, Ints, Spots, kernel, median
-from startrack.identification.fit import turned
+from startrack.core import Camera, Floats, Ints, Spots, kernel, median, rotated
 from startrack.identification.grids import SkyGrid, cubes_around, most_within
 from startrack.identification.parameters import Identification
 
@@ -210,6 +209,6 @@ def project(
     """Positions (m, 2) of the chosen stars in the image plane."""
     place = np.empty((len(star), 2))
     for i in range(len(star)):
-        x, y, z = turned(rotation, direction[star[i]])
+        x, y, z = rotated(rotation, direction[star[i]])
         place[i, 0], place[i, 1] = scale * x / z, scale * y / z
     return place

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, is_code, kernel
+from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, is_code, kernel, rotated
 from startrack.identification.agree import Agreed
-from startrack.identification.fit import derivatives, fit, turned
+from startrack.identification.fit import derivatives, fit
 from startrack.identification.grids import VerificationStars
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
@@ -165,7 +165,7 @@ def _away(source: Floats, target: Floats) -> Floats:  # pragma: no cover
     """The small rotation vector (3,) from one attitude to another, about the camera's axes."""
     away = np.zeros(3)
     for k in range(3):
-        x, y, z = turned(target, source[k])
+        x, y, z = rotated(target, source[k])
         # The source's axis k, in the target's camera axes, is column k of the rotation.
         column = (x, y, z)
         away[(k + 1) % 3] -= 0.5 * column[(k + 2) % 3]

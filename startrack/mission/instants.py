@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation, Slerp
 
 from startrack import space
-from startrack.core import LIGHT_SPEED, Floats, Refused, installed_tables, utc
+from startrack.core import LIGHT_SPEED, Floats, Refused, installed_tables, lagrange_weights, utc
 from startrack.mission.files import Ephemeris, read_aem, read_ck, read_oem, read_spk, seconds_after
 from startrack.mission.parameters import Attitude, Mission, Orbit, Scan
 from startrack.space import cross, dot, times, unit
@@ -341,9 +341,9 @@ def spread(
     behind = points // 2 - 1
     wide = block * step
     values = exact(first + wide * (np.arange(blocks + points - 1, dtype=float) - behind))
-    knots = np.arange(points, dtype=float)[:, None] - behind
-    weight = space.lagrange_weights(knots, np.arange(block) / block)
-    between = sliding_window_view(values, points, axis=1) @ weight
+    knots = np.arange(points, dtype=float) - behind
+    weight = lagrange_weights(knots, np.arange(block) / block)
+    between = sliding_window_view(values, points, axis=1) @ weight.T
     return between.reshape(len(values), -1)[:, :count]
 
 

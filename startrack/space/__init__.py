@@ -55,7 +55,6 @@ from startrack.space.orbit import (
     Sgp4,
     Tabulated,
     element_record,
-    lagrange_weights,
     node_at,
     orbit_direction,
     propagate,

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from startrack.core import Floats, Refused, installed_tables, shown, utc
+from startrack.core import Floats, Refused, installed_tables, lagrange_weights, shown, utc
 from startrack.space.bodies import DAY
 from startrack.space.earth import EARTH_RADIUS, GM, J2
 
@@ -258,18 +258,8 @@ class Tabulated:
         near = np.searchsorted(self.second, second) - self.points // 2
         near = np.clip(near, 0, len(self.second) - self.points)
         at = near + np.arange(self.points)[:, None]
-        weight = lagrange_weights(self.second[at], second)
+        weight = np.ascontiguousarray(lagrange_weights(self.second[at].T, second).T)
         place, speed = (
             np.einsum("kn,akn->an", weight, values[:, at]) for values in (self.place, self.speed)
         )
         return place, speed
-
-
-def lagrange_weights(knots: Floats, at: Floats) -> Floats:
-    """(k, n) weights of the values at k knots, (k, n) or (k, 1), in their polynomial at (n,)."""
-    weight = np.ones((len(knots), len(at)))
-    for i in range(len(knots)):
-        for j in range(len(knots)):
-            if i != j:
-                weight[i] *= (at - knots[j]) / (knots[i] - knots[j])
-    return weight
