@@ -23,12 +23,14 @@ from startrack.calibration.field import (
     orders_of,
     residuals,
 )
+from startrack.calibration.photon_transfer import Level, sample_detector
 from startrack.calibration.posterior import Prior, sample_camera
 from startrack.calibration.star_table import Names, StarTable, is_star_table, read_star_table
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Calibration",
+    "Level",
     "Names",
     "Prior",
     "calibrate",
@@ -37,4 +39,5 @@ __all__ = [
     "fit_field",
     "read_star_table",
     "sample_camera",
+    "sample_detector",
 ]

@@ -318,24 +318,3 @@ def divide_flat(frame: Frame, flat: Frame) -> Frame:
     with np.errstate(divide="ignore", invalid="ignore"):
         even = np.where(response >= LEAST_RESPONSE, light / response, np.float32(np.nan))
     return replace(frame, image=(even + np.float32(frame.offset)).astype(np.float32))
-
-
-def without_pixels(frame: Frame, x: Ints, y: Ints) -> Frame:
-    """Mark known hot or dead pixels, columns x and rows y (n,), as NaN, which `detect` fills.
-
-    Raises  ValueError where a pixel lies outside the frame.
-    """
-    rows, columns = frame.image.shape
-    x, y = np.asarray(x), np.asarray(y)
-    outside = (x < 0) | (x >= columns) | (y < 0) | (y >= rows)
-    if outside.any():
-        first = int(np.argmax(outside))
-        raise Refused(
-            f"pixels must lie within {columns} columns and {rows} rows, got column {x[first]}, "
-            f"row {y[first]}"
-        )
-    image: NDArray[np.floating] = np.array(
-        frame.image, np.float32 if frame.image.dtype.itemsize <= 2 else np.float64
-    )
-    image[y, x] = np.nan
-    return replace(frame, image=image)

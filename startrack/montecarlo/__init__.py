@@ -21,7 +21,7 @@ merge       Stores of parts of a campaign -> one store, with the same bytes in a
             parts.
 """
 
-from startrack.montecarlo.attitudes import Regions, at_random, chances
+from startrack.montecarlo.attitudes import Regions, at_random, chances, where_likely
 from startrack.montecarlo.causes import Ending, Endings, endings, with_causes
 from startrack.montecarlo.comparison import Difference, differences, fidelity_comparison
 from startrack.montecarlo.estimate import combined, mean_square, probability
@@ -44,6 +44,7 @@ from startrack.montecarlo.workers import Certificates, Serial, cluster, dask_poo
 __all__ = [
     "Certificates",
     "Precision",
+    "Regions",
     "Sampling",
     "Serial",
     "Sketch",
@@ -61,4 +62,5 @@ __all__ = [
     "run",
     "save_sketch",
     "warm",
+    "where_likely",
 ]

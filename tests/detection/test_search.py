@@ -13,7 +13,6 @@ from startrack.detection import Detection, detect, divide_flat, gaussian_psf
 from startrack.detection.connect import lit, peaks
 from startrack.detection.detect import detect_near
 from startrack.detection.matched import filtered, gaussian_kernel, psf_kernel
-from startrack.detection.pixels import without_pixels
 from startrack.detection.star_model import smeared
 
 SIDE = 1024
@@ -171,14 +170,9 @@ def test_known_hot_pixels_are_no_stars(sky):
     image[20:22, 30:32] += 5000  # a cluster, which alone would pass for a star
     frame = Frame(image.astype(np.uint16))
     assert len(detect(frame, Detection())) == 2
-    x, y = np.array([30, 31, 30, 31]), np.array([20, 20, 21, 21])
-    assert len(detect(without_pixels(frame, x, y), Detection())) == 1
-
-
-@pytest.mark.parametrize(("x", "y"), [(-1, 3), (5, 3), (2, 4)])
-def test_a_hot_pixel_beyond_the_frame_is_refused(x, y):
-    with pytest.raises(ValueError, match=f"got column {x}, row {y}"):
-        without_pixels(Frame(np.zeros((4, 5))), np.array([1, x]), np.array([1, y]))
+    marked = image.astype(float)
+    marked[20:22, 30:32] = np.nan
+    assert len(detect(Frame(marked), Detection())) == 1
 
 
 def test_a_cosmic_ray_through_a_star_spoils_no_other(sky):
