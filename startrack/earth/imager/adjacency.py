@@ -20,7 +20,7 @@ from startrack.space import sun_direction
 
 WIDE = 3.0  # standard deviations to which a Gaussian reaches; chosen by hand
 FINE = 0.3  # of a standard deviation: side of a cell; chosen by hand
-COARSE = 4.0  # rays: the least side of a cell, so that cells cost less than the image
+COARSE = 5.0  # rays: the least side of a cell, so that cells cost less than the image
 GOLDEN = (math.sqrt(5) - 1) / 2
 ABOVE = 20e3  # metre from which a ray looks down on each cell
 CELLS = 2**17  # at a time, which limits the memory
