@@ -8,23 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import trial
 from startrack.budget.budget import Cause
 from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Ints
 from startrack.design import Case
 from startrack.motion import jitter_rms
-from startrack.trial import (
-    LENS_COLOUR,
-    LENS_FIELD,
-    SHUTTER,
-    Term,
-    blending_shift,
-    colour_correction,
-    mean_colour,
-    residual_shift,
-    zones_of,
-)
 
 
 def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints, Floats]:
@@ -41,7 +31,7 @@ def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints
     pixel = camera.project(np.column_stack([view.x[near], view.y[near], np.ones(len(near))]))
     near = near[camera.holds(pixel, -(detection.window // 2 + detection.edge))]
     star = view.star[near]
-    magnitude = stars.magnitude_g[star] + colour_correction(like, stars.colour[star])
+    magnitude = stars.magnitude_g[star] + trial.colour_correction(like, stars.colour[star])
     believed = believed_index(case.catalog, case.believed_catalog)[view.name[star]]
     seen = (magnitude < faintest) & (believed >= 0)
     return near[seen], magnitude[seen]
@@ -56,7 +46,8 @@ def believed_index(true: Selection, believed: Selection) -> Ints:
 
 # Causes that move single stars.
 OF_STARS = (
-    LENS_FIELD, LENS_COLOUR, "camera model", "proper motion", "parallax", "aberration", SHUTTER,
+    trial.LENS_FIELD, trial.LENS_COLOUR, "camera model", "proper motion", "parallax", "aberration",
+    trial.SHUTTER,
 )  # fmt: skip
 
 
@@ -81,14 +72,14 @@ def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> Thro
     many = len(inside)
     if not case.instrument.optics.tabulated:
         return ThroughLens(np.zeros(many, np.int64), np.zeros(many), {})
-    colour = mean_colour(case, view.sky.stars.colour[view.star[inside]])
+    colour = trial.mean_colour(case, view.sky.stars.colour[view.star[inside]])
     x, y = camera.project(np.column_stack([view.x[inside], view.y[inside], np.ones(many)])).T
-    sunlike, rest = residual_shift(case)
+    sunlike, rest = trial.residual_shift(case)
     field, other = sunlike.at(x, y, colour), rest.at(x, y, colour)
     return ThroughLens(
-        zones_of(case).of(x, y, colour),
+        trial.zones_of(case).of(x, y, colour),
         -2.5 * np.log10(np.maximum(other[:, 2], 1e-6)),
-        {LENS_FIELD: field[:, :2], LENS_COLOUR: other[:, :2]},
+        {trial.LENS_FIELD: field[:, :2], trial.LENS_COLOUR: other[:, :2]},
     )
 
 
@@ -97,7 +88,7 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
     correct = cause.without(case)
     camera = case.believed_camera
     x, y = view.x[inside], view.y[inside]
-    if cause.name == SHUTTER:
+    if cause.name == trial.SHUTTER:
         return _sheared(case, x, y)
     if camera != correct.believed_camera:
         pixel = correct.believed_camera.project(np.column_stack([x, y, np.ones(len(x))]))
@@ -145,7 +136,7 @@ def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
     """Pixel (n, 2) by which the light of its neighbours moves each star of the fields."""
     x, y = view.x[inside], view.y[inside]
     move = view.attitude[view.field[inside]].apply(
-        blending_shift(case, case.catalog)[view.star[inside]]
+        trial.blending_shift(case, case.catalog)[view.star[inside]]
     )
     return (move[:, :2] - np.column_stack([x, y]) * move[:, 2:]) * np.sqrt(1 + x * x + y * y)[
         :, None
@@ -164,14 +155,14 @@ def _plane(direction: Floats) -> Floats:
 def of_the_camera(case: Case, cause: Cause) -> tuple[Floats, Floats] | None:
     """Mean and sigma (3,), radian, of a cause that turns the whole camera; None for others."""
     instrument = case.instrument
-    if cause.term is Term.BIAS:
+    if cause.term is trial.Term.BIAS:
         wrong = case.believed_mounting.camera_to_body().inv()
         return -(wrong * instrument.mounting.camera_to_body()).as_rotvec(), np.zeros(3)
-    if cause.term is Term.THERMO_ELASTIC:
+    if cause.term is trial.Term.THERMO_ELASTIC:
         swing = instrument.mounting
         amplitude = np.array([swing.swing_x, swing.swing_y, swing.swing_z])
         return np.zeros(3), amplitude / np.sqrt(2)
-    if cause.term is Term.MEASUREMENT_DATE:
+    if cause.term is trial.Term.MEASUREMENT_DATE:
         motion = instrument.motion
         rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
         return rate * case.time_tag_error, np.zeros(3)

@@ -24,6 +24,7 @@ from startrack.cli.options import (
 if wanted(__name__):
     import numpy as np
 
+    from startrack import metrics
     from startrack.budget import (
         ADVICE,
         INDICES,
@@ -49,15 +50,6 @@ if wanted(__name__):
     from startrack.core import arcsec
     from startrack.design import Case
     from startrack.io import aligned, save_json
-    from startrack.metrics import (
-        ARCSEC,
-        LEVELS,
-        Column,
-        Interpretation,
-        Table,
-        summary_rows,
-        to_json,
-    )
     from startrack.montecarlo import pool
     from startrack.plots import draw_budget, draw_curves, draw_sky
     from startrack.sequence import Sequence
@@ -131,7 +123,7 @@ def command(options: argparse.Namespace) -> int:
         checked = check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
     result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
-    result["check"] |= to_json(summary_rows(checked.summary))
+    result["check"] |= metrics.to_json(metrics.summary_rows(checked.summary))
     alone = "the unit as designed, noise only; units follow\n" if options.units else ""
     text = [
         f"{alone}{_table(expected, by_trials)}\n"
@@ -175,18 +167,18 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
 
 
-def _star_table(case: Case, stars: SingleStars) -> Table:
+def _star_table(case: Case, stars: SingleStars) -> metrics.Table:
     """Errors of single stars, a row for each magnitude."""
     pixel = 1 / case.instrument.camera.focal_length_px
 
-    def column(name: str, title: str) -> Column:
+    def column(name: str, title: str) -> metrics.Column:
         values = getattr(stars, name) * pixel
-        return Column(name, title, lambda row: float(values[row]), ARCSEC, ".4f")
+        return metrics.Column(name, title, lambda row: float(values[row]), metrics.ARCSEC, ".4f")
 
-    return Table(
+    return metrics.Table(
         [
-            Column("magnitude_g", "G", lambda row: float(stars.magnitude[row]), form=".1f"),
-            Column("measured", "measured", lambda row: float(stars.measured[row])),
+            metrics.Column("magnitude_g", "G", lambda row: float(stars.magnitude[row]), form=".1f"),
+            metrics.Column("measured", "measured", lambda row: float(stars.measured[row])),
             column("stated", "stated"),
             column("temporal", "in time"),
             column("method", "method"),
@@ -197,7 +189,7 @@ def _star_table(case: Case, stars: SingleStars) -> Table:
     )
 
 
-def _shown(table: Table) -> Table:
+def _shown(table: metrics.Table) -> metrics.Table:
     """Not more rows than are read at a glance."""
     return replace(table, records=table.records[:: 1 + len(table.records) // MOST_ROWS])
 
@@ -229,14 +221,14 @@ def _indices(case: Case, sequence: Sequence, options: argparse.Namespace) -> dic
         terminal.progress("sequences", count) as advance,
     ):
         lines = indices_of(case, sequence, count, options.seed, window, executor, advance)
-    return {name: _line(line, tuple(Interpretation)) for name, line in lines.items()}
+    return {name: _line(line, tuple(metrics.Interpretation)) for name, line in lines.items()}
 
 
 def _values(budget: Budget[Any]) -> dict[str, Any]:
     """A budget for JSON, arcsecond per axis; levels are not exceeded in that fraction of cases."""
     simulated = hasattr(budget.whole.spread, "error")
     many = simulated and budget.whole.spread.error.shape[1] > 1
-    ways = tuple(Interpretation) if many else (Interpretation.MIXED,)
+    ways = tuple(metrics.Interpretation) if many else (metrics.Interpretation.MIXED,)
     across, about = budget.sum
     return {
         "causes": {line.name: _line(line, ways) for line in budget.lines},
@@ -253,7 +245,7 @@ def _values(budget: Budget[Any]) -> dict[str, Any]:
     }
 
 
-def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
+def _line(line: Line[Spread], ways: Iterable[metrics.Interpretation]) -> dict[str, Any]:
     values: dict[str, Any] = {} if line.term is None else {"term": line.term.value}
     name = getattr(line, "name", "")
     values |= {"advice": ADVICE[name]} if name in ADVICE else {}
@@ -264,7 +256,7 @@ def _line(line: Line[Spread], ways: Iterable[Interpretation]) -> dict[str, Any]:
                 "across": line.spread.level((0, 1), fraction, way) / arcsec,
                 "about": line.spread.level((2,), fraction, way) / arcsec,
             }
-            for fraction in LEVELS
+            for fraction in metrics.LEVELS
         }
         for way in ways
     }
@@ -291,7 +283,7 @@ def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
     add("root sum square", "", [budget.sum for budget in both])
     add("end to end", "", [(budget.whole.across, budget.whole.about) for budget in both],
         _difference(expected.whole, by_trials.whole if by_trials else None, by_trials))  # fmt: skip
-    for fraction in LEVELS:
+    for fraction in metrics.LEVELS:
         add(f"  {100 * fraction:g} % below", "", [_levels(budget, fraction) for budget in both])
     available = [f"{100 * budget.availability:.2f} %, {budget.stars:.1f} stars" for budget in both]
     return "\n".join([*aligned(rows, (0, 1)), "", f"available  {' | measured '.join(available)}"])
@@ -303,7 +295,9 @@ def _cells(pair: Pair | None) -> list[str]:
 
 def _levels(budget: Budget[Any], fraction: float) -> Pair:
     spread = budget.whole.spread
-    across, about = (spread.level(axes, fraction, Interpretation.MIXED) for axes in ((0, 1), (2,)))
+    across, about = (
+        spread.level(axes, fraction, metrics.Interpretation.MIXED) for axes in ((0, 1), (2,))
+    )
     return across, about
 
 
@@ -328,7 +322,10 @@ def _index_table(indices: dict[str, Any], options: argparse.Namespace) -> str:
     rows = [
         [
             name, axis, f"{values[axis]:.3f}",
-            *(f"{values['levels'][way.value]['99.73 %'][axis]:.3f}" for way in Interpretation),
+            *(
+                f"{values['levels'][way.value]['99.73 %'][axis]:.3f}"
+                for way in metrics.Interpretation
+            ),
             INDICES[name] if axis == "across" else "",
         ]
         for name, values in indices.items()

@@ -20,17 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from startrack import metrics
 from startrack.core import Floats, Ints, inputs_of
 from startrack.design import Case
 from startrack.io import read_bytes, save_text, to_table
-from startrack.metrics import (
-    STATED_ALONE,
-    Interval,
-    Limits,
-    correct,
-    fraction_interval,
-    level_ranks,
-)
 from startrack.montecarlo.resume import last_words, missing
 from startrack.montecarlo.run import blocks
 from startrack.montecarlo.sampling import Sampling
@@ -129,20 +122,20 @@ class Sketch:
             return math.nan
         return float(Fraction(self.sums[name], self.counts["judged"] << UNIT))
 
-    def rms(self, which: str) -> Interval:
+    def rms(self, which: str) -> metrics.Interval:
         """Radian, rms per axis "across" or "about" the boresight, with its 95 % interval."""
         count, mean = self.counts["judged"], self.mean(f"{which}^2")
         if count < 2:
-            return Interval(math.sqrt(mean), 0.0 if count else math.nan, math.inf)
+            return metrics.Interval(math.sqrt(mean), 0.0 if count else math.nan, math.inf)
         scatter = Fraction(self.sums[f"{which}^4"], 1 << UNIT)
         scatter -= Fraction(self.sums[f"{which}^2"], 1 << UNIT) ** 2 / count
         sigma = math.sqrt(max(float(scatter / (count - 1)), 0.0))
         half = float(special.ndtri(0.975)) * sigma / math.sqrt(count)
-        return Interval(
+        return metrics.Interval(
             *(math.sqrt(max(square, 0.0)) for square in (mean, mean - half, mean + half))
         )
 
-    def quantile(self, name: str, fraction: float) -> Interval:
+    def quantile(self, name: str, fraction: float) -> metrics.Interval:
         """A quantile of "across" or "nees" over the judged attitudes, and of |x|, |y| or |z|.
 
         Returns   the middle of its bin; bounds that hold the true quantile with 95 % confidence,
@@ -152,7 +145,7 @@ class Sketch:
         bins = self.bins[name].with_those(self.bins.get(f"-{name}", Bins()))
         count = self.counts["judged"]
         if not count:
-            return Interval(math.nan, math.nan, math.nan)
+            return metrics.Interval(math.nan, math.nan, math.nan)
         zero = count - int(bins.count.sum())  # of the values, which come first
         up_to = np.cumsum(bins.count) + zero
 
@@ -163,17 +156,17 @@ class Sketch:
             return edge(index), edge(index + 1)
 
         rank = min(max(math.ceil(count * fraction), 1), count)
-        low, high = level_ranks(count, fraction, 0.025, 0.025)
-        return Interval(
+        low, high = metrics.level_ranks(count, fraction, 0.025, 0.025)
+        return metrics.Interval(
             sum(bounds(rank)) / 2,
             bounds(low)[0] if low > 0 else 0.0,
             bounds(high)[1] if high <= count else math.inf,
         )
 
     @property
-    def availability(self) -> Interval:
+    def availability(self) -> metrics.Interval:
         """Fraction of trials with a correct attitude, with its exact interval."""
-        return fraction_interval(self.counts["correct"], self.trials)
+        return metrics.fraction_interval(self.counts["correct"], self.trials)
 
 
 def edge(index: int) -> float:
@@ -185,7 +178,7 @@ def edge(index: int) -> float:
     return float(np.int64(index << BITS).view(np.float64))
 
 
-def about_of(case: Case, seed: int, sampling: Sampling, limits: Limits) -> dict[str, Any]:
+def about_of(case: Case, seed: int, sampling: Sampling, limits: metrics.Limits) -> dict[str, Any]:
     """What sketches of one campaign have in common, as JSON has it."""
     about = {
         "case": to_table(case),
@@ -203,7 +196,7 @@ class Sketching(NamedTuple):
     """Makes sketches in workers, in place of the outcomes of a Sampling."""
 
     sampling: Sampling
-    limits: Limits
+    limits: metrics.Limits
     about: dict[str, Any]
 
     def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> Sketch:
@@ -211,7 +204,7 @@ class Sketching(NamedTuple):
         return sketched(self.sampling.trials(case, seed, numbers), self.limits, self.about)
 
 
-def sketched(outcomes: NDArray[np.void], limits: Limits, about: dict[str, Any]) -> Sketch:
+def sketched(outcomes: NDArray[np.void], limits: metrics.Limits, about: dict[str, Any]) -> Sketch:
     """The sketch of outcomes (n,) of trials first, first + 1, ..., n > 0."""
     first = int(outcomes["trial"][0])
     judged = outcomes[outcomes["solved"] & ~outcomes["false"]]
@@ -225,7 +218,11 @@ def sketched(outcomes: NDArray[np.void], limits: Limits, about: dict[str, Any]) 
     }  # fmt: skip
     counts = (
         *(len(outcomes), len(solved), outcomes["false"].sum(), len(judged)),
-        *(correct(outcomes, limits).sum(), np.any(far, axis=0).sum(), judged["stars"].sum()),
+        *(
+            metrics.correct(outcomes, limits).sum(),
+            np.any(far, axis=0).sum(),
+            judged["stars"].sum(),
+        ),
     )
     made = Sketch(about, [(first, first + len(outcomes))])
     made.counts = {name: int(count) for name, count in zip(COUNTS, counts, strict=True)}
@@ -341,7 +338,7 @@ def resume_sketch(
     numbers: range,
     executor: Executor,
     workers: int = 1,
-    limits: Limits = STATED_ALONE,
+    limits: metrics.Limits = metrics.STATED_ALONE,
     progress: Callable[[int], None] | None = None,
     block: int = BLOCK,
 ) -> Sketch:

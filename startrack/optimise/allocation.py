@@ -8,17 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from startrack import design
 from startrack.budget import unit_budgets
 from startrack.core import Floats, Refused
-from startrack.design import (
-    OF_IMAGES,
-    Accuracy,
-    Case,
-    Objective,
-    found_at,
-    replaced_all,
-    value_text,
-)
 from startrack.metrics import Interval, quantile_of_few
 from startrack.verification import units_expected
 
@@ -36,7 +28,7 @@ class Change(NamedTuple):
     """
 
     name: str
-    case: Case
+    case: design.Case
     text: str = ""
     price: float = 0.0
 
@@ -76,9 +68,9 @@ class Allocation:
 
 
 def allocation(
-    case: Case,
-    objective: Objective,
-    limits: Sequence[Accuracy],
+    case: design.Case,
+    objective: design.Objective,
+    limits: Sequence[design.Accuracy],
     fraction: float,
     seed: int,
     count: int,
@@ -97,7 +89,7 @@ def allocation(
     age = case.end_of_life
     asked = [objective, *(one.objective for one in limits)]
 
-    def errors(one: Case) -> list[Floats]:
+    def errors(one: design.Case) -> list[Floats]:
         found = unit_budgets(one, seed, count, age, ENVIRONMENTS, progress=progress, apart=False)
         return [units_expected(each, found) for each in asked]
 
@@ -124,7 +116,7 @@ def allocation(
     return Allocation(age, fraction, float(level[0]), shares, tuple(gains), tuple(refused))
 
 
-def halved(case: Case) -> Iterator[Change]:
+def halved(case: design.Case) -> Iterator[Change]:
     """Each tolerance of a design, and the parts of its residual, halved."""
     for number, one in enumerate(case.variation):
         half = replace(one, scale=one.scale / 2)
@@ -133,8 +125,8 @@ def halved(case: Case) -> Iterator[Change]:
         yield Change(f"{one.name} per {one.per}", half_case, price=one.price)
     for name in PARTS if case.instrument.residual is not None else ():
         path = f"instrument.residual.{name}"
-        if now := found_at(case, path):
-            yield Change(path, replaced_all(case, {path: now / 2}))
+        if now := design.found_at(case, path):
+            yield Change(path, design.replaced_all(case, {path: now / 2}))
 
 
 PARTS = ("rms", "angle", "grid", "flatness", "decentre", "tilt", "wedge", "drift")
@@ -156,7 +148,7 @@ DEEPER = 0.5  # magnitude
 HIGHEST, FIRST_MAP, FINEST_MAP = 7, 5, 9  # order of a polynomial; nodes along a side
 
 
-def levers(case: Case) -> Iterator[Change]:
+def levers(case: design.Case) -> Iterator[Change]:
     """What a designer may change beside tolerances, each by a step (`STEPS`).
 
     Number of tracked stars, catalogue, calibration, causes of the residual, structure, colour,
@@ -166,7 +158,7 @@ def levers(case: Case) -> Iterator[Change]:
     for name, factor in STEPS.items():
         now = _value(case, name)
         # Images in a file are those of one lens.
-        if now and not (case.instrument.optics.psf_file and name in OF_IMAGES):
+        if now and not (case.instrument.optics.psf_file and name in design.OF_IMAGES):
             wanted[name] = round(now * factor) if isinstance(now, int) else now * factor
     listed, calibration = case.tracker.catalog, case.tracker.calibration
     if listed is not None and listed.limit_g + DEEPER <= case.catalog.limit_g:
@@ -185,30 +177,36 @@ def levers(case: Case) -> Iterator[Change]:
     if case.instrument.optics.tabulated:
         wanted["tracker.focal_length_by_colour"] = True
     for name, value in wanted.items():
-        now = found_at(case, name)
+        now = design.found_at(case, name)
         if now == value or value is None:
             continue
         if isinstance(value, str):
-            thin = {FEET: THIN} if found_at(case, FEET) > THIN else {}
-            changed = replaced_all(case, {name: value, **thin})
+            thin = {FEET: THIN} if design.found_at(case, FEET) > THIN else {}
+            changed = design.replaced_all(case, {name: value, **thin})
             yield Change(name, changed, f"to {value} from {now}" + ", thin feet" * bool(thin))
             continue
-        text = f"to {value_text(case, name, value)} from {value_text(case, name, now)}"
-        yield Change(name, replaced_all(case, {name: value}), "on" if value is True else text)
+        text = (
+            f"to {design.value_text(case, name, value)} from {design.value_text(case, name, now)}"
+        )
+        yield Change(
+            name, design.replaced_all(case, {name: value}), "on" if value is True else text
+        )
     for change in halved(case):
         if ".residual." in change.name:
             yield change._replace(text="halved")
     gradients = ("instrument.structure.gradient_x", "instrument.structure.gradient_y")
     if structure is not None and (structure.gradient_x or structure.gradient_y):
-        less = {name: found_at(case, name) / 2 for name in gradients}
-        yield Change("instrument.structure.gradient_x and _y", replaced_all(case, less), "halved")
+        less = {name: design.found_at(case, name) / 2 for name in gradients}
+        yield Change(
+            "instrument.structure.gradient_x and _y", design.replaced_all(case, less), "halved"
+        )
     if structure is not None and structure.detector_offset:
         name = "instrument.structure.detector_offset"
         less = {name: structure.detector_offset / 2}
-        yield Change(name, replaced_all(case, less), "halved")
+        yield Change(name, design.replaced_all(case, less), "halved")
 
 
-def _value(case: Case, name: str) -> Any:
+def _value(case: design.Case, name: str) -> Any:
     """A number of a case; None where it has none."""
     part: Any = case
     for step in name.split("."):

@@ -17,21 +17,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from startrack import plots
 from startrack.budget import Curve, Slew, StarErrors
 from startrack.core import Floats, arcsec, deg
 from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import Regions, quantile_interval
-from startrack.plots import (
-    BLACK,
-    BLUE,
-    RED,
-    colour_bar,
-    draw_intervals,
-    legend_below,
-    outline,
-    say,
-    styled,
-)
 from startrack.report.page import HIGH, WIDE, Picture
 
 FRACTIONS = (0.5, 0.68, 0.9545, 0.9973)
@@ -61,23 +51,23 @@ def exceedance(outcomes: NDArray[np.void]) -> list[Picture]:
     ]  # fmt: skip
 
 
-@styled
+@plots.styled
 def _exceedance(size: Floats, law: Any, label: str) -> Picture:
     figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
     axes, n = figure.subplots(), len(size)
     picture = Picture(figure, f"Fraction of trials beyond each {label}")
     axes.set(xlabel=label, ylabel="fraction of trials beyond")
     if n == 0:
-        say(axes, "no attitude")
+        plots.say(axes, "no attitude")
         return picture
     ordered = np.sort(size)
     rank = np.unique(np.round(np.geomspace(1, n, POINTS)).astype(int))  # from the largest down
     beyond, at = (rank - 0.5) / n, ordered[n - rank] / arcsec
     # The fraction beyond the k-th largest of n is a beta variable.
     low, high = scipy.stats.beta.ppf([[0.025], [0.975]], rank, n - rank + 1)
-    axes.fill_between(at, low, high, step="mid", color=BLUE, alpha=0.2, lw=0,
+    axes.fill_between(at, low, high, step="mid", color=plots.BLUE, alpha=0.2, lw=0,
                       label="95 % interval")  # fmt: skip
-    axes.plot(at, beyond, color=BLUE, lw=1.3, label=f"{n} trials")
+    axes.plot(at, beyond, color=plots.BLUE, lw=1.3, label=f"{n} trials")
     grid = np.concatenate(
         [np.linspace(0, ordered[-1], POINTS), np.geomspace(ordered[0] / 10, ordered[-1], POINTS)]
     )
@@ -86,7 +76,7 @@ def _exceedance(size: Floats, law: Any, label: str) -> Picture:
         grid / arcsec,
         law.sf(grid),
         "--",
-        color=RED,
+        color=plots.RED,
         lw=1.2,
         label="normal distribution of this rms",
     )
@@ -98,7 +88,7 @@ def _exceedance(size: Floats, law: Any, label: str) -> Picture:
         axes.set_xlim(left=float(np.median(ordered)) / arcsec / FAR)
     else:
         axes.set_xlim(0, None)
-    legend_below(axes, 1)
+    plots.legend_below(axes, 1)
     return picture
 
 
@@ -114,7 +104,7 @@ LETTERS = 50  # of a title's line
 FINE = 12  # pieces along each border of a region
 
 
-@styled
+@plots.styled
 def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
     """The error of each trial at its boresight, and its rms over regions of equal area.
 
@@ -132,7 +122,9 @@ def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
                           rasterized=len(outcomes) > 3000)  # fmt: skip
     text = f"each of {len(outcomes)} trials"
     if not solved.all():
-        axes.scatter(x[~solved], y[~solved], marker="X", s=36, color=RED, ec=BLACK, lw=0.5)
+        axes.scatter(
+            x[~solved], y[~solved], marker="X", s=36, color=plots.RED, ec=plots.BLACK, lw=0.5
+        )
         text += f"; red crosses: {(~solved).sum()} with no or a false attitude"
     axes.set_title(fill(text, LETTERS))
     _bar(points, axes, error[solved])
@@ -159,7 +151,7 @@ def _sky() -> tuple[Figure, Axes]:
 def _bar(drawn: ScalarMappable, axes: Axes, values: Floats) -> None:
     """The scale of colours; arrows where values lie beyond."""
     label = "error across the boresight (arcsec)"
-    colour_bar(drawn, axes, values, label, orientation="horizontal", shrink=0.8, pad=0.04)
+    plots.colour_bar(drawn, axes, values, label, orientation="horizontal", shrink=0.8, pad=0.04)
 
 
 def _scale(error: Floats) -> LogNorm:
@@ -194,14 +186,14 @@ def _graticule(axes: Axes) -> None:
     axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
     axes.set_axisbelow(False)  # numbers and lines over the map
     for text in axes.get_xticklabels():
-        text.set(path_effects=[outline("white")])
+        text.set(path_effects=[plots.outline("white")])
 
 
 BINS = 8
 FEWEST = 8  # stars in a bin, at least; chosen by hand
 
 
-@styled
+@plots.styled
 def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
     """Rms centroid error per axis against magnitude and against field position."""
     pictures = []
@@ -213,7 +205,7 @@ def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
         axes = figure.subplots()
         _binned(axes, at, seen.error)
         axes.set(xlabel=label, ylabel="centroid error, rms per axis (pixel)", yscale="log")
-        legend_below(axes, 1)
+        plots.legend_below(axes, 1)
         pictures.append(Picture(figure, f"Centroid error of the stars over the {label}"))
     axes.set_xlim(0, 1)
     return pictures
@@ -228,15 +220,15 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
         rms = rms_interval((error[part] ** 2).mean(axis=1))
         bars = [[max(rms.value - rms.low, 0)], [rms.high - rms.value]]
         axes.errorbar(
-            float(at[part].mean()), rms.value, yerr=bars, fmt="o", ms=5, color=BLACK, mfc="white",
-            zorder=3, label=next(named),
+            float(at[part].mean()), rms.value, yerr=bars, fmt="o", ms=5, color=plots.BLACK,
+            mfc="white", zorder=3, label=next(named),
         )  # fmt: skip
     # Rasterised, because thousands of points would make a large file.
-    axes.plot(at, np.sqrt((error**2).mean(axis=1)), ".", ms=3, alpha=0.3, color=BLUE, zorder=0,
-              rasterized=True, label=f"each of {len(at)} stars")  # fmt: skip
+    axes.plot(at, np.sqrt((error**2).mean(axis=1)), ".", ms=3, alpha=0.3, color=plots.BLUE,
+              zorder=0, rasterized=True, label=f"each of {len(at)} stars")  # fmt: skip
 
 
-@styled
+@plots.styled
 def draw_slews(
     slewed: Sequence[Slew], design_rate: float, expected: Curve | None = None
 ) -> list[Picture]:
@@ -251,12 +243,12 @@ def draw_slews(
         axes = figure.subplots()
         if expected and any(expected.budgets):
             _shade(axes, expected)
-            axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=RED,
+            axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=plots.RED,
                       label="analytic budget")  # fmt: skip
         intervals = [getattr(slew, name) for slew in slewed]
-        draw_intervals(axes, rate, intervals, unit, fmt="o-", ms=4, color=BLUE,
+        plots.draw_intervals(axes, rate, intervals, unit, fmt="o-", ms=4, color=plots.BLUE,
                        label="trials, 95 %")  # fmt: skip
-        axes.axvline(design_rate / deg, color=BLACK, lw=1, ls=":", label="rate of the design")
+        axes.axvline(design_rate / deg, color=plots.BLACK, lw=1, ls=":", label="rate of the design")
         axes.set(xlabel="slew rate (deg / s)", ylabel=label)
         axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))
         axes.set_xlim(-0.2 * rate[1], 1.3 * max(rate[-1], design_rate / deg))
@@ -264,7 +256,7 @@ def draw_slews(
             axes.set_ylim(-3, 103)
         elif solved:
             axes.set_yscale("log")
-        legend_below(axes, 1)
+        plots.legend_below(axes, 1)
         pictures.append(Picture(figure, f"{label} over the slew rate"))
     return pictures
 

@@ -9,21 +9,11 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import space
 from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Unit, installed_tables, utc
 from startrack.earth.terrain import cartesian, up
-from startrack.space import (
-    DAY,
-    EARTH_RADIUS,
-    SPIN,
-    element_record,
-    propagate,
-    require_perigee,
-    require_two_lines,
-    to_itrs,
-    two_line_record,
-)
 
-SPIN_VECTOR: Floats = np.array([0.0, 0.0, SPIN])  # rad / s
+SPIN_VECTOR: Floats = np.array([0.0, 0.0, space.SPIN])  # rad / s
 
 
 @dataclass(frozen=True)
@@ -43,13 +33,15 @@ class Orbit(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_perigee(self.altitude, self.eccentricity)
+        space.require_perigee(self.altitude, self.eccentricity)
         utc(self.epoch)
 
     def satellite(self) -> Any:
         """The record that SGP4 moves."""
         angles = self.inclination, self.node, self.perigee, self.anomaly
-        return element_record(self.epoch, EARTH_RADIUS + self.altitude, self.eccentricity, angles)
+        return space.element_record(
+            self.epoch, space.EARTH_RADIUS + self.altitude, self.eccentricity, angles
+        )
 
 
 @dataclass(frozen=True)
@@ -60,7 +52,7 @@ class TwoLines:
     second: str
 
     def __post_init__(self) -> None:
-        require_two_lines((self.first, self.second))
+        space.require_two_lines((self.first, self.second))
 
     @property
     def epoch(self) -> str:
@@ -76,7 +68,7 @@ class TwoLines:
 
     def satellite(self) -> Any:
         """The record that SGP4 moves."""
-        return two_line_record((self.first, self.second))
+        return space.two_line_record((self.first, self.second))
 
 
 @dataclass(frozen=True)
@@ -153,12 +145,12 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
     if isinstance(orbit, Aircraft):
         where, velocity = orbit.state(second)
         inertial = velocity + np.cross(SPIN_VECTOR, where)
-        (icrs_to_itrs,) = to_itrs(("GCRS",), orbit.epoch, second)
+        (icrs_to_itrs,) = space.to_itrs(("GCRS",), orbit.epoch, second)
         return Flight(second, where, velocity, inertial, velocity, icrs_to_itrs)
-    teme_to_itrs, icrs_to_itrs = to_itrs(("TEME", "GCRS"), orbit.epoch, second)
+    teme_to_itrs, icrs_to_itrs = space.to_itrs(("TEME", "GCRS"), orbit.epoch, second)
     date = utc(orbit.epoch)
-    dates = np.full(len(second), date.jd1), date.jd2 + second / DAY
-    state = propagate(orbit.satellite(), dates, "the orbit")
+    dates = np.full(len(second), date.jd1), date.jd2 + second / space.DAY
+    state = space.propagate(orbit.satellite(), dates, "the orbit")
     where, inertial = (teme_to_itrs.apply(values) for values in state)
     return Flight(
         second, where, inertial - np.cross(SPIN_VECTOR, where), inertial, inertial, icrs_to_itrs
