@@ -34,6 +34,7 @@ class Emulator:
     points    (n, d) in the unit cube
     length    (d,) 1
     noise     1, variance of what the function jumps by between near points, over s^2
+    doubt     (n,) the same of each value besides, because the process need not go through it
     mean      of the process
     size      s, its standard deviation
     factor    (n, n) Cholesky factor of the covariance over s^2
@@ -43,6 +44,7 @@ class Emulator:
     points: Floats
     length: Floats
     noise: float
+    doubt: Floats
     mean: float
     size: float
     factor: Floats
@@ -76,11 +78,13 @@ class Emulator:
     def with_point(self, point: Floats) -> Emulator:
         """The process if its own mean were the value at one more point (d,)."""
         values = np.append(self._values, self.expected(point[None]))
-        return _of(np.vstack([self.points, point]), values, self.length, self.noise)
+        doubt = np.append(self.doubt, 0.0)
+        return _of(np.vstack([self.points, point]), values, self.length, self.noise, doubt)
 
     def of_some(self, kept: NDArray[np.bool_]) -> Emulator:
         """The process through some of its points (n,), of the same lengths and noise."""
-        return _of(self.points[kept], self._values[kept], self.length, self.noise)
+        doubt = self.doubt[kept]
+        return _of(self.points[kept], self._values[kept], self.length, self.noise, doubt)
 
     @property
     def _values(self) -> Floats:
@@ -90,12 +94,15 @@ class Emulator:
         return _matern(cdist(np.atleast_2d(points) / self.length, self.points / self.length))
 
 
-def emulator(points: Floats, values: Floats, like: Emulator | None = None) -> Emulator:
+def emulator(
+    points: Floats, values: Floats, like: Emulator | None = None, doubt: Floats | None = None
+) -> Emulator:
     """The process of the most probable lengths and noise, by their likelihood and a wide prior.
 
     points  (n, d) in the unit cube
     values  (n,)
     like    a process of fewer points, from whose lengths the search also begins
+    doubt   (n,) variance of each value over that of the process, besides the noise; None: zeros
     Accuracy  numerical: the likelihood has several maxima; the best from two starts is taken.
     """
     count = points.shape[1]
@@ -104,20 +111,21 @@ def emulator(points: Floats, values: Floats, like: Emulator | None = None) -> Em
     if like is not None:
         starts.append(np.log(np.append(like.length, like.noise)))
     bounds = [tuple(map(math.log, LENGTHS))] * count + [tuple(map(math.log, NOISES))]
+    doubt = np.zeros(len(values)) if doubt is None else doubt
     unit = (values - values.mean()) / (values.std() or 1.0)
     square = (points[:, None] - points[None]) ** 2
     found = [
-        minimize(_misfit, np.clip(start, *np.transpose(bounds)), (square, unit), jac=True,
+        minimize(_misfit, np.clip(start, *np.transpose(bounds)), (square, unit, doubt), jac=True,
                  method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
         for start in starts
     ]  # fmt: skip
     best = np.exp(min(found, key=lambda end: float(end.fun)).x)
-    return _of(points, values, best[:-1], float(best[-1]))
+    return _of(points, values, best[:-1], float(best[-1]), doubt)
 
 
-def _of(points: Floats, values: Floats, length: Floats, noise: float) -> Emulator:
+def _of(points: Floats, values: Floats, length: Floats, noise: float, doubt: Floats) -> Emulator:
     scaled = points / length
-    covariance = _matern(cdist(scaled, scaled)) + noise * np.eye(len(points))
+    covariance = _matern(cdist(scaled, scaled)) + np.diag(noise + doubt)
     factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
     inverse = scipy.linalg.cho_solve(
         (factor, True), np.column_stack([values, np.ones_like(values)])
@@ -125,14 +133,14 @@ def _of(points: Floats, values: Floats, length: Floats, noise: float) -> Emulato
     mean = float(inverse[:, 0].sum() / inverse[:, 1].sum())
     weight = inverse[:, 0] - mean * inverse[:, 1]
     size = math.sqrt(max(float((values - mean) @ weight) / len(values), 0.0))
-    return Emulator(points, length, noise, mean, size, factor, weight)
+    return Emulator(points, length, noise, doubt, mean, size, factor, weight)
 
 
 def _matern(r: Floats) -> Floats:
     return (1 + ROOT5 * r + 5 / 3 * r * r) * np.exp(-ROOT5 * r)
 
 
-def _misfit(logs: Floats, square: Floats, values: Floats) -> tuple[float, Floats]:
+def _misfit(logs: Floats, square: Floats, values: Floats, doubt: Floats) -> tuple[float, Floats]:
     """Minus the logarithm of the posterior of lengths and noise, and its gradient by their logs.
 
     With the mean and the size that are most likely for them (Rasmussen and Williams, eq. 5.8 and
@@ -142,7 +150,7 @@ def _misfit(logs: Floats, square: Floats, values: Floats) -> tuple[float, Floats
     """
     length, noise, n = np.exp(logs[:-1]), math.exp(logs[-1]), len(values)
     r = np.sqrt(square @ length**-2.0)
-    factor = np.linalg.cholesky(_matern(r) + noise * np.eye(n))
+    factor = np.linalg.cholesky(_matern(r) + np.diag(noise + doubt))
     inverse = scipy.linalg.cho_solve((factor, True), np.eye(n))
     total = inverse.sum(axis=0)
     weight = inverse @ values - total * float(total @ values) / float(total.sum())

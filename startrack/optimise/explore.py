@@ -29,9 +29,10 @@ SIGMAS = 2.0  # by which a design may be better than expected: 98 % of a normal 
 BAD = 0.5  # of a score above the least, beyond which no condition without a weight is forecast
 GOOD = 0.2  # the same, up to which a design tells whether they matter
 ENOUGH_MET = 8  # good designs that meet all limits in these conditions by far, after which none is
-BEYOND = 1.0  # ln(error) above the least, beyond which a design is only bad: an emulator of all
-# would take its lengths from the worst
-FEWEST = 2  # designs per variable at least that an emulator of the objective is of
+CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
+# The same, from which on an emulator need not go through a design, the less the worse it is: else
+# the worst would decide its lengths.
+BEYOND = 0.7
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
 SAFE = 1e-3  # by which an emulated margin must be met, as it is wrong by so much at a limit
@@ -40,8 +41,7 @@ APART = 1e-3  # of each range: nearer points are the same design
 RELAXED = 0.01  # of a limit, by which `prices` relaxes it
 NODES = 25  # of each variable, at which its span is looked for
 ALL = 0.9  # of its range, from which on a variable that may have any value does not matter
-# An emulated margin: 1 of the best design, 0 of one that is BEYOND, -1 where there is no forecast.
-SOLVED = "solved"
+SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 where it has none
 
 
 class Linear(Protocol):
@@ -170,23 +170,25 @@ def emulators(
     known = np.isfinite(expected)
     if not known.any():
         raise Refused("none of the designs that were tried has a forecast")
-    above = np.where(known, expected - expected[known].min(), np.inf)
-    fewest = np.sort(above[known])[: FEWEST * points.shape[1]][-1]
-    near = above <= max(BEYOND, fewest)
-    objective = emulator(points[near], expected[near], like.objective if like else None)
-    before, margins = like.margins if like else {}, dict[str, Emulator]()
+    least = expected[known].min()
+    above = np.clip(np.where(known, expected - least, 0.0), 0.0, CLIPPED)
+    doubt = (np.maximum(above - BEYOND, 0.0) / BEYOND) ** 2
+    before = like.objective if like else None
+    objective = emulator(points[known], least + above[known], before, doubt[known])
+    alike, margins = like.margins if like else {}, dict[str, Emulator]()
     tried = ~np.array([value.left_out for value in values])
-    if not near[tried].all():
-        solved = np.clip(1 - above[tried] / BEYOND, -1.0, 1.0)
-        margins[SOLVED] = emulator(points[tried], solved, before.get(SOLVED))
+    if not known[tried].all():
+        solved = np.where(known[tried], 1.0, -1.0)
+        margins[SOLVED] = emulator(points[tried], solved, alike.get(SOLVED))
     names = dict.fromkeys(name for value in values for name in value.margins)
     for name in names:
         held = np.array([name in value.margins for value in values])
-        held &= near | ~tried  # of designs that cost too much, nothing else is known
-        margin = np.array([values[k].margins[name] for k in np.flatnonzero(held).tolist()])
+        margin = np.array([value.margins[name] for value in values if name in value.margins])
         if (margin < 0).any():
             place = scales.get(name, Scale()).of(margin)
-            margins[name] = emulator(points[held], place, before.get(name))
+            # What all designs have are costs, which are smooth everywhere.
+            unsure = None if held.all() else doubt[held]
+            margins[name] = emulator(points[held], place, alike.get(name), unsure)
     return Emulators(objective, margins, scales)
 
 
