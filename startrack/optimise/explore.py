@@ -33,6 +33,7 @@ CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
 # The same, from which on an emulator need not go through a design, the less the worse it is: else
 # the worst would decide its lengths.
 BEYOND = 0.7
+FEWEST = 2  # designs per variable at least that an emulator goes through
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
 SAFE = 1e-3  # by which an emulated margin must be met, as it is wrong by so much at a limit
@@ -172,7 +173,8 @@ def emulators(
         raise Refused("none of the designs that were tried has a forecast")
     least = expected[known].min()
     above = np.clip(np.where(known, expected - least, 0.0), 0.0, CLIPPED)
-    doubt = (np.maximum(above - BEYOND, 0.0) / BEYOND) ** 2
+    fewest = np.sort(above[known])[: FEWEST * points.shape[1]][-1]
+    doubt = (np.maximum(above - max(BEYOND, fewest), 0.0) / BEYOND) ** 2
     before = like.objective if like else None
     objective = emulator(points[known], least + above[known], before, doubt[known])
     alike, margins = like.margins if like else {}, dict[str, Emulator]()
