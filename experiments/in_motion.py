@@ -63,6 +63,15 @@ GYRO = Gyro(0.15 * deg / 60, 1e-7, 1e-5)
 CALIBRATED = {100: 64, 1000: 16, 10_000: 4}  # frames: cameras
 STARS, NOISE = 12, 0.05  # in a frame of a calibration; pixel
 BEGIN = 10  # frames of a sequence that are left out, while the filter settles
+# A real frame in which stars are streaks: the test image "random" of PiFinder (31 January 2024,
+# 512 x 512 pixels, 25 mm; 0.75 s was its exposure by default). Expected before it was solved, from
+# a look at the picture and the published field of that camera: lowest, expected, highest.
+STREAKED = {
+    "fov_x_deg": (9.5, 10.2, 11.0),
+    "streak_px": (7.0, 10.0, 14.0),
+    "streak_deg": (45.0, 60.0, 75.0),  # up to the right in the image
+    "rate_deg_s": (0.18, 0.27, 0.4),
+}
 
 
 def main() -> None:
