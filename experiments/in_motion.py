@@ -14,6 +14,9 @@ calibration_bound_ratio  error of a camera that is calibrated frame by frame ove
                   Cramer and Rao of the same frames, by their number: root of the mean over cameras
                   and unknowns (focal length, principal point, k1) of the error squared, over the
                   bound's covariance
+streaked_real     of a real frame of streaks (its folder is named by STARTRACK_DATA): what was found
+                  and whether it lies where it was expected before it was solved;
+                  streaked_real_solved: the number of such frames with an attitude and a rate
 sequence_1000_s   second of CPU of 1,000 frames of 1024 x 1024 pixels at 10 Hz in windows, with what
                   is computed once; sequence_frames_s the same in whole frames
 
@@ -28,8 +31,10 @@ import one_thread  # noqa: F401  # isort: skip
 import argparse
 import json
 import math
+import os
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import command
@@ -52,8 +57,12 @@ from startrack import (
 from startrack.attitude import CameraFilter, after_frame, first_camera
 from startrack.attitude.camera import MatchedFrame, camera_vector, moved_camera
 from startrack.calibration import Calibration
+from startrack.catalog import Selection, open_sky
 from startrack.design import Fidelity
+from startrack.identification import Identification, PatternIndexes
+from startrack.io import read_image
 from startrack.sequence import Gyro, Leg, Sequence, run
+from startrack.trial import solve_photograph
 
 RATES = (0.0, 0.3, 1.0, 3.0)  # deg/s
 ROW_DELAY = 20e-6  # second
@@ -66,6 +75,7 @@ BEGIN = 10  # frames of a sequence that are left out, while the filter settles
 # A real frame in which stars are streaks: the test image "random" of PiFinder (31 January 2024,
 # 512 x 512 pixels, 25 mm; 0.75 s was its exposure by default). Expected before it was solved, from
 # a look at the picture and the published field of that camera: lowest, expected, highest.
+EXPOSURE = 0.75  # second
 STREAKED = {
     "fov_x_deg": (9.5, 10.2, 11.0),
     "streak_px": (7.0, 10.0, 14.0),
@@ -107,6 +117,8 @@ def main() -> None:
         str(frames): over_bound(frames, cameras)
         for frames, cameras in ({10: 2} if options.quick else CALIBRATED).items()
     }
+    values["streaked_real"] = streaked()
+    values["streaked_real_solved"] = int("rate_deg_s" in values["streaked_real"])
     for name, fidelity in (
         ("sequence_1000_s", Fidelity.WINDOW), ("sequence_frames_s", Fidelity.FRAME)
     ):  # fmt: skip
@@ -140,6 +152,29 @@ def over_bound(frames: int, cameras: int) -> float:
         error = (camera_vector(known.camera) - camera_vector(truth))[free]
         squares.append(float(error @ bound @ error) / 4)
     return math.sqrt(np.mean(squares))
+
+
+def streaked() -> dict[str, Any]:
+    """Value, and whether it was expected, by the names of STREAKED; nothing without the frame."""
+    path = Path(os.environ.get("STARTRACK_DATA", ".")) / "images-streaked" / "pifinder_random.png"
+    if not path.exists():
+        return {}
+    stars = open_sky(Selection.whole("bright", 2024.0)).stars
+    field = STREAKED["fov_x_deg"][1] * deg
+    solved = solve_photograph(
+        read_image(path), PatternIndexes(stars), Identification(focal_tolerance=0.1), field
+    )
+    if solved.axis is None or solved.streak is None:
+        return {}
+    (x, y), camera = solved.streak, solved.matches.camera
+    found = {
+        "fov_x_deg": camera.fov_x / deg,
+        "streak_px": math.hypot(x, y),
+        "streak_deg": math.degrees(math.atan2(-y, x)) % 180,
+        "rate_deg_s": math.hypot(x, y) / camera.focal_length_px / EXPOSURE / deg,
+    }
+    return {name: [value, STREAKED[name][0] < value < STREAKED[name][2]]
+            for name, value in found.items()}  # fmt: skip
 
 
 def spent(case: Case, fidelity: Fidelity, frames: int) -> float:

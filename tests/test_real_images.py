@@ -176,6 +176,23 @@ def test_hard_photographs_with_a_field_and_without(outside, capsys, name):
         assert found["reason"].startswith(f"{found['matches']} of {found['spots']} ")
 
 
+def test_a_real_frame_of_streaks_says_how_fast_the_camera_turned(outside, capsys):
+    """Beside second moments of single stars, which are of a line of that length and a round image.
+
+    The field is that of a sharp image of the same camera.
+    """
+    path = outside / "images-streaked" / "pifinder_random.png"
+    assert main(["solve", str(path), "--fov", "10.2", "--exposure", "0.75", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    x, y = found["streak_px"]
+    assert np.hypot(x, y) == pytest.approx(8.19, abs=0.4)
+    assert np.degrees(np.arctan2(y, -x)) == pytest.approx(59.0, abs=3)
+    assert found["fov_x_deg"] == pytest.approx(10.721, abs=0.01)
+    assert found["matches"] >= 30
+    turned = np.hypot(x, y) * found["fov_x_deg"] / 512 / 0.75
+    assert found["rate_deg_s"] == pytest.approx(turned, rel=0.02)
+
+
 def test_calibration_from_a_field_that_is_a_sixth_too_wide(outside, capsys):
     path = outside / "images" / "cedar_orion_belt.jpg"
     assert main(["calibrate", str(path), "--fov", "12", "--json"]) == 0

@@ -47,6 +47,8 @@ declare = Options(
            "that of the file's EXIF, then a search from 1.5 to 90, and fisheyes to 180)", float),
     Option("--aspect RATIO", "width of a pixel over its height (default: 1, then those of images "
            "that were squeezed from another shape)", decimal(0.1, 10)),
+    Option("--exposure S", "exposure time, second, of images whose files do not say it: gives the "
+           "rate of a camera that turned while its stars became streaks", decimal(1e-9, 1e9)),
     *FIELD_AND_SKY,
     Option("--camera FILE", "calibrated camera, from `calibrate --camera`, or a design with "
            "[tracker.camera]", Path),
@@ -65,6 +67,7 @@ class _How(NamedTuple):
 
     fov: float | None
     aspect: float | None
+    exposure: float | None
     fov_tolerance: float
     plane: int | None
     bayer: str | None
@@ -144,7 +147,7 @@ def _solved(how: _How, path: Path) -> tuple[dict[str, Any], str, Exit]:
     values = (
         tetra3_values(*seen, solved.axis, stars)
         if how.keys == "tetra3"
-        else _values(solved, frame.exposure)
+        else _values(solved, frame.exposure if frame.exposure > 0 else how.exposure or 0.0)
     )
     result = {"image": str(path), **values}
     if how.overlay:

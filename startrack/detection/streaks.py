@@ -17,6 +17,7 @@ from startrack.detection.plan import DetectionPlan, calibrated
 BRIGHTEST = 100.0  # of the noise of a pixel, to which pixels are cut: a single star must not decide
 SHARP = 4.0  # times its brightest neighbour, to which a pixel is cut
 AROUND = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], bool)
+QUANTUM = 1 / math.sqrt(12)  # digital number, noise of rounding
 STRIP = 8  # pixel about the frame that is left out, where dark columns lie
 TIP = 1.5  # pixel between the ends of two streaks that are tried
 POINTS = 1.0  # along a streak, of a pixel
@@ -72,9 +73,10 @@ def streak_of(frame: Frame, plan: DetectionPlan) -> Streak:
     # Rows and columns have levels of their own, which would make ridges.
     value = value - np.median(value, axis=0)
     value -= np.median(value, axis=1, keepdims=True)
-    noise = 1.4826 * float(np.median(np.abs(value)))
-    if not noise > 0:
+    if not value.any():
         return Streak(0.0, 0.0, math.inf, 0.0)
+    # Most pixels of a dark image of eight bits have the same number.
+    noise = max(1.4826 * float(np.median(np.abs(value))), QUANTUM)
     value = np.clip(value / noise, -3.0, BRIGHTEST)
     # A pixel far above all of its neighbours is hot, and no part of a star.
     value = np.minimum(value, SHARP * ndimage.maximum_filter(value, footprint=AROUND))
