@@ -6,6 +6,7 @@ import argparse
 import math
 from dataclasses import dataclass
 from datetime import UTC, timedelta
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,12 @@ from startrack.cli.options import (
 
 if wanted(__name__):
     import numpy as np
+    from numpy.typing import NDArray
 
     from startrack import mission, report
     from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
-    from startrack.core import Streams, arcsec, deg, utc
+    from startrack.core import Refused, Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, save_text, shipped, write_fits
     from startrack.metrics import (
         ARCSEC,
@@ -78,6 +80,9 @@ declare = Options(
            "head)", decimal(1, 89), many="+"),
     Option("--units N", "fly so many spacecraft whose heads are drawn units, too: what 95 %% of "
            "them keep, temperatures, and what alignment in flight gains", whole(1, 10**6)),
+    Option("--frames N", "render all heads at so many random instants, too (fidelity: "
+           "check.fidelity): frames.csv, how far they agree with what the mission expects, and the "
+           "angles between heads before and after a thermal model", whole(20, 10**6)),
     Option("--frame SECOND", "render what each head sees at this time after the begin instead: "
            "HEAD.fits, HEAD.png", decimal(0, 1e12)),
     Option("--scheduler ADDRESS", "fly several missions on the workers of a Dask cluster that "
@@ -119,6 +124,14 @@ def command(options: argparse.Namespace) -> int:
             result["units"] = _fleet_values(plan, fleet)
             save_json(options.out / "summary.json", finite(result))
             text += "\n" + _fleet_text(plan, fleet)
+        if options.frames:
+            fidelity = loaded.mission.check.fidelity
+            with progress("instants", options.frames) as advance:
+                table = mission.frames_of(plan, options.frames, options.seed, fidelity, advance)
+            export(options.out / "frames.csv", table)
+            result["frames"], lines = _frames(plan, table)
+            save_json(options.out / "summary.json", finite(result))
+            text = "\n".join([text, *lines])
     print_result(options, result, text)
     return Exit.DONE if met else Exit.UNSOLVED
 
@@ -447,6 +460,42 @@ def _which(plan: mission.Plan) -> str:
     )
     ages = ", ".join(f"{a / YEAR:.2g} to {b / YEAR:.2g} years old" for a, b in years)
     return f"{units or 'perfect and drawn units'}{', ' if ages else ''}{ages}"
+
+
+def _frames(plan: mission.Plan, table: NDArray[np.void]) -> tuple[dict[str, Any], list[str]]:
+    """Agreement of rendered heads with the mission, and angles between them: values and lines."""
+    heads, lines, values = range(len(plan.heads)), list[str](), dict[str, Any]()
+    values["heads"] = []
+    for h in heads:
+        found = mission.agreement(table, h)
+        values["heads"].append({
+            "name": plan.heads[h].name, "tried": found.tried, "right": found.right,
+            "expected": found.expected, "deviations": found.deviations,
+            "across_ratio": list(found.across), "about_ratio": list(found.about),
+        })  # fmt: skip
+        across, about = (f"{value:.3f} +- {sigma:.3f}" for value, sigma in
+                         (found.across, found.about))  # fmt: skip
+        lines.append(
+            f"  {plan.heads[h].name}: {found.right} of {found.tried} frames have a right attitude, "
+            f"{found.expected:.1f} expected ({found.deviations:+.1f} sigma); error over the "
+            f"expected one across {across}, about {about}"
+        )
+    values["between"] = []
+    for first, second in combinations(heads, 2):
+        try:
+            angle = mission.between(plan, table, first, second)
+        except Refused:  # heads that are seldom valid together
+            continue
+        names = [plan.heads[h].name for h in (first, second)]
+        values["between"].append({
+            "heads": names, "frames": angle.frames,
+            "before_arcsec": angle.before / arcsec, "after_arcsec": angle.after / arcsec,
+        })  # fmt: skip
+        lines.append(
+            f"  angle from {names[0]} to {names[1]}: {angle.before / arcsec:.2f} arcsec rms, "
+            f"{angle.after / arcsec:.2f} after a thermal model ({angle.frames} frames of both)"
+        )
+    return values, ["rendered heads, at random instants:", *lines]
 
 
 def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:

@@ -11,6 +11,8 @@ fusion      Errors of several heads -> covariance of their fused attitude; fusio
 engine      Mission -> Flown: what blinds each head at every step; error of the fused attitude.
 placement   Plan of a mission -> mountings of its heads that meet its requirements best.
 rendered    Plan of a mission -> trials at its instants: what heads see, and their errors checked.
+frames      Plan of a mission -> trials of all heads together, beside what it expects of them, and
+            the angles between heads before and after a thermal model.
 exports     Case -> HeadModel: its error as data and C code, for simulators of attitude control;
             an FMU, parameters of Basilisk's starTracker, a block of 42.
 units       Plan of a mission -> temperatures of platform and heads, and the errors of spacecraft
@@ -31,6 +33,7 @@ from startrack.mission.exports import (
     write_fmu,
     write_model,
 )
+from startrack.mission.frames import Agreement, Between, agreement, between, frames_of
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import KeepClear, Loaded, Mission, load_mission, save_mission
 from startrack.mission.placement import angles_of, map_of, moved_plan, place, trades

@@ -50,10 +50,10 @@ def scenes_at(plan: Plan, second: float) -> tuple[Scene, ...]:
     """
     step = min(plan.loaded.mission.time.step, 10.0)
     chunk = at(plan, plan.motion.at(second, step, 1))
-    return tuple(_scene(plan, chunk, h, 0) for h in range(len(plan.heads)))
+    return tuple(scene_at(plan, chunk, h, 0) for h in range(len(plan.heads)))
 
 
-def _scene(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
+def scene_at(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
     """One head at one of the instants of a chunk."""
     head, seen, instants = plan.heads[h], chunk.seen[h], chunk.instants
     mission, design = plan.loaded.mission, plan.loaded.designs[h]
@@ -132,7 +132,7 @@ def _checked(
     check = plan.loaded.mission.check
     ratios, used, chances = [], [], []
     for n, (h, k) in enumerate(places):
-        scene = _scene(plan, chunk, h, k)
+        scene = scene_at(plan, chunk, h, k)
         streams = Streams(check.seed, n)
         outcome = run_trial(scene.case, scene.icrs_to_camera, streams, check.fidelity)
         chances.append(scene.solved)
@@ -158,12 +158,12 @@ def _checked(
         count,
         len(used),
         float(np.sum(chances)),
-        *(_root(ratio[:, k]) for k in (0, 1)),
-        *(_root(left[:, k]) for k in (0, 1)),
+        *(root_of_mean(ratio[:, k]) for k in (0, 1)),
+        *(root_of_mean(left[:, k]) for k in (0, 1)),
     )
 
 
-def _root(square: Floats) -> tuple[float, float]:
+def root_of_mean(square: Floats) -> tuple[float, float]:
     """Root of a mean, and its standard error."""
     mean = float(square.mean())
     return math.sqrt(mean), float(square.std() / math.sqrt(len(square)) / 2 / math.sqrt(mean))

@@ -164,14 +164,14 @@ def fly_units(
     heat = temperatures_of(plan, mission.heat) if mission.heat else None
     bias, extra = _drawn(plan, count, seed)
     weight = extra.mean(axis=0)
-    turns = [_turns(design.case) for design in plan.loaded.designs]
+    turns = [turns_of(design.case) for design in plan.loaded.designs]
     size = 3 * heads + 1
     moments, noise, steps = np.zeros((3, size, size)), np.zeros(3), 0
     alone = [np.zeros((4, 4)) for _ in range(heads)]
     for first in range(0, mission.time.steps, CHUNK):
         some = min(CHUNK, mission.time.steps - first)
         chunk = at(plan, plan.motion.at(first * mission.time.step, mission.time.step, some), first)
-        turned = [_turned(plan, turns[h], h, chunk.instants, heat) for h in range(heads)]
+        turned = [turned_by_heat(plan, turns[h], h, chunk.instants, heat) for h in range(heads)]
         valid = np.array([seen.blind == 0 for seen in chunk.seen])
         gain, own = _gains(plan, chunk, weight, valid)
         row = np.concatenate(
@@ -236,7 +236,7 @@ def _designed(case: Case) -> Floats:
     return np.asarray(sum((line.spread.rms() ** 2 for line in lines), np.zeros(3)))
 
 
-def _turns(case: Case) -> Floats:
+def turns_of(case: Case) -> Floats:
     """Turn (3, 5) of the camera by each load, radian; none without a structure."""
     structure, instrument = case.instrument.structure, case.instrument
     if structure is None:
@@ -245,7 +245,7 @@ def _turns(case: Case) -> Floats:
     return np.array([found.get(name, np.zeros(5)) for name in TURNS])
 
 
-def _turned(
+def turned_by_heat(
     plan: Plan, turns: Floats, h: int, instants: Instants, heat: Temperatures | None
 ) -> Floats:
     """Thermo-elastic error (3, n) radian of a head, in camera axes: the turn, backwards."""

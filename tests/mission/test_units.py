@@ -95,7 +95,7 @@ def test_fused_errors_are_those_of_fused_rotations(tmp_path, monkeypatch):
         for h, head in enumerate(plan.heads):
             if chunk.seen[h].blind[n]:
                 continue
-            turns = of_units._turns(plan.loaded.designs[h].case)
+            turns = of_units.turns_of(plan.loaded.designs[h].case)
             case = plan.loaded.designs[h].case.instrument
             loads = case.structure.loads(case.optics, np.array([phase / math.tau]))
             error = bias[0, h] - (turns @ loads)[:, 0]

@@ -1,0 +1,68 @@
+"""Frames of all heads at instants of a mission, beside what the mission expects."""
+
+import math
+
+import numpy as np
+import pytest
+
+from startrack.core import Refused, arcsec
+from startrack.design import Fidelity
+from startrack.mission import agreement, between, frames_of, load_mission, plan_of
+from startrack.mission.frames import AXES, FRAMES
+from tests.mission.test_units import plan_with
+
+HEADS = ("left", -90, 5), ("right", 90, 5), ("behind", 0, 179)
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    """Two heads whose structure swings, and one that the Sun blinds unless the Earth hides it."""
+    return plan_with(tmp_path_factory.mktemp("frames"), HEADS)
+
+
+@pytest.mark.slow
+def test_frames_agree_with_what_the_mission_expects(tmp_path):
+    """200 frames of each head: within four standard deviations, and 10 % of the error."""
+    plan_with(tmp_path, HEADS[:2])
+    plan = plan_of(load_mission(tmp_path / "mission.toml"))
+    table = frames_of(plan, 200, 3, Fidelity.WINDOW)
+    for h in (0, 1):
+        found = agreement(table, h)
+        assert found.tried > 120
+        assert abs(found.deviations) < 4
+        for value, sigma in (found.across, found.about):
+            assert abs(value - 1) < 0.1 + 4 * sigma
+
+
+def test_a_blind_head_has_no_frames(plan):
+    table = frames_of(plan, 6, 3, Fidelity.COVARIANCE)
+    assert len(table) == 18
+    behind, first = (table[table["head"] == h] for h in (2, 0))
+    assert (behind["blind"] > 0).any()
+    assert not behind["solved"][behind["blind"] > 0].any()
+    assert agreement(table, 2).tried == (behind["blind"] == 0).sum()
+    assert np.ptp(first["turn_x"]) > arcsec
+    seen = agreement(table, 0)
+    assert seen.right == seen.tried > 2
+    # The plan states 2 arcsec, and the tracker of noise alone has some 0.5.
+    assert 0.1 < seen.across[0] < 0.6
+
+
+def test_the_angle_between_heads_before_and_after_a_model(plan):
+    """Noise of 2 arcsec on each head, and a turn of 6 arcsec of one, as the sine of the orbit."""
+    rng, count = np.random.default_rng(4), 4000
+    table = np.zeros((count, 2), FRAMES)
+    table["head"], table["solved"] = [0, 1], True
+    table["orbit"] = rng.uniform(0, math.tau, (count, 1))
+    for axis in AXES:
+        table[f"error_{axis}"] = rng.normal(0, 2 * arcsec, (count, 2))
+    across = np.cross(plan.heads[0].boresight, plan.heads[1].boresight)
+    turn = 6 * arcsec * np.sin(table["orbit"][:, 1:] + 1.0) * (across / np.linalg.norm(across))
+    for k, axis in enumerate(AXES):
+        table[f"turn_{axis}"][:, 1] = (turn @ plan.heads[1].axes)[:, k]
+    found = between(plan, table.ravel(), 0, 1)
+    assert found.frames == count
+    assert found.after == pytest.approx(math.sqrt(8) * arcsec, rel=0.05)
+    assert found.before == pytest.approx(math.sqrt(8 + 18) * arcsec, rel=0.05)
+    with pytest.raises(Refused, match="frames with an attitude of both heads must be at least 12"):
+        between(plan, table[:9].ravel(), 0, 1)
