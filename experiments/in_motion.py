@@ -75,6 +75,12 @@ BEGIN = 10  # frames of a sequence that are left out, while the filter settles
 # A real frame in which stars are streaks: the test image "random" of PiFinder (31 January 2024,
 # 512 x 512 pixels, 25 mm; 0.75 s was its exposure by default). Expected before it was solved, from
 # a look at the picture and the published field of that camera: lowest, expected, highest.
+# Two heads of Swarm, whose angle varied by 6.41 arcsec rms, and by 2.58 after a model of its
+# temperatures (Herceg, Joergensen and Joergensen 2017, Acta Astronautica 137, 205). Expected here,
+# arcsec, before it was flown: lowest, expected, highest. By hand from what docs/units.md has of that
+# tracker (0.31 across) and of that structure on its bracket (0.8 across), of two heads: it is known
+# that bench and mounts of such a spacecraft move by five times what the structure here does.
+SWARM = {"before": (0.6, 1.2, 2.0), "after": (0.3, 0.45, 0.7)}
 EXPOSURE = 0.75  # second
 STREAKED = {
     "fov_x_deg": (9.5, 10.2, 11.0),
