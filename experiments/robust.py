@@ -1,11 +1,17 @@
 """How many inputs from anybody end in something else than a result or a sentence?
 
     python experiments/robust.py [--json FILE] [--cases 10000] [--kinds KIND ...] [--seed 1]
-                                 [--kills 100] [--designs 100] [--slow] [--keep DIR] [--quick]
+                                 [--kills 100] [--caches 30] [--designs 100] [--slow] [--keep DIR]
+                                 [--quick]
 
 Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
-of 30 s and 1 GiB; `silent_differences` are other results from damaged or replaced files than from
-those that they were, without a word. Then commands are ended by SIGKILL, SIGTERM and SIGINT and
+of 30 s and 1 GiB, as nobody where this is root and others can run its Python; `silent_differences`
+are other results from damaged or replaced files than from those that they were, without a word;
+`replaced` FIFOs, links or devices that are files then; `outside` what was written outside of the
+folder of the cases. `planted` are faults put into the package on purpose, and whether cases find
+them. `caches` are damaged or foreign files of compiled code and of indexes that change a result or
+end a command, `clusters` Dask workers with other code than the command's that it does not name.
+Then commands are ended by SIGKILL, SIGTERM and SIGINT and
 started again: `lost` are ends with other bytes than those of a run that nothing ended, `orphans`
 processes that stayed, `words` ends with another status than 143 and 130 or more than one sentence.
 `resident_growth_mb` is by how much one process grows over so many designs, `slow_tests_failed` of
@@ -31,11 +37,13 @@ import tomli_w
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.fuzz.arena import Case, Verdict  # noqa: E402
-from tests.fuzz.campaign import run_cases  # noqa: E402
-from tests.fuzz.exchange import ALL  # noqa: E402
+from tests.fuzz.arena import NOBODY, Case, Verdict, is_unprivileged, make_folder  # noqa: E402
+from tests.fuzz.caches import run_caches  # noqa: E402
+from tests.fuzz.campaign import ALL, run_cases  # noqa: E402
+from tests.fuzz.clusters import run_clusters  # noqa: E402
 from tests.fuzz.grammar import bases  # noqa: E402
 from tests.fuzz.kills import COMMANDS, kill_commands  # noqa: E402
+from tests.fuzz.planted import SHOWN, is_found  # noqa: E402
 
 
 def main() -> None:
@@ -48,10 +56,11 @@ def main() -> None:
         help=f"of cases: {', '.join(known)} (default: all)",
     )  # fmt: skip
     parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--caches", type=int, default=30, help="damaged caches")
     parser.add_argument("--designs", type=int, default=100, help="in one process")
     parser.add_argument("--slow", action="store_true", help="run the slow tests, which takes hours")
     parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
-    options = command.read(parser, cases=3, kills=0, designs=0)
+    options = command.read(parser, cases=3, kills=0, caches=0, designs=0)
     counted, kinds, statuses = Counter[str](), Counter[str](), Counter[int | None]()
     slowest: list[float] = [0.0]
 
@@ -66,16 +75,18 @@ def main() -> None:
             if options.keep:
                 keep(options.keep / f"{sum(counted.values())}", case)
 
+    outside = list[Path]()
     if options.cases:
         wanted = [one for one in ALL if one.__name__.removesuffix("_case") in options.kinds]
         primed = not options.quick and options.kinds == known
-        run_cases(options.cases, options.seed, report, kinds=wanted, primed=primed)
+        outside = run_cases(options.cases, options.seed, report, kinds=wanted, primed=primed)
     ended = {"kills": 0, "lost": 0, "orphans": 0, "words": 0}
     if options.kills:
         with tempfile.TemporaryDirectory() as folder:
             ended = kill_commands(Path(folder), options.kills, options.seed, tuple(COMMANDS))
     figures: dict[str, Any] = {
         "seed": options.seed,
+        "user": NOBODY if is_unprivileged() else os.geteuid(),
         "cases": sum(kinds.values()),
         "kinds": dict(kinds),
         "statuses": {str(status): count for status, count in statuses.items()},
@@ -84,13 +95,38 @@ def main() -> None:
         "memory": counted["memory"],
         "silent_nan": counted["silent_nan"],
         "silent_differences": counted["silent_difference"],
+        "replaced": counted["replaced"],
+        "outside": len(outside),
         "slowest_s": slowest[0],
         **ended,
+        "planted": {} if options.quick else planted(options.seed),
+        **(surroundings(options.caches, options.seed) if options.caches else {}),
         "resident_growth_mb": grown(options.designs) if options.designs else 0.0,
         "slow_tests_failed": slow_tests_failed() if options.slow else None,
     }
     print(json.dumps(figures, indent=1))
     command.save(options, figures)
+
+
+def planted(seed: int) -> dict[str, bool]:
+    """Whether each fault that is put into the package is found."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        compiled = Path(folder) / "code"
+        make_folder(compiled)
+        return {fault: is_found(fault, seed, compiled) for fault in SHOWN}
+
+
+def surroundings(cases: int, seed: int) -> dict[str, int]:
+    """Damaged caches, and Dask workers with other code, that a command does not bear."""
+    figures = {}
+    for name, run in (
+        ("caches", lambda folder: run_caches(folder, cases, seed)),
+        ("clusters", run_clusters),
+    ):
+        with tempfile.TemporaryDirectory() as folder:
+            figures[name] = run(Path(folder))
+    return figures
 
 
 def grown(designs: int) -> float:

@@ -12,6 +12,8 @@ one of them fails, here or later, `kernel` compiles by `numba.njit`.
 from __future__ import annotations
 
 import hashlib
+import os
+import pickle
 import time
 import warnings
 from collections.abc import Callable
@@ -48,24 +50,54 @@ def uncached(function: FunctionType, **options: Any) -> KernelDispatcher:
 
 
 class _File(IndexDataCacheFile):
-    """Compiled code on disk, each file with a hash: what is damaged is compiled anew."""
+    """Compiled code on disk, each file with a hash: what is damaged is compiled anew.
+
+    The hash is of the file's name too, so that the code of another kernel is damage.
+    """
+
+    _named = ""  # file that is being written
 
     def _dump(self, obj: Any) -> bytes:
         data: bytes = super()._dump(obj)
-        return data + hashlib.sha256(data).digest()
+        return data + self._hash_of(self._named, data)
+
+    def _hash_of(self, name: str, data: bytes) -> bytes:
+        place = os.path.join(os.path.basename(self._cache_path), name)
+        return hashlib.sha256(place.encode() + b"\0" + data).digest()
+
+    def _save_index(self, overloads: Any) -> None:
+        self._named = self._index_name
+        super()._save_index(overloads)
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._named = name
+        super()._save_data(name, data)
 
     def _load_index(self) -> Any:
         try:
+            with open(regular(self._index_path), "rb") as file:
+                # Numba's version stands before what is hashed.
+                data = file.read().removeprefix(pickle.dumps(self._version, protocol=-1))
+            self._require_whole(self._index_name, data)
             return super()._load_index()
         except Exception:  # whatever reading a damaged file raises
             return {}
 
     def _load_data(self, name: str) -> Any:
-        with open(self._data_path(name), "rb") as file:
-            data = file.read()
-        if hashlib.sha256(data[:-DIGEST]).digest() != data[-DIGEST:]:
-            raise OSError(f"{name} is damaged")
+        with open(regular(self._data_path(name)), "rb") as file:
+            self._require_whole(name, file.read())
         return super()._load_data(name)
+
+    def _require_whole(self, name: str, data: bytes) -> None:
+        if self._hash_of(name, data[:-DIGEST]) != data[-DIGEST:]:
+            raise OSError(f"{name} is damaged")
+
+
+def regular(path: str) -> str:
+    """The path of a regular file, which opening does not wait for; raises OSError of all else."""
+    if not os.path.isfile(path):
+        raise OSError(f"{path} must be a regular file")
+    return path
 
 
 class _Cache(FunctionCache):

@@ -277,7 +277,12 @@ def _file_digest(path: Path, *_: int) -> str:
 def sent_with(named: Iterable[tuple[str, str, str]]) -> dict[str, str]:
     """Digests of the modules that a design names and that may run here, for other processes."""
     modules = {name.partition(":")[0]: (key, name) for key, _, name in named}
-    return {module: _import(*use).digest for module, use in modules.items() if is_allowed(module)}
+    # A process that only passes a design on, such as a scheduler of Dask, need not have the code.
+    return {
+        module: _expected.get(module) or _import(*use).digest
+        for module, use in modules.items()
+        if is_allowed(module)
+    }
 
 
 def received(modules: Mapping[str, str]) -> None:

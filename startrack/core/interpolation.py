@@ -47,7 +47,9 @@ class Curve:
     value: Annotated[tuple[float, ...], "at each wavelength, or one for all"] = (1.0,)
 
     def __post_init__(self) -> None:
-        if len(self.wavelength) != (len(self.value) if len(self.value) > 1 else 0):
+        if not self.value or len(self.wavelength) != (
+            len(self.value) if len(self.value) > 1 else 0
+        ):
             raise Refused(
                 "wavelength and value must have the same length (or one value and no wavelength), "
                 f"got {len(self.wavelength)} and {len(self.value)}"

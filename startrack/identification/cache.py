@@ -57,7 +57,8 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
     key = _key(stars, field_of_view)
     path = folder / f"index-{key[:32]}.npz"
     # What another user could have written is not read.
-    index = _read(path, key) if trusted(folder) and trusted(path) else None
+    readable = path.is_file() and trusted(folder) and trusted(path)
+    index = _read(path, key) if readable else None
     if index is None:
         index = build_index(stars, field_of_view)
         # The index is valid without its file: a full disk or a read-only folder is no failure.

@@ -14,7 +14,14 @@ from startrack.core import Refused
 from startrack.io import Database
 from startrack.io import whole as whole_file
 from startrack.montecarlo.sampling import BLOCK
-from startrack.montecarlo.store import STORE, Store, checksum, difference, write_about
+from startrack.montecarlo.store import (
+    STORE,
+    Store,
+    checksum,
+    difference,
+    write_about,
+    write_failure,
+)
 
 WITHOUT_TRIALS = "campaign"  # the row of `about` that changes no trial
 
@@ -113,7 +120,7 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
         for failure in sorted({tuple(failure) for part in parts for failure in part.failures}):
             # Where several parts failed at the same trial, the first report in their order stays.
             if not any(numbers.start <= failure[0] < numbers.stop for numbers in done):
-                execute("INSERT OR IGNORE INTO failures VALUES (?, ?, ?, ?)", failure)
+                write_failure(execute, failure)
     return Merged(trials, tuple(_touching(repeated)))
 
 

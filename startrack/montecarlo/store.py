@@ -7,7 +7,7 @@ import json
 import math
 import os
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -30,6 +30,7 @@ from startrack.trial import OUTCOMES
 
 LARGEST_TRIAL = 1024  # byte
 ABOUT = -1  # in place of a block, in the table of checksums: the table `about`
+FAILED = -2  # likewise: of a failure that begins with trial n, at FAILED - n
 FULL = math.pi * (1 + 1e-9)  # radian
 HUGE = 1e100
 PACKAGES = ("numpy", "scipy", "numba", "astropy", "opencv-contrib-python-headless")
@@ -222,7 +223,7 @@ class Store:
         row = (numbers.start, len(numbers), self.seed, report)
         with self._database.transaction() as execute:
             _forget_failures(execute, numbers)
-            execute("INSERT INTO failures VALUES (?, ?, ?, ?)", row)
+            write_failure(execute, row)
 
     def done(self) -> list[range]:
         """The trials that are kept, a range a block, in order.
@@ -232,12 +233,19 @@ class Store:
         return [numbers for numbers, _ in self._blocks()]
 
     def failures(self) -> list[tuple[range, str]]:
-        """The blocks that failed each time, with their tracebacks."""
-        rows = self._database.read("SELECT first, trials, report FROM failures ORDER BY first")
+        """The blocks that failed each time, with their tracebacks.
+
+        Raises  ValueError where one of them, or that there is one, is damage.
+        """
+        rows = self._database.read("SELECT first, trials, seed, report FROM failures")
+        sums = self._sums() if rows and self._checksums else {}
         with self._damage():
+            for row in rows if self._checksums else ():
+                if sums.get(FAILED - int(row[0])) != _checksum_of_failure(row):
+                    raise ValueError(f"a failure at trial {row[0]!r:.40} is not as it was written")
             return [
                 (range(int(first), int(first) + int(trials)), str(report))
-                for first, trials, report in rows
+                for first, trials, _, report in sorted(rows)
             ]
 
     def sessions(self) -> list[tuple[str, Mapping[str, str]]]:
@@ -374,6 +382,22 @@ def _checksum_of(about: Mapping[str, str]) -> bytes:
     return checksum(json.dumps(sorted(about.items())).encode())
 
 
+def write_failure(execute: Execute, row: Sequence[Any]) -> None:
+    """Write a block that failed, with a checksum.
+
+    row  first trial, trials, seed and report
+    """
+    execute("INSERT OR IGNORE INTO failures VALUES (?, ?, ?, ?)", row)
+    execute(
+        "INSERT OR IGNORE INTO checksums VALUES (?, ?)",
+        (FAILED - row[0], _checksum_of_failure(row)),
+    )
+
+
+def _checksum_of_failure(row: Sequence[Any]) -> bytes:
+    return checksum(json.dumps(list(row)).encode())
+
+
 def _code_of(case: Case) -> list[Code]:
     """Where the code is from that a case names."""
     return [origin_of(key, name) for key, _, name in code_in(case)]
@@ -383,6 +407,10 @@ def _forget_failures(execute: Execute, numbers: range) -> None:
     # With another number of workers, blocks have other sizes: one may hold several that failed.
     execute(
         "DELETE FROM failures WHERE first < ? AND first + trials > ?", (numbers.stop, numbers.start)
+    )
+    execute(
+        "DELETE FROM checksums WHERE first <= ? AND ? - first NOT IN (SELECT first FROM failures)",
+        (FAILED, FAILED),
     )
 
 

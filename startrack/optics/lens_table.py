@@ -215,6 +215,7 @@ class LensTable:
 
 
 AXES = ("temperature", "wavelength", "field")
+LARGEST = 1e12  # in SI units. Chosen by hand: no length or share of a lens is near it
 ARRAYS = ("noll", "wavefront", "place", "pupil", "outline", "area", "amplitude", "curvature")
 ABSENT = {"outline": (0,), "amplitude": (0,), "curvature": ()}  # beyond (t, w, f), of old files
 UNITS = {
@@ -242,8 +243,8 @@ def _check_values(name: str, values: Floats, shape: tuple[int, ...]) -> None:
         raise Refused(f"{name} must have the shape {shape}, got {np.shape(values)}")
     if values.size > MOST_NUMBERS:
         raise Refused(f"{name} must hold at most {MOST_NUMBERS} numbers, got {values.size}")
-    if not np.isfinite(values).all():
-        raise Refused(f"{name} must hold finite numbers")
+    if not (np.abs(values) <= LARGEST).all():
+        raise Refused(f"{name} must hold finite numbers of at most {LARGEST:g}")
 
 
 def rim_harmonics(u: Floats, v: Floats, count: int) -> Floats:

@@ -184,6 +184,23 @@ def test_a_damaged_or_foreign_cache_is_made_anew(folder, tmp_path, change):
     assert result(folder) == (705.0, 1)
 
 
+def test_the_code_of_another_kernel_is_damage(tmp_path):
+    """Files that change their names with each other are whole, and must not be run."""
+    compiler = pytest.importorskip("startrack.core.compiler")
+    one, other = (compiler._File(str(tmp_path), name, "stamp") for name in ("one", "other"))
+    for number, file in enumerate((one, other)):
+        file.save("types", number)
+        assert file.load("types") == number
+    for name in ("other.1.nbc", "other.nbi"):
+        shutil.copy(tmp_path / name.replace("other", "one"), tmp_path / name)
+        assert other.load("types") is None
+        other.save("types", 1)
+        assert other.load("types") == 1
+    (tmp_path / "other.nbi").unlink()
+    os.mkfifo(tmp_path / "other.nbi")
+    assert other.load("types") is None
+
+
 def test_folders_of_old_sources_are_removed(folder):
     for number in range(MODULE.KEPT + 2):
         edit(folder, "return FACTOR * x", "return FACTOR * x + 1")

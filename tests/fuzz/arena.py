@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -10,9 +11,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 SECONDS = 30.0  # of CPU, or without any, after which a case has hung
@@ -37,23 +41,26 @@ class Case:
 
     kind       of the input, for the figures
     arguments  of the command; the files stand in its folder
-    files      content by name; None: a FIFO
+    files      content by name; None: a FIFO; a name with / at its end: a folder that cannot be
+               written to
     undamaged  the same files as they were; where they are given, the result must be refused, or be
                that of these
+    links      symbolic links: target by name; like FIFOs they must be there in the end
     """
 
     kind: str
     arguments: tuple[str, ...]
     files: Mapping[str, bytes | None] = field(default_factory=dict)
     undamaged: Mapping[str, bytes | None] | None = None
+    links: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Verdict:
     """What became of a case.
 
-    fault    "" where it was done or refused well; else traceback, hang, memory, silent_nan or
-             silent_difference
+    fault    "" where it was done or refused well; else traceback, hang, memory, silent_nan,
+             silent_difference or replaced (a FIFO, link or device by a file)
     detail   the words that show it
     status   exit status, None after a hang or a crash
     seconds, bytes  that it took
@@ -66,13 +73,48 @@ class Verdict:
     bytes: int
 
 
-class Arena:
-    """Runs cases one after the other in a worker process, which is made anew where it ended."""
+NOBODY = 65534
+DEVICES = ("/dev/null", "/dev/full", "/dev/zero", "/dev/tty")
+# Where any user can write, and so where a command could leave something.
+OPEN = ("/tmp", "/var/tmp", "/dev/shm", "/run/lock", "/dev/mqueue")
 
-    def __init__(self, seconds: float = SECONDS, memory: int = MEMORY, fault: str = ""):
-        self.seconds, self.memory, self.fault = seconds, memory, fault
+
+@cache
+def is_unprivileged() -> bool:
+    """Whether the worker runs as nobody: where this process is root and others can run Python."""
+    if os.geteuid():
+        return False
+    needed = (Path(sys.executable).resolve(), ROOT, *(Path(one) for one in sys.path if one))
+    parts = {part for path in needed if path.exists() for part in (path, *path.parents)}
+    return all(part.stat().st_mode & 0o005 == 0o005 for part in parts if part.is_dir())
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder of the user of the workers."""
+    folder.mkdir()
+    if is_unprivileged():
+        os.chown(folder, NOBODY, NOBODY)
+
+
+class Arena:
+    """Runs cases one after the other in a worker process, which is made anew where it ended.
+
+    Where this process is root, the worker is nobody, with a home in its folder.
+
+    compiled  folder of the worker's user to keep compiled code in; None: its own
+    """
+
+    def __init__(
+        self, seconds: float = SECONDS, memory: int = MEMORY, fault: str = "",
+        compiled: Path | None = None,
+    ):  # fmt: skip
+        self.seconds, self.memory, self.fault, self._compiled = seconds, memory, fault, compiled
         self._worker: subprocess.Popen[str] | None = None
+        self._nobody, self._begun = is_unprivileged(), time.time()
         self._folder = Path(tempfile.mkdtemp(prefix="startrack-fuzz-"))
+        for name in ("home", "tmp"):
+            make_folder(self._folder / name)
+        self._folder.chmod(0o755)
         self._results = dict[tuple[str, ...], str]()
         self._errors = (self._folder / "worker.txt").open("w+")
 
@@ -83,6 +125,21 @@ class Arena:
         self._end()
         self._errors.close()
         shutil.rmtree(self._folder, ignore_errors=True)
+
+    def outside(self) -> list[Path]:
+        """What the worker's user has written outside of its folder since the beginning."""
+        if not self._nobody:
+            return []
+        found, own = [], (self._folder, self._compiled)
+        for place in OPEN:
+            for folder, names, files in os.walk(place):
+                names[:] = [one for one in names if Path(folder, one) not in own]
+                for path in (Path(folder, one) for one in (*names, *files)):
+                    with contextlib.suppress(OSError):
+                        state = path.lstat()
+                        if state.st_uid == NOBODY and state.st_mtime >= self._begun:
+                            found.append(path)
+        return found
 
     def judge(self, case: Case, times: float = 1.0) -> Verdict:
         """Run a case and look at its status, its output and what it took.
@@ -103,11 +160,19 @@ class Arena:
         """The verdict on a case by itself, and what it printed."""
         folder = self._folder / "case"
         shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
+        make_folder(folder)
         for name, content in case.files.items():
             path = folder / name
+            if name.endswith("/"):
+                path.mkdir(mode=0o555)
+                continue
             path.parent.mkdir(parents=True, exist_ok=True)
             os.mkfifo(path) if content is None else path.write_bytes(content)
+        for name, target in case.links.items():
+            (folder / name).symlink_to(target)
+        if self._nobody:
+            for path in folder.rglob("*"):
+                os.chown(path, NOBODY, NOBODY, follow_symlinks=False)
         arguments = [*case.arguments, "--memory", str(self.memory)]
         answer = self._ask({"folder": str(folder), "arguments": arguments}, times)
         out, err = (
@@ -124,6 +189,8 @@ class Arena:
         fault, detail = _fault(case, status, out, err, answer["escaped"])
         if not fault and size > self.memory * EXCESS:
             fault, detail = "memory", f"{size / 2**20:.0f} MiB; {err[-200:]}"
+        if replaced := _replaced(folder, case):
+            fault, detail = "replaced", f"{', '.join(replaced)}; {err[-200:]}"
         return Verdict(fault, detail, status, seconds, size), out
 
     def prime(self, case: Case) -> None:
@@ -163,11 +230,21 @@ class Arena:
         return json.loads(line)
 
     def _begin(self) -> subprocess.Popen[str]:
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "STARTRACK_CACHE": str(self._folder)}
+        beside = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(filter(None, beside)),
+            "HOME": str(self._folder / "home"),
+            "TMPDIR": str(self._folder / "tmp"),
+        }
+        for name in ("STARTRACK_CACHE", "XDG_CACHE_HOME"):
+            environment.pop(name, None)
+        if self._compiled:
+            environment["NUMBA_CACHE_DIR"] = str(self._compiled)
+        nobody: dict[str, Any] = {"user": NOBODY, "group": NOBODY, "extra_groups": []}
         return subprocess.Popen(
             [sys.executable, "-m", "tests.fuzz.worker", self.fault],
             cwd=ROOT, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=self._errors,
+            stderr=self._errors, **(nobody if self._nobody else {}),
         )  # fmt: skip
 
     def _end(self) -> None:
@@ -175,6 +252,17 @@ class Arena:
             self._worker.kill()
             self._worker.communicate()
             self._worker = None
+
+
+def _replaced(folder: Path, case: Case) -> list[str]:
+    """The FIFOs, links and devices that are none any more."""
+    found = [
+        name
+        for name, content in case.files.items()
+        if content is None and not (folder / name).is_fifo()
+    ]
+    found += [name for name in case.links if not (folder / name).is_symlink()]
+    return found + [name for name in DEVICES if os.path.lexists(name) and Path(name).is_file()]
 
 
 def timeless(out: str) -> str:

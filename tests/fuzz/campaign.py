@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from random import Random
 
 from tests.fuzz.arena import SECONDS, Arena, Case, Verdict
-from tests.fuzz.exchange import ALL, whole_exchanges
-from tests.fuzz.grammar import Draw, Kind, any_case, whole_cases
+from tests.fuzz.exchange import EXCHANGES, whole_exchanges
+from tests.fuzz.grammar import WEIGHTS, Draw, Kind, any_case, whole_cases
+from tests.fuzz.surroundings import SURROUNDINGS, whole_surroundings
+
+ALL = (*WEIGHTS, *EXCHANGES, *SURROUNDINGS)
 
 
 class Enough(Exception):
@@ -22,16 +26,20 @@ def run_cases(
     kinds: Iterable[Kind] = ALL,
     fault: str = "",
     primed: bool = True,
-) -> None:
+    compiled: Path | None = None,
+) -> list[Path]:
     """Judge new cases of a seed until there are enough, or the report raises Enough.
+
+    Returns  what was written outside of the worker's folder, where it is seen: as root
 
     report   called with each case and its verdict
     kinds    of cases, each as often as it stands there
     primed   whether each command is first run once, so that no case waits for its compilation
+    compiled  as of `Arena`
     fault    that the worker has on purpose, one of `worker.FAULTS`; empty for none
     """
-    with Arena(seconds, fault=fault) as arena:
-        for case in (*whole_cases(), *whole_exchanges()) if primed else ():
+    with Arena(seconds, fault=fault, compiled=compiled) as arena:
+        for case in (*whole_cases(), *whole_exchanges(), *whole_surroundings()) if primed else ():
             arena.prime(case)
 
         for case_number in range(number):
@@ -41,3 +49,4 @@ def run_cases(
                 report(case, arena.judge(case))
             except Enough:
                 break
+        return arena.outside()

@@ -22,7 +22,7 @@ from startrack.io.recordings import PATTERNS, RAW_TYPES, SER_HEADER, SER_MAGIC
 from startrack.montecarlo import Sampling, Serial, resume_sketch
 from tests.fuzz import parts
 from tests.fuzz.arena import Case
-from tests.fuzz.grammar import FIELDS, NUMBERS, WEIGHTS, Draw, Kind, bases, damaged, mutated, plain
+from tests.fuzz.grammar import FIELDS, NUMBERS, Draw, Kind, bases, damaged, mutated, plain
 
 STRANGE = (
     "math:sqrt", "numpy:zeros", "builtins:print", "json:JSONDecoder", "time:sleep",
@@ -194,4 +194,3 @@ def whole_exchanges() -> list[Case]:
 EXCHANGES: tuple[Kind, ...] = (
     *(code_case,) * 3, sketch_case, guide_case, *(recording_case,) * 2,
 )  # fmt: skip
-ALL = (*WEIGHTS, *EXCHANGES)

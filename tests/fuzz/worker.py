@@ -127,8 +127,8 @@ def put_in(fault: str) -> None:
         module, _, owner = path.partition(":")
         held = importlib.import_module(module)
         held = getattr(held, owner) if owner else held
-        if hasattr(held, attribute):
-            setattr(held, attribute, replacement)
+        assert hasattr(held, attribute), name
+        setattr(held, attribute, replacement)
 
 
 def growth(designs: int, begun: int = 20) -> float:

@@ -17,7 +17,9 @@ def stars():
     return Stars(np.arange(60), direction, np.linspace(1, 5, 60), np.zeros(60))
 
 
-@pytest.mark.parametrize("change", ["none", "cut", "flipped", "anyone's", "another's", "open"])
+@pytest.mark.parametrize(
+    "change", ["none", "cut", "flipped", "anyone's", "another's", "open", "fifo", "folder"]
+)
 def test_a_damaged_or_foreign_index_is_made_anew(tmp_path, stars, monkeypatch, change):
     folder = tmp_path / "new"
     first = cache.cached_index(stars, 0.5, folder)
@@ -33,6 +35,9 @@ def test_a_damaged_or_foreign_index_is_made_anew(tmp_path, stars, monkeypatch, c
         file.chmod(0o666)
     elif change == "open":
         folder.chmod(0o777)
+    elif change in ("fifo", "folder"):
+        file.unlink()
+        (os.mkfifo if change == "fifo" else os.mkdir)(file)
     elif change == "another's":
         if os.geteuid():
             pytest.skip("only root can give a file away")

@@ -387,7 +387,7 @@ def test_processes_and_dask_do_the_same_trials(installed, plain):
     alone = run(case, 24, 3, Serial())
     with pool(2) as executor:
         assert run(case, 24, 3, executor, workers=2).tobytes() == alone.tobytes()
-    workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
     with workers as cluster, dask_pool(cluster.scheduler_address) as executor:
         assert run(case, 24, 3, executor, workers=2).tobytes() == alone.tobytes()
 
@@ -401,7 +401,7 @@ def test_optimize_is_the_same_with_two_processes_and_with_dask(installed, plain)
     sizes = ("trials=4", "most_trials=4", "analytic_evaluations=4", "evaluations=4")
     changes = [f"campaign.{one}" for one in (*sizes, "fresh_trials=12", "fidelity=frame")]
     design = load_design(plain, [*ALL, *changes], allow_code=True)
-    workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
     with pool(2) as processes, workers as cluster, dask_pool(cluster.scheduler_address) as dask:
         alone, *others = (
             optimize(design.case, design.campaign, TrialRunner(1, executor, count))

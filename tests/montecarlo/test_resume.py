@@ -115,7 +115,7 @@ def test_a_dask_cluster_gives_the_same_bytes_and_survives_a_kill(store):
     from startrack.montecarlo.workers import dask_pool
 
     alone = run(store.case, 128, 3, Serial())
-    workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    workers = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
     with workers as cluster, dask_pool(cluster.scheduler_address) as executor:
         victim = executor.submit(os.getpid).result()
         done = []
@@ -168,7 +168,7 @@ def test_a_dask_cluster_by_tls(tmp_path):
         },
     )  # fmt: skip
     workers = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0",
         protocol="tls://", security=security,
     )  # fmt: skip
     with workers as cluster:

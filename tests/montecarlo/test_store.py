@@ -3,6 +3,7 @@ import dataclasses
 import json
 import os
 import resource
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -329,3 +330,17 @@ def test_trials_of_another_content_of_a_file_are_not_mixed(path, case, tmp_path,
     with pytest.raises(ValueError, match=rf"another campaign: inputs\.{key} .*input.fits is"):
         Sketch(sketch).add(Sketch(other))
     assert runner._key(case, Fidelity.FRAME, 0) != ledger
+
+
+def test_a_failure_that_nobody_kept_is_damage(path, case, outcomes):
+    with Store(path, case, 3) as store:
+        store.keep(0, outcomes(25))
+        store.keep_failure(range(25, 50), "why")
+    changes = ("INSERT INTO failures VALUES (99, 1, 1, '')", "UPDATE failures SET report = 'x'")
+    for change in changes:
+        other = path.with_name(f"other-{changes.index(change)}.sqlite")
+        shutil.copy(path, other)
+        with contextlib.closing(sqlite3.connect(other)) as base, base:
+            base.execute(change)
+        with Store(other) as store, pytest.raises(ValueError, match=r"is damaged.* at trial"):
+            store.failures()

@@ -50,6 +50,7 @@ def test_older_files_have_an_even_pupil_at_infinity(tmp_path):
         ({"noll": np.array([4, 9999, 11])}, "got 9999"),
         ({"place": np.zeros((1, 5, 4))}, "place must have the shape"),
         ({"area": np.full((1, 5, 5), np.nan)}, "area must hold finite numbers"),
+        ({"area": np.full((1, 5, 5), 1e308)}, "area must hold finite numbers of at most"),
         ({"area": np.zeros((1, 5, 5))}, "area must be positive"),
         ({"pupil": np.full((1, 5, 5, 6), 1.5)}, "pupil must hold positive half axes"),
         ({"outline": np.zeros((1, 5, 4, 2))}, "outline must have the shape"),

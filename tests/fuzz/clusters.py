@@ -1,0 +1,84 @@
+"""Dask workers that lack the code of a design, or have other code -> whether a command says so."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import tomli_w
+
+from tests.fuzz.arena import UNEXPECTED
+from tests.fuzz.grammar import bases
+
+ROOT = Path(__file__).parents[2]
+LONGEST = 300.0  # second
+CODE = "import numpy as np\n\n\ndef centroid(given):\n    return given.apex()\n"
+# What a worker has of the module that the command may run; None: nothing.
+OTHERS = {"none": None, "other": CODE + "# another\n", "damaged": "def ("}
+
+
+def run_clusters(folder: Path, report: Callable[[str, str], object] = print) -> int:
+    """Run a command on clusters whose worker has other code; how often it does not say so.
+
+    report  called with what the worker has and the words of the command where it does not
+    """
+    table = {**bases()["design"], "tracker": {**bases()["design"]["tracker"]}}
+    table["tracker"]["detection"] = table["tracker"]["detection"] | {"centroid": "mine:centroid"}
+    found = 0
+    for name, code in {"the same": CODE, **OTHERS}.items():
+        here, there = folder / name / "here", folder / name / "there"
+        for place, text in ((here, CODE), (there, code)):
+            place.mkdir(parents=True)
+            if text is not None:
+                (place / "mine.py").write_text(text)
+        (here / "design.toml").write_text(tomli_w.dumps(table))
+        status, words = _end(here, there)
+        refused = status in (1, 2) and words.count("\n") == 1 and "mine" in words
+        if UNEXPECTED.search(words) or (refused if code == CODE else not refused):
+            found += 1
+            report(name, f"status {status}: {words[-600:]!r}")
+    return found
+
+
+def _end(here: Path, there: Path) -> tuple[int | None, str]:
+    """Status and messages of a command whose cluster has one worker with the files of a folder."""
+    known = there / "scheduler.json"
+    file = ("--scheduler-file", str(known), "--no-dashboard")
+    local = (*file, "--nthreads", "1", "--local-directory", str(there))
+    begun = [
+        _begin(there, "distributed.cli.dask_scheduler", *file, "--port", "0"),
+        _begin(there, "distributed.cli.dask_worker", *local),
+    ]
+    try:
+        end = time.monotonic() + 60
+        while not known.exists() and time.monotonic() < end:
+            time.sleep(0.2)
+        time.sleep(0.2)
+        command = _begin(
+            here, "startrack.cli", "montecarlo", "design.toml", "--allow-code", "--trials", "4",
+            "--fidelity", "frame", "--workers", "1", "--out", "out",
+            "--scheduler", json.loads(known.read_text())["address"],
+        )  # fmt: skip
+        begun.append(command)
+        words = command.communicate(timeout=LONGEST)[1]
+        lines = [line for line in words.splitlines(True) if "not part of startrack\n" not in line]
+        return command.returncode, "".join(lines)
+    except subprocess.TimeoutExpired:
+        return None, f"still there after {LONGEST:g} s"
+    finally:
+        for process in reversed(begun):
+            process.terminate()
+            process.communicate()
+
+
+def _begin(folder: Path, module: str, *words: str) -> subprocess.Popen[str]:
+    beside = os.pathsep.join([str(folder), str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *words], cwd=folder, text=True,
+        env=os.environ | {"PYTHONPATH": beside}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
