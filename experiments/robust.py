@@ -68,6 +68,8 @@ def main() -> None:
         kinds[case.kind] += 1
         statuses[verdict.status] += 1
         slowest[0] = max(slowest[0], verdict.seconds)
+        if sum(kinds.values()) % 100 == 0:
+            print(f"{sum(kinds.values())} of {options.cases} cases", flush=True)
         if verdict.fault:
             counted[verdict.fault] += 1
             print(f"{verdict.fault}: {case.kind}: {' '.join(case.arguments)!r}: {verdict.detail!r}")
