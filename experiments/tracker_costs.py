@@ -27,7 +27,7 @@ TRACKERS = Path(__file__).parents[1] / "tests/oracle/tracker_costs.json"
 # A megapixel of 12 bits, four times a second: hardly a publication gives frame and rate.
 DATA_RATE = 1024**2 * 12 * 4  # bit / s
 ROOM = 293.15  # kelvin
-CCDS = ("ccd", "kaf")  # how the names of CCDs in the catalogue begin
+CCDS = ("ccd", "kaf", "kai")  # how the names of CCDs in the catalogue begin
 LAWS = {
     "full_well": "full well over the area of a pixel, electron / um2",
     "dark": "dark current at 20 degC over the area of a pixel, electron / s / um2",

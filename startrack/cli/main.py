@@ -150,6 +150,7 @@ def _run(options: argparse.Namespace) -> int:
             import_module("numpy").errstate(all="ignore"),
             core.code_of_command(getattr(options, "allow_code", False)),
             core.limited_memory(memory_of(options, core.memory_limit())),
+            terminal.lines_now_and_then(),
             terminal.report_compiling(),
             terminal.claimed_out(options),
         ):

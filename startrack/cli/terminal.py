@@ -6,10 +6,11 @@ import argparse
 import json
 import math
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,7 @@ UNKEPT_CODE = (
     "startrack: compiled code cannot be kept, as no folder can be written to: each run compiles "
     "again, up to a minute; set NUMBA_CACHE_DIR to a folder that can be written to"
 )
+_running = list[Callable[[], str]]()  # what steps say of themselves, the innermost last
 COMPILING = "startrack: compiling for this machine; once after an installation, up to a minute"
 
 
@@ -225,7 +227,20 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
     Yields a function of the number of steps done, and of a note to show beside the bar.
     """
     if not sys.stderr.isatty():
-        yield _lines(title, total)
+        done, said, begun = [0.0], [""], time.monotonic()
+
+        def count(steps: float, note: str = "") -> None:
+            done[0] += steps
+            said[0] = note or said[0]
+
+        def text() -> str:
+            left = ""
+            if 0 < done[0] < total:
+                left = f", some {(time.monotonic() - begun) * (total / done[0] - 1):.0f} s left"
+            return f"{title}: {done[0]:.0f} of {total}{left}{said[0] and f', {said[0]}'}"
+
+        with _named(text):
+            yield count
         return
     from rich.console import Console
     from rich.progress import (
@@ -254,34 +269,50 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
         yield advance
 
 
-def _lines(title: str, total: int) -> Callable[..., None]:
-    """A function that prints a line each SILENT seconds in which it is called."""
-    begun = shown = time.monotonic()
-    done = 0.0
-
-    def advance(count: float, note: str = "") -> None:
-        nonlocal done, shown
-        done += count
-        now = time.monotonic()
-        if now - shown >= SILENT and 0 < done < total:
-            shown = now
-            left = (now - begun) * (total - done) / done
-            text = f"{title}: {done:.0f} of {total}, some {left:.0f} s left"
-            print_message(f"startrack: {text}{f', {note}' if note else ''}")
-
-    return advance
+@contextmanager
+def _named(text: Callable[[], str]) -> Iterator[None]:
+    """Within: what `lines_now_and_then` says of the step that runs."""
+    _running.append(text)
+    try:
+        yield
+    finally:
+        _running.remove(text)
 
 
 @contextmanager
 def stage(title: str) -> Iterator[None]:
     """A moving sign beside a name on a terminal, while a step without a bar runs."""
     if not sys.stderr.isatty():
-        yield
+        with _named(lambda: title):
+            yield
         return
     from rich.console import Console
 
     with Console(stderr=True).status(title):
         yield
+
+
+@contextmanager
+def lines_now_and_then() -> Iterator[None]:
+    """Print a line each SILENT seconds where there is no terminal: the step, and the time left."""
+    if sys.stderr.isatty():
+        yield
+        return
+    over, begun = threading.Event(), time.monotonic()
+
+    def show() -> None:
+        while not over.wait(SILENT):
+            text = _running[-1]() if _running else "at work"
+            with suppress(OSError, ValueError):  # nobody can read it
+                print_message(f"startrack: {text}; {time.monotonic() - begun:.0f} s so far")
+
+    thread = threading.Thread(target=show, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 @contextmanager

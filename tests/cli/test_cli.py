@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 import warnings
 
 import cv2
@@ -14,7 +15,7 @@ from astropy.io import fits
 from startrack.benchmark import STAGES
 from startrack.cli.keys import DATASHEET
 from startrack.cli.main import COMMANDS, main
-from startrack.cli.terminal import progress
+from startrack.cli.terminal import lines_now_and_then, progress, stage
 from startrack.design import design_keys
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
@@ -449,14 +450,28 @@ def test_what_a_command_imports_late_is_there_when_it_runs(tmp_path):
 
 
 def test_long_work_says_so_without_a_terminal(capsys, monkeypatch):
-    """Of a clock that goes a minute a step: a line a step, and none at the end."""
-    clock = iter(60.0 * step for step in range(10))
-    monkeypatch.setattr("startrack.cli.terminal.time.monotonic", lambda: next(clock))
-    with progress("trials", 3) as advance:
-        for _ in range(3):
+    """A line now and then while a step runs, whether or not it says how far it is."""
+    now = [0.0]
+    monkeypatch.setattr("startrack.cli.terminal.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("startrack.cli.terminal.SILENT", 0.01)
+    shown = []
+
+    def wait_for(line):
+        for _ in range(1000):
+            shown.extend(capsys.readouterr().err.splitlines())
+            if line in shown:
+                return
+            time.sleep(0.01)
+        pytest.fail(f"{line!r} not in {shown[-3:]}")
+
+    with lines_now_and_then():
+        with progress("trials", 3) as advance:
+            now[0] = 60.0
             advance(1, "best 4.2")
-    lines = capsys.readouterr().err.splitlines()
-    assert lines == [
-        "startrack: trials: 1 of 3, some 120 s left, best 4.2",
-        "startrack: trials: 2 of 3, some 60 s left, best 4.2",
-    ]
+            wait_for("startrack: trials: 1 of 3, some 120 s left, best 4.2; 60 s so far")
+        with stage("error budget"):
+            wait_for("startrack: error budget; 60 s so far")
+        wait_for("startrack: at work; 60 s so far")
+    capsys.readouterr()
+    time.sleep(0.05)
+    assert not capsys.readouterr().err
