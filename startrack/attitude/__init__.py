@@ -29,7 +29,7 @@ from startrack.attitude.camera import (
     moved_camera,
     typical_square,
 )
-from startrack.attitude.camera_filter import CameraFilter, after_frame, first_camera
+from startrack.attitude.camera_filter import CameraFilter, after_frame, attitude_doubt, first_camera
 from startrack.attitude.follow import Gyroscope, Lasting, State, correct, predict, start
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
 from startrack.attitude.refine import SharedErrors, attitude_gain, refine

@@ -139,6 +139,11 @@ class _Block:
         """The rotation vector (3,) for a step of the camera."""
         return self.inverse @ (self.attitude_right - self.cross.T @ step)
 
+    def turned_by(self, covariance: Floats) -> Floats:
+        """Covariance (3, 3) radian^2 that the camera's (k, k) gives to the frame's attitude."""
+        slope = self.inverse @ self.cross.T
+        return slope @ covariance @ slope.T
+
 
 class MatchedFrame:
     """The matches of one frame, and its attitude so far."""
@@ -162,14 +167,21 @@ class MatchedFrame:
         _, square, weight = self._weigh(camera, floor)
         return float(np.sum(square * weight))
 
-    def normal(self, camera: Camera, free: Ints, floor: float) -> _Block:
-        """The normal equations of some of UNKNOWNS, by their numbers."""
+    def normal(
+        self, camera: Camera, free: Ints, floor: float, more: Floats | None = None
+    ) -> _Block:
+        """The normal equations of some of UNKNOWNS, by their numbers.
+
+        more  (n, 2, k) slopes of the stars' pixels by further unknowns; None: there are none
+        """
         residual = self.residual(camera)
         inverse, _, weight = self._weigh(camera, floor)
         inverse = inverse * weight[:, None, None]
         points = self.icrs_to_camera.apply(self.direction)
         camera_rows, attitude_rows = camera_slopes(camera, points)
         camera_rows = camera_rows[:, :, free]
+        if more is not None:
+            camera_rows = np.concatenate([camera_rows, more], axis=2)
         weighed = np.einsum("nij,njk->nik", inverse, attitude_rows)
         attitude = np.linalg.inv(np.einsum("nij,nik->jk", attitude_rows, weighed))
         cross = np.einsum("nij,nik->jk", camera_rows, weighed)

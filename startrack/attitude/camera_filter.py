@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
 
 from startrack.attitude.camera import UNKNOWNS, Calibration, MatchedFrame, moved_camera
-from startrack.core import NON_NEGATIVE, Camera, Floats, Ints, Matches, Parameters, Spots, Unit
+from startrack.core import (
+    NON_NEGATIVE,
+    Camera,
+    Floats,
+    Ints,
+    Matches,
+    Parameters,
+    Range,
+    Refused,
+    Spots,
+    Unit,
+    map_displacement,
+    map_weights,
+)
 
 FEWEST = 4  # stars of a frame that says something of its camera
 STEPS = 2  # of Gauss-Newton, in a frame
 COUNT = len(UNKNOWNS)
+EVERY: Ints = np.arange(COUNT)
 
 
 @dataclass(frozen=True)
 class CameraFilter(Parameters):
     """A calibration in flight, frame by frame: what is known before, and how the camera changes.
 
-    Random walks are of the square root of the time; slopes are by the temperature.
+    Random walks are of the square root of the time; slopes are by the temperature. A map of what
+    the distortion leaves has nodes that span the frame evenly, with straight lines between them.
     """
 
     prior: Annotated[Calibration, "standard deviations at the begin"] = field(
@@ -31,19 +47,31 @@ class CameraFilter(Parameters):
         "relative, standard deviation at the begin"] = 0.0  # fmt: skip
     principal_slope: Annotated[float, NON_NEGATIVE,
         "pixel / kelvin along each axis, standard deviation at the begin"] = 0.0  # fmt: skip
+    map: Annotated[int, Range(0, 9),
+        "nodes along each side of a map of local distortion; 0: none"] = 0  # fmt: skip
+    map_sigma: Annotated[float, NON_NEGATIVE,
+        "pixel per axis, standard deviation of a node at the begin"] = 0.1  # fmt: skip
+    map_walk: Annotated[float, NON_NEGATIVE, "pixel / second^(1/2), of a node per axis"] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.map == 1:
+            raise Refused("map must be 0 or at least 2, got 1")
 
     def sigma(self, camera: Camera) -> Floats:
-        """(16,) of UNKNOWNS and of their slopes, at the begin."""
+        """(16 + 2 map^2,) of UNKNOWNS, their slopes, and x and y of the nodes, at the begin."""
         slopes = np.zeros(COUNT)
         slopes[0] = self.focal_length_slope * camera.focal_length_px
         slopes[1:3] = self.principal_slope
-        return np.concatenate([self.prior.sigma(camera), slopes])
+        nodes = np.full(2 * self.map**2, self.map_sigma)
+        return np.concatenate([self.prior.sigma(camera), slopes, nodes])
 
     def walk(self, camera: Camera) -> Floats:
-        """(16,) change in a second, standard deviation."""
-        walk = np.zeros(2 * COUNT)
+        """(16 + 2 map^2,) change in a second, standard deviation."""
+        walk = np.zeros(2 * COUNT + 2 * self.map**2)
         walk[0] = self.focal_length_walk * camera.focal_length_px
         walk[1:3] = self.principal_walk
+        walk[2 * COUNT :] = self.map_walk
         return walk
 
 
@@ -51,23 +79,42 @@ class CameraFilter(Parameters):
 class KnownCamera:
     """A camera as it is known after some frames.
 
-    camera      at the reference temperature
+    camera      at the reference temperature, with the map as its residual
     slope       (8,) of UNKNOWNS, 1 / kelvin
-    covariance  (16, 16) of UNKNOWNS and their slopes; zero where one is fixed
+    covariance  (16 + 2 k, 16 + 2 k) of UNKNOWNS, their slopes, and x and y of k nodes; zero where
+                one is fixed
+    nodes       (k, 2) pixel, of the map
     """
 
     camera: Camera
     slope: Floats
     covariance: Floats
+    nodes: Floats = field(default_factory=lambda: np.zeros((0, 2)))
 
     def at(self, warmer: float) -> Camera:
         """The camera at a temperature, kelvin above the reference."""
-        return moved_camera(self.camera, np.arange(COUNT), warmer * self.slope)
+        return moved_camera(self.camera, EVERY, warmer * self.slope)
+
+    def moved(self, step: Floats) -> KnownCamera:
+        """After a step (16 + 2 k,) of all that is unknown, with the covariance as it is."""
+        camera, nodes = moved_camera(self.camera, EVERY, step[:COUNT]), self.nodes
+        if len(nodes):
+            nodes = nodes + step[2 * COUNT :].reshape(2, -1).T
+            shape = map_displacement(camera.columns, camera.rows, nodes)
+            camera = replace(camera, residual=shape)
+        return replace(self, camera=camera, slope=self.slope + step[COUNT : 2 * COUNT], nodes=nodes)
+
+    def later(self, settings: CameraFilter, step: float) -> KnownCamera:
+        """The same after some seconds, in which the camera may have changed."""
+        walked = np.diag(settings.walk(self.camera) ** 2 * step)
+        return replace(self, covariance=self.covariance + walked)
 
 
 def first_camera(camera: Camera, settings: CameraFilter) -> KnownCamera:
     """A camera as it is known before the first frame."""
-    return KnownCamera(camera, np.zeros(COUNT), np.diag(settings.sigma(camera) ** 2))
+    nodes = np.zeros((settings.map**2, 2))
+    covariance = np.diag(settings.sigma(camera) ** 2)
+    return KnownCamera(camera, np.zeros(COUNT), covariance, nodes)
 
 
 def after_frame(
@@ -76,7 +123,7 @@ def after_frame(
 ) -> KnownCamera:  # fmt: skip
     """The camera after one more frame, whose attitude is eliminated.
 
-        P^-1 <- (P + Q step)^-1 + H' S H,   H = [1, warmer 1]
+        P^-1 <- (P + Q step)^-1 + H' S H,   H = [1, warmer 1, weights of the nodes]
 
     with the normal equations S of the camera's unknowns without the attitude, as in `calibrate`,
     and with its weights against false matches.
@@ -85,32 +132,71 @@ def after_frame(
     warmer   kelvin, above the reference temperature
     Returns  what is known; where too few stars are matched, with the time's change alone
     Accuracy  model: errors of centroids are independent from frame to frame; what lasts at a place
-              of the field, beyond `prior.floor`, makes the covariance too small.
+              of the field, beyond the map and `prior.floor`, makes the covariance too small.
     """
-    covariance = known.covariance + np.diag(settings.walk(known.camera) ** 2 * step)
-    known = replace(known, covariance=covariance)
+    known = known.later(settings, step)
     if len(matches) < FEWEST:
         return known
     # In units of the prior, so that the numbers of all unknowns are alike.
     scale = settings.sigma(known.camera)
     free = np.flatnonzero(scale > 0)
     scale = scale[free]
-    before = np.linalg.inv(covariance[np.ix_(free, free)] / np.outer(scale, scale))
-    view = np.hstack([np.eye(COUNT), warmer * np.eye(COUNT)])[:, free] * scale
+    before = np.linalg.inv(known.covariance[np.ix_(free, free)] / np.outer(scale, scale))
+    view = _view(known, warmer)[:, free] * scale
     frame, moved = MatchedFrame(spots, matches), np.zeros(len(free))
-    unknowns: Ints = np.arange(COUNT)
-    normal = before
+    more, full = _slopes_of_nodes(known, frame), np.zeros(len(known.covariance))
+    there, normal = known, before
     for _ in range(STEPS):
-        camera = moved_camera(known.at(warmer), unknowns, view @ moved)
-        block = frame.normal(camera, unknowns, settings.prior.floor)
+        block = frame.normal(there.at(warmer), EVERY, settings.prior.floor, more)
         normal = before + view.T @ block.schur @ view
         change = np.linalg.solve(normal, view.T @ block.right - before @ moved)
         frame.turn(block.attitude(view @ change))
         moved = moved + change
-    full = np.zeros(2 * COUNT)
-    full[free] = moved * scale
-    covariance = np.zeros_like(covariance)
+        full[free] = moved * scale
+        there = known.moved(full)
+    covariance = np.zeros_like(known.covariance)
     covariance[np.ix_(free, free)] = np.linalg.inv(normal) * np.outer(scale, scale)
-    return KnownCamera(
-        moved_camera(known.camera, unknowns, full[:COUNT]), known.slope + full[COUNT:], covariance
+    return replace(there, covariance=covariance)
+
+
+def attitude_doubt(
+    known: KnownCamera, settings: CameraFilter, spots: Spots, matches: Matches, warmer: float = 0.0
+) -> Floats:
+    """Covariance (3, 3) radian^2 of a frame's attitude by what is not known of the camera.
+
+        D = A V P V' A',   V = [1, warmer 1, weights of the nodes]
+
+    with the slopes A of the attitude that least squares find by the camera. It is that before the
+    frame: `known` must not hold it.
+
+    Returns  zero where too few stars are matched
+    Accuracy  model: the attitude is that of least squares by the frame's weights, at a focal length
+              that is held.
+    """
+    if len(matches) < FEWEST:
+        return np.zeros((3, 3))
+    frame, view = MatchedFrame(spots, matches), _view(known, warmer)
+    block = frame.normal(
+        known.at(warmer), EVERY, settings.prior.floor, _slopes_of_nodes(known, frame)
     )
+    return block.turned_by(view @ known.covariance @ view.T)
+
+
+def _view(known: KnownCamera, warmer: float) -> Floats:
+    """What a frame sees of all unknowns: (8 + 2 k, 16 + 2 k)."""
+    nodes = 2 * len(known.nodes)
+    view = np.zeros((COUNT + nodes, 2 * COUNT + nodes))
+    view[:COUNT, :COUNT], view[:COUNT, COUNT : 2 * COUNT] = np.eye(COUNT), warmer * np.eye(COUNT)
+    view[COUNT:, 2 * COUNT :] = np.eye(nodes)
+    return view
+
+
+def _slopes_of_nodes(known: KnownCamera, frame: MatchedFrame) -> Floats | None:
+    """Slopes (n, 2, 2 k) of the stars' pixels by x and y of the nodes; None without a map."""
+    if not len(known.nodes):
+        return None
+    camera, count = known.camera, len(known.nodes)
+    weight = map_weights(camera.columns, camera.rows, frame.pixel, math.isqrt(count))
+    slopes = np.zeros((len(weight), 2, 2 * count))
+    slopes[:, 0, :count], slopes[:, 1, count:] = weight, weight
+    return slopes

@@ -78,6 +78,8 @@ from startrack.core.interpolation import (
     Displacement,
     lagrange_weights,
     local_weights,
+    map_displacement,
+    map_weights,
     node_places,
 )
 from startrack.core.interpret import instead_of, interpreted

@@ -158,3 +158,21 @@ def node_places(columns: int, rows: int) -> Floats:
     x = np.linspace(-0.5, columns - 0.5, NODES)
     y = np.linspace(-0.5, rows - 0.5, NODES)
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def map_weights(columns: int, rows: int, place: Floats, nodes: int) -> Floats:
+    """Weights (n, nodes^2) of a map's nodes, which span a frame evenly, at places (n, 2).
+
+    Straight lines in x and in y between the nodes, row by row.
+    """
+    weights = [
+        np.maximum(1 - np.abs(at[:, None] - np.arange(nodes)), 0.0)
+        for at in np.clip((place + 0.5) / (columns, rows) * (nodes - 1), 0, nodes - 1).T
+    ]
+    return (weights[1][:, :, None] * weights[0][:, None, :]).reshape(len(place), nodes**2)
+
+
+def map_displacement(columns: int, rows: int, node: Floats) -> Displacement:
+    """The displacement of a map by its nodes (nodes^2, 2) pixel, row by row."""
+    weight = map_weights(columns, rows, node_places(columns, rows), math.isqrt(len(node)))
+    return Displacement(columns, rows, tuple((weight @ node).T.ravel().tolist()))

@@ -46,7 +46,7 @@ from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, sav
 from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pupil_grid, zernike
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, quality
 from startrack.optics.ray_trace import Tracing, read_prescription, surfaces_of, trace_lens
-from startrack.optics.residual import Residual, map_weights
+from startrack.optics.residual import Residual
 from startrack.optics.surfaces import Surfaces, open_surfaces, save_surfaces
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 

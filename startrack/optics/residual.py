@@ -20,6 +20,7 @@ from startrack.core import (
     Streams,
     Unit,
     kept,
+    map_weights,
     node_places,
 )
 from startrack.optics.as_built import KINDS, element_slopes
@@ -150,24 +151,10 @@ class Residual(Parameters):
             place = node_places(camera.columns, camera.rows)
             model = taken_up(camera, place)[:, columns]
             if nodes:
-                both = np.kron(np.eye(2), map_weights(camera, place, nodes))
+                both = np.kron(np.eye(2), map_weights(camera.columns, camera.rows, place, nodes))
                 model = np.concatenate([model, both], axis=1)
             parts.append(_on_lattice(camera, _without(model, np.concatenate(other, axis=1))))
         return np.concatenate(parts, axis=-1) if parts else np.zeros((LATTICE, LATTICE, 2, 1))
-
-
-def map_weights(camera: Camera, place: Floats, nodes: int) -> Floats:
-    """Weights (n, nodes^2) of a map's nodes, which span the frame evenly, at places (n, 2) pixel.
-
-    Straight lines in x and in y between the nodes, row by row.
-    """
-    weights = [
-        np.maximum(1 - np.abs(at[:, None] - np.arange(nodes)), 0.0)
-        for at in np.clip(
-            (place + 0.5) / (camera.columns, camera.rows) * (nodes - 1), 0, nodes - 1
-        ).T
-    ]
-    return (weights[1][:, :, None] * weights[0][:, None, :]).reshape(len(place), nodes**2)
 
 
 LATTICE = 33  # places along each side of the law's table

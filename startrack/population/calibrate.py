@@ -13,17 +13,16 @@ from scipy.spatial.transform import Rotation
 from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_slopes
 from startrack.core import (
     Camera,
-    Displacement,
     Floats,
     Ints,
     Matches,
     Spots,
     Status,
     Streams,
-    node_places,
+    map_displacement,
+    map_weights,
 )
 from startrack.design import CameraCalibration
-from startrack.optics import map_weights
 
 # Prior standard deviations, wide beside what units differ by; as in `Calibration`.
 FOCAL, PRINCIPAL, DISTORTION = 0.02, 50.0, 1.0
@@ -100,13 +99,11 @@ def _mapped(camera: Camera, model: Camera, settings: CameraCalibration, streams:
     turn = alignment(camera, model)
     seen = pixel + settings.noise * random.standard_normal(pixel.shape)
     left = seen - model.project(turn.apply(_shown(camera, pixel, settings, random)))
-    weight = map_weights(camera, pixel, settings.map)
+    weight = map_weights(camera.columns, camera.rows, pixel, settings.map)
     normal = weight.T @ weight
     normal += FEW * np.trace(normal) / len(normal) * np.eye(len(normal))
-    node = np.linalg.solve(normal, weight.T @ left)
-    value = map_weights(camera, node_places(camera.columns, camera.rows), settings.map) @ node
-    shape = Displacement(camera.columns, camera.rows, tuple(value.T.ravel().tolist()))
-    return replace(model, residual=shape)
+    node: Floats = np.linalg.solve(normal, weight.T @ left).astype(np.float64)
+    return replace(model, residual=map_displacement(camera.columns, camera.rows, node))
 
 
 def alignment(camera: Camera, believed: Camera) -> Rotation:

@@ -22,6 +22,7 @@ from startrack.attitude import (
     Lasting,
     State,
     after_frame,
+    attitude_doubt,
     correct,
     first_camera,
     predict,
@@ -329,12 +330,17 @@ def run(
             known = doubted(before, known, step, sequence, lengths)
         else:
             parts = lasting_parts(case, spots, matches, estimate.covariance)
+            if learnt and sequence.camera:
+                learnt = learnt.later(sequence.camera, since + step)
+                doubt = attitude_doubt(learnt, sequence.camera, spots, matches)
+                estimate = replace(estimate, covariance=estimate.covariance + doubt)
+                parts = parts + np.stack([np.zeros((3, 3)), doubt])
         known = update_state(known, estimate, sequence, parts)
         since += step
         if estimate.status is Status.SOLVED:
             camera = matches.camera
             if learnt and sequence.camera:
-                learnt = after_frame(learnt, sequence.camera, spots, matches, since)
+                learnt = after_frame(learnt, sequence.camera, spots, matches)
                 camera, since = learnt.camera, 0.0
         if recording and recording.stars and view.frame:
             stars.add(float(true.time[k]), view.frame, spots, matches, images)
