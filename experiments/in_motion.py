@@ -9,7 +9,8 @@ nanosatellite     [availability, error over that of a told tracker] of this desi
 shutter_arcsec    what a rolling shutter of 20 us a row adds to the error across at 1 deg/s, with a
                   known rate; shutter_unknown_rate_arcsec the same with the rate from the images
 filter_nees       error squared of the filter over what it states, and degrees of freedom (3), by
-                  rate of the slew (deg/s), with a gyroscope
+                  rate of the slew (deg/s), with a gyroscope: [value, standard error];
+                  frame_nees the same of its frames alone
 calibration_bound_ratio  error of a camera that is calibrated frame by frame over the bound of
                   Cramer and Rao of the same frames, by their number: root of the mean over cameras
                   and unknowns (focal length, principal point, k1) of the error squared, over the
@@ -143,10 +144,10 @@ def main() -> None:
     for name, how in (("shutter_arcsec", "known"), ("shutter_unknown_rate_arcsec", "images")):
         rolled = across(tried(turning(case, 1.0, how, ROW_DELAY), trials))
         values[name] = math.sqrt(max(rolled**2 - still**2, 0.0)) / arcsec
-    values["filter_nees"] = {
-        f"{rate:g}": nees(rate, 1 if options.quick else 4, 16 if options.quick else 60)
-        for rate in SLEWS[:: 2 if options.quick else 1]
-    }
+    values["filter_nees"], values["frame_nees"] = {}, {}
+    for rate in SLEWS[:: 2 if options.quick else 1]:
+        found = nees(rate, *((2, 16) if options.quick else (40, 40)))
+        values["filter_nees"][f"{rate:g}"], values["frame_nees"][f"{rate:g}"] = found
     values["calibration_bound_ratio"] = {
         str(frames): over_bound(frames, cameras)
         for frames, cameras in ({10: 2} if options.quick else CALIBRATED).items()
@@ -273,17 +274,25 @@ def stated(outcomes: NDArray[np.void]) -> float:
     return math.sqrt(float((good["sigma_x"] ** 2 + good["sigma_y"] ** 2).mean() / 2))
 
 
-def nees(rate: float, sequences: int, frames: int) -> float:
-    """Mean of the filter's squared error over its stated variance, of three axes."""
+def nees(rate: float, sequences: int, frames: int) -> tuple[list[float], list[float]]:
+    """Mean of the squared error over the stated variance, of three axes, and its standard error.
+
+    Of the filter, and of frames alone; frames of one sequence share what lasts, so that sequences
+    are what is independent.
+    """
     case = load_design(shipped("designs/nanosatellite.toml")).case
     leg = Leg(frames * PERIOD, rate_x=rate * deg)
     sequence = Sequence((leg,), period=PERIOD, gyro=GYRO)
-    squares = []
+    squares: list[list[float]] = [[], []]
     for number in range(sequences):
-        table = run(case, sequence, 1, number)[BEGIN:]
-        parts = [table[f"filtered_{axis}"] / table[f"filtered_sigma_{axis}"] for axis in "xyz"]
-        squares.append((np.array(parts) ** 2).sum(axis=0))
-    return float(np.nanmean(squares))
+        table = run(case, sequence, 1, number, fidelity=Fidelity.WINDOW)[BEGIN:]
+        for of, (error, sigma) in zip(
+            squares, (("filtered", "filtered_sigma"), ("error", "sigma")), strict=True
+        ):
+            parts = [table[f"{error}_{axis}"] / table[f"{sigma}_{axis}"] for axis in "xyz"]
+            of.append(float(np.nanmean((np.array(parts) ** 2).sum(axis=0))))
+    found = [[float(np.mean(of)), float(np.std(of) / math.sqrt(sequences))] for of in squares]
+    return found[0], found[1]
 
 
 if __name__ == "__main__":

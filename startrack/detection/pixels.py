@@ -34,8 +34,8 @@ LONGEST_MEAN = 1024
 class DarkMap(Parameters):
     """A map of the dark signal of each pixel, which the tracker measured on its own detector.
 
-    The mean of the map stays in the frame: the background keeps the shot noise of the dark current.
-    A pixel that the map shows to be hot takes the mean of its neighbours instead of its
+    The median of the map stays in the frame: the background keeps the shot noise of the dark
+    current. A pixel that the map shows to be hot takes the mean of its neighbours instead of its
     own number, because its shot noise cannot be subtracted.
     """
 
@@ -83,9 +83,7 @@ def correction_of(settings: DarkMap, dark: DarkFrames) -> Correction:
     stored = np.rint(dark.mean / settings.step) * settings.step
     excess = stored - np.median(stored)
     marks = excess > settings.hot * dark.noise
-    # What most pixels have in the mean stays, and with it the mean of their shot noise.
-    usual = excess - float(excess[~marks].mean())
-    offset = usual if settings.subtracted else np.zeros_like(excess)
+    offset = excess if settings.subtracted else np.zeros_like(excess)
     return Correction(offset.astype(np.float32), np.flatnonzero(marks), marks.astype(np.uint8))
 
 
