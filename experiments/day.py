@@ -4,7 +4,8 @@
 
 export_gaps      what the unit of an AOCS model has and its files neither hold nor name, over all
                  shipped designs and trackers
-silent_seconds   longest time in which a command writes nothing to its terminal, compiled before
+silent_seconds   longest time in which a command writes nothing to its terminal, compiled before;
+                 silent_cpu_seconds is the CPU time of such a time, which other programs leave alone
 resumed          fraction of the commands that go on where they were stopped
 stars_visible    fraction of the shipped designs whose first picture shows its matched stars: on the
                  image as it is drawn, each is above the background by five times its spread
@@ -20,11 +21,13 @@ from __future__ import annotations
 import one_thread  # noqa: F401  # isort: skip
 
 import argparse
+import contextlib
 import json
 import os
 import pty
 import select
 import signal
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -58,6 +61,8 @@ COMMANDS = (
 RESUMING = (
     ("montecarlo", "--trials", "2000"), ("verify", "--trials", "2000"), ("optimize",), ("mission",),
 )  # fmt: skip
+BEGUN = 80_000  # byte of stores
+GOING = 10.0  # second, for which a command goes on after its first row
 BRIGHT = 5.0  # spreads of the background
 
 
@@ -77,10 +82,10 @@ def main() -> None:
         "datasheet_keys": float(
             np.mean([known(words) for words in WORDS[: 3 if options.quick else None]])
         ),
-        "silent_seconds": {
-            " ".join(words): silence(words) for words in COMMANDS[: 1 if options.quick else None]
-        },
     }
+    silent = {" ".join(words): silence(words) for words in COMMANDS[: 1 if options.quick else None]}
+    values["silent_seconds"] = {name: wall for name, (wall, _) in silent.items()}
+    values["silent_cpu_seconds"] = {name: cpu for name, (_, cpu) in silent.items()}
     if not options.quick:
         values["resumed"] = float(np.mean([goes_on(words) for words in RESUMING]))
         values["wheel_same"] = int(passes("tests/test_release.py"))
@@ -132,8 +137,8 @@ def known(words: str) -> bool:
     return run.returncode == 0 and bool(run.stdout.strip())
 
 
-def silence(words: tuple[str, ...]) -> float:
-    """Longest time, second, in which a command writes nothing to its terminal."""
+def silence(words: tuple[str, ...]) -> tuple[float, float]:
+    """Longest time in which a command writes nothing to its terminal, and its CPU time then, s."""
     near, far = pty.openpty()
     with tempfile.TemporaryDirectory() as folder:
         run = subprocess.Popen(
@@ -144,42 +149,77 @@ def silence(words: tuple[str, ...]) -> float:
             env=os.environ | {"PYTHONPATH": str(ROOT)},
         )
         os.close(far)
-        last, longest = time.monotonic(), 0.0
+        moments = [(time.monotonic(), 0.0)]
         while run.poll() is None:
             if select.select([near], [], [], 0.1)[0]:
-                try:
+                with contextlib.suppress(OSError):  # the other side is closed
                     os.read(near, 65536)
-                except OSError:  # the other side is closed
-                    break
-                longest, last = max(longest, time.monotonic() - last), time.monotonic()
-        run.wait()
+                moments.append((time.monotonic(), max(cpu_of(run.pid), moments[-1][1])))
+            used = cpu_of(run.pid)
+        moments.append((time.monotonic(), max(used, moments[-1][1])))
     os.close(near)
-    return round(max(longest, time.monotonic() - last), 1)
+    wall, cpu = np.diff(np.array(moments), axis=0).max(axis=0)
+    return round(float(wall), 1), round(float(cpu), 1)
+
+
+def cpu_of(pid: int) -> float:
+    """Second of CPU that a process has used; 0 where it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def goes_on(words: tuple[str, ...]) -> bool:
-    """Whether a command that was stopped takes up what it had: its second run does less."""
+    """Whether a command that was stopped takes up what it had: no row of its stores is made anew.
+
+    Its rows are marked by where they stand in their file, which has to be the same file.
+    """
     with tempfile.TemporaryDirectory() as folder:
         call = [*CLI, *words, "--out", "out"]
         more = {
             "cwd": folder,
             "env": os.environ | {"PYTHONPATH": str(ROOT)},
             "stdout": subprocess.DEVNULL,
+            "stderr": subprocess.DEVNULL,
         }
-        run = subprocess.Popen(call, stderr=subprocess.DEVNULL, **more)  # type: ignore[call-overload]
-        store: list[Path] = []
-        while run.poll() is None and not store:
-            time.sleep(1.0)
-            store = [
-                path for path in Path(folder).rglob("*.sqlite") if path.stat().st_size > 20_000
-            ]
-        time.sleep(20.0)
+        run = subprocess.Popen(call, **more)  # type: ignore[call-overload]
+        # Nobody reads a store beside its writer; the log beside the file grows with each row.
+        while run.poll() is None and size_of_stores(Path(folder)) < BEGUN:
+            time.sleep(0.5)
+        time.sleep(GOING)
         run.send_signal(signal.SIGTERM)
-        run.wait()
-        kept = {path: path.stat().st_size for path in Path(folder).rglob("*.sqlite")}
-        again = subprocess.run(call, stderr=subprocess.PIPE, text=True, **more)  # type: ignore[call-overload]
-        grown = all(path.exists() and path.stat().st_size >= size for path, size in kept.items())
-        return again.returncode in (0, 3) and bool(kept) and grown
+        stopped, kept = run.wait(), rows_of(Path(folder))
+        if stopped != 143:
+            print(f"{' '.join(words)}: it ended with {stopped} before it was stopped")
+        again = subprocess.run(call, **more)  # type: ignore[call-overload]
+        print(f"{' '.join(words)}: {len(kept)} rows when it was stopped")
+        return again.returncode in (0, 3) and bool(kept) and kept <= rows_of(Path(folder))
+
+
+def size_of_stores(folder: Path) -> int:
+    size = 0
+    for path in folder.rglob("*.sqlite*"):
+        with contextlib.suppress(OSError):  # its log comes and goes
+            size += path.stat().st_size
+    return size
+
+
+def rows_of(folder: Path) -> set[tuple[object, ...]]:
+    """The rows of trials, forecasts and steps in all stores: file, table, and all that they hold.
+
+    A store that was begun anew is another file.
+    """
+    found = set[tuple[object, ...]]()
+    for path in folder.rglob("*.sqlite"):
+        with contextlib.closing(sqlite3.connect(path)) as base:
+            tables = base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+            for (table,) in tables:
+                if table not in ("about", "sessions", "checksums"):
+                    rows = base.execute(f'SELECT * FROM "{table}"')
+                    found |= {(path.stat().st_ino, table, *row) for row in rows}
+    return found
 
 
 def passes(test: str) -> bool:

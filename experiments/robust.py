@@ -2,7 +2,7 @@
 
     python experiments/robust.py [--json FILE] [--cases 10000] [--kinds KIND ...] [--seed 1]
                                  [--kills 100] [--caches 30] [--designs 100] [--slow] [--keep DIR]
-                                 [--quick]
+                                 [--compiled DIR] [--quick]
 
 Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
 of 30 s and 1 GiB, as nobody where this is root and others can run its Python; `silent_differences`
@@ -37,7 +37,7 @@ import tomli_w
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.fuzz.arena import NOBODY, Case, Verdict, is_unprivileged, make_folder  # noqa: E402
+from tests.fuzz.arena import NOBODY, Case, Verdict, is_unprivileged, make_folder, python_path  # noqa: E402
 from tests.fuzz.caches import run_caches  # noqa: E402
 from tests.fuzz.campaign import ALL, run_cases  # noqa: E402
 from tests.fuzz.clusters import run_clusters  # noqa: E402
@@ -60,6 +60,9 @@ def main() -> None:
     parser.add_argument("--designs", type=int, default=100, help="in one process")
     parser.add_argument("--slow", action="store_true", help="run the slow tests, which takes hours")
     parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
+    parser.add_argument(
+        "--compiled", type=Path, help="folder of code compiled for the cases before"
+    )
     options = command.read(parser, cases=3, kills=0, caches=0, designs=0)
     counted, kinds, statuses = Counter[str](), Counter[str](), Counter[int | None]()
     slowest: list[float] = [0.0]
@@ -81,7 +84,10 @@ def main() -> None:
     if options.cases:
         wanted = [one for one in ALL if one.__name__.removesuffix("_case") in options.kinds]
         primed = not options.quick and options.kinds == known
-        outside = run_cases(options.cases, options.seed, report, kinds=wanted, primed=primed)
+        outside = run_cases(
+            options.cases, options.seed, report, kinds=wanted, primed=primed,
+            compiled=options.compiled,
+        )  # fmt: skip
     ended = {"kills": 0, "lost": 0, "orphans": 0, "words": 0}
     if options.kills:
         with tempfile.TemporaryDirectory() as folder:
@@ -136,7 +142,7 @@ def grown(designs: int) -> float:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "design.toml").write_text(tomli_w.dumps(bases()["design"]))
         line = [sys.executable, "-m", "tests.fuzz.worker", "growth", str(designs)]
-        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        environment = os.environ | {"PYTHONPATH": python_path()}
         ended = subprocess.run(
             line, cwd=folder, env=environment, check=True, stdout=subprocess.PIPE, text=True
         )

@@ -53,6 +53,7 @@ def load() -> None:
 
 LARGEST_SEED = 2**63 - 1
 GIB = 2**30  # byte
+MOST_FOLDERS = 500  # in a path. Chosen by hand: Python makes them by as many nested calls
 KNOWN = 0.003  # relative tolerance of the focal length of a camera that has been calibrated
 
 
@@ -164,6 +165,13 @@ def address(text: str) -> str:
     return text
 
 
+def path(text: str) -> Path:
+    """Read a path; each folder of it is made by a call within that of the next one."""
+    if (folders := text.count("/")) > MOST_FOLDERS:
+        raise argparse.ArgumentTypeError(f"must have at most {MOST_FOLDERS} /, got {folders}")
+    return Path(text)
+
+
 class Option:
     """An option or an argument of a command.
 
@@ -202,7 +210,8 @@ class Option:
         if many or len(words) > 1:
             self.more["nargs"] = many or len(words)
         if kind is not None:
-            self.more["choices" if isinstance(kind, tuple) else "type"] = kind
+            read = path if kind is Path else kind
+            self.more["choices" if isinstance(kind, tuple) else "type"] = read
 
     def add_to(self, parser: Any) -> None:
         """Declare it."""

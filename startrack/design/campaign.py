@@ -113,7 +113,7 @@ class Campaign(Parameters):
         if self.unit_trials is not None and self.unit_trials < self.trials_of_level:
             raise Refused(
                 f"unit_trials must be at least {self.trials_of_level}, so that one is beyond the "
-                f"level that is asked, got {self.unit_trials}"
+                f"level that is asked, or be left out, got {self.unit_trials}"
             )
 
     @property

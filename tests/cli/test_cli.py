@@ -183,6 +183,7 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
         (["montecarlo", "--trials", "0"], "--trials: must be a whole number from 1 on, got '0'"),
         (["montecarlo", "--seed", "-1", "--trials", "2"], "--seed: must be a whole number"),
         (["montecarlo", "--workers", "x"], "--workers: must be a whole number"),
+        (["psf", "--out", "a/" * 600], "--out: must have at most 500 /, got 600"),
         (["nonsense"], "invalid choice"),
         ([], "COMMAND"),
     ],

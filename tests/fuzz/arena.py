@@ -89,6 +89,12 @@ def is_unprivileged() -> bool:
     return all(part.stat().st_mode & 0o005 == 0o005 for part in parts if part.is_dir())
 
 
+def python_path(*before: Path) -> str:
+    """PYTHONPATH of processes that import these sources, and what this one finds there."""
+    known = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return os.pathsep.join(filter(None, [*map(str, before), str(ROOT), *known]))
+
+
 def make_folder(folder: Path) -> None:
     """Make a folder of the user of the workers."""
     folder.mkdir()
@@ -230,9 +236,8 @@ class Arena:
         return json.loads(line)
 
     def _begin(self) -> subprocess.Popen[str]:
-        beside = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
         environment = os.environ | {
-            "PYTHONPATH": os.pathsep.join(filter(None, beside)),
+            "PYTHONPATH": python_path(),
             "HOME": str(self._folder / "home"),
             "TMPDIR": str(self._folder / "tmp"),
         }

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import tomli_w
 
-from tests.fuzz.arena import NOBODY, UNEXPECTED, is_unprivileged, make_folder, timeless
+from tests.fuzz.arena import NOBODY, UNEXPECTED, is_unprivileged, make_folder, python_path, timeless
 from tests.fuzz.grammar import bases, pictures
 
-ROOT = Path(__file__).parents[2]
 STRANGER = 1  # a user who is neither root nor nobody
 LONGEST = 300.0  # second: a command that compiles all that it needs
 COMMANDS = (
@@ -104,7 +103,7 @@ def _end(
     (work / "design.toml").write_bytes(tomli_w.dumps(bases()["design"]).encode())
     (work / "a.png").write_bytes(pictures()["a.png"])
     environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+        "PYTHONPATH": python_path(),
         "NUMBA_CACHE_DIR": str(caches / "code"),
         "STARTRACK_CACHE": str(caches / "indexes"),
         "HOME": str(work),

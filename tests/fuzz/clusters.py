@@ -12,10 +12,9 @@ from pathlib import Path
 
 import tomli_w
 
-from tests.fuzz.arena import UNEXPECTED
+from tests.fuzz.arena import UNEXPECTED, python_path
 from tests.fuzz.grammar import bases
 
-ROOT = Path(__file__).parents[2]
 LONGEST = 300.0  # second
 CODE = "import numpy as np\n\n\ndef centroid(given):\n    return given.apex()\n"
 # What a worker has of the module that the command may run; None: nothing.
@@ -77,8 +76,8 @@ def _end(here: Path, there: Path) -> tuple[int | None, str]:
 
 
 def _begin(folder: Path, module: str, *words: str) -> subprocess.Popen[str]:
-    beside = os.pathsep.join([str(folder), str(ROOT), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
         [sys.executable, "-m", module, *words], cwd=folder, text=True,
-        env=os.environ | {"PYTHONPATH": beside}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": python_path(folder)},
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
     )  # fmt: skip

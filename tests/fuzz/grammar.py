@@ -38,7 +38,7 @@ from startrack.montecarlo import Sampling, Serial, Store, resume
 from startrack.motion import Motion
 from startrack.sequence import Sequence
 from tests.catalog import layouts
-from tests.fuzz.arena import Case
+from tests.fuzz.arena import Case, python_path
 
 # Each size of a number occurs, from what no float holds to what no machine holds.
 NUMBERS = (
@@ -747,7 +747,7 @@ def stores() -> dict[str, bytes]:
                 resume(store, Serial(), 1, 16, block=4)
             found[path.name] = path.read_bytes()
         command = ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--out", "out")
-        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+        environment = os.environ | {"PYTHONPATH": python_path()}
         subprocess.run(
             [sys.executable, "-m", "startrack.cli", *command],
             cwd=folder, env=environment, capture_output=True,

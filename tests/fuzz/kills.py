@@ -15,10 +15,10 @@ from pathlib import Path
 
 import tomli_w
 
+from tests.fuzz.arena import python_path
 from tests.fuzz.grammar import bases
 
-ROOT = Path(__file__).parents[2]
-LONGEST = 120.0  # second, of a command
+LONGEST = 600.0  # second, of a command beside other programs
 PATIENCE = 10.0  # second, in which all processes of a command must have ended
 # Arguments, and the files that must have the same bytes in the end.
 COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -84,7 +84,7 @@ def prepare(folder: Path) -> None:
 
 
 def begin(folder: Path, arguments: tuple[str, ...]) -> subprocess.Popen[str]:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": python_path()}
     return subprocess.Popen(
         [sys.executable, "-m", "startrack.cli", *arguments], cwd=folder, env=environment,
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
