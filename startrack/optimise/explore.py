@@ -26,6 +26,10 @@ FIRST, FIRST_MORE = 3, 5  # forecasts per variable, and besides, before the firs
 BATCH = 4  # forecasts between two emulators: the same for any number of workers
 ENOUGH = 0.2  # of the precision, below which an expected gain does not justify a forecast
 SIGMAS = 2.0  # by which a design may be better than expected: 98 % of a normal law
+BOLD = 6.0  # the same where no other design is left: near a cliff, emulators are wrong by so much
+AROUND = 0.1  # of each range, on either side of the best, within which they lie
+LIKELY = 0.15  # by which all emulators together may expect them to be worse than the best
+IN_VAIN = 2  # batches of such designs, none of which is better, after which the search ends
 BAD = 0.5  # of a score above the least, beyond which no condition without a weight is forecast
 GOOD = 0.2  # the same, up to which a design tells whether they matter
 ENOUGH_MET = 8  # good designs that meet all limits in these conditions by far, after which none is
@@ -33,6 +37,10 @@ CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
 # The same, from which on an emulator need not go through a design, the less the worse it is: else
 # the worst would decide its lengths.
 BEYOND = 0.7
+NEAR = 0.25  # the same, where only the neighbourhood of the best is looked at
+MISSED = (
+    0.4  # on its scale, of a margin that is missed, from which on an emulator need not go through
+)
 FEWEST = 2  # designs per variable at least that an emulator goes through
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
@@ -112,19 +120,19 @@ class Emulators:
         starts: Floats,
         sigmas: float = 0.0,
         correction: Linear | None = None,
-        held: tuple[int, float] | None = None,
+        box: tuple[Floats, Floats] | None = None,
+        allowed: Callable[[Floats], bool] | None = None,
     ) -> tuple[Floats, float]:
         """The design of the least score, by nlopt's SLSQP (Kraft 1994) from some starts (m, d).
 
         correction  is added to the objective
-        held        number and coordinate of a variable that stays as it is
-        Returns     the design (d,) and its score
+        box         (d,) least and largest coordinates; None: the whole cube
+        allowed     whether a design may be the answer; None: each may
+        Returns     the design (d,) and its score, infinite where none is allowed
         """
+        low, high = box or (np.zeros(starts.shape[1]), np.ones(starts.shape[1]))
+        starts = np.clip(starts, low, high)
         best, least = starts[0], np.inf
-        low, high = np.zeros(len(best)), np.ones(len(best))
-        if held:
-            low[held[0]] = high[held[0]] = held[1]
-            starts = np.clip(starts, low, high)
 
         def value(point: Floats, gradient: Floats) -> float:
             found, slope = self.objective.bound(point, -sigmas)
@@ -143,6 +151,8 @@ class Emulators:
         limits = [partial(missing, margin=margin) for margin in self.margins.values()]
         for start in starts:
             for end in (start, least_smooth(value, limits, start, (low, high))):
+                if allowed and not allowed(end):
+                    continue
                 score = float(self.score(end[None], sigmas)[0])
                 score += correction(end) if correction else 0.0
                 if score < least:
@@ -160,11 +170,13 @@ def emulators(
     values: Sequence[Foresight],
     scales: Mapping[str, Scale],
     like: Emulators | None = None,
+    beyond: float = BEYOND,
 ) -> Emulators:
     """The emulators of some forecasts.
 
     scales   of the margins that are chances, by name
     like     of fewer forecasts of the same space
+    beyond   ln(error) above the least, from which on the objective need not go through a design
     Raises   Refused where no design has a forecast.
     """
     expected = np.array([value.expected for value in values])
@@ -174,7 +186,7 @@ def emulators(
     least = expected[known].min()
     above = np.clip(np.where(known, expected - least, 0.0), 0.0, CLIPPED)
     fewest = np.sort(above[known])[: FEWEST * points.shape[1]][-1]
-    doubt = (np.maximum(above - max(BEYOND, fewest), 0.0) / BEYOND) ** 2
+    doubt = (np.maximum(above - max(beyond, fewest), 0.0) / beyond) ** 2
     before = like.objective if like else None
     objective = emulator(points[known], least + above[known], before, doubt[known])
     alike, margins = like.margins if like else {}, dict[str, Emulator]()
@@ -189,7 +201,8 @@ def emulators(
         if (margin < 0).any():
             place = scales.get(name, Scale()).of(margin)
             # What all designs have are costs, which are smooth everywhere.
-            unsure = None if held.all() else doubt[held]
+            short = np.maximum(-place - MISSED, 0.0) / MISSED
+            unsure = None if held.all() else doubt[held] + short**2
             margins[name] = emulator(points[held], place, alike.get(name), unsure)
     return Emulators(objective, margins, scales)
 
@@ -237,6 +250,7 @@ class Explorer:
     watch: Callable[[], None] | None = None
     _emulators: tuple[int, Emulators] | None = None
     _spanned: float = np.inf  # a score below it has spans whose ends have no forecast
+    _in_vain: int = 0  # batches of bold designs since the last gain
 
     @cached_property
     def scales(self) -> dict[str, Scale]:
@@ -263,7 +277,7 @@ class Explorer:
         names = {one.name for one in self.campaign.judged(self.space.case)}
         done = set[int]()
         while np.isfinite(self.score):
-            best = int(np.argmin([value.score for value in self.values]))
+            best = self._leader
             if best in done or names <= self.values[best].conditions.keys():
                 return
             done.add(best)
@@ -317,13 +331,18 @@ class Explorer:
 
     @property
     def best(self) -> Floats:
-        """The design of the least score so far."""
-        return self.points[int(np.argmin([value.score for value in self.values]))]
+        """The design of the least score of those that meet all limits; of all where none does."""
+        return self.points[self._leader]
+
+    @property
+    def _leader(self) -> int:
+        ranks = [(missed(value.margins) > 0, value.score) for value in self.values]
+        return min(range(len(ranks)), key=ranks.__getitem__)
 
     @property
     def score(self) -> float:
-        """The least score so far; infinite where no design has one."""
-        return min((value.score for value in self.values), default=math.inf)
+        """The score of the best design so far; infinite where none has one."""
+        return self.values[self._leader].score if self.values else math.inf
 
     def begin(self, start: Floats, most: int) -> None:
         """Forecast the start, and designs over the whole space that do not cost too much."""
@@ -338,7 +357,8 @@ class Explorer:
         """Forecast the next designs, as many as are allowed, or say in `ending` why none.
 
         Where none is proposed, the ends of the spans are forecast, which the emulators expect to be
-        as good: they show whether the emulators are right, and how far a variable may go.
+        as good: they show whether the emulators are right, and how far a variable may go. At last,
+        those that would be better if the emulators were wrong by far more than they say.
         """
         points = self._proposals()
         if not points and self.score < self._spanned and np.isfinite(self.score):
@@ -347,23 +367,42 @@ class Explorer:
             for end in ends:
                 if self.is_new(end, points):
                     points.append(end)
+        if not points and self._in_vain < IN_VAIN:
+            points, self._in_vain = self._proposals(bold=True), self._in_vain + 1
         if points:
+            before = self.score
             self.forecast(points[:most])
+            if self.score < before - ENOUGH * self.campaign.precision:
+                self._in_vain = 0
         else:
             gain = 100 * self.campaign.precision
             self.ending = f"a further gain is expected to be below {gain:g} %"
 
-    def _proposals(self) -> list[Floats]:
+    def _proposals(self, bold: bool = False) -> list[Floats]:
         """The next designs; none where no design can be expected to gain what is asked.
 
         First the one that the emulators expect to be the best, then those that may be the best, as
         if the emulators were right about those before.
+
+        bold  only near the best, where a design may be far better than expected
         """
         known, starts = self.emulators, self.starts()
         least, worth = self.score, ENOUGH * self.campaign.precision
         found = list[Floats]()
-        for sigmas, gain in ((0.0, worth), *[(SIGMAS, 2.5 * worth)] * (BATCH - 1)):
-            point, score = known.least(starts, sigmas)
+        bound, box = SIGMAS, None
+        if bold:
+            known = emulators(np.array(self.points), self.values, self.scales, known, NEAR)
+            bound, box = (
+                BOLD,
+                (np.maximum(self.best - AROUND, 0), np.minimum(self.best + AROUND, 1)),
+            )
+        for sigmas, gain in ((0.0, worth), *[(bound, 2.5 * worth)] * (BATCH - 1)):
+
+            def may_be(point: Floats) -> bool:
+                expected = float(self.emulators.score(point[None])[0])
+                return expected < self.score + LIKELY and self.is_new(point, found)
+
+            point, score = known.least(starts, sigmas, box=box, allowed=may_be if bold else None)
             if least - score > gain and self.is_new(point, found):
                 found.append(point)
                 known = known.with_point(point)
@@ -406,8 +445,9 @@ class Explorer:
             ends = [best, best]
             for side, way in enumerate((nodes[nodes < middle][::-1], nodes[nodes > middle])):
                 for value in way:
-                    starts = np.array([ends[side], best])
-                    point, score = known.least(starts, held=(axis, float(value)))
+                    starts, held = np.array([ends[side], best]), np.arange(len(best)) == axis
+                    box = np.where(held, value, 0.0), np.where(held, value, 1.0)
+                    point, score = known.least(starts, box=box)
                     if score > limit:
                         break
                     ends[side] = point

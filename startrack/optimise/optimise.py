@@ -218,7 +218,7 @@ def optimize(
         (began, list(first.values())),
         (counted, list(second.values())),
         best.error,
-        runner.seed,
+        runner,
     )
     before, after, tuned = (
         [objective.squares(each) for each in trials.values()] for trials in (first, second, tuning)

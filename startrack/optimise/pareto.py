@@ -273,7 +273,7 @@ def _measured(
         if cost_of(campaign, goal):
             found.append(Interval(*[float(known)] * 3))
         elif campaign.units is not None:
-            found.append(_over_units(judged, tried, Objective.read(goal), campaign, runner.seed))
+            found.append(_over_units(judged, tried, Objective.read(goal), campaign, runner))
         else:
             found.append(_interval(judged, tried, Objective.read(goal), runner.seed))
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
@@ -287,12 +287,12 @@ def _over_units(
     tried: Mapping[str, NDArray[np.void]],
     objective: Objective,
     campaign: Campaign,
-    seed: int,
+    runner: TrialRunner,
 ) -> Interval:
     """Arcsec, the level of the objective over the fresh units in all conditions of a weight."""
     counted = [one for one in judged if one.name in tried and one.units is not None]
     outcomes = [tried[one.name] for one in counted]
-    found = level_interval_of_units(objective, counted, outcomes, campaign, seed)
+    found = level_interval_of_units(objective, counted, outcomes, campaign, runner)
     return Interval(*(each / arcsec for each in (found.value, found.low, found.high)))
 
 

@@ -25,6 +25,7 @@ Result = TypeVar("Result")
 FRESH = 10**6  # number of the first fresh trial, beyond all that tuning uses
 VERIFYING = 10**8  # number of the first trial of a verification, beyond all others
 FRESH_UNIT = 10**5  # number of the first fresh unit, beyond all that tuning uses
+RECALLED = 64  # results that `recall` keeps; chosen by hand: of the designs that end a study
 VERIFYING_UNIT = 10**7  # number of the first unit of a verification, beyond all others
 
 
@@ -47,6 +48,7 @@ class TrialRunner:
     ):
         self.seed = seed
         self._asked = dict[bytes, tuple[Fidelity, int]]()
+        self._recalled = dict[Any, Any]()
         self._executor = executor or Serial()
         self._workers = workers
         self.ledger = ledger or Ledger()
@@ -125,6 +127,16 @@ class TrialRunner:
             except BrokenExecutor:
                 results.append(call(one))
         return results
+
+    def recall(self, call: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        """As `map`, of hashable items; the last results are kept."""
+        every, held = list(items), self._recalled
+        new = [one for one in every if (call, one) not in held]
+        held.update(zip([(call, one) for one in new], self.map(call, new), strict=True))
+        found = [held[call, one] for one in every]
+        for key in list(held)[:-RECALLED]:
+            del held[key]
+        return found
 
     @property
     def workers(self) -> int:

@@ -321,7 +321,7 @@ def confirm_requirements(
             if units is not None and claim.accuracy:
                 asked = YieldClaim(units.fraction)
                 objective = claim.accuracy.objective
-                errors = likely_errors(objective, one, judged, campaign, runner.seed)
+                errors = likely_errors(objective, one, judged, campaign, runner)
                 bounds = asked.bounds(errors <= claim.limit, *tails)
                 decided = asked.answer(bounds) is not Answer.NOT_SHOWN
                 found[claim.name] = Confirmed(bounds, asked.margin(bounds.low), decided)

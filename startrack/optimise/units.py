@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import polygamma
 
+from startrack.budget import UnitBudgets, joined
 from startrack.core import Floats
-from startrack.design import Accuracy, Campaign, Judged, Objective, OverUnits
+from startrack.design import Accuracy, Campaign, Case, Judged, Objective, OverUnits
 from startrack.metrics import Interval, fraction_interval, quantile_of_few
 from startrack.optimise.forecast import budgets_of_units
 from startrack.optimise.runner import FRESH_UNIT, TrialRunner
@@ -129,7 +131,7 @@ def compare_units(
     start: tuple[Sequence[Judged], Sequence[NDArray[np.void]]],
     best: tuple[Sequence[Judged], Sequence[NDArray[np.void]]],
     predicted: float,
-    seed: int,
+    runner: TrialRunner,
 ) -> ComparedUnits | None:
     """Start and best by their fresh units, in the conditions that have a weight; the own one first.
 
@@ -143,9 +145,9 @@ def compare_units(
         return None
     objective = Objective.read(campaign.objective)
     weights, n = [one.weight for one in best[0]], campaign.fresh_units
-    chosen = _choices(n, seed)
+    chosen = _choices(n, runner.seed)
     before, after = (
-        _levels(_measured(objective, *each, campaign, seed), weights, over.fraction, chosen)
+        _levels(_measured(objective, *each, campaign, runner), weights, over.fraction, chosen)
         for each in (start, best)
     )
     limits = best[0][0].needs.accuracy or (Accuracy(objective, predicted),)
@@ -154,7 +156,7 @@ def compare_units(
             limit,
             *(
                 _share(
-                    likely_errors(limit.objective, each[0], of[0], campaign, seed), limit.most, n
+                    likely_errors(limit.objective, each[0], of[0], campaign, runner), limit.most, n
                 )
                 for each, of in (start, best)
             ),
@@ -189,20 +191,25 @@ def level_interval_of_units(
     judged: Sequence[Judged],
     outcomes: Sequence[NDArray[np.void]],
     campaign: Campaign,
-    seed: int,
+    runner: TrialRunner,
 ) -> Interval:
     """The level over units, radian, as a geometric mean over conditions, with its interval.
 
     judged, outcomes  conditions, and the outcomes of the fresh units in each
     """
-    found, units = _measured(objective, judged, outcomes, campaign, seed), judged[0].units
+    found, units = _measured(objective, judged, outcomes, campaign, runner), judged[0].units
     assert units is not None
     weights = [one.weight for one in judged]
-    return _interval(_levels(found, weights, units.fraction, _choices(len(found[0].error), seed)))
+    chosen = _choices(len(found[0].error), runner.seed)
+    return _interval(_levels(found, weights, units.fraction, chosen))
 
 
 def likely_errors(
-    objective: Objective, one: Judged, outcomes: NDArray[np.void], campaign: Campaign, seed: int
+    objective: Objective,
+    one: Judged,
+    outcomes: NDArray[np.void],
+    campaign: Campaign,
+    runner: TrialRunner,
 ) -> Floats:
     """The objective (n,) of each fresh unit, radian, as spread as many trials would show.
 
@@ -216,7 +223,7 @@ def likely_errors(
         or (np.diff(trials) != 1).any()
     ):
         return errors_of(objective, outcomes, one.units, campaign)
-    [found] = _measured(objective, [one], [outcomes], campaign, seed)
+    [found] = _measured(objective, [one], [outcomes], campaign, runner)
     return found.freed(np.arange(len(found.error)))
 
 
@@ -225,12 +232,12 @@ def _measured(
     judged: Sequence[Judged],
     outcomes: Sequence[NDArray[np.void]],
     campaign: Campaign,
-    seed: int,
+    runner: TrialRunner,
 ) -> list[MeasuredUnits]:
     return [
         MeasuredUnits(
             errors_of(objective, each, one.units, campaign),
-            _expected(objective, one, each, campaign, seed),
+            _expected(objective, one, each, campaign, runner),
             noise_of(objective, each, one.units, campaign),
         )
         for one, each in zip(judged, outcomes, strict=True)
@@ -239,7 +246,11 @@ def _measured(
 
 
 def _expected(
-    objective: Objective, one: Judged, outcomes: NDArray[np.void], campaign: Campaign, seed: int
+    objective: Objective,
+    one: Judged,
+    outcomes: NDArray[np.void],
+    campaign: Campaign,
+    runner: TrialRunner,
 ) -> Floats:
     """The objective (n,) that budgets expect of each unit; ones where each would take long."""
     assert one.units is not None
@@ -248,8 +259,21 @@ def _expected(
     if middle_of(one.case, age) is None or objective.fraction is not None:
         return np.ones(count)
     first = int(outcomes["trial"][0]) // order.trials
-    found = budgets_of_units(one.case, seed, age, first, count, order.environments)
-    return np.ones(count) if found is None else units_expected(objective, found)
+    size = math.ceil(count / runner.workers)
+    blocks = [
+        (one.case, runner.seed, age, first + at, min(size, count - at), order.environments)
+        for at in range(0, count, size)
+    ]
+    parts = runner.recall(_budgets, blocks)
+    known = [part for part in parts if part is not None]
+    return units_expected(objective, joined(known)) if len(known) == len(parts) else np.ones(count)
+
+
+Block = tuple[Case, int, float, int, int, int]  # the arguments of `budgets_of_units`
+
+
+def _budgets(block: Block) -> UnitBudgets | None:
+    return budgets_of_units(*block)
 
 
 def _choices(count: int, seed: int) -> NDArray[np.int64]:

@@ -139,6 +139,37 @@ def test_designs_without_a_forecast_are_avoided(monkeypatch):
     assert 0.57 < found.best[0] <= 0.6
 
 
+def cliffs(point):
+    """A valley along a limit of the availability, which falls slowly to where two cliffs stand."""
+    x, y = point[:2]
+    few, small = 1.5 * (x < 0.635), 0.25 * (y < 0.145)
+    lacking = 10 ** (40 * (x - 0.68) - 30 * (y - 0.165)) + 50 * (y < 0.145)
+    margins = {"availability": 0.01 * (1 - min(lacking, 99)), "mass": 0.715 - x}
+    return Foresight(float(few + small - x + 1.5 * y), margins)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_the_end_of_a_valley_between_cliffs_is_found(monkeypatch, seed):
+    """Within 1 % of the least that meets its limits, in 130 forecasts of three variables."""
+    every = [cliffs((x, y)) for x in np.linspace(0.6, 0.72, 241) for y in np.linspace(0, 1, 1001)]
+    least = min(one.score for one in every if min(one.margins.values()) >= 0)
+    found = explored(monkeypatch, cliffs, 3, 130, seed)
+    assert min(cliffs(found.best).margins.values()) >= 0
+    assert found.score < least + 0.01
+
+
+def test_the_best_design_meets_the_limits_that_others_miss_by_little(monkeypatch):
+    """A design that is better by 2 % misses its limit by 0.1 %, which costs less in its score."""
+
+    def steep(point):
+        return Foresight(float(-20 * point[0]), {"mass": float(0.7 - point[0])})
+
+    found = explored(monkeypatch, steep, 1, 30)
+    assert found.best[0] <= 0.7
+    assert found.score == pytest.approx(-14, abs=0.03)
+
+
 @pytest.mark.slow
 def test_twenty_variables(monkeypatch):
     """A bowl whose axes matter by 1, 1/4, 1/9, ...: within 1 % of its least in 160 forecasts."""

@@ -113,7 +113,7 @@ def test_start_and_best_are_compared_over_the_same_units():
     campaign = replace(CAMPAIGN, fresh_units=40, unit_trials=3)
     judged = campaign.judged(TURNED)[:1]
     start, best = (outcomes(factor * errors, 3) for factor in (1.0, 0.5))
-    found = compare_units(campaign, (judged, [start]), (judged, [best]), 10e-6, 1)
+    found = compare_units(campaign, (judged, [start]), (judged, [best]), 10e-6, TrialRunner(1))
     assert found.start.value == pytest.approx(float(hdquantiles(errors, [0.9])[0]))
     assert (found.factor.low, found.factor.high) == pytest.approx((2, 2))
     [share] = found.yields
@@ -134,7 +134,7 @@ def test_the_noise_of_few_trials_does_not_raise_the_level_over_units():
     for axis in "xy":
         table[f"error_{axis}"] = np.repeat(error, 5) * random.standard_normal(2000)
     judged = campaign.judged(TURNED)[:1]
-    found = compare_units(campaign, (judged, [table]), (judged, [table]), 1e-5, 1)
+    found = compare_units(campaign, (judged, [table]), (judged, [table]), 1e-5, TrialRunner(1))
     assert found.best.value == pytest.approx(1e-5 * math.exp(0.15 * ndtri(0.9)), rel=0.06)
 
 
