@@ -81,6 +81,7 @@ NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
 AXES = "xyz"
 # Of a pixel, that stars move while their errors over it change; chosen by hand.
 PIXEL_LENGTH = 0.5
+FASTEST = 10.0  # sigma of the rate at the start, that two frames may show
 MEAN_POINTS = 64  # of an exposure, whose mean attitude is asked for
 # A row of the table of a sequence: one frame.
 FRAMES: np.dtype[np.void] = np.dtype(
@@ -222,6 +223,27 @@ def update_state(
     return TrackerState(correct(known.state, estimate.icrs_to_camera, new), parts)
 
 
+def from_two_frames(
+    before: TrackerState, estimate: Estimate, step: float, sequence: Sequence, lengths: Floats
+) -> TrackerState:
+    """The prediction of a frame by the rate that its attitude and that of the frame before give.
+
+    A filter without gyroscope that has seen one frame knows its rate within `initial_rate_sigma`
+    about zero. The second attitude says it, whatever it is: the prediction is made again about it,
+    and the update weighs both.
+
+    before  the state after the first attitude
+    step    second, since then
+    """
+    assert before.state is not None
+    assert estimate.icrs_to_camera is not None
+    turned = (estimate.icrs_to_camera * before.state.icrs_to_camera.inv()).as_rotvec()
+    if float(np.linalg.norm(turned)) > FASTEST * sequence.initial_rate_sigma * step:
+        return predict_state(before, None, step, sequence, lengths)
+    at_rate = replace(before, state=replace(before.state, bias=turned / step))
+    return predict_state(at_rate, None, step, sequence, lengths)
+
+
 def _contradicts(state: State, estimate: Estimate) -> bool:
     assert estimate.icrs_to_camera is not None
     innovation = (estimate.icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
@@ -325,10 +347,15 @@ def run(
             known = predict_state(known, turned, step, sequence, lengths)
         predicted = known.state
         rate = known_rate(predicted, None if seen is None else seen[k])
-        spots, matches, estimate, images = _see(case, view, camera, predicted, rate, images)
+        second = k > 0 and before.fresh and rates is None
+        spots, matches, estimate, images = _see(
+            case, view, camera, predicted, rate, images, alone=second
+        )
         if estimate.status is not Status.SOLVED:
             known = doubted(before, known, step, sequence, lengths)
         else:
+            if before.fresh and step and sequence.gyro is None:
+                known = from_two_frames(before, estimate, step, sequence, lengths)
             parts = lasting_parts(case, spots, matches, estimate.covariance)
             if learnt and sequence.camera:
                 learnt = learnt.later(sequence.camera, since + step)
@@ -503,13 +530,18 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[tuple[
 
 
 def _see(
-    case: Case, view: _View, camera: Camera, predicted: State | None, rate: Floats, images: Images
-) -> tuple[Spots, Matches, Estimate, Images]:
+    case: Case, view: _View, camera: Camera, predicted: State | None, rate: Floats, images: Images,
+    alone: bool = False,
+) -> tuple[Spots, Matches, Estimate, Images]:  # fmt: skip
     """What the flight software does with a frame, with a prediction or without.
 
     images  of its stars, where the frame before left them; the last of the result: this one
+    alone   whether the rate of a prediction is not known, so that a tracker which takes its rate
+            from the images does so again, and searches the whole sky
     """
     tracker, frame = case.tracker, view.frame
+    if alone and tracker.rate == "images":
+        predicted = None
     if predicted is None and tracker.rate == "images" and frame:
         x, y = seen_smear(case, frame)
     else:

@@ -206,6 +206,17 @@ def test_a_wrong_camera_is_calibrated_in_a_sequence(small):
     assert errors["learnt"] < 1.2 * errors["known"]
 
 
+def test_two_frames_tell_the_rate_of_a_tracker_that_knows_none(small):
+    """At 3 deg/s, three times what the filter assumes at its start, from streaks alone."""
+    tracker = dataclasses.replace(small.case.tracker, rate="images")
+    case = dataclasses.replace(small.case, tracker=tracker)
+    leg = Leg(1.2, rate_x=2.4 * deg, rate_y=-1.8 * deg)
+    table = run(case, Sequence((leg,), period=0.2), 5, 0)
+    assert table["mode"].tolist() == [Mode.ACQUIRED] + [Mode.TRACKED] * 5
+    for axis in AXES:
+        assert (np.abs(table[f"filtered_{axis}"]) < 5 * table[f"filtered_sigma_{axis}"]).all()
+
+
 def test_what_windows_of_a_sequence_cannot_do_is_named(small, tmp_path):
     sequence = Sequence((CALM,), period=0.8)
     with pytest.raises(ValueError, match="where frames or images of stars are kept, got window"):
