@@ -314,7 +314,7 @@ def run(
     """One sequence from a random attitude, by a tracker without an attitude at its start.
 
     recording  what is kept of the frames, and where; None: nothing
-    fidelity   of the frames: whole, or windows of them
+    fidelity   of the frames: whole, or windows of them; whole where pixels flicker
     Returns  (frames,) structured array: number of the sequence, time (second), true rate
              (radian / second), Mode, the fields of Outcome for the frame alone, and error and
              stated sigma (radian, camera axes) of the filter after it; NaN where there is none
@@ -335,9 +335,11 @@ def run(
     learnt, since = None, 0.0
     if sequence.camera:
         learnt = first_camera(camera, sequence.camera)
+    # As trials in windows, whose pixels that flicker need the whole frame.
+    whole_alone = fidelity is Fidelity.WINDOW and case.instrument.detector.flickers
     views = (
         _whole_frames(case, true, seed, number, recording)
-        if fidelity is Fidelity.FRAME
+        if fidelity is Fidelity.FRAME or whole_alone
         else _windows(case, true, seed, number, recording, fidelity)
     )
     for k, view in enumerate(views):
@@ -470,8 +472,6 @@ def _windows(
         "fidelity must be frame or window in a sequence": fidelity is not Fidelity.WINDOW,
         "fidelity must be frame where frames or images of stars are kept": recording is not None,
         "fidelity must be frame in a sequence with search boxes (tracker.acquisition)": boxed(case),
-        "fidelity must be frame in a sequence with pixels that flicker (detector.age.flicker)":
-            case.instrument.detector.flickers,
     }  # fmt: skip
     for text, needed in needs.items():
         if needed:

@@ -16,6 +16,7 @@ from startrack.attitude import CameraFilter, Mounting
 from startrack.attitude.camera import Calibration
 from startrack.core.units import arcsec, deg
 from startrack.design import Fidelity, load_design
+from startrack.detector.ageing import Age, Flicker
 from startrack.io import shipped, to_qtable
 from startrack.montecarlo.workers import Serial
 from startrack.motion import Motion, Tone
@@ -226,6 +227,16 @@ def test_what_windows_of_a_sequence_cannot_do_is_named(small, tmp_path):
         run(dataclasses.replace(small.case, tracker=boxes), sequence, 3, 0, None, Fidelity.WINDOW)
     with pytest.raises(ValueError, match="must be frame or window in a sequence, got spots"):
         run(small.case, sequence, 3, 0, None, Fidelity.SPOTS)
+
+
+def test_windows_of_pixels_that_flicker_are_the_whole_frame(small):
+    age = Age(5 * 365.25 * 86400, family="interactions", fluence=6e4, flicker=Flicker())
+    detector = dataclasses.replace(small.case.instrument.detector, age=age)
+    case = dataclasses.replace(
+        small.case, instrument=dataclasses.replace(small.case.instrument, detector=detector)
+    )
+    both = [run(case, Sequence((CALM,), period=1.0), 3, 0, fidelity=one) for one in BOTH]
+    assert both[0].tobytes() == both[1].tobytes()
 
 
 def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
