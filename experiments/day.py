@@ -59,9 +59,10 @@ COMMANDS = (
     ("verify", "--trials", "200"), ("compare", "--trials", "100"),
 )  # fmt: skip
 RESUMING = (
-    ("montecarlo", "--trials", "2000"), ("verify", "--trials", "2000"), ("optimize",), ("mission",),
+    ("montecarlo", "--trials", "2000"), ("verify", "--trials", "2000", "--first", "200"),
+    ("optimize",), ("mission",),
 )  # fmt: skip
-BEGUN = 80_000  # byte of stores
+BEGUN = 30_000  # byte of stores
 GOING = 10.0  # second, for which a command goes on after its first row
 BRIGHT = 5.0  # spreads of the background
 

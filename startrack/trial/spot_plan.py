@@ -156,17 +156,19 @@ def _refuse_crowded(case: Case) -> None:
         return
     empty = empty_frame(case, sky_electrons(case))
     assert empty is not None
-    most = case.tracker.detection.max_spots
-    if empty.spots > CROWDED * most:
+    detection = case.tracker.detection
+    if empty.spots > CROWDED * detection.max_spots:
+        newer = "a newer dark map (dark_map_age)" if detection.dark_map else "a dark map"
         raise Refused(
-            f"covariance needs fewer hot pixels: they make {empty.spots:.0f} spots in a frame, of "
-            f"which the tracker keeps {most} (tracker.detection.max_spots); choose the fidelity "
-            "window or frame, or give the tracker a dark map"
+            f"spots and covariance need fewer hot pixels: they make {empty.spots:.0f} spots in a "
+            f"frame, of which the tracker keeps {detection.max_spots} "
+            f"(tracker.detection.max_spots); choose the fidelity window or frame, or give the "
+            f"tracker {newer}"
         )
     if pattern.marked > MARKED:
         raise Refused(
-            f"covariance needs a dark map that marks at most {MARKED:.1%} of the pixels as hot, "
-            f"got {pattern.marked:.2%}; choose the fidelity window or frame"
+            f"spots and covariance need a dark map that marks at most {MARKED:.1%} of the pixels "
+            f"as hot, got {pattern.marked:.2%}; choose the fidelity window or frame"
         )
 
 

@@ -210,7 +210,8 @@ class Arena:
         waited = 0.0
         while not select.select([worker.stdout], [], [], STEP)[0]:
             waited, used = waited + STEP, _cpu(worker.pid)
-            if used - since > IDLE * waited:
+            # Beside other programs it may get hardly any time while it has work.
+            if used - since > IDLE * waited or _is_runnable(worker.pid):
                 waited, since = 0.0, used
             if used - first > seconds or waited > seconds:
                 return False
@@ -275,13 +276,23 @@ def timeless(out: str) -> str:
     return re.sub(r'"(\w*seconds|trials_per_s|\w*_s)": [^,}]*', "", out)
 
 
+def _stat(pid: int) -> list[str]:
+    """The state of a process and what follows it in `stat` of proc(5); nothing where it ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return []
+
+
+def _is_runnable(pid: int) -> bool:
+    """Whether a process waits for nothing but a processor or a disk."""
+    return _stat(pid)[:1] in (["R"], ["D"])
+
+
 def _cpu(pid: int) -> float:
     """Second of CPU that a process has used."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    fields = _stat(pid)
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
 def _fault(case: Case, status: int, out: str, err: str, escaped: str) -> tuple[str, str]:
