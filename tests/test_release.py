@@ -40,9 +40,9 @@ def test_a_trial_from_the_wheel_is_that_of_the_checkout(wheel, tmp_path):
     for place, folder in ((site, tmp_path), (HOME, HOME)):
         environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "PYTHONPATH": str(place)}
         options = {"cwd": folder, "env": environment, "check": True, "capture_output": True}
-        where = subprocess.run([sys.executable, "-c", "import startrack; print(startrack.__file__)"],
-                               **options)  # fmt: skip
-        assert str(place).encode() in where.stdout
+        where = "import startrack; print(startrack.__file__)"
+        where = subprocess.run([sys.executable, "-c", where], **options).stdout.decode()
+        assert where.startswith(str(place))
         words = ["-m", "startrack.cli", "montecarlo", "--trials", "20", "--json"]
         run = subprocess.run([sys.executable, *words], **options)
         values = json.loads(run.stdout.splitlines()[-1])
