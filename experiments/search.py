@@ -33,7 +33,7 @@ from startrack.budget import units
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Moment, Objective, Variable, branches
 from startrack.optimise import Search, least
-from startrack.optimise.evaluate import foresee, foresee_all
+from startrack.optimise.evaluate import foresee_all
 from startrack.optimise.evaluate import missed as missed_of
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import budgets_of_units, forecasts
@@ -188,28 +188,25 @@ def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:
             f"{explorer.best.round(3)}, {time.process_time() - began:.0f} s", flush=True,
         )  # fmt: skip
 
-    def score(point: Floats) -> float:
-        return foresee(space, campaign, point)
-
     values = foresee_all(space, campaign, ends)
     scores = [value.score for value in values]
-    start = ends[int(np.argmin(scores))]
-    search = Search(evaluations=10 if quick else LONG, first_step=0.1, last_step=1e-4)
+    start, long = ends[int(np.argmin(scores))], Scores(space, campaign)
+    least(long, start, Search(evaluations=10 if quick else LONG, first_step=0.1, last_step=1e-4))
     most = int(np.median(counts))
     others = {
         peer: [
-            _least_of(search, score, len(space), most, seed)
+            _least_of(search, Scores(space, campaign), len(space), most, seed)
             for seed in range(1, min(seeds, PEER_SEEDS) + 1)
         ]
         for peer, search in PEERS.items()
     }
-    found = [*scores, least(score, start, search).score, *chain(*others.values())]
-    best = min(found)
+    meeting = [one.score for one in values if not missed_of(one.margins)]
+    best = min([*meeting, long.least, *chain(*others.values())])
     missed = [math.expm1(one - best) for one in scores]
     for peer, least_scores in others.items():
         print(f"{name} {peer}: {np.median(least_scores):.4f}, best {best:.4f}", flush=True)
     return {
-        "peers": {peer: math.expm1(np.median(values) - best) for peer, values in others.items()},
+        "peers": {peer: _regret(np.median(values), best) for peer, values in others.items()},
         "median": float(np.median(missed)),
         "worst": max(missed),
         "infeasible": sum(missed_of(value.margins) > 0 for value in values),
@@ -244,6 +241,11 @@ def thirty_variables(quick: bool) -> dict[str, float]:
     }
 
 
+def _regret(score: float, best: float) -> float | None:
+    """Relative excess of an error over the best; None where no design met its limits."""
+    return math.expm1(score - best) if math.isfinite(score) else None
+
+
 class _Used(Exception):
     """All forecasts were used."""
 
@@ -251,21 +253,35 @@ class _Used(Exception):
 Score = Callable[[Floats], float]
 
 
+class Scores:
+    """The score of each point, and the least of those that meet all limits so far."""
+
+    def __init__(self, space: DesignSpace, campaign: Campaign) -> None:
+        self.space, self.campaign, self.least = space, campaign, math.inf
+
+    def __call__(self, point: Floats) -> float:
+        [value] = foresee_all(self.space, self.campaign, [point])
+        if not missed_of(value.margins):
+            self.least = min(self.least, value.score)
+        return value.score
+
+
 def _least_of(
-    search: Callable[[Score, int, int, int], None], score: Score, count: int, most: int, seed: int
+    search: Callable[[Score, int, int, int], None], score: Scores, count: int, most: int, seed: int
 ) -> float:
-    """The least score that a search finds in so many forecasts."""
-    values = list[float]()
+    """The least score that a search finds in so many forecasts, of designs that meet all limits."""
+    used = 0
 
     def kept(point: Floats) -> float:
-        if len(values) == most:
+        nonlocal used
+        if used == most:
             raise _Used
-        values.append(score(np.clip(point, 0, 1)))
-        return values[-1] if math.isfinite(values[-1]) else BAD
+        used, value = used + 1, score(np.clip(point, 0, 1))
+        return value if math.isfinite(value) else BAD
 
     with suppress(_Used):
         search(kept, count, most, seed)
-    return min(values)
+    return score.least
 
 
 BAD = 30.0  # of a design without an attitude, for searches that must have a number
