@@ -10,23 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.attitude.consensus import consensus
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, SharedErrors, attitude_gain, refine
 from startrack.attitude.wahba import svd
-from startrack.core import (
-    POINTS,
-    Estimate,
-    Floats,
-    Matches,
-    Refused,
-    Spots,
-    Status,
-    call_code,
-    is_code,
-    kernel,
-    returned,
-)
+from startrack.core import Estimate, Floats, Refused, kernel
 
 GROUP = "attitudes"
 EXACT = 1e-6  # largest element of R R^T - 1 of what is taken for a rotation matrix
@@ -74,16 +63,18 @@ def attitude_by_code(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]
     if len(estimate) == 6:
         covariance = (estimate[3:] + estimate[3:].T) / 2
         if (np.linalg.eigvalsh(covariance) <= 0).any():
-            raise ValueError(f"{POINTS[GROUP]} {name} must return a positive definite covariance")
+            raise ValueError(
+                f"{core.POINTS[GROUP]} {name} must return a positive definite covariance"
+            )
         return attitude, covariance
     return attitude, _propagated(name, given, attitude)
 
 
 def _estimated(name: str, given: AttitudeInput) -> Floats:
-    result = returned(GROUP, name, call_code(GROUP, name, given), ((3, 6), 3))
+    result = core.returned(GROUP, name, core.call_code(GROUP, name, given), ((3, 6), 3))
     turn = result[:3]
     if np.abs(turn @ turn.T - np.eye(3)).max() > EXACT or np.linalg.det(turn) < 0:
-        raise ValueError(f"{POINTS[GROUP]} {name} must return a rotation matrix, got {turn}")
+        raise ValueError(f"{core.POINTS[GROUP]} {name} must return a rotation matrix, got {turn}")
     return result
 
 
@@ -146,8 +137,8 @@ def _enlarge(covariance, seen, weight, known, enlarged):  # type: ignore[no-unty
 
 
 def solve(
-    spots: Spots,
-    matches: Matches,
+    spots: core.Spots,
+    matches: core.Matches,
     settings: SolverSettings,
     tolerance: float = 0.0,
     own: Floats | None = None,
@@ -170,14 +161,14 @@ def solve(
     shared     errors that stars have alike, which the covariance then holds; None: none are known
     Returns    Estimate; not solved where the matches are not, or do not determine the attitude
     """
-    if matches.status is not Status.SOLVED:
+    if matches.status is not core.Status.SOLVED:
         return _unsolved(matches, matches.status, matches.reason)
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
     if own is None:
         floor = settings.centroid_floor
         own = np.full(len(matches), (UNKNOWN_FLOOR if floor is None else floor) ** 2)
     covariance = spots.covariance[matches.spot] + own[:, None, None] * np.eye(2)
-    if is_code(settings.method):
+    if core.is_code(settings.method):
         return _by_code(settings.method, pixel, covariance, matches)
     used = np.arange(len(matches))
     if settings.sift:
@@ -194,7 +185,7 @@ def solve(
             used = np.delete(used, worst)
             best = _fit(pixel, covariance, matches, used, tolerance)
     except (Refused, np.linalg.LinAlgError) as error:
-        return _unsolved(matches, Status.TOO_FEW, str(error))
+        return _unsolved(matches, core.Status.TOO_FEW, str(error))
     freedom = 2 * len(used) - (4 if tolerance else 3)
     total = float(best.chi_square.sum())
     chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
@@ -207,7 +198,7 @@ def solve(
         gain = attitude_gain(plane, inverse, focal, tolerance)
         stated = stated + shared.added(gain, pixel[used])
     return Estimate(
-        Status.SOLVED,
+        core.Status.SOLVED,
         matches.reason,
         best.icrs_to_camera,
         stated,
@@ -217,7 +208,7 @@ def solve(
     )
 
 
-def _by_code(name: str, pixel: Floats, covariance: Floats, matches: Matches) -> Estimate:
+def _by_code(name: str, pixel: Floats, covariance: Floats, matches: core.Matches) -> Estimate:
     """The estimate of a function that the design names."""
     camera = matches.camera
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / camera.focal_length_px
@@ -225,7 +216,7 @@ def _by_code(name: str, pixel: Floats, covariance: Floats, matches: Matches) -> 
     attitude, known = attitude_by_code(name, given)
     residual = pixel - camera.project(attitude.apply(matches.direction))
     return Estimate(
-        *(Status.SOLVED, matches.reason, attitude, known),
+        *(core.Status.SOLVED, matches.reason, attitude, known),
         *(float(np.sqrt(np.mean(residual**2))), len(matches), matches.false_probability),
     )
 
@@ -233,7 +224,7 @@ def _by_code(name: str, pixel: Floats, covariance: Floats, matches: Matches) -> 
 def _fit(
     pixel: NDArray[np.float64],
     covariance: NDArray[np.float64],
-    matches: Matches,
+    matches: core.Matches,
     used: NDArray[np.int64],
     tolerance: float,
 ) -> Refinement:
@@ -243,14 +234,14 @@ def _fit(
     return refine(pixel, covariance, direction, matches.camera, start, tolerance)
 
 
-def _plane(matches: Matches, best: Refinement, used: NDArray[np.int64]) -> Floats:
+def _plane(matches: core.Matches, best: Refinement, used: NDArray[np.int64]) -> Floats:
     """Places (n, 2) of the stars in the image plane, where the attitude has them."""
     direction = best.icrs_to_camera.apply(matches.direction[used])
     return np.asarray(direction[:, :2] / direction[:, 2:])
 
 
 def _agreeing(
-    pixel: NDArray[np.float64], covariance: NDArray[np.float64], matches: Matches, gate: float
+    pixel: NDArray[np.float64], covariance: NDArray[np.float64], matches: core.Matches, gate: float
 ) -> NDArray[np.int64]:
     """Indices of the stars that agree on one attitude; all stars where fewer than 4 agree."""
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / matches.camera.focal_length_px
@@ -258,7 +249,7 @@ def _agreeing(
     return np.flatnonzero(agree) if agree.sum() >= FEWEST else np.arange(len(matches))
 
 
-def _unsolved(matches: Matches, status: Status, reason: str) -> Estimate:
+def _unsolved(matches: core.Matches, status: core.Status, reason: str) -> Estimate:
     return Estimate(
         status, reason, None, NO_COVARIANCE, float("nan"), len(matches), matches.false_probability
     )

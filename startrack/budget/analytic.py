@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from startrack import trial
 from startrack.budget.budget import NEIGHBOURS, Budget, Cause, Law, Line, causes, refuse_scans
 from startrack.budget.fields import (
     FIELDS,
@@ -27,29 +28,6 @@ from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, th
 from startrack.budget.left_out import of_false_spots, of_the_case, of_the_sky
 from startrack.core import Floats, Refused, Streams
 from startrack.design import Case
-from startrack.trial import (
-    LENS_FIELD,
-    METHOD,
-    READ,
-    SHOT,
-    Errors,
-    Grid,
-    Search,
-    Term,
-    boxed,
-    boxed_stars,
-    dark_pattern,
-    detection_probability,
-    empty_frame,
-    errors,
-    hot_windows,
-    scale,
-    sky_electrons,
-    systematic_variance_of,
-    with_uniform_dark,
-    zone_detection,
-    zone_errors,
-)
 
 FINE = 0.05  # magnitude between two entries
 HOT = "hot pixels"
@@ -67,7 +45,7 @@ class Measured(NamedTuple):
     random   names of its random causes
     """
 
-    star: Errors
+    star: trial.Errors
     above: Floats
     table: Response
     random: list[str]
@@ -76,41 +54,50 @@ class Measured(NamedTuple):
 @lru_cache(maxsize=2)
 def response(case: Case) -> Measured:
     """Detection and errors of single stars; kept for the 2 last cases, as units share one."""
-    if boxed(case):
+    if trial.boxed(case):
         return in_boxes(case)
-    pattern = dark_pattern(case) if has_hot_pixels(case) else None
-    even = with_uniform_dark(case) if pattern else case
-    star = errors(even)
+    pattern = trial.dark_pattern(case) if has_hot_pixels(case) else None
+    even = trial.with_uniform_dark(case) if pattern else case
+    star = trial.errors(even)
     hot = hot_stars(case, even, star) if pattern else None
     search = hot and hot.search
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
     if case.instrument.optics.tabulated:
-        zone = zone_errors(even)
+        zone = trial.zone_errors(even)
         kept, stated, random = zone.kept, zone.stated, zone.random
-        fraction = zone_detection(even, grid, search)
+        fraction = trial.zone_detection(even, grid, search)
     else:
         kept, stated = star.kept[None], star.stated[None]
         random = {name: one[None] for name, one in star.random.items()}
-        fraction = detection_probability(even, grid, search=search)[None]
+        fraction = trial.detection_probability(even, grid, search=search)[None]
     false = np.zeros(len(grid))
     if pattern and hot:
-        size = scale(even)
+        size = trial.scale(even)
         # Of what the read-out adds, the spread of the dark signal is constant in time.
         part = (pattern.spread / size.noise) ** 2
-        random = random | {READ: (1 - part) * random[READ], "DSNU": part * random[READ]}
+        random = random | {
+            trial.READ: (1 - part) * random[trial.READ],
+            "DSNU": part * random[trial.READ],
+        }
         random |= {HOT: np.broadcast_to(hot.moment, stated.shape)}
         kept = kept * hot.kept
         light = size.star * 10 ** (-0.4 * grid)
         false = (hot.false > light[:, None]).sum(axis=1).astype(float)
-    above = detection_probability(even, star.magnitude, search=search)
+    above = trial.detection_probability(even, star.magnitude, search=search)
+    fraction = fraction * _between(star.magnitude, kept, grid)
+    return _measured(star, above, grid, fraction, stated, random, false)
+
+
+def _measured(
+    star: trial.Errors, above: Floats, grid: Floats, fraction: Floats, stated: Floats,
+    random: dict[str, Floats], false: Floats,
+) -> Measured:  # fmt: skip
+    """Covariances `stated` and `random`, (z, m, 2, 2) of stars, over the magnitudes of a grid."""
+    causes = [_fine(star.magnitude, covariance, grid) for covariance in random.values()]
     table = Response(
-        float(grid[0]),
-        FINE,
-        fraction * _between(star.magnitude, kept, grid),
-        _fine(star.magnitude, stated, grid),
-        np.stack([_fine(star.magnitude, one, grid) for one in random.values()], axis=1),
-        false,
-    )
+        float(grid[0]), FINE, fraction, _fine(star.magnitude, stated, grid),
+        np.stack(causes, axis=1), false,
+    )  # fmt: skip
     return Measured(star, above, table, list(random))
 
 
@@ -120,7 +107,7 @@ def in_boxes(case: Case) -> Measured:
     Noise is of the light by the share of a star's electrons in those of its image; what different
     pixels add is that of hot pixels.
     """
-    stars, size, box = boxed_stars(case), scale(case), case.tracker.box
+    stars, size, box = trial.boxed_stars(case), trial.scale(case), case.tracker.box
     known = np.isfinite(stars.total)
     magnitude, measured = stars.magnitude[known], stars.measured[known]
     if len(magnitude) < 2:
@@ -131,28 +118,24 @@ def in_boxes(case: Case) -> Measured:
     electrons = size.star * 10 ** (-0.4 * magnitude)
     light = electrons / (electrons + size.pixel**2 * box.size**2)
     variance = {
-        SHOT: light * temporal,
-        READ: (1 - light) * temporal,
-        METHOD: method,
+        trial.SHOT: light * temporal,
+        trial.READ: (1 - light) * temporal,
+        trial.METHOD: method,
         HOT: np.maximum(total - temporal - method, 0.0),
     }
     random = {name: one[:, None, None] * np.eye(2) for name, one in variance.items()}
     no_mean = np.zeros((len(magnitude), 2))
-    star = Errors(
+    star = trial.Errors(
         magnitude, np.ones(len(measured)), stated[:, None, None] * np.eye(2), random, no_mean
     )
     grid = np.arange(magnitude[0], magnitude[-1] + FINE / 2, FINE)
-    zones = len(zone_errors(case).kept) if case.instrument.optics.tabulated else 1  # all alike
-    causes = np.stack([_fine(magnitude, one[None], grid) for one in random.values()], axis=1)
-    table = Response(
-        float(grid[0]),
-        FINE,
-        np.repeat(_between(magnitude, measured[None], grid), zones, axis=0),
-        np.repeat(_fine(magnitude, star.stated[None], grid), zones, axis=0),
-        np.repeat(causes, zones, axis=0),
-        np.zeros(len(grid)),
+    zones = len(trial.zone_errors(case).kept) if case.instrument.optics.tabulated else 1
+    fraction, stated = (
+        np.repeat(part, zones, axis=0)  # zones are all alike
+        for part in (_between(magnitude, measured[None], grid), star.stated[None])
     )
-    return Measured(star, measured, table, list(random))
+    by_zone = {name: np.repeat(one[None], zones, axis=0) for name, one in random.items()}
+    return _measured(star, measured, grid, fraction, stated, by_zone, np.zeros(len(grid)))
 
 
 def has_hot_pixels(case: Case) -> bool:
@@ -170,13 +153,13 @@ class NearHot(NamedTuple):
     moment  (m, 2, 2) pixel^2, second moment over the stars of the shifts by them
     """
 
-    search: Search
+    search: trial.Search
     false: Floats
     kept: Floats
     moment: Floats
 
 
-def hot_stars(case: Case, even: Case, star: Errors) -> NearHot:
+def hot_stars(case: Case, even: Case, star: trial.Errors) -> NearHot:
     """What hot pixels near stars do to those that are detected.
 
         kept = 1 - c (1 - <w>),   moment = c <w s s^T> / kept,   w = Phi(gate - |s| / sigma)
@@ -189,21 +172,21 @@ def hot_stars(case: Case, even: Case, star: Errors) -> NearHot:
     even      the case `with_uniform_dark`;  star  its errors
     Accuracy  model: that of drawn spots, whose windows these are.
     """
-    magnitude, sky = star.magnitude, sky_electrons(case)
-    empty = empty_frame(case, sky)
+    magnitude, sky = star.magnitude, trial.sky_electrons(case)
+    empty = trial.empty_frame(case, sky)
     assert empty is not None
-    search = Search(empty.noise, np.quantile(empty.of_tiles, EVEN))
-    above = detection_probability(even, magnitude, search=search)
+    search = trial.Search(empty.noise, np.quantile(empty.of_tiles, EVEN))
+    above = trial.detection_probability(even, magnitude, search=search)
     faintest = magnitude[above > 0.5].max(initial=magnitude[0])
     place = np.arange(max(faintest - HOT_RANGE, magnitude[0]), faintest + 1e-9, HOT_STEP)
-    light = scale(even).star * 10 ** (-0.4 * place)
+    light = trial.scale(even).star * 10 ** (-0.4 * place)
     middle = empty.noise, empty.threshold_sigma
-    hot, higher = hot_windows(Grid(even, sky, search=middle), case, light)
+    hot, higher = trial.hot_windows(trial.Grid(even, sky, search=middle), case, light)
     near = (search.threshold[:, None] - higher[-1]).ravel()
     weight = np.repeat([1 - hot.chance, hot.chance], [len(EVEN), len(near)])
     weight[: len(EVEN)] /= len(EVEN)
     weight[len(EVEN) :] /= len(near)
-    search = Search(empty.noise, _quantiles(np.append(search.threshold, near), weight))
+    search = trial.Search(empty.noise, _quantiles(np.append(search.threshold, near), weight))
     index = np.abs(magnitude[:, None] - place).argmin(axis=1)
     if not hot.chance:
         none = np.zeros_like(star.stated)
@@ -296,7 +279,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     if not table.fraction.any():
         return None
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), same)
-    systematic = systematic_variance_of(same, view.sky.stars[view.star[inside]])
+    systematic = trial.systematic_variance_of(same, view.sky.stars[view.star[inside]])
     near = displaced(same, view, inside)
     lens = through_lens(same, case.instrument.camera, view, inside)
     magnitude = magnitude + lens.fainter
@@ -323,8 +306,8 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     solver = Solver(
         case.believed_camera.focal_length_px,
         identification.focal_tolerance,
-        2 if boxed(case) else identification.min_matches,
-        case.tracker.box.stars if boxed(case) else case.tracker.detection.max_spots,
+        2 if trial.boxed(case) else identification.min_matches,
+        case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots,
     )
     counted = FieldStars(
         np.searchsorted(view.field[inside], np.arange(len(view.attitude) + 1)),
@@ -375,7 +358,7 @@ def _typical(shift: Floats, good: NDArray[np.bool_], chance: float) -> Floats:
     return typical
 
 
-def _false_among(star: Errors, above: Floats, table: Response) -> float:
+def _false_among(star: trial.Errors, above: Floats, table: Response) -> float:
     """Number of false spots that are brighter than the faintest star that is likely to count."""
     faintest = star.magnitude[above > 0.5].max(initial=star.magnitude[0])
     return float(table.false[int((faintest - table.start) / table.step)])
@@ -388,7 +371,7 @@ def _quantiles(values: Floats, weight: Floats) -> Floats:
     return np.interp(EVEN, middle / weight.sum(), values[order])
 
 
-def _refused(star: Errors, above: Floats, magnitude: Floats) -> float:
+def _refused(star: trial.Errors, above: Floats, magnitude: Floats) -> float:
     """Fraction of the stars above the threshold (n,) that are taken for hot pixels."""
     above = np.interp(magnitude, star.magnitude, above)
     lost = above * (1 - np.interp(magnitude, star.magnitude, star.kept))
@@ -401,16 +384,16 @@ def _lines(
     """A line a cause: those of single stars, those that move all stars, those of the camera."""
     none = np.zeros_like(found.shift[:, 0])
     for k, name in enumerate(random):
-        if name == LENS_FIELD:
+        if name == trial.LENS_FIELD:
             continue
-        term = Term.NOISE if name in (SHOT, READ) else Term.PIXEL
-        mean = found.shift[:, 0] if name == METHOD else none
+        term = trial.Term.NOISE if name in (trial.SHOT, trial.READ) else trial.Term.PIXEL
+        mean = found.shift[:, 0] if name == trial.METHOD else none
         yield Line(name, term, Law(mean, np.sqrt(found.variance[:, k]), weight))
-    yield Line(NEIGHBOURS, Term.FIELD, Law(found.shift[:, 1], none, weight))
+    yield Line(NEIGHBOURS, trial.Term.FIELD, Law(found.shift[:, 1], none, weight))
     for k, cause in enumerate(fixed):
         sigma = none
-        if cause.name == LENS_FIELD:
-            sigma = np.sqrt(found.variance[:, random.index(LENS_FIELD)])
+        if cause.name == trial.LENS_FIELD:
+            sigma = np.sqrt(found.variance[:, random.index(trial.LENS_FIELD)])
         yield Line(cause.name, cause.term, Law(found.shift[:, k + 2], sigma, weight))
     for cause in causes(case):
         mean_sigma = of_the_camera(case, cause)

@@ -9,24 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from startrack import trial
 from startrack.budget.budget import Budget, Law
 from startrack.core import Floats, Psf, Refused, arcsec
 from startrack.design import Case, Fidelity
 from startrack.metrics import Interval, Summary, fraction_interval, summarise
-from startrack.trial import (
-    HITS,
-    LENS_COLOUR,
-    LENS_FIELD,
-    METHOD,
-    READ,
-    SHOT,
-    SHUTTER,
-    boxed,
-    detection_plan,
-    left_out,
-    run_trials,
-    smear_of,
-)
+from startrack.trial import left_out
 
 # From these on an effect may change the error by more than 15 %, or the availability by more than
 # a percent. Chosen by hand from the designs of experiments/budget_against_trials.py.
@@ -45,11 +33,11 @@ REFUSED = 0.3  # of the stars above the threshold
 
 # What each cause is, and the keys that change it.
 ADVICE = {
-    SHOT: "the light of the stars: instrument.optics.f_number, instrument.optics.focal_length, "
-    "instrument.detector.exposure, tracker.detection.max_spots",
-    READ: "instrument.detector.read_noise beside the light of the stars in their windows: less "
-    "blur (instrument.optics.defocus), a longer instrument.detector.exposure",
-    METHOD: "pixels sample the image coarsely: more blur (instrument.optics.defocus), or "
+    trial.SHOT: "the light of the stars: instrument.optics.f_number, "
+    "instrument.optics.focal_length, instrument.detector.exposure, tracker.detection.max_spots",
+    trial.READ: "instrument.detector.read_noise beside the light of the stars in their windows: "
+    "less blur (instrument.optics.defocus), a longer instrument.detector.exposure",
+    trial.METHOD: "pixels sample the image coarsely: more blur (instrument.optics.defocus), or "
     'tracker.detection.centroid = "likelihood"',
     "PRNU": "pixels respond unequally: instrument.detector.prnu, or more blur",
     "DSNU": "dark signal differs from pixel to pixel: instrument.detector.thermal.temperature, "
@@ -59,11 +47,11 @@ ADVICE = {
     "read-out": "instrument.detector.settling, instrument.detector.lag, "
     "instrument.detector.nonlinearity, instrument.detector.adc_inl",
     "neighbours": "fainter stars in the window: a smaller tracker.detection.window, less blur",
-    LENS_FIELD: "the image of a star differs over the field: instrument.optics.defocus, another "
-    "lens, fewer tracker.detection.max_spots",
-    LENS_COLOUR: "stars of other colours lie elsewhere: tracker.focal_length_by_colour, a "
+    trial.LENS_FIELD: "the image of a star differs over the field: instrument.optics.defocus, "
+    "another lens, fewer tracker.detection.max_spots",
+    trial.LENS_COLOUR: "stars of other colours lie elsewhere: tracker.focal_length_by_colour, a "
     "narrower instrument.optics.transmission",
-    SHUTTER: "rows are exposed one after the other: instrument.detector.row_delay, "
+    trial.SHUTTER: "rows are exposed one after the other: instrument.detector.row_delay, "
     "instrument.motion.rate_x",
     "camera model": "the tracker's calibration is wrong: tracker.calibration",
     "proper motion": "the tracker's catalogue is of another year: tracker.catalog.epoch",
@@ -75,11 +63,11 @@ ADVICE = {
     "jitter": "the spacecraft moves within an exposure, and the attitude asked for is that at its "
     'middle: instrument.detector.exposure, instrument.motion.tones; tracker.reference = "mean" '
     "asks for the mean",
-    HITS: "particles hit pixels: instrument.detector.hits",
+    trial.HITS: "particles hit pixels: instrument.detector.hits",
 }
 # What a tracker cannot see in the spots that it weights.
 UNSEEN = ("camera model", "proper motion", "parallax", "aberration", "mounting",
-          "mounting swing", "time stamp", SHUTTER, HITS)  # fmt: skip
+          "mounting swing", "time stamp", trial.SHUTTER, trial.HITS)  # fmt: skip
 PARTS_SHOWN = 4  # causes, the largest
 
 
@@ -116,9 +104,9 @@ def of_the_case(case: Case) -> Iterator[str]:
 
 
 def _of_the_motion(case: Case) -> Iterator[str]:
-    instrument, plan = case.instrument, detection_plan(case)
+    instrument, plan = case.instrument, trial.detection_plan(case)
     motion, focal = instrument.motion, instrument.camera.focal_length_px
-    true = np.array(smear_of(case, motion.rate_x, motion.rate_y))
+    true = np.array(trial.smear_of(case, motion.rate_x, motion.rate_y))
     known = np.array(plan.settings.smear)
     # The two directions of a motion make the same streak.
     unknown = min(float(np.hypot(*(true - known))), float(np.hypot(*(true + known))))
@@ -164,16 +152,15 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
     detector, settings = case.instrument.detector, case.tracker.detection
     least = min(FEW, round(0.9 * settings.max_spots))
     few = float((stars < least).mean())
-    if boxed(case):
-        pass  # each box has its star
-    elif few > PART:
+    by_search = not trial.boxed(case)  # each box has its star
+    if by_search and few > PART:
         yield (
             f"which star is which, in the {100 * few:.0f} % of the sky with fewer than "
             f"{least:.0f} stars"
         )
-    elif refused > REFUSED:
+    elif by_search and refused > REFUSED:
         yield f"which star is which, where {100 * refused:.0f} % of the stars are missing"
-    side = settings.window + math.hypot(*detection_plan(case).settings.smear)
+    side = settings.window + math.hypot(*trial.detection_plan(case).settings.smear)
     crowded = float(stars.mean()) * settings.window * side / (detector.columns * detector.rows)
     if crowded > CROWDED:
         yield f"wrong centroids of merged stars, {100 * crowded:.0f} % of all"
@@ -262,11 +249,11 @@ def check(case: Case, budget: Budget[Law], seed: int) -> Check:
     small = pixels <= LARGEST
     plan = (Fidelity.WINDOW, WINDOWS) if small else (Fidelity.SPOTS, DRAWN)
     try:
-        outcomes = run_trials(case, seed, range(plan[1]), plan[0])
+        outcomes = trial.run_trials(case, seed, range(plan[1]), plan[0])
     except Refused:
         frames = FRAMES if small else max(FEWEST, FRAMES * LARGEST // pixels)
         plan = Fidelity.FRAME, frames
-        outcomes = run_trials(case, seed, range(frames), Fidelity.FRAME)
+        outcomes = trial.run_trials(case, seed, range(frames), Fidelity.FRAME)
     summary = summarise(outcomes)
     return Check(plan[0], summary, tuple(differences(budget, summary)))
 

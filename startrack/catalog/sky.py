@@ -10,24 +10,12 @@ from typing import Annotated
 
 import numpy as np
 
+from startrack import core
 from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR, apparent, earth_observer
 from startrack.catalog.catalog import FIRST_G, LAST_G, Catalog, join, random_stars
 from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G, deep, file_of, read_bright
 from startrack.catalog.readers import FORMATS, column_names, read
-from startrack.core import (
-    Floats,
-    Ints,
-    Parameters,
-    Range,
-    Refused,
-    Stars,
-    Unit,
-    finite,
-    kept,
-    kernel,
-    one_of,
-    within,
-)
+from startrack.core import Floats, Ints, Parameters, Range, Refused, Unit, kept, kernel, within
 from startrack.io import shipped
 
 FAINTEST_G = 21.0  # Gaia's own limit
@@ -83,11 +71,11 @@ class Selection(Parameters):
             raise Refused("source must be 'bright', 'deep' or the path of a file, got ''")
         if self.columns:
             column_names(self.columns)
-            one_of(("auto",), **{"format beside columns": self.format})
+            core.one_of(("auto",), **{"format beside columns": self.format})
             if self.source in ("bright", "deep"):
                 raise Refused(f"columns must be left out for the source {self.source!r}")
         if self.source in ("bright", "deep"):
-            one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
+            core.one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
         faintest = LIMITS.get(self.source, FAINTEST_G)
         within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
         if self.random_g is not None:
@@ -127,7 +115,7 @@ class Selection(Parameters):
     def _check_velocity(self) -> None:
         velocity = self.orbital_velocity or ()
         for component in velocity:
-            finite(orbital_velocity=component)
+            core.finite(orbital_velocity=component)
         if len(velocity) not in (0, 3):
             raise Refused(f"orbital_velocity must have three components, got {len(velocity)}")
         if velocity and not self.aberration:
@@ -161,7 +149,7 @@ class Sky:
     stars  the stars, in any order
     """
 
-    stars: Stars
+    stars: core.Stars
 
     def __len__(self) -> int:
         return len(self.stars)

@@ -20,20 +20,12 @@ from startrack.cli.options import (
 )
 
 if wanted(__name__):
+    from startrack import verification
     from startrack.cli import terminal
     from startrack.design import Case
     from startrack.io import save_arrays, save_json
     from startrack.metrics import Column, Table
     from startrack.plots import draw_flown
-    from startrack.verification import (
-        Flown,
-        Windows,
-        compare_flown,
-        correlation,
-        read_windows,
-        simulate,
-        windows_of_frames,
-    )
 
 TABLES = (".npz", ".fits", ".fit", ".fts")  # of images of stars, where there is one file
 
@@ -72,15 +64,17 @@ def command(options: argparse.Namespace) -> int:
     with as_wrong_use(ValueError, OSError):
         stars = _stars(options, case)
         with terminal.progress("stars", len(stars)) as advance:
-            flown = compare_flown(case, stars, options.devices, options.seed, advance)
+            flown = verification.compare_flown(case, stars, options.devices, options.seed, advance)
         if options.keep:
-            made = simulate(case, stars, 1, options.seed)[0]
+            made = verification.simulate(case, stars, 1, options.seed)[0]
             save_arrays(options.out / "predicted.npz", {star.name: star.columns for star in made})
     table, first = _table(flown), options.images[0]
     result = {
         "design": str(options.design), "images": str(first), "frames": len(options.images),
         "seed": options.seed, "devices": options.devices, "differences": table.json(),
-        "curve_correlation": {star: correlation(*pair) for star, pair in flown.curves.items()},
+        "curve_correlation": {
+            star: verification.correlation(*pair) for star, pair in flown.curves.items()
+        },
         "curves_px": {star: [one.tolist() for one in pair] for star, pair in flown.curves.items()},
     }  # fmt: skip
     save_json(options.out / "flight.json", terminal.finite(result))
@@ -90,18 +84,18 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _stars(options: argparse.Namespace, case: Case) -> list[Windows]:
+def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows]:
     """The images of the stars: read from one file, or cut out of frames."""
     names, first = options.stars.split(",") if options.stars else (), options.images[0]
     if len(options.images) == 1 and first.suffix.lower() in TABLES:
-        return read_windows(first, names)
+        return verification.read_windows(first, names)
     count, frames = terminal.read_series(options)
     with terminal.progress("frames", count) as advance:
-        found = windows_of_frames(frames, case, advance)
+        found = verification.windows_of_frames(frames, case, advance)
     return [star for star in found if not names or star.name in names]
 
 
-def _table(flown: Flown) -> Table:
+def _table(flown: verification.Flown) -> Table:
     return Table(
         [
             Column("star", "star", lambda row: row.star),
@@ -117,10 +111,10 @@ def _table(flown: Flown) -> Table:
     )  # fmt: skip
 
 
-def _text(flown: Flown, table: Table) -> list[str]:
+def _text(flown: verification.Flown, table: Table) -> list[str]:
     lines = table.text((0, 1, 6))
     for star, pair in flown.curves.items():
-        value = correlation(*pair)
+        value = verification.correlation(*pair)
         if math.isfinite(value):
             lines.append(f"{star}: centroid over the pixel, correlation {value:.2f}")
     return [

@@ -18,25 +18,13 @@ from typing import Any
 import tomli_w
 from scipy.spatial.transform import Rotation
 
+from startrack import io
 from startrack.catalog import Selection, open_sky
 from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, status_and_sentence
 from startrack.core import Camera, Frame, Stars, compiling_reports, kernel_folder, used_code
 from startrack.design import Campaign, Design, load_design
 from startrack.detection import divide_flat, subtract_dark
-from startrack.io import (
-    Layout,
-    celestial,
-    claimed_folder,
-    frames_in,
-    from_table,
-    read_frames,
-    read_image,
-    read_table,
-    save_text,
-    shipped,
-    to_table,
-)
 from startrack.metrics import Row, to_json, to_lines
 from startrack.sequence import Sequence, load_sequence
 
@@ -56,7 +44,7 @@ COMPILING = "startrack: compiling for this machine; once after an installation, 
 
 def example() -> Path:
     """The design that is shipped as an example: a tracker for a nanosatellite."""
-    return shipped(EXAMPLE)
+    return io.shipped(EXAMPLE)
 
 
 def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
@@ -78,7 +66,7 @@ def found_design(path: Path) -> Path:
     known = {
         f"{folder}/{file.name}": file
         for folder in SHIPPED
-        for file in sorted(shipped(folder).glob("*.toml"))
+        for file in sorted(io.shipped(folder).glob("*.toml"))
     }
     asked = path.as_posix().removesuffix(".toml") + ".toml"
     for name, file in known.items():
@@ -114,18 +102,18 @@ def read_sequence(path: Path) -> Sequence:
 def read_camera(path: Path) -> Camera:
     """The camera in [tracker.camera] of a TOML file; raises WrongUse where it cannot be used."""
     with as_wrong_use(ValueError):
-        table: Any = read_table(path, "a file with a table [tracker.camera]")
+        table: Any = io.read_table(path, "a file with a table [tracker.camera]")
         for key in ("tracker", "camera"):
             table = table.get(key) if isinstance(table, dict) else None
         if table is None:
             raise ValueError(f"{path} must have a table [tracker.camera]")
         with as_wrong_use(path=path):
-            return from_table(Camera, table, "tracker.camera")
+            return io.from_table(Camera, table, "tracker.camera")
 
 
 def save_camera(path: Path, camera: Camera) -> None:
     """Write a camera that `read_camera` reads back to an equal one."""
-    save_text(path, tomli_w.dumps({"tracker": {"camera": to_table(camera)}}))
+    io.save_text(path, tomli_w.dumps({"tracker": {"camera": io.to_table(camera)}}))
 
 
 def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:
@@ -134,7 +122,7 @@ def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:
     Raises  WrongUse where what they say is no layout, or where one of these two cannot be read
     """
     layout, correct = _reading(options)
-    return lambda path: correct(read_image(path, layout))
+    return lambda path: correct(io.read_image(path, layout))
 
 
 def read_series(options: argparse.Namespace) -> tuple[int, Iterator[Frame]]:
@@ -142,17 +130,17 @@ def read_series(options: argparse.Namespace) -> tuple[int, Iterator[Frame]]:
     layout, correct = _reading(options)
     with as_wrong_use(ValueError, OSError):
         one = options.plane is not None
-        count = sum(1 if one else frames_in(path, layout) for path in options.images)
-    frames = (frame for path in options.images for frame in read_frames(path, layout))
+        count = sum(1 if one else io.frames_in(path, layout) for path in options.images)
+    frames = (frame for path in options.images for frame in io.read_frames(path, layout))
     return count, map(correct, frames)
 
 
-def _reading(options: argparse.Namespace) -> tuple[Layout, Callable[[Frame], Frame]]:
+def _reading(options: argparse.Namespace) -> tuple[io.Layout, Callable[[Frame], Frame]]:
     """How the options say that images are read, and what is taken off each."""
     with as_wrong_use(ValueError, TypeError, OSError):
-        layout = Layout(options.plane, options.bayer, options.colour, options.raw)
+        layout = io.Layout(options.plane, options.bayer, options.colour, options.raw)
         dark, flat = (
-            read_image(path, layout) if (path := getattr(options, name, None)) else None
+            io.read_image(path, layout) if (path := getattr(options, name, None)) else None
             for name in ("dark", "flat")
         )
 
@@ -339,7 +327,7 @@ def claimed_out(options: argparse.Namespace) -> Iterator[None]:
     if folder is None or not getattr(options, "claims", False):
         yield
         return
-    with claimed_folder(folder):
+    with io.claimed_folder(folder):
         yield
 
 
@@ -350,6 +338,6 @@ def quaternion(rotation: Rotation) -> list[float]:
 
 def pointing_text(icrs_to_camera: Rotation, digits: int, of_roll: int) -> str:
     """An attitude in words, with so many digits of right ascension and declination, and of roll."""
-    ra, dec, roll = celestial(icrs_to_camera)
+    ra, dec, roll = io.celestial(icrs_to_camera)
     turned = round(roll, of_roll) % 360  # so that 359.99 is never printed as 360.0
     return f"RA {ra:.{digits}f}, Dec {dec:+.{digits}f}, roll {turned:.{of_roll}f} deg"

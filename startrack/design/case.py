@@ -9,19 +9,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from startrack import core
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    Camera,
-    CarriesCode,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-)
+from startrack.core import FINITE, NON_NEGATIVE, Floats, Parameters, Range, Refused, Unit
 from startrack.design.epoch import believed_from, seen_from
 from startrack.design.parameter import unchecked
 from startrack.design.structure import Structure
@@ -117,7 +108,7 @@ class Temperatures(Parameters):
 def _traced_camera(
     optics: Optics, kelvin: float, columns: int, rows: int, pitch: float,
     principal: tuple[float, float], photons: bytes,
-) -> Camera:  # fmt: skip
+) -> core.Camera:  # fmt: skip
     """`fit_camera`; kept for the 16 last lenses, as units and their environments share one.
 
     photons  of `Instrument.detected_spectra`
@@ -189,7 +180,7 @@ class Instrument(Parameters):
         return self.thermal.lens if self.thermal else ROOM
 
     @cached_property
-    def camera(self) -> Camera:
+    def camera(self) -> core.Camera:
         """Where directions truly fall; with a lens table, the camera that fits it best.
 
         Raises  ValueError where the table does not hold the frame, the band or the temperature.
@@ -202,7 +193,7 @@ class Instrument(Parameters):
         return model if field is None else replace(model, residual=field)
 
     @property
-    def _camera_model(self) -> Camera:
+    def _camera_model(self) -> core.Camera:
         optics = self.optics
         shift_x, shift_y = self.detector.shift
         if self.imaged:
@@ -227,7 +218,7 @@ class Instrument(Parameters):
                 return camera_of_cube(optics, *frame)
             *where, _, spectrum = frame
             return _traced_camera(optics, self.lens_temperature, *where, spectrum.tobytes())
-        return Camera(
+        return core.Camera(
             self.detector.columns,
             self.detector.rows,
             optics.focal_length / self.detector.pitch,
@@ -271,7 +262,7 @@ class Tracker(Parameters):
     attitude: Annotated[SolverSettings,
         "How matched stars are weighted, and when one is left out."
     ] = field(default_factory=SolverSettings)  # fmt: skip
-    camera: Annotated[Camera | None,
+    camera: Annotated[core.Camera | None,
         "its calibration; None for a perfect one, which follows the instrument's design"
     ] = None  # fmt: skip
     camera_model: Annotated[str, Range(choices=("radial", "polynomial")),
@@ -329,7 +320,7 @@ class Tracker(Parameters):
 
 
 @dataclass(frozen=True)
-class Case(CarriesCode):
+class Case(core.CarriesCode):
     """One design in one scene: everything that a trial needs except its attitude and its noise.
 
     An epoch and an orbital velocity that the catalogue leaves out (None) are set by `seen_from`,
@@ -461,12 +452,12 @@ class Case(CarriesCode):
         return unit
 
     @property
-    def believed_camera(self) -> Camera:
+    def believed_camera(self) -> core.Camera:
         """The camera that the tracker computes with."""
         return self.tracker.camera or self._perfect_camera
 
     @cached_property
-    def _perfect_camera(self) -> Camera:
+    def _perfect_camera(self) -> core.Camera:
         camera = self.calibrated.camera.ideal
         return camera.as_polynomial if self.tracker.camera_model == "polynomial" else camera
 

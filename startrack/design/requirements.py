@@ -9,20 +9,8 @@ from typing import Annotated, ClassVar, NamedTuple, Protocol
 
 from scipy import special
 
-from startrack.core import (
-    NON_NEGATIVE,
-    POSITIVE,
-    CarriesCode,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    call_code,
-    is_code,
-    positive,
-    returned,
-    within,
-)
+from startrack import core
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, within
 from startrack.design.case import Case
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.metrics import Limits
@@ -167,7 +155,7 @@ MAX_ERROR = "error across and about the boresight; None where there is no such l
 
 
 @dataclass(frozen=True)
-class Requirements(CarriesCode):
+class Requirements(core.CarriesCode):
     """Limits, and the coefficients of the cost models behind them.
 
         mass   = mass_fixed + mass_per_volume * aperture^3 + shield,   or with a density
@@ -274,11 +262,11 @@ class Requirements(CarriesCode):
         super().__post_init__()
         for name in ("max_across", "max_about", "max_rate"):
             if getattr(self, name) is not None:
-                positive(**{name: getattr(self, name)})
+                core.positive(**{name: getattr(self, name)})
         self._fraction()
         for name in ("max_volume", "max_data_rate", "max_cost", "density"):
             if getattr(self, name) is not None:
-                positive(**{name: getattr(self, name)})
+                core.positive(**{name: getattr(self, name)})
 
     def _fraction(self) -> float | None:
         """The level as a fraction, None for the rms."""
@@ -362,7 +350,7 @@ class Requirements(CarriesCode):
 
         Raises  ValueError where the code of `cost_model` raises one, or returns no number.
         """
-        if is_code(self.cost_model):
+        if core.is_code(self.cost_model):
             return _number("costs", self.cost_model, case)
         optics, structure = case.instrument.optics, case.instrument.structure
         fixed = self.cost_fixed + sum(variation.cost for variation in case.variation)
@@ -393,4 +381,4 @@ class CaseNumber(Protocol):
 
 
 def _number(group: str, name: str, case: Case) -> float:
-    return float(returned(group, name, call_code(group, name, case), ()))
+    return float(core.returned(group, name, core.call_code(group, name, case), ()))

@@ -14,18 +14,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import (
-    FILE,
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    file_digest,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit
 from startrack.design.variation import ABSOLUTE, RELATIVE, Scope, Variation
 from startrack.io import read_bytes, regular_file
 from startrack.optics import Optics
@@ -187,7 +177,7 @@ class Structure(Parameters):
         "orbit, surfaces and heat capacities that give mean temperature and flux over an orbit, "
         "in place of `swing`, `flux` and their phases; gradients in the panel remain"
     ] = None  # fmt: skip
-    displacements: Annotated[str, FILE,
+    displacements: Annotated[str, core.FILE,
         "CSV of a thermo-elastic program, of nodes by kelvin, or kelvin / metre of a gradient: "
         "part (feet, detector, lens), load (mean, gradient_x, gradient_y, flux_x, flux_y), x, y, "
         "z, dx, dy, dz (metre, in the camera's axes); for the loads that it has, in place of the "
@@ -306,7 +296,7 @@ class Structure(Parameters):
             [0.0, 0.0, twist, 0.0, twist / diameter],
         ])  # fmt: skip
         if self.displacements:
-            content = file_digest(regular_file(Path(self.displacements)))
+            content = core.file_digest(regular_file(Path(self.displacements)))
             for load, (by, stretch) in read_displacements(self.displacements, content).items():
                 turns[:, LOADS.index(load)], scale[LOADS.index(load)] = by, stretch
         lens = np.array([self.lens_expansion, *NONE])

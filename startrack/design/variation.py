@@ -12,17 +12,8 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    Curve,
-    Parameters,
-    Range,
-    Refused,
-    Streams,
-    finite,
-    parse,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, Parameters, Range, Refused
 from startrack.design.parameter import find, replaced_all, unchecked, unit_at
 
 LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
@@ -180,7 +171,7 @@ def law_of(case: Any, variation: Variation) -> Law:
     Raises  ValueError where the case has no such number, or a value the wrong unit or size.
     """
     now = find(case, variation.name)
-    curve = isinstance(now, Curve)
+    curve = isinstance(now, core.Curve)
     if isinstance(now, bool) or not (curve or isinstance(now, int | float)):
         raise Refused(f"{variation.name} must be a number or a curve to vary, got {now!r}")
     if curve and variation.vary != RELATIVE:
@@ -196,14 +187,14 @@ def law_of(case: Any, variation: Variation) -> Law:
                     f"{variation.name}: {key} must be a number without unit, got {value!r}"
                 )
             try:
-                return parse(value, unit.si)
+                return core.parse(value, unit.si)
             except Refused as error:
                 raise Refused(f"{variation.name}: {key} {error}") from None
         if unit is not None and value:
             raise Refused(
                 f"{variation.name}: {key} must have a unit, such as '1 {unit.shown}', got {value:g}"
             )
-        finite(**{key: value})
+        core.finite(**{key: value})
         return float(value)
 
     sigma, low, high, mean, amplitude = (
@@ -272,7 +263,7 @@ def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, f
 @lru_cache(maxsize=2**14)
 def _normal(seed: int, unit: int, stream: str) -> float:
     """A standard normal number of a unit; the last are kept, as each design has the same units."""
-    return float(Streams(seed, unit)(stream).standard_normal())
+    return float(core.Streams(seed, unit)(stream).standard_normal())
 
 
 def _instance(scope: Scope, moment: Moment) -> str | None:
@@ -304,7 +295,7 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     values = unit_values(case, seed, moment)
     design = case
     # The maps of its pixels and its residual are those of the unit; a dark map is taken on it.
-    device = int(Streams(seed, moment.unit)("device of a unit").integers(2**62))
+    device = int(core.Streams(seed, moment.unit)("device of a unit").integers(2**62))
     if case.tracker.detection.dark_map is not None:
         design = unchecked(design, {"instrument.detector.device_seed": device})
     values["instrument.detector.device_seed"] = device
@@ -325,7 +316,7 @@ def unit_values(case: Any, seed: int, moment: Moment) -> dict[str, Any]:
 
 @lru_cache(maxsize=2**10)
 def _residual_seed(seed: int, unit: int) -> int:
-    return int(Streams(seed, unit)("residual of a unit").integers(2**62))
+    return int(core.Streams(seed, unit)("residual of a unit").integers(2**62))
 
 
 def middle_case(case: Any, age: float, names: Collection[str]) -> Any:
@@ -352,7 +343,7 @@ def _values(case: Any, drawn: list[tuple[Variation, float]]) -> dict[str, Any]:
     values = dict[str, Any]()
     for name in factor.keys() | shift.keys():
         now = find(case, name)
-        if isinstance(now, Curve):
+        if isinstance(now, core.Curve):
             values[name] = now.scaled(1 + factor[name])
         else:
             values[name] = now * (1 + factor.get(name, 0.0)) + shift.get(name, 0.0)

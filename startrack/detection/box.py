@@ -14,19 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import (
-    POSITIVE,
-    Floats,
-    Frame,
-    Ints,
-    Parameters,
-    Psf,
-    Range,
-    Refused,
-    Spots,
-    Unit,
-    arcsec,
-)
+from startrack import core
+from startrack.core import POSITIVE, Floats, Ints, Parameters, Range, Refused, Unit, arcsec
 from startrack.detection.pixels import Gain, corrected, gain_of
 from startrack.detection.plan import DetectionPlan
 
@@ -106,11 +95,11 @@ class Taken(NamedTuple):
         """Whether there was something (m,)."""
         return np.isfinite(self.x)
 
-    def spots(self) -> Spots:
+    def spots(self) -> core.Spots:
         """Those that were found."""
         there = self.found
         size = np.full(int(there.sum()), 1, np.int64)
-        return Spots(
+        return core.Spots(
             self.x[there], self.y[there], self.flux[there], self.covariance[there],
             self.snr[there], size,
         )  # fmt: skip
@@ -135,7 +124,7 @@ def box_reach(box: Box, focal_length_px: float) -> float:
 
 
 def take(
-    frame: Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan,
+    frame: core.Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan,
     held: Ints | None = None,
 ) -> Taken:  # fmt: skip
     """Search a box about each place.
@@ -162,7 +151,7 @@ def take(
     return _taken(measured)
 
 
-def follow(frame: Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
+def follow(frame: core.Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
     """Measure images where they are, whatever the catalogue says.
 
     corner   (m, 2) pixel, as `Taken` of the exposure before has it
@@ -172,7 +161,7 @@ def follow(frame: Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
     return take(frame, place, np.ones(len(corner)), 1.0, box, plan, corner)
 
 
-def _corrected(frame: Frame, plan: DetectionPlan) -> NDArray[np.float32]:
+def _corrected(frame: core.Frame, plan: DetectionPlan) -> NDArray[np.float32]:
     image = np.asarray(frame.image, np.float32)
     if plan.correction is None:
         return image
@@ -191,7 +180,7 @@ NOTHING = (math.nan,) * 9
 
 
 @lru_cache(maxsize=16)
-def star_image(psf: Psf, box: Box) -> StarImage:
+def star_image(psf: core.Psf, box: Box) -> StarImage:
     """What an image holds of a star, over the places of the star in a pixel."""
     # At the samples of the table, from one edge of the pixel to the other.
     places = 0.5 - np.arange(psf.oversampling + 1) / psf.oversampling
@@ -222,7 +211,7 @@ def corner_level(pixel: NDArray[Any]) -> float:
     return float(corner[MIDDLE].mean())
 
 
-def _table(psf: Psf, x: float, y: float, half: int) -> Floats:
+def _table(psf: core.Psf, x: float, y: float, half: int) -> Floats:
     """Fractions in 2 half x 2 half pixels of a star (x, y) pixel from the middle of the image."""
     middle = len(psf.table) // 2
     step = np.arange(-half, half) + 0.5

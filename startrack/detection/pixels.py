@@ -11,17 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import (
-    POSITIVE,
-    Floats,
-    Frame,
-    Ints,
-    Parameters,
-    Range,
-    Refused,
-    Workspace,
-    kernel,
-)
+from startrack import core
+from startrack.core import POSITIVE, Floats, Ints, Parameters, Range, Refused, kernel
 from startrack.detection.robust import clipped
 
 Image = NDArray[np.float32]
@@ -112,7 +103,7 @@ def corrected_within(
     level: float,
     correction: Correction,
     saturation: float | None,
-    workspace: Workspace,
+    workspace: core.Workspace,
 ) -> Image:
     """As `corrected` in windows (w, 4), whose outermost pixels may be wrong; a level elsewhere."""
     out = workspace.canvas("without dark signal", value.shape, level, windows)
@@ -209,7 +200,7 @@ class Pixels(NamedTuple):
         return NONE_DEAD if self.dead is None else self.dead
 
 
-def pixels(frame: Frame) -> Pixels:
+def pixels(frame: core.Frame) -> Pixels:
     """Read a frame; what is not finite is a dead pixel.
 
     Raises    TypeError where the image does not hold real numbers; ValueError where it is not
@@ -238,7 +229,7 @@ def pixels(frame: Frame) -> Pixels:
     return Pixels(value, pivot, step, marks, gain)
 
 
-def gain_of(frame: Frame, pivot: float) -> Gain:
+def gain_of(frame: core.Frame, pivot: float) -> Gain:
     """What a frame knows of its pixels."""
     electrons = frame.electrons_per_dn
     return Gain(electrons, frame.offset - pivot, frame.read_noise / electrons)
@@ -269,7 +260,7 @@ HOT = 5.0  # sigma of the frame; from there on a pixel's own shot noise rivals t
 NEIGHBOURHOOD = 5  # pixel
 
 
-def subtract_dark(frame: Frame, dark: Frame) -> Frame:
+def subtract_dark(frame: core.Frame, dark: core.Frame) -> core.Frame:
     """Take off a dark frame, and turn into NaN what it shows to be hot.
 
     A pixel is hot where it exceeds the median of its neighbours in the dark frame by 5 sigma of
@@ -297,7 +288,7 @@ def subtract_dark(frame: Frame, dark: Frame) -> Frame:
 LEAST_RESPONSE = 0.1  # of the mean; a pixel that sees less is dead
 
 
-def divide_flat(frame: Frame, flat: Frame) -> Frame:
+def divide_flat(frame: core.Frame, flat: core.Frame) -> core.Frame:
     """Divide the light by the response of each pixel; what hardly responds becomes NaN.
 
     frame    less its dark frame, or with the right offset

@@ -9,19 +9,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from scipy import special
 
-from startrack.core import (
-    BOLTZMANN,
-    NON_NEGATIVE,
-    POSITIVE,
-    ZERO_CELSIUS,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Streams,
-    Unit,
-    within,
-)
+from startrack import core
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, within
 from startrack.space import solar_protons, trapped_protons
 
 # Trapped protons in a circular orbit at 550 km for five years: AP-8 at solar minimum, SHIELDOSE-2,
@@ -158,7 +147,7 @@ CHANDRA_ACA = TailLaw(
     weights=tuple(one / sum(SMOOTHING) for one in SMOOTHING),
     middle=12.44,
     lowest=2.0,
-    kelvin=ZERO_CELSIUS - 14,
+    kelvin=core.ZERO_CELSIUS - 14,
     electrons=5.9 / 5,
 )
 TAILS = {"chandra-aca": CHANDRA_ACA}
@@ -383,10 +372,12 @@ def tail_currents(law: TailLaw, quantile: Floats, years: float) -> Floats:
 
 def growth_of(activation: float, kelvin: float, reference: float) -> float:
     """Dark current over that at a reference, with an activation energy (joule)."""
-    return math.exp(-activation / BOLTZMANN * (1 / kelvin - 1 / reference))
+    return math.exp(-activation / core.BOLTZMANN * (1 / kelvin - 1 / reference))
 
 
-def damage(shape: tuple[int, int], age: Age, area: float, kelvin: float, device: Streams) -> Floats:
+def damage(
+    shape: tuple[int, int], age: Age, area: float, kelvin: float, device: core.Streams
+) -> Floats:
     """Dark current that interactions add to each pixel, electron / second at a temperature.
 
     area    square metre, of a pixel
@@ -426,7 +417,9 @@ def typical(base: float, age: Age, area: float, kelvin: float, to: float) -> flo
     return max(base, median * to * (1 - age.annealed))
 
 
-def aged(base: Floats, age: Age, area: float, kelvin: float, to: float, device: Streams) -> Floats:
+def aged(
+    base: Floats, age: Age, area: float, kelvin: float, to: float, device: core.Streams
+) -> Floats:
     """Dark current of each pixel at an age, electron / second at the reference of the detector.
 
     base    (rows, columns) electron / second, at launch
@@ -448,7 +441,7 @@ class Flickering:
     A state begins at random; `later` lets time pass.
     """
 
-    def __init__(self, law: Flicker, current: Floats, streams: Streams) -> None:
+    def __init__(self, law: Flicker, current: Floats, streams: core.Streams) -> None:
         """Begin with random states.
 
         current  (rows, columns) electron / second, mean of each pixel

@@ -11,19 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    Camera,
-    FieldPsf,
-    Floats,
-    Frame,
-    Light,
-    LineOfSight,
-    Psf,
-    Refused,
-    Streams,
-    kept,
-    require_memory,
-)
+from startrack import core
+from startrack.core import Floats, Light, Refused, kept
 from startrack.detector.ageing import Flickering, trailed
 from startrack.detector.collect import (
     apply_response,
@@ -54,7 +43,7 @@ ITERATIONS = (
 
 
 def at_once(
-    direction: Floats, path: LineOfSight, icrs_to_camera: Rotation, camera: Camera
+    direction: Floats, path: core.LineOfSight, icrs_to_camera: Rotation, camera: core.Camera
 ) -> Iterator[Places]:
     """Points of the path, some at a time: their weights (m,) and the stars' pixels x, y (m, n)."""
     attitude = _turns(path) @ icrs_to_camera.as_matrix()
@@ -68,16 +57,16 @@ def at_once(
 
 
 @lru_cache(maxsize=4)
-def _turns(path: LineOfSight) -> Floats:
+def _turns(path: core.LineOfSight) -> Floats:
     """(m, 3, 3) how the sky turns before the camera."""
     return Rotation.from_rotvec(path.rotation).as_matrix()
 
 
 def row_by_row(
     direction: Floats,
-    path: LineOfSight,
+    path: core.LineOfSight,
     icrs_to_camera: Rotation,
-    camera: Camera,
+    camera: core.Camera,
     row_delay: float,
     motion_function: MotionFunction,
 ) -> Iterator[Places]:
@@ -128,17 +117,17 @@ class Exposure:
     """
 
     light: Light
-    psf: Psf | FieldPsf
-    line_of_sight: LineOfSight
+    psf: core.Psf | core.FieldPsf
+    line_of_sight: core.LineOfSight
     icrs_to_camera: Rotation
-    camera: Camera
+    camera: core.Camera
     detector: Detector
     throughput: Floats
     motion_function: MotionFunction | None = None
     residual_charge: Floats | None = None
 
 
-def expose(exposure: Exposure, streams: Streams) -> Frame:
+def expose(exposure: Exposure, streams: core.Streams) -> core.Frame:
     """One frame with its noise. Raises and accuracy as `expected`."""
     electrons, detector = expected(exposure), exposure.detector
     _, sky = arriving(exposure.light, exposure.camera, detector, exposure.throughput)
@@ -151,10 +140,10 @@ def expose(exposure: Exposure, streams: Streams) -> Frame:
 def frame_of(
     electrons: Floats,
     detector: Detector,
-    streams: Streams,
+    streams: core.Streams,
     tables: Tables | None = None,
     state: Flickering | None = None,
-) -> Frame:
+) -> core.Frame:
     """Read out expected electrons (rows, columns), and say what the numbers mean.
 
     state  of the pixels that flicker; None: a random one
@@ -169,9 +158,9 @@ def frame_of(
     return to_frame(read_out(electrons, detector, streams, tables), detector)
 
 
-def to_frame(image: NDArray[np.number], detector: Detector) -> Frame:
+def to_frame(image: NDArray[np.number], detector: Detector) -> core.Frame:
     """An image with what its detector knows of its numbers."""
-    return Frame(
+    return core.Frame(
         image, detector.exposure, detector.electrons_per_dn, float(detector.offset), detector.noise
     )
 
@@ -192,7 +181,7 @@ def expected(exposure: Exposure) -> Floats:
             f"camera and detector must have the same size, got {camera.columns} x {camera.rows} "
             f"and {detector.columns} x {detector.rows} pixel"
         )
-    require_memory(
+    core.require_memory(
         FRAME_BYTES * detector.rows * detector.columns,
         f"a frame of {detector.columns} x {detector.rows} pixels",
     )
@@ -212,14 +201,14 @@ def expected(exposure: Exposure) -> Floats:
     if glow is not None:
         electrons += apply_response(glow, detector)
     colour = None
-    if isinstance(exposure.psf, FieldPsf):
+    if isinstance(exposure.psf, core.FieldPsf):
         colour = mean_wavelength(light, detector, exposure.throughput)
     draw(electrons, exposure.psf, places, star, detector, colour)
     return carry(electrons, exposure.residual_charge, detector.lag) if detector.lag else electrons
 
 
 def arriving(
-    light: Light, camera: Camera, detector: Detector, throughput: Floats
+    light: Light, camera: core.Camera, detector: Detector, throughput: Floats
 ) -> tuple[Floats, float]:
     """Electrons of each star (n,), and of the sky in a pixel of mean response, in the exposure."""
     star, sky = electron_rate(light, detector, throughput)
@@ -228,9 +217,9 @@ def arriving(
 
 def seen(
     direction: Floats,
-    path: LineOfSight,
+    path: core.LineOfSight,
     icrs_to_camera: Rotation,
-    camera: Camera,
+    camera: core.Camera,
     detector: Detector,
     motion_function: MotionFunction | None,
 ) -> Iterable[Places]:
@@ -244,7 +233,7 @@ def seen(
 
 
 def draw(
-    electrons: Floats, psf: Psf | FieldPsf, places: Iterable[Places], star: Floats,
+    electrons: Floats, psf: core.Psf | core.FieldPsf, places: Iterable[Places], star: Floats,
     detector: Detector, colour: Floats | None = None,
 ) -> None:  # fmt: skip
     """Add what the stars leave in the pixels, in place.
@@ -256,7 +245,7 @@ def draw(
     gain = response(detector)
     image = np.zeros_like(electrons) if detector.crosstalk else electrons
     for weight, x, y in places:
-        if isinstance(psf, FieldPsf):
+        if isinstance(psf, core.FieldPsf):
             x, y, part = psf.split(x, y, star, weight, colours(colour))
         else:
             part = star[:, None]
@@ -290,7 +279,7 @@ def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
     seed = int(device_streams(detector)("dark frames").integers(2**62))
     total = np.zeros((detector.rows, detector.columns))
     for number in range(frames):
-        total += read_out(electrons, detector, Streams(seed, number), tables)
+        total += read_out(electrons, detector, core.Streams(seed, number), tables)
     total /= frames
     total.flags.writeable = False
     step = detector.electrons_per_dn
@@ -304,11 +293,11 @@ def star_grid(
     across: int,
     side: int,
     smear: Floats,
-    psf: Psf,
+    psf: core.Psf,
     detector: Detector,
     sky: float,
     dark: Floats | None = None,
-) -> tuple[Frame, Floats]:
+) -> tuple[core.Frame, Floats]:
     """Expected digital numbers of stars, each in the middle of its cell.
 
     Cells in the same column have pixels of the same random response and dark signal.
@@ -323,7 +312,7 @@ def star_grid(
     Returns     Frame of numbers that are not rounded, and (n, 2) pixel, positions of the stars
     """
     size = FRAME_BYTES * len(stars) * side**2
-    require_memory(size, f"images of {len(stars)} stars of {side} x {side} pixels")
+    core.require_memory(size, f"images of {len(stars)} stars of {side} x {side} pixels")
     gain = np.ones((side, across * side))
     if detector.prnu:
         draw = device_streams(detector)("response of a grid").standard_normal(gain.shape)

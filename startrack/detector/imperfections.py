@@ -9,16 +9,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import (
-    BOLTZMANN,
-    NON_NEGATIVE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Streams,
-    Unit,
-)
+from startrack import core
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
 
 ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
 
@@ -58,13 +50,13 @@ class Thermal(Parameters):
         if self.activation:
             cold = 1 / self.temperature - 1 / self.reference
             power = (self.temperature / self.reference) ** 1.5
-            return power * math.exp(-self.activation / BOLTZMANN * cold)
+            return power * math.exp(-self.activation / core.BOLTZMANN * cold)
         return float(2 ** ((self.temperature - self.reference) / self.doubling))
 
     @property
     def reset_noise(self) -> float:
         """Electron rms."""
-        return math.sqrt(BOLTZMANN * self.temperature * self.capacitance) / ELEMENTARY_CHARGE
+        return math.sqrt(core.BOLTZMANN * self.temperature * self.capacitance) / ELEMENTARY_CHARGE
 
 
 SAMPLES = 16  # points per pixel along a track; chosen by hand: lengths in 1/16 pixel
@@ -90,7 +82,7 @@ class Hits(Parameters):
 
 
 def tracks(
-    hits: Hits, shape: tuple[int, int], pitch: float, exposure: float, streams: Streams
+    hits: Hits, shape: tuple[int, int], pitch: float, exposure: float, streams: core.Streams
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The pixels that particles hit in one exposure, and their charge.
 
@@ -144,7 +136,7 @@ class Defects(Parameters):
 
 
 def photo_response(
-    shape: tuple[int, int], prnu: float, defects: Defects | None, device: Streams
+    shape: tuple[int, int], prnu: float, defects: Defects | None, device: core.Streams
 ) -> Floats:
     """Response of each pixel over the mean: normal of rms `prnu`, at least 0; 0 for dead pixels."""
     response = np.ones(shape)
@@ -160,7 +152,7 @@ def photo_response(
 
 
 def dark_response(
-    shape: tuple[int, int], current: float, defects: Defects, device: Streams
+    shape: tuple[int, int], current: float, defects: Defects, device: core.Streams
 ) -> Floats:
     """Dark current of each pixel, electron / second at the reference temperature."""
     dark = np.full(shape, current)
@@ -190,7 +182,7 @@ class Pattern(Parameters):
 
 
 def offsets(
-    pattern: Pattern, shape: tuple[int, int], device: Streams, streams: Streams
+    pattern: Pattern, shape: tuple[int, int], device: core.Streams, streams: core.Streams
 ) -> tuple[Floats, Floats]:
     """Offsets of rows (rows, 1) and of columns (columns,), electron."""
     rows, columns = shape

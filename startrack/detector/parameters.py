@@ -7,25 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
-from startrack.core import (
-    ALL,
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    ZERO_CELSIUS,
-    Curve,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    whole,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit
 from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
 from startrack.detector.lines import Scan
 
 EFFECTS_BY_CODE = ("charge_effects", "signal_effects", "image_effects")
-ROOM = ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
+ROOM = core.ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
 
 
 @dataclass(frozen=True)
@@ -55,7 +44,7 @@ class Detector(Parameters):
     rows: Annotated[int, Range(1, 2**16), "pixel, of the image"]
     pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "of a pixel of the array"]
     exposure: Annotated[float, Unit("s", "ms"), POSITIVE, "in which a frame collects light"]
-    quantum_efficiency: Annotated[Curve, "electron / photon over wavelength"] = ALL
+    quantum_efficiency: Annotated[core.Curve, "electron / photon over wavelength"] = core.ALL
     fill_factor: Annotated[float, Range(0.01, 1), "fraction of a pixel that detects"] = 1.0
     dark_current: Annotated[float, Unit("electron / s"), NON_NEGATIVE, "electron / second"] = 0.0
     read_noise: Annotated[float, Unit("electron"), NON_NEGATIVE,
@@ -123,7 +112,7 @@ class Detector(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        whole(0, 2**self.bits - 1, offset=self.offset)
+        core.whole(0, 2**self.bits - 1, offset=self.offset)
         if 4 * abs(self.adc_inl) >= 2**self.bits - 1:
             raise Refused(
                 f"adc_inl must stay under a quarter of the converter's range, got {self.adc_inl}"

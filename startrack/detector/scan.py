@@ -10,17 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    Camera,
-    Floats,
-    Frame,
-    Light,
-    Psf,
-    Refused,
-    Streams,
-    require_memory,
-    whole,
-)
+from startrack import core
+from startrack.core import Floats, Light, Refused
 from startrack.detector.collect import diffuse_electrons, electron_rate
 from startrack.detector.exposure import Turn, frame_of
 from startrack.detector.lines import Line
@@ -45,17 +36,17 @@ class LineExposure:
     """
 
     light: Light
-    psf: Psf
+    psf: core.Psf
     icrs_to_camera: Rotation
     turn: Turn
-    camera: Camera
+    camera: core.Camera
     lines: tuple[Line, ...]
     count: int
     detector: Detector
     throughput: Floats
 
 
-def scan(exposure: LineExposure, streams: Streams) -> Frame:
+def scan(exposure: LineExposure, streams: core.Streams) -> core.Frame:
     """One image of `count` rows, each the sum of the lines that add to it.
 
         electrons_i = sum over lines: gain integral of the line's electron rate,
@@ -75,7 +66,7 @@ def scanned(exposure: LineExposure) -> Floats:
     """The expected electrons (count, columns * phases) of `scan`."""
     light, camera, lines = exposure.light, exposure.camera, exposure.lines
     detector, throughput, count = exposure.detector, exposure.throughput, exposure.count
-    whole(1, 2**20, count=count)
+    core.whole(1, 2**20, count=count)
     if camera.columns != detector.columns or len(lines) != detector.rows:
         raise Refused(
             "detector must have the camera's columns and a row for each line, got "
@@ -89,7 +80,7 @@ def scanned(exposure: LineExposure) -> Floats:
     sky = sky_rate * camera.focal_length_px**-2 * detector.exposure
     diffuse = diffuse_electrons(light, camera, detector, throughput)
     phases = 1 + max(line.phase for line in lines)
-    require_memory(
+    core.require_memory(
         8 * (phases + 3) * count * detector.columns,
         f"an image of {count} lines of {phases * detector.columns} pixels",
     )

@@ -7,18 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import (
-    FieldPsf,
-    Floats,
-    Frame,
-    Ints,
-    Psf,
-    PsfTable,
-    Streams,
-    Workspace,
-    kept,
-    kernel,
-)
+from startrack import core
+from startrack.core import Floats, Ints, kept, kernel
 from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_window, draw_number, draws_of, work_row
 from startrack.detector.exposure import Places, colours, to_frame
@@ -54,7 +44,7 @@ class StarPaths(NamedTuple):
     star    (n, k) electron of each table
     """
 
-    shape: PsfTable
+    shape: core.PsfTable
     weight: Floats
     x: Floats
     y: Floats
@@ -65,13 +55,13 @@ def expose_within(
     windows: Ints,
     places: Places,
     star: Floats,
-    psf: Psf | FieldPsf,
+    psf: core.Psf | core.FieldPsf,
     detector: Detector,
     sky: float,
-    streams: Streams,
-    workspace: Workspace,
+    streams: core.Streams,
+    workspace: core.Workspace,
     colour: Floats | None = None,
-) -> Frame:
+) -> core.Frame:
     """The same numbers as `expose` in windows; elsewhere the mean of the uniform background.
 
     windows  (w, 4) left, top, right, bottom, the last two exclusive; they may overlap
@@ -87,7 +77,7 @@ def expose_within(
     image = workspace.canvas("digital numbers", shape, level, windows)
     if detector.hits:
         hits = tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)
-    if isinstance(psf, FieldPsf):
+    if isinstance(psf, core.FieldPsf):
         weight, x, y = places
         x, y, part = psf.split(x, y, star, weight, colours(colour))
         places = weight, x, y
@@ -107,7 +97,7 @@ def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, Law, Tabl
     return detector.offset + empty, pixels, law_of(detector), background_tables(detector, sky)
 
 
-def write_numbers(frame: Frame, pixel: Ints, numbers: Ints) -> None:
+def write_numbers(frame: core.Frame, pixel: Ints, numbers: Ints) -> None:
     """Write numbers (k, 2 m + 1, 2 n + 1) around pixels into a frame of `expose_within`.
 
     pixel  (k,) row * columns + column
@@ -115,7 +105,7 @@ def write_numbers(frame: Frame, pixel: Ints, numbers: Ints) -> None:
     _put(frame.image, pixel, numbers)
 
 
-def independent_pixels(detector: Detector, outliers: Ints, streams: Streams) -> Ints:
+def independent_pixels(detector: Detector, outliers: Ints, streams: core.Streams) -> Ints:
     """The pixels that a trial always searches: outliers, and those with hits.
 
     Returns  (k,) row * columns + column

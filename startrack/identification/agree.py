@@ -7,19 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import (
-    Camera,
-    Floats,
-    Ints,
-    Matches,
-    Refused,
-    Spots,
-    first_not_below,
-    kernel,
-    median,
-    order,
-    quaternion,
-)
+from startrack import core
+from startrack.core import Floats, Ints, Refused, first_not_below, kernel, median, order, quaternion
 from startrack.identification.fit import fit
 from startrack.identification.grids import SkyGrid
 from startrack.identification.parameters import Identification
@@ -271,7 +260,9 @@ def _brightest(
 FOCAL_ROUNDS = 3
 
 
-def refit(spots: Spots, matches: Matches, camera: Camera, settings: Identification) -> Camera:
+def refit(
+    spots: core.Spots, matches: core.Matches, camera: core.Camera, settings: Identification
+) -> core.Camera:
     """The camera with the focal length that `identify` would find from these matches.
 
     camera    as the tracker believes it

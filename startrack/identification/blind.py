@@ -11,17 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    Camera,
-    FieldPolynomial,
-    Floats,
-    Matches,
-    Refused,
-    Spots,
-    Stars,
-    deg,
-    plane_slopes,
-)
+from startrack import core
+from startrack.core import Floats, Refused, Spots, deg
 from startrack.identification.identify import identify, refined
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
@@ -61,13 +52,13 @@ def tolerance_of(field: float) -> float:
 
 def cameras(
     columns: int, rows: int, first: float | None = None, fisheyes: bool = True
-) -> list[tuple[Camera, float]]:
+) -> list[tuple[core.Camera, float]]:
     """Cameras to try and the tolerance of each: pinholes of all fields, then wide fisheyes.
 
     first  radian, field that is tried first; None: 12 degrees
     """
     tried = fields(first=first or USUAL)
-    pinholes = [(Camera.from_field_of_view(columns, rows, field), field) for field in tried]
+    pinholes = [(core.Camera.from_field_of_view(columns, rows, field), field) for field in tried]
     wide = [(fisheye(columns, rows, field), field) for field in tried if field >= FISHEYE]
     return [
         (camera, tolerance_of(field)) for camera, field in pinholes + (wide if fisheyes else [])
@@ -76,9 +67,9 @@ def cameras(
 
 def cameras_of(
     columns: int, rows: int, field: float, tolerance: float
-) -> list[tuple[Camera, float]]:
+) -> list[tuple[core.Camera, float]]:
     """The cameras of a field of view (radian) alone: a pinhole and, if it is wide, a fisheye."""
-    made = [Camera.from_field_of_view(columns, rows, field)] if field <= WIDEST_PINHOLE else []
+    made = [core.Camera.from_field_of_view(columns, rows, field)] if field <= WIDEST_PINHOLE else []
     made += [fisheye(columns, rows, field)] if FISHEYE <= field <= WIDEST else []
     least = tolerance_of(field)
     side = max(math.ceil(tolerance / least) - 1, 0)  # more cameras on each side of the middle
@@ -87,7 +78,7 @@ def cameras_of(
     return [(camera.scaled(1 + share * step), share) for step in steps for camera in made]
 
 
-def fisheye(columns: int, rows: int, fov_x: float) -> Camera:
+def fisheye(columns: int, rows: int, fov_x: float) -> core.Camera:
     """A camera whose images lie from its axis as the angle, not as its tangent (equidistant).
 
     fov_x     radian, edge to edge
@@ -100,18 +91,18 @@ def fisheye(columns: int, rows: int, fov_x: float) -> Camera:
     x = np.tan(angle)
     terms = np.linalg.lstsq(np.column_stack([x**3, x**5, x**7]), angle - x, rcond=None)[0]
     k1, k2, k3 = terms.tolist()
-    return Camera(columns, rows, focal, k1=k1, k2=k2, k3=k3)
+    return core.Camera(columns, rows, focal, k1=k1, k2=k2, k3=k3)
 
 
 def identify_blind(
     spots: Spots,
     columns: int,
     rows: int,
-    stars: Stars,
-    index_of: Callable[[Camera], PatternIndex],
+    stars: core.Stars,
+    index_of: Callable[[core.Camera], PatternIndex],
     settings: Identification,
-    tries: Sequence[tuple[Camera, float]] | None = None,
-) -> Matches:
+    tries: Sequence[tuple[core.Camera, float]] | None = None,
+) -> core.Matches:
     """Try one camera after the other until one is solved: fields from 1.5 to 90 degrees.
 
     `settings.max_false_probability` is divided by the number of tries, so that it bounds all
@@ -125,7 +116,7 @@ def identify_blind(
     """
     tries = cameras(columns, rows) if tries is None else tries
     chance = settings.max_false_probability / len(tries)
-    best: Matches | None = None
+    best: core.Matches | None = None
     for camera, focal in tries:
         one_try = replace(settings, focal_tolerance=focal, max_false_probability=chance)
         matches = identify(spots, camera, stars, index_of(camera), one_try)
@@ -177,14 +168,18 @@ class LensFit(NamedTuple):
     residual_rms       pixel, root mean square over both axes of all matches
     """
 
-    matches: Matches
+    matches: core.Matches
     icrs_to_image: Rotation
     covariance: Floats
     residual_rms: float
 
 
 def fit_lens(
-    spots: Spots, matches: Matches, stars: Stars, index: PatternIndex, settings: Identification
+    spots: Spots,
+    matches: core.Matches,
+    stars: core.Stars,
+    index: PatternIndex,
+    settings: Identification,
 ) -> LensFit:
     """Estimate what the matches show of the lens, and match more stars with it, in turns.
 
@@ -253,7 +248,7 @@ def _rematched(
     spots: Spots,
     start: _Fit,
     free: tuple[str, ...],
-    stars: Stars,
+    stars: core.Stars,
     index: PatternIndex,
     settings: Identification,
 ) -> _Fit:
@@ -283,7 +278,7 @@ class _Fit:
     free   names of what is estimated of the camera; the rest stays at its start
     """
 
-    def __init__(self, spots: Spots, matches: Matches, free: tuple[str, ...]) -> None:
+    def __init__(self, spots: Spots, matches: core.Matches, free: tuple[str, ...]) -> None:
         assert matches.icrs_to_camera is not None
         self.free, self.camera, self.before = free, matches.camera, matches
         self.place = np.column_stack([spots.x, spots.y])[matches.spot]
@@ -396,7 +391,7 @@ class _Fit:
         return LensFit(self.matches, _axis(self.matches), axis_covariance, rms)
 
 
-def _values_of(camera: Camera) -> Floats:
+def _values_of(camera: core.Camera) -> Floats:
     """What `NAMES` are of a camera: logarithm of the focal length, principal point over width."""
     grid = camera.polynomial
     return np.array([
@@ -406,17 +401,17 @@ def _values_of(camera: Camera) -> Floats:
     ])  # fmt: skip
 
 
-def _with_values(camera: Camera, values: Floats) -> Camera:
+def _with_values(camera: core.Camera, values: Floats) -> core.Camera:
     """Inverse of `_values_of`; what is not in it stays."""
     focal, k1, x, y, k2, oblong, shear = values.tolist()
-    grid = FieldPolynomial((0.0, oblong / 2, shear), (0.0, 0.0, -oblong / 2))
+    grid = core.FieldPolynomial((0.0, oblong / 2, shear), (0.0, 0.0, -oblong / 2))
     return replace(
         camera, focal_length_px=math.exp(focal), k1=k1, k2=k2, principal_x=x * camera.columns,
         principal_y=y * camera.columns, polynomial=grid if oblong or shear else None,
     )  # fmt: skip
 
 
-def _project(camera: Camera, values: Floats, direction: Floats) -> tuple[Floats, Floats]:
+def _project(camera: core.Camera, values: Floats, direction: Floats) -> tuple[Floats, Floats]:
     """Places (n, 2) of directions by these values, and their slopes (n, 2, 3 + names).
 
     Slopes by a small rotation about the camera's axes, and by the values. As `Camera.project`,
@@ -435,7 +430,7 @@ def _project(camera: Camera, values: Floats, direction: Floats) -> tuple[Floats,
     place = focal * distorted + centre + np.array([x, y]) * camera.columns
     by_u = np.stack([radial + bend * u * u + oblong / 2, bend * u * v], 1)
     by_v = np.stack([bend * u * v + shear, radial + bend * v * v - oblong / 2], 1)
-    turn_u, turn_v = plane_slopes.py_func(u, v)
+    turn_u, turn_v = core.plane_slopes.py_func(u, v)
     none = np.zeros_like(u)
     slopes = np.empty((len(u), 2, 3 + len(NAMES)))
     for k in range(3):
@@ -455,13 +450,13 @@ def _project(camera: Camera, values: Floats, direction: Floats) -> tuple[Floats,
     return place, slopes
 
 
-def _axis(matches: Matches) -> Rotation:
+def _axis(matches: core.Matches) -> Rotation:
     """The attitude of the axis through the middle of the image."""
     assert matches.icrs_to_camera is not None
     return _centre(matches.camera).inv() * matches.icrs_to_camera
 
 
-def _centre(camera: Camera) -> Rotation:
+def _centre(camera: core.Camera) -> Rotation:
     """The shortest turn from the camera's axis to the direction of the middle of its image."""
     middle = np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
     x, y, z = camera.unproject(middle)[0]

@@ -10,26 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from startrack.core import (
-    Camera,
-    Floats,
-    Ints,
-    Refused,
-    Stars,
-    deg,
-    kernel,
-    positive,
-    whole,
-    within,
-)
+from startrack import core
+from startrack.core import Floats, Ints, Refused, deg, kernel, within
 from startrack.identification.grids import SkyGrid, VerificationStars, cone, cubes, sky_grid
 
 MAGNITUDE = 0.4 * np.log(10)  # ln of the flux per magnitude
 
 
 def merged(
-    stars: Stars, resolution: float, pairs: NDArray[np.int64] | None = None
-) -> tuple[Stars, Ints]:
+    stars: core.Stars, resolution: float, pairs: NDArray[np.int64] | None = None
+) -> tuple[core.Stars, Ints]:
     """Merge stars closer than the resolution, at the centre of their light.
 
     The brightest star of a close group is merged with those within the resolution of it.
@@ -55,7 +45,7 @@ def merged(
     direction[several] = centre[several] / np.linalg.norm(centre[several], axis=1, keepdims=True)
     names = order[is_left]
     magnitude = -np.log(light[is_left]) / MAGNITUDE
-    left = Stars(stars.identifier[names], direction[is_left], magnitude, stars.colour[names])
+    left = core.Stars(stars.identifier[names], direction[is_left], magnitude, stars.colour[names])
     return left, names
 
 
@@ -224,7 +214,7 @@ class PatternIndex:
         return sum(array.nbytes for array in grids + rest)
 
 
-def indexed_field(camera: Camera) -> float:
+def indexed_field(camera: core.Camera) -> float:
     """The field of view (radian) of a camera's index, the same for cameras of similar fields.
 
     It is the smaller side of the image, rounded down to a power of 1.1.
@@ -234,7 +224,7 @@ def indexed_field(camera: Camera) -> float:
 
 
 def build_index(
-    stars: Stars,
+    stars: core.Stars,
     field_of_view: float,
     stars_per_field: int = 16,
     triangles: int = 1_200_000,
@@ -257,10 +247,10 @@ def build_index(
                      outside (0, 90] deg.
     Accuracy         model: the number of triangles holds for randomly distributed stars.
     """
-    positive(field_of_view=field_of_view)
+    core.positive(field_of_view=field_of_view)
     within(0, 90 * deg, field_of_view=field_of_view)
-    whole(3, VOTING_RANK, stars_per_field=stars_per_field)
-    whole(1, 2**28, triangles=triangles)
+    core.whole(3, VOTING_RANK, stars_per_field=stars_per_field)
+    core.whole(1, 2**28, triangles=triangles)
     length = np.linalg.norm(stars.direction, axis=1)
     if not (np.abs(length - 1) < 1e-6).all():
         worst = length[np.argmax(np.abs(length - 1))]
@@ -293,7 +283,7 @@ def _named(sky: SkyGrid, names: Ints) -> SkyGrid:
     return sky._replace(member=names[sky.member].astype(np.int32))
 
 
-def _verification_stars(stars: Stars, field_of_view: float) -> VerificationStars:
+def _verification_stars(stars: core.Stars, field_of_view: float) -> VerificationStars:
     """These stars, with their magnitudes and the errors of these."""
     sky = sky_grid(stars.direction, field_of_view / 2)
     stars = stars[sky.member.astype(np.int64)]

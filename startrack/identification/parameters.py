@@ -10,21 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    POINTS,
-    POSITIVE,
-    Camera,
-    Floats,
-    Ints,
-    Matches,
-    Parameters,
-    Range,
-    Spots,
-    Stars,
-    Status,
-    call_code,
-    returned,
-)
+from startrack import core
+from startrack.core import POSITIVE, Floats, Ints, Parameters, Range
 
 METHODS = ("triangles",)
 
@@ -89,7 +76,7 @@ class IdentificationInput:
     seen: Floats
     sigma: Floats
     flux: Floats
-    stars: Stars
+    stars: core.Stars
     radius: float
     settings: Identification
     predicted: Floats | None
@@ -108,14 +95,14 @@ class IdentificationMethod(Protocol):
 
 
 def matches_by_code(
-    spots: Spots,
+    spots: core.Spots,
     usable: Ints,
-    camera: Camera,
-    stars: Stars,
+    camera: core.Camera,
+    stars: core.Stars,
     settings: Identification,
     predicted: Rotation | None = None,
     covariance: Floats | None = None,
-) -> Matches:
+) -> core.Matches:
     """The matches of a function that a design names; arguments as of `identify` and `track`.
 
     usable   (n,) indices of the spots that may be matched
@@ -127,8 +114,8 @@ def matches_by_code(
     fewest = settings.min_matches if predicted is None else 2
     nothing = none, none, np.empty((0, 3)), camera, None, math.nan
     if len(usable) < fewest:
-        status = Status.TOO_FEW if len(usable) else Status.BLANK
-        return Matches(status, f"{len(usable)} usable spots, {fewest} are needed", *nothing)
+        status = core.Status.TOO_FEW if len(usable) else core.Status.BLANK
+        return core.Matches(status, f"{len(usable)} usable spots, {fewest} are needed", *nothing)
     seen = camera.unproject(np.column_stack([spots.x, spots.y])[usable])
     spread = np.trace(spots.covariance[usable], axis1=1, axis2=2) / 2
     given = IdentificationInput(
@@ -141,26 +128,26 @@ def matches_by_code(
         None if predicted is None else predicted.as_matrix(),
         covariance,
     )
-    answer = call_code(GROUP, name, given)
-    pairs = returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
+    answer = core.call_code(GROUP, name, given)
+    pairs = core.returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
     spot, star = pairs.astype(np.int64).T
     _check(name, pairs, len(usable), len(stars))
     if len(pairs) < fewest:
         reason = f"{name} matches {len(pairs)} of {len(usable)} spots, {fewest} are needed"
-        return Matches(Status.NO_MATCH, reason, *nothing)
+        return core.Matches(core.Status.NO_MATCH, reason, *nothing)
     order = np.argsort(spot)
     spot, star = spot[order], star[order]
     attitude, _ = Rotation.align_vectors(seen[spot], stars.direction[star])
     reason = f"{len(pairs)} of {len(usable)} spots are stars of the catalogue by {name}"
-    return Matches(
-        *(Status.SOLVED, reason, usable[spot], star, stars.direction[star]),
+    return core.Matches(
+        *(core.Status.SOLVED, reason, usable[spot], star, stars.direction[star]),
         *(camera, attitude, math.nan),
     )
 
 
 def _check(name: str, pairs: Floats, spots: int, stars: int) -> None:
     """Refuse indices of no spot or star, and those that are there twice."""
-    asked = f"{POINTS[GROUP]} {name} must return"
+    asked = f"{core.POINTS[GROUP]} {name} must return"
     for column, most, what in zip(pairs.T, (spots, stars), ("spots", "stars"), strict=True):
         if (column != np.rint(column)).any() or ((column < 0) | (column >= most)).any():
             raise ValueError(f"{asked} indices of {what} from 0 to {most - 1}")

@@ -12,9 +12,9 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import core, space
 from startrack.attitude import Mounting
 from startrack.core import (
-    FILE,
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
@@ -24,24 +24,10 @@ from startrack.core import (
     Refused,
     Unit,
     deg,
-    finite,
-    non_negative,
-    positive,
-    utc,
-    whole,
     within,
 )
 from startrack.design import Design, Fidelity, KeepOut, load_design, replaced_all
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
-from startrack.space import (
-    EARTH_RADIUS,
-    FIRST_YEAR,
-    LAST_YEAR,
-    Heat,
-    require_perigee,
-    require_two_lines,
-    sun_synchronous,
-)
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
@@ -70,7 +56,7 @@ class Orbit:
     eccentricity: Annotated[float, "mean"] = 0.0
     epoch: Annotated[str | None, "UTC, of the elements; None: the begin of the mission"] = None
     tle: Annotated[tuple[str, ...], "two-line element set, moved by SGP4 (extra `earth`)"] = ()
-    oem: Annotated[str | None, FILE,
+    oem: Annotated[str | None, core.FILE,
         "file with a CCSDS orbit ephemeris message; or a SPICE kernel of one body (.bsp; extra "
         "`spice`)"] = None  # fmt: skip
 
@@ -78,15 +64,15 @@ class Orbit:
         if (self.altitude is not None) + bool(self.tle) + (self.oem is not None) != 1:
             raise Refused("exactly one of altitude, tle and oem must be given")
         if self.tle:
-            require_two_lines(self.tle)
+            space.require_two_lines(self.tle)
         if self.altitude is not None:
             self._check_elements(self.altitude)
 
     def _check_elements(self, altitude: float) -> None:
-        finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
+        core.finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
         within(0, 0.9, eccentricity=self.eccentricity)
-        positive(altitude=altitude)
-        require_perigee(altitude, self.eccentricity)
+        core.positive(altitude=altitude)
+        space.require_perigee(altitude, self.eccentricity)
         if (self.inclination is None) == (self.local_time is None):
             raise Refused("exactly one of inclination and local_time must be given")
         if self.inclination is not None:
@@ -94,7 +80,7 @@ class Orbit:
         if self.local_time is not None:
             within(0, 86400, local_time=self.local_time)
         if self.epoch is not None:
-            utc(self.epoch)
+            core.utc(self.epoch)
 
 
 @dataclass(frozen=True)
@@ -139,7 +125,7 @@ class Attitude(Parameters):
         "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
     height: Annotated[float, Unit("m"), Range(-500.0, 9000.0),
         "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
-    aem: Annotated[str | None, FILE,
+    aem: Annotated[str | None, core.FILE,
         "file with a CCSDS attitude ephemeris message, of quaternions from ICRF or EME2000 to "
         "the body; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc; extra "
         "`spice`)"] = None  # fmt: skip
@@ -247,10 +233,14 @@ class TimeSpan(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        year = float(utc(self.begin).jyear)
-        within(FIRST_YEAR, LAST_YEAR, **{"year of begin": year})
-        within(FIRST_YEAR, LAST_YEAR, **{"year of the end": year + self.duration / JULIAN_YEAR})
-        whole(1, MOST_STEPS, **{"number of steps (duration / step)": self.steps})
+        year = float(core.utc(self.begin).jyear)
+        within(space.FIRST_YEAR, space.LAST_YEAR, **{"year of begin": year})
+        within(
+            space.FIRST_YEAR,
+            space.LAST_YEAR,
+            **{"year of the end": year + self.duration / JULIAN_YEAR},
+        )
+        core.whole(1, MOST_STEPS, **{"number of steps (duration / step)": self.steps})
 
     @property
     def steps(self) -> int:
@@ -278,8 +268,8 @@ class Radiation(Parameters):
             pair = getattr(self, name)
             if len(pair) != 2 or not pair[0] < pair[1]:
                 raise Refused(f"{name} must be two rising angles, got {pair}")
-            finite(**{name: pair[0]})
-            finite(**{name: pair[1]})
+            core.finite(**{name: pair[0]})
+            core.finite(**{name: pair[1]})
 
 
 @dataclass(frozen=True)
@@ -372,8 +362,8 @@ class Obstacle:
             if len(value) != 3:
                 raise Refused(f"{name} must be three lengths, got {len(value)}")
             for length in value:
-                finite(**{name: length})
-        non_negative(size=min(self.size))
+                core.finite(**{name: length})
+        core.non_negative(size=min(self.size))
         if sum(length > 0 for length in self.size) < 2:
             raise Refused(f"size must be above 0 along two axes or three, got {self.size}")
         if self.hinge is not None:
@@ -403,7 +393,7 @@ class Mission:
     ] = field(default_factory=Check)  # fmt: skip
     structure: Annotated[tuple[Obstacle, ...],
         "boxes and panels of the spacecraft that may stand in the way of heads"] = ()  # fmt: skip
-    heat: Annotated[Heat | None,
+    heat: Annotated[space.Heat | None,
         "surfaces and heat capacities of platform and heads, from which the temperatures of drawn "
         "units follow (`--units`); orbit, attitude and direction of the heads are those of the "
         "mission. None: those of the designs' structures"] = None  # fmt: skip
@@ -455,10 +445,10 @@ def _in_orbit(design: Design, mission: Mission) -> Design:
     if mission.radiation.ageing != "orbit" or age is None or age.inclination is None:
         return design
     assert orbit.altitude is not None
-    axis = EARTH_RADIUS + orbit.altitude
+    axis = space.EARTH_RADIUS + orbit.altitude
     tilt = orbit.inclination
     if tilt is None:
-        tilt = sun_synchronous(axis, orbit.eccentricity)
+        tilt = space.sun_synchronous(axis, orbit.eccentricity)
     there = replace(age, altitude=orbit.altitude, inclination=tilt)
     return replace(design, case=replaced_all(design.case, {"instrument.detector.age": there}))
 

@@ -11,26 +11,16 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack import core
 from startrack.catalog import LIMITS, Sky, csv_table, open_sky, table_numbers
-from startrack.core import (
-    GOLDEN_ANGLE,
-    NON_NEGATIVE,
-    Floats,
-    Ints,
-    Parameters,
-    Range,
-    Stars,
-    arcsec,
-    deg,
-    within,
-)
+from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, deg, within
 from startrack.design import Case
 from startrack.identification import local_rank, merged
 from startrack.io import shipped
 from startrack.onboard.layout import DOUBLE, STILL, UNIT, VARIABLE, Guide, triangle_codes
 from startrack.trial import colour_correction, index_resolution
 
-NEAR = 20 * arcsec  # of a variable star's place in its list, at J2000
+NEAR = 20 * core.arcsec  # of a variable star's place in its list, at J2000
 CHOICES = ("mark", "omit")
 MOST_STARS = 2**16 - 1  # their numbers have 16 bits
 FAINTER = 4.0  # magnitude below the limit of stars that make others double: 2.5 % of the light
@@ -138,7 +128,7 @@ def guide_stars(
     return _with_triangles(single[thin], flags[thin], field, settings, (epoch, limit, resolution))
 
 
-def _stars(case: Case, limit: float, epoch: float) -> tuple[Stars, NDArray[np.bool_]]:
+def _stars(case: Case, limit: float, epoch: float) -> tuple[core.Stars, NDArray[np.bool_]]:
     """All stars that count, with magnitudes in the band; whether the motion of each is unknown."""
     believed = case.believed_catalog
     faintest = min(limit + FAINTER + 1, LIMITS.get(believed.source, 21.0))
@@ -156,12 +146,12 @@ def _stars(case: Case, limit: float, epoch: float) -> tuple[Stars, NDArray[np.bo
     other = open_sky(replace(barycentric, epoch=epoch + (-1 if epoch > 2100 else 1))).stars
     still = (stars.direction == other.direction).all(axis=1)
     magnitude = stars.magnitude_g + colour_correction(case, stars.colour)
-    stars = Stars(stars.identifier, stars.direction, magnitude, stars.colour)
+    stars = core.Stars(stars.identifier, stars.direction, magnitude, stars.colour)
     near = magnitude <= limit + FAINTER
     return stars[near], still[near]
 
 
-def _variable(case: Case, stars: Stars, variables: list[Variable]) -> NDArray[np.bool_]:
+def _variable(case: Case, stars: core.Stars, variables: list[Variable]) -> NDArray[np.bool_]:
     """Which stars are those of the list: the brightest near each place, at J2000."""
     variable = np.zeros(len(stars), bool)
     old = open_sky(
@@ -179,7 +169,7 @@ def _variable(case: Case, stars: Stars, variables: list[Variable]) -> NDArray[np
 
 
 def _with_triangles(
-    stars: Stars,
+    stars: core.Stars,
     flags: Ints,
     field: float,
     settings: GuideSettings,
@@ -214,7 +204,7 @@ def _with_triangles(
     )
 
 
-def _triangles(stars: Stars, field: float, count: int, base: tuple[float, float]) -> Ints:
+def _triangles(stars: core.Stars, field: float, count: int, base: tuple[float, float]) -> Ints:
     """Triangles (k, 3) of the brightest stars of all circles that fit into a field.
 
     Every image holds such a circle, nearly, and so has triangles wherever it looks.
@@ -225,7 +215,7 @@ def _triangles(stars: Stars, field: float, count: int, base: tuple[float, float]
     sky = Sky(stars)
     centres = round(CENTRES * 4 * math.pi / field**2)
     z = 1 - (2 * np.arange(centres) + 1) / centres
-    turn, across = GOLDEN_ANGLE * np.arange(centres), np.sqrt(1 - z**2)
+    turn, across = core.GOLDEN_ANGLE * np.arange(centres), np.sqrt(1 - z**2)
     places = np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
     triangles = set[tuple[int, ...]]()
     for place in places:

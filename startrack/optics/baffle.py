@@ -10,17 +10,8 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    Camera,
-    DiffuseLight,
-    Floats,
-    Light,
-    Refused,
-    StrayLightSource,
-    Unit,
-    positive,
-    within,
-)
+from startrack import core
+from startrack.core import Floats, Light, Refused, Unit, positive, within
 from startrack.optics.parameters import Optics
 
 NODES = 17  # of the map of stray light along a side of the frame: 1 % between them
@@ -58,7 +49,7 @@ class Baffle:
 
 
 def stray_light(
-    light: Light, baffle: Baffle, optics: Optics, icrs_to_camera: Rotation, camera: Camera
+    light: Light, baffle: Baffle, optics: Optics, icrs_to_camera: Rotation, camera: core.Camera
 ) -> Light:
     """The light with stray light, as diffuse light of the same irradiance on the detector.
 
@@ -78,8 +69,8 @@ def stray_light(
 
 
 def _stray_light_of(
-    source: StrayLightSource, line: Floats, baffle: Baffle, spread: float
-) -> DiffuseLight:
+    source: core.StrayLightSource, line: Floats, baffle: Baffle, spread: float
+) -> core.DiffuseLight:
     angle = np.arccos(np.clip(line @ source.direction.T, -1, 1))
     fraction = baffle(angle) @ source.fraction * spread
-    return DiffuseLight(source.photon_irradiance, fraction.reshape(NODES, NODES))
+    return core.DiffuseLight(source.photon_irradiance, fraction.reshape(NODES, NODES))

@@ -6,20 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from startrack.core import (
-    ALL,
-    FILE,
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Curve,
-    FieldPolynomial,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    deg,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, deg
 from startrack.optics.lens_table import WIDEST
 from startrack.optics.psf_file import open_psf_file
 from startrack.optics.pupil import Aberration, Pupil
@@ -76,9 +64,9 @@ class Optics(Parameters):
         "field angle at which growing aberrations have their rms"] = 10 * deg  # fmt: skip
     seeing: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
         "sigma of the Gaussian blur of an atmosphere per axis; 0: none"] = 0.0  # fmt: skip
-    transmission: Annotated[Curve,
-        "fraction of the light that the lens passes, over wavelength"] = ALL  # fmt: skip
-    lens_file: Annotated[str, FILE,
+    transmission: Annotated[core.Curve,
+        "fraction of the light that the lens passes, over wavelength"] = core.ALL  # fmt: skip
+    lens_file: Annotated[str, core.FILE,
         'a lens table: a shipped one by its name, or the path of a FITS file; "": none. The '
         "table is scaled to `focal_length` and stopped down to `f_number`; it gives the "
         "distortion, and `aberrations` and `blur` add to it"] = ""  # fmt: skip
@@ -88,7 +76,7 @@ class Optics(Parameters):
     family_field: Annotated[float | None, Unit("rad", "deg"), Range(0.001, WIDEST),
         "half field that a lens of a family is made for; None: that of the published lens"
     ] = None  # fmt: skip
-    psf_file: Annotated[str, FILE,
+    psf_file: Annotated[str, core.FILE,
         "images of a point, measured or exported: the path of a FITS file (`startrack lens "
         'measure` and `import` write them), or a shipped one by its name; "": none. `blur`, '
         "`seeing` and `as_built` add to it; f-number and pupil say how much light there is"
@@ -109,7 +97,7 @@ class Optics(Parameters):
     p1: Annotated[float, COEFFICIENT] = 0.0
     p2: Annotated[float, COEFFICIENT] = 0.0
     k3: Annotated[float, COEFFICIENT] = 0.0
-    polynomial: Annotated[FieldPolynomial | None,
+    polynomial: Annotated[core.FieldPolynomial | None,
         "distortion over the field besides, as `calibrate` fits it to a table of stars"
     ] = None  # fmt: skip
 

@@ -12,20 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    POINTS,
-    Camera,
-    DiffuseLight,
-    Floats,
-    Light,
-    Stars,
-    StrayLightSource,
-    Streams,
-    arcsec,
-    call_code,
-    is_code,
-    returned,
-)
+from startrack import core
+from startrack.core import Floats, Light, Stars
 from startrack.scene.background import starlight, starlight_spectrum, zodiacal, zodiacal_spectrum
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
@@ -79,21 +67,23 @@ class DiffuseSource(Protocol):
         """Compute the light; it is linear between the points."""
 
 
-def light_by_code(name: str, given: LightInput) -> Iterator[DiffuseLight]:
+def light_by_code(name: str, given: LightInput) -> Iterator[core.DiffuseLight]:
     """The light of a function that a design names, as sums of a spectrum times a map.
 
     Raises    ValueError where the function raises an error, or returns what it must not.
     Accuracy  numerical: 1e-6 of the largest term, by singular values.
     """
     shape = len(given.direction), len(given.wavelength)
-    light = returned(GROUP, name, call_code(GROUP, name, given), shape)
+    light = core.returned(GROUP, name, core.call_code(GROUP, name, given), shape)
     if (light < 0).any():
-        raise ValueError(f"{POINTS[GROUP]} {name} must return no negative light, got {light.min()}")
+        raise ValueError(
+            f"{core.POINTS[GROUP]} {name} must return no negative light, got {light.min()}"
+        )
     side = round(len(light) ** 0.5)
     places, sizes, spectra = np.linalg.svd(light, full_matrices=False)
     for place, size, spectrum in zip(places.T, sizes, spectra, strict=True):
         if size > LEAST * sizes[0]:
-            yield DiffuseLight(spectrum * size, place.reshape(side, side))
+            yield core.DiffuseLight(spectrum * size, place.reshape(side, side))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +97,9 @@ class Sight:
     """
 
     icrs_to_camera: Rotation
-    camera: Camera
+    camera: core.Camera
     limit_g: float
-    streams: Streams
+    streams: core.Streams
 
     def sees(self, disc: Disc) -> bool:
         """Whether a part of a disc may be in the frame."""
@@ -148,12 +138,12 @@ def _uniform_background(background_g: float | None) -> Floats:
     """Photon / s / m^2 / sr in each bin, with the spectrum of the Sun."""
     if background_g is None:
         return np.zeros_like(WAVELENGTH)
-    return photon_irradiance(np.array([background_g]), np.array([SUN]))[0] / arcsec**2
+    return photon_irradiance(np.array([background_g]), np.array([SUN]))[0] / core.arcsec**2
 
 
 def _diffuse_light(
     scene: Scene, sight: Sight, observer: Observer | None, earth: Earth | None
-) -> Iterator[DiffuseLight]:
+) -> Iterator[core.DiffuseLight]:
     """All light that varies over the field, in front of the Earth and beside it."""
     limb = earth is not None and sight.sees(earth.disc)
     shells = earth is not None and "airglow" in scene.lights and sight.sees(_with_air(earth))
@@ -161,8 +151,8 @@ def _diffuse_light(
     line = sight.nodes(count)
     open_sky = ~earth.disc.covers(line) if earth and limb else np.ones(len(line), bool)
 
-    def diffuse(spectrum: Floats, fraction: Floats) -> DiffuseLight:
-        return DiffuseLight(spectrum, fraction.reshape(count, count))
+    def diffuse(spectrum: Floats, fraction: Floats) -> core.DiffuseLight:
+        return core.DiffuseLight(spectrum, fraction.reshape(count, count))
 
     if "starlight" in scene.lights:
         yield diffuse(starlight_spectrum(), starlight(line, sight.limit_g) * open_sky)
@@ -178,7 +168,7 @@ def _diffuse_light(
         for spectrum, fraction in airglow(earth, line):
             yield diffuse(spectrum, fraction)
     for name in scene.lights:
-        made = partial(light_by_code, name) if is_code(name) else LIGHTS[name].diffuse
+        made = partial(light_by_code, name) if core.is_code(name) else LIGHTS[name].diffuse
         if made:
             random = sight.streams(f"light {name}")
             yield from made(LightInput(line, WAVELENGTH, BIN, scene, random))
@@ -210,7 +200,7 @@ def _with_bodies(
     return light
 
 
-def _stray_sources(discs: list[Disc], earth: Earth | None) -> Iterator[StrayLightSource]:
+def _stray_sources(discs: list[Disc], earth: Earth | None) -> Iterator[core.StrayLightSource]:
     """Discs, the farthest first, and the Earth, less what nearer bodies hide of them."""
     bodies = [*discs, earth.disc] if earth else discs
     for n, disc in enumerate(discs):

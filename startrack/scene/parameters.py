@@ -6,17 +6,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Annotated
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    finite,
-    within,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, within
 from startrack.scene.lights import LIGHTS
 from startrack.space import FIRST_YEAR, LAST_YEAR
 
@@ -99,7 +90,7 @@ class Scene(Parameters):
             if len(self.place) != 3:
                 raise Refused(f"place must have three coordinates, got {len(self.place)}")
             for coordinate in self.place:
-                finite(place=coordinate)
+                core.finite(place=coordinate)
 
     @property
     def dated(self) -> list[str]:

@@ -9,17 +9,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.core import (
-    NON_NEGATIVE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    kernel,
-    utc,
-)
+from startrack import core
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, kernel
 from startrack.space.bodies import barycentric, seen_from
 from startrack.space.earth import EARTH_RADIUS, GM, cross, dot, unit
 from startrack.space.orbit import Kepler, node_at, sun_synchronous
@@ -204,7 +195,7 @@ def _incident(heat: Heat) -> tuple[Floats, Floats, float]:
     node = node_at(heat.epoch, heat.local_time)
     period = math.tau * math.sqrt(axis**3 / GM)
     place, speed = Kepler(axis, 0.0, tilt, node, 0.0, 0.0).state(np.arange(STEPS) * period / STEPS)
-    date = utc(heat.epoch).tdb
+    date = core.utc(heat.epoch).tdb
     sun = seen_from(barycentric("earth", date.jd), date.jd, "sun").direction
     down, pole = unit(-place), unit(cross(place, speed))
     body = np.stack([cross(-pole, down), -pole, down])  # x, y, z; y against the orbit's normal

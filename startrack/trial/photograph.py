@@ -16,19 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack import identification
 from startrack.core import Camera, Estimate, Frame, Matches, Spots, deg, within
 from startrack.detection import Detection, detect, plan_detection, refined, streak_of
-from startrack.identification import (
-    WIDEST_PINHOLE,
-    Identification,
-    PatternIndex,
-    PatternIndexes,
-    cameras,
-    cameras_of,
-    fisheye,
-    fit_lens,
-    identify_blind,
-)
+from startrack.identification import cameras
 from startrack.trial.belief import with_smear
 
 # Sigma of the detection: an image of few faint stars is searched twice.
@@ -199,8 +190,8 @@ class _Try(NamedTuple):
 
 def solve_photograph(
     frame: Frame,
-    indexes: PatternIndexes,
-    settings: Identification,
+    indexes: identification.PatternIndexes,
+    settings: identification.Identification,
     hint: float | None = None,
     aspect: float | None = None,
 ) -> Photograph:
@@ -258,8 +249,8 @@ class _Sought(NamedTuple):
     """A frame's spots, and what stars they are compared with."""
 
     looks: _Looks
-    indexes: PatternIndexes
-    settings: Identification
+    indexes: identification.PatternIndexes
+    settings: identification.Identification
 
     def attempt(self, one: _Try, effort: float) -> Photograph:
         """The first camera of a try that finds an attitude, with what the stars show of its lens.
@@ -277,11 +268,13 @@ class _Sought(NamedTuple):
             max_hypotheses=max(round(effort * settings.max_hypotheses), 1),
             match_radius=max(settings.match_radius, BENT * max(size)),
         )
-        matches = identify_blind(spots, *size, stars, index_of, bounded, one.cameras)
+        matches = identification.identify_blind(spots, *size, stars, index_of, bounded, one.cameras)
         reason, attitude, axis, rms = matches.reason, matches.icrs_to_camera, None, math.nan
         covariance, count = np.full((3, 3), np.nan), 0
         if attitude is not None:
-            lens = fit_lens(spots, matches, stars, index_of(matches.camera), settings)
+            lens = identification.fit_lens(
+                spots, matches, stars, index_of(matches.camera), settings
+            )
             matches, axis, covariance, rms = lens
             attitude, count = matches.icrs_to_camera, len(matches)
             reason = f"{count} of {len(spots)} spots are stars of the catalogue"
@@ -307,7 +300,7 @@ class _Sought(NamedTuple):
             for aspect in tried:
                 view = found.view._replace(aspect=aspect)
                 field, tolerance = found.matches.camera.fov_x, self.settings.focal_tolerance
-                near = cameras_of(*view.size(columns, rows), field, tolerance)
+                near = identification.cameras_of(*view.size(columns, rows), field, tolerance)
                 again = self.attempt(one._replace(view=view, cameras=near, share=1.0), FULL)
                 best = max(best, again, key=lambda one: one.estimate.stars)
             if best is found:
@@ -315,18 +308,22 @@ class _Sought(NamedTuple):
             found, tried = best, []
         return found
 
-    def _index(self, camera: Camera) -> PatternIndex:
+    def _index(self, camera: Camera) -> identification.PatternIndex:
         """Of every other field: half as many to read, each as good for its neighbours."""
         field, step = min(camera.fov_x, camera.fov_y), 2 * math.log(1.1)
         coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
         return self.indexes(Camera.from_field_of_view(1, 1, coarse))
 
 
-def _as_hinted(found: Photograph, hint: float | None, settings: Identification) -> Photograph:
+def _as_hinted(
+    found: Photograph, hint: float | None, settings: identification.Identification
+) -> Photograph:
     """The solution, and whether its field is the given one."""
     if hint is None:
         return found
-    own, given = (math.tan(min(field, WIDEST_PINHOLE) / 4) for field in (found.field, hint))
+    own, given = (
+        math.tan(min(field, identification.WIDEST_PINHOLE) / 4) for field in (found.field, hint)
+    )
     off = abs(math.log(own / given))
     return replace(found, as_hinted=off <= settings.focal_tolerance + SLACK)
 
@@ -362,7 +359,7 @@ def _tries(
         rest += _middle(columns, rows, field, MIDDLE_TOLERANCE)
     if hint is None:
         return [], _shared(rest[:1]) + _shared(rest[1:])
-    made = cameras_of(*size, hint, tolerance)
+    made = identification.cameras_of(*size, hint, tolerance)
     near = [one._replace(cameras=made) for one in rest if made and one.view == as_it_is]
     return _shared(near or _middle(columns, rows, hint, tolerance)), _shared(rest)
 
@@ -377,7 +374,7 @@ def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Tr
     side = round(MIDDLE * columns / field)
     if not LEAST_SIDE <= side <= min(columns, rows):
         return []
-    made = [(fisheye(side, side, MIDDLE), tolerance)]
+    made = [(identification.fisheye(side, side, MIDDLE), tolerance)]
     return [_Try(*FIRST, View(middle=side), made)]
 
 

@@ -10,20 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.catalog import Sky, open_sky
-from startrack.core import (
-    FieldPsf,
-    Floats,
-    Frame,
-    Ints,
-    Psf,
-    Refused,
-    Spots,
-    Streams,
-    Workspace,
-    kept,
-    kernel,
-)
+from startrack.core import Floats, Ints, Refused, Spots, kept, kernel
 from startrack.design import Case, Instrument
 from startrack.detection import (
     DetectionPlan,
@@ -91,7 +80,7 @@ PROPOSAL = 300.0  # a proposal of a crossing, with the windows of those that are
 def spots_in_windows(
     case: Case,
     icrs_to_camera: Rotation,
-    streams: Streams,
+    streams: core.Streams,
     turn: MotionRealisation | None = None,
     smear: Smear = None,
 ) -> Spots:
@@ -149,8 +138,8 @@ def spots_in_windows(
 
 
 def frame_in_windows(
-    case: Case, icrs_to_camera: Rotation, streams: Streams, windows: Ints
-) -> Frame:
+    case: Case, icrs_to_camera: Rotation, streams: core.Streams, windows: Ints
+) -> core.Frame:
     """A frame with the numbers of the whole one in windows (w, 4) alone; elsewhere its background.
 
     The whole frame is rendered where its pixels flicker or lights of the scene vary.
@@ -163,16 +152,18 @@ def frame_in_windows(
     require_window(case, "instrument.ghosts")
     sky, psf = open_sky(case.catalog), images_of(instrument)
     near = nearby(sky, icrs_to_camera, instrument.camera)
-    colour = colours_of(case)[near] if isinstance(psf, FieldPsf) else None
+    colour = colours_of(case)[near] if isinstance(psf, core.FieldPsf) else None
     places = path_points(instrument, sky.stars.direction[near], icrs_to_camera, streams)
     star, level = electrons_of(case)[near], sky_electrons(case)
-    return expose_within(windows, places, star, psf, detector, level, streams, Workspace(), colour)
+    return expose_within(
+        windows, places, star, psf, detector, level, streams, core.Workspace(), colour
+    )
 
 
 def spots_of_frame(
     case: Case,
     icrs_to_camera: Rotation,
-    streams: Streams,
+    streams: core.Streams,
     turn: MotionRealisation | None = None,
     smear: Smear = None,
 ) -> Spots:
@@ -182,8 +173,11 @@ def spots_of_frame(
 
 
 def whole_frame(
-    case: Case, icrs_to_camera: Rotation, streams: Streams, turn: MotionRealisation | None = None
-) -> Frame:
+    case: Case,
+    icrs_to_camera: Rotation,
+    streams: core.Streams,
+    turn: MotionRealisation | None = None,
+) -> core.Frame:
     """The whole frame of a trial."""
     instrument = case.instrument
     stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
@@ -207,7 +201,7 @@ def cost(pixels: float, proposals: float) -> float:
 
 
 def arrive(
-    case: Case, plan: Plan, icrs_to_camera: Rotation, streams: Streams
+    case: Case, plan: Plan, icrs_to_camera: Rotation, streams: core.Streams
 ) -> tuple[Floats, Floats, Floats | None]:
     """Directions (n, 3) of the points that reach the detector, and their electrons (n,).
 
@@ -226,7 +220,7 @@ def arrive(
             "fidelity must be frame where the light of the sky varies over the field, got window"
         )
     through, colour = throughput(case.instrument), None
-    if isinstance(plan.psf, FieldPsf):
+    if isinstance(plan.psf, core.FieldPsf):
         colour = mean_wavelength(light, detector, through)
     return light.direction, arriving(light, camera, detector, through)[0], colour
 
@@ -235,7 +229,7 @@ def path_points(
     instrument: Instrument,
     direction: Floats,
     icrs_to_camera: Rotation,
-    streams: Streams,
+    streams: core.Streams,
     turn: MotionRealisation | None = None,
 ) -> tuple[Floats, Floats, Floats]:
     """Weights (m,), x and y (m, n) of the points of the stars' paths.
@@ -296,7 +290,7 @@ class Plan:
     star: Floats | None
     colour: Floats | None
     sky: float
-    psf: Psf | FieldPsf
+    psf: core.Psf | core.FieldPsf
     noise: Noise | None
     threshold: float
     fraction: Floats
@@ -304,7 +298,7 @@ class Plan:
     far: int
     border: int
     detection: DetectionPlan
-    workspace: Workspace
+    workspace: core.Workspace
 
 
 @kept(8)
@@ -317,7 +311,7 @@ def plan_of(case: Case, smear: Smear = None) -> Plan:
     require_window(case, "instrument.ghosts", "tracker.detection.search", "tracker.rate")
     sky = sky_electrons(case)
     border, detection = peak_border(settings), detection_plan(case, smear=smear)
-    grounds = [ground_of(case, Streams(SAMPLE_SEED, n), detection) for n in range(SAMPLES)]
+    grounds = [ground_of(case, core.Streams(SAMPLE_SEED, n), detection) for n in range(SAMPLES)]
     kernel = detection.kernel
     return Plan(
         detector,
@@ -333,7 +327,7 @@ def plan_of(case: Case, smear: Smear = None) -> Plan:
         margin(detection),
         border,
         detection,
-        Workspace(),
+        core.Workspace(),
     )
 
 
@@ -377,7 +371,7 @@ def noise_of(
     return best
 
 
-def ground_of(case: Case, streams: Streams, plan: DetectionPlan) -> Ground:
+def ground_of(case: Case, streams: core.Streams, plan: DetectionPlan) -> Ground:
     """Background and noise of one frame of the design, which its stars raise a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)

@@ -18,18 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from startrack import detection
 from startrack.core import Floats, Frame, Ints, Parameters, Psf, Refused, Spots, Streams, whole
 from startrack.design import Case
-from startrack.detection import (
-    Box,
-    DetectionPlan,
-    corner_level,
-    detect,
-    detect_near,
-    follow,
-    image_mask,
-    plan_detection,
-)
 from startrack.detector import Detector, dark, flickering, frame_of, response, stamp
 from startrack.metrics import Interval
 from startrack.trial import psf_of, sky_electrons
@@ -189,7 +180,7 @@ def windows_of_frames(
               star away from the border; where some have no time stamp, or these do not rise.
     """
     detector, box = case.instrument.detector, case.tracker.box
-    plan = plan_detection(case.tracker.detection, psf_of(case.instrument))
+    plan = detection.plan_detection(case.tracker.detection, psf_of(case.instrument))
     size = detector.rows, detector.columns
     corner, corners, numbers, acquired = np.empty((0, 2), np.int64), [], [], []
     stamps = list[float]()
@@ -200,7 +191,7 @@ def windows_of_frames(
                 f"{frame.image.shape[1]} x {frame.image.shape[0]} of frame {k + 1}"
             )
         if not k:
-            corner = _first_corners(detect(frame, plan), size)
+            corner = _first_corners(detection.detect(frame, plan), size)
             if not len(corner):
                 raise Refused("frames must have a star away from the border, got none in the first")
         stamps.append(frame.time)
@@ -208,8 +199,8 @@ def windows_of_frames(
         middle = np.asarray(inside - 0.5, float)
         corners.append(corner - 4)
         numbers.append(_cut(frame.image, inside, detector))
-        acquired.append(_acquired(detect_near(frame, middle, NEAR + 1, plan), middle))
-        after = follow(frame, corner, box, plan).corner
+        acquired.append(_acquired(detection.detect_near(frame, middle, NEAR + 1, plan), middle))
+        after = detection.follow(frame, corner, box, plan).corner
         corner = np.where(after < 0, corner, after)
         if progress:
             progress(1)
@@ -278,7 +269,7 @@ class Centroids(NamedTuple):
     total: Floats
 
 
-def centroids(windows: Windows, box: Box) -> Centroids:
+def centroids(windows: Windows, box: detection.Box) -> Centroids:
     """First moments as the tracker takes them, of its images of `box.size` pixels.
 
     Exposures without the star, whose light is off by a fifth of the median, are left out.
@@ -295,24 +286,26 @@ def centroids(windows: Windows, box: Box) -> Centroids:
     return Centroids(windows.of(seen), place[seen], total[seen])
 
 
-def _light(windows: Windows, box: Box) -> tuple[Floats, Ints]:
+def _light(windows: Windows, box: detection.Box) -> tuple[Floats, Ints]:
     """Light above the background (n, k, k) in the pixels that count, and the images' corners."""
     side = windows.number.shape[1]
     size = min(box.size, side)
     cut = (side - size) // 2
     inner = windows.number[:, cut : cut + size, cut : cut + size]
     level = level_of(windows, box)
-    return (inner - level[:, None, None]) * image_mask(size), windows.corner + cut
+    return (inner - level[:, None, None]) * detection.image_mask(size), windows.corner + cut
 
 
-def level_of(windows: Windows, box: Box) -> Floats:
+def level_of(windows: Windows, box: detection.Box) -> Floats:
     """The background (n,) of a pixel that the tracker takes off."""
     if windows.background is not None:
         return np.asarray(windows.background, float)
     if box.background == "none" or windows.number.shape[1] < 8:
         return np.zeros(len(windows.time))
     cut = windows.number.shape[1] // 2 - 4
-    return np.array([corner_level(one[cut : cut + 8, cut : cut + 8]) for one in windows.number])
+    return np.array(
+        [detection.corner_level(one[cut : cut + 8, cut : cut + 8]) for one in windows.number]
+    )
 
 
 class Measured(NamedTuple):
@@ -327,7 +320,7 @@ class Measured(NamedTuple):
     curve: Floats
 
 
-def measure(stars: Sequence[Windows], box: Box, psf: Psf | None) -> list[Measured]:
+def measure(stars: Sequence[Windows], box: detection.Box, psf: Psf | None) -> list[Measured]:
     """Measure stars that were seen together.
 
     temporal    pixel rms of an axis, of third differences in time between exposures whose image
@@ -471,14 +464,14 @@ def photon_transfer(windows: Windows) -> tuple[float, float]:
     return float(1 / line[1]), math.sqrt(max(float(line[0]) - 1 / 12, 0.0))
 
 
-def image_difference(seen: Centroids, box: Box, psf: Psf) -> float:
+def image_difference(seen: Centroids, box: detection.Box, psf: Psf) -> float:
     """Worst pixel of the mean images of phase cells less the design's image, of the peak."""
     light, corner = _light(seen.windows, box)
     size = light.shape[1]
     middle = corner + (size - 1) / 2
     moment, worst = seen.place - middle, 0.0
     cell = np.floor((moment + 0.5) * CELLS).astype(int)
-    counted = image_mask(size).astype(bool)
+    counted = detection.image_mask(size).astype(bool)
     for x in range(CELLS):
         for y in range(CELLS):
             chosen = np.flatnonzero((cell == (x, y)).all(axis=1))
@@ -502,7 +495,7 @@ def _fitted(image: Floats, start: Floats, spread: Floats, psf: Psf) -> Floats:
         model = np.zeros((size + 2 * BORDER, size + 2 * BORDER))
         at = place + spread + far
         stamp(model, psf, at[:, 0].copy(), at[:, 1].copy(), np.full(len(at), 1 / len(at)))
-        part = model[inner, inner] * image_mask(size)
+        part = model[inner, inner] * detection.image_mask(size)
         flux = float((part * image).sum() / (part**2).sum())
         return np.asarray(flux * part - image).ravel()
 
@@ -527,7 +520,7 @@ def simulate(
     """
     whole(1, 1000, devices=devices)
     box, psf = case.tracker.box, psf_of(case.instrument)
-    plan, found = plan_detection(case.tracker.detection, psf), []
+    plan, found = detection.plan_detection(case.tracker.detection, psf), []
     for number, star in enumerate(stars):
         seen = centroids(star, box)
         path = _smoothed(seen.place)
@@ -545,18 +538,18 @@ def _smoothed(place: Floats) -> Floats:
     return np.column_stack([np.convolve(axis, kernel, "valid") for axis in padded.T])
 
 
-def _fraction(psf: Psf, box: Box) -> float:
+def _fraction(psf: Psf, box: detection.Box) -> float:
     """Fraction of a star's light in its image, the star in the middle."""
     image = np.zeros((box.size + 2 * BORDER, box.size + 2 * BORDER))
     middle = np.array([(len(image) - 1) / 2])
     stamp(image, psf, middle, middle, np.ones(1))
     inner = image[BORDER:-BORDER, BORDER:-BORDER]
-    return float((inner * image_mask(box.size)).sum())
+    return float((inner * detection.image_mask(box.size)).sum())
 
 
 def _drawn(
     case: Case, seen: Windows, path: Floats, flux: float, devices: int, streams: Streams,
-    plan: DetectionPlan,
+    plan: detection.DetectionPlan,
 ) -> list[Windows]:  # fmt: skip
     """One star on detectors side by side, each a tile of one frame."""
     low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
@@ -586,8 +579,8 @@ def _drawn(
         numbers.append(_cut(frame.image, corner, device))
         if seen.acquired is not None:
             middle = np.asarray(corner - 0.5, float)
-            acquired.append(_acquired(detect_near(frame, middle, NEAR + 1, plan), middle))
-        after = follow(frame, corner, box, plan).corner
+            acquired.append(_acquired(detection.detect_near(frame, middle, NEAR + 1, plan), middle))
+        after = detection.follow(frame, corner, box, plan).corner
         corner = np.where(after < 0, corner, after)
     origin = np.column_stack([low[0] - shift, np.full(devices, low[1])])
     return [

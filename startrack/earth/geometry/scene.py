@@ -12,17 +12,8 @@ from typing import Annotated
 
 import numpy as np
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Camera,
-    Floats,
-    Parameters,
-    Range,
-    Streams,
-    Unit,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
 from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, choose_carrier
 from startrack.earth.geometry.sight import (
     Dating,
@@ -75,11 +66,11 @@ class Sensor(Parameters):
         "after the orbit's epoch at which the middle line is taken"] = 0.0  # fmt: skip
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> core.Camera:
         """Its pixel grid; a line detector has its line in the middle row."""
         rows = self.lines if self.detector == "matrix" else 2 * self.stages + 1
         width = self.columns // 2 if self.detector == "staggered" else self.columns
-        return Camera(width, rows, self.focal_length / self.pixel_pitch)
+        return core.Camera(width, rows, self.focal_length / self.pixel_pitch)
 
     def elements(self, orbit: Carrier) -> list[Elements]:
         """Elements of each line of a matrix; of other detectors one for all lines."""
@@ -138,7 +129,7 @@ class Fractal(Parameters):
             count,
             count,
         )
-        streams = Streams(self.seed, 0)
+        streams = core.Streams(self.seed, 0)
         return Array(grid, fractal(count, count, streams, self.relief, self.roughness))
 
 
@@ -256,7 +247,7 @@ class Strip:
 
 
 def observe_earth(
-    scene: EarthScene, folder: Path, turn: Jitter | None = None, camera: Camera | None = None
+    scene: EarthScene, folder: Path, turn: Jitter | None = None, camera: core.Camera | None = None
 ) -> Iterator[Strip]:
     """Ground that all pixels of a scene see, some lines at a time.
 

@@ -13,17 +13,8 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    FINITE,
-    LIGHT_SPEED,
-    Camera,
-    Floats,
-    Parameters,
-    Unit,
-    finite,
-    positive,
-    whole,
-)
+from startrack import core
+from startrack.core import FINITE, Floats, Parameters, Unit
 from startrack.earth.geometry.orbit import Carrier, Flight, fly
 from startrack.earth.terrain import Rays, geodetic
 
@@ -63,8 +54,8 @@ class Elements:
 
 def line_elements(columns: int, y: float) -> Elements:
     """One row of pixels at the row `y` of the camera."""
-    whole(1, 2**20, columns=columns)
-    finite(y=y)
+    core.whole(1, 2**20, columns=columns)
+    core.finite(y=y)
     x = np.arange(float(columns))[:, None]
     return Elements(x, np.full_like(x, y), np.zeros_like(x))
 
@@ -84,9 +75,9 @@ def staggered_elements(
     lines_a_pixel  in which the ground moves by a pixel: 2 for equal sampling along and
                    across
     """
-    whole(2, 2**20, columns=columns)
-    finite(y=y, rows_apart=rows_apart)
-    positive(lines_a_pixel=lines_a_pixel)
+    core.whole(2, 2**20, columns=columns)
+    core.finite(y=y, rows_apart=rows_apart)
+    core.positive(lines_a_pixel=lines_a_pixel)
     second = np.arange(float(columns))[:, None] % 2
     x = np.arange(float(columns))[:, None] / 2
     return Elements(x, y + rows_apart * second, forwards * rows_apart * lines_a_pixel * second)
@@ -97,8 +88,8 @@ def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Ele
 
     forwards  as for staggered elements
     """
-    whole(1, 2**20, columns=columns)
-    whole(1, 4096, stages=stages)
+    core.whole(1, 2**20, columns=columns)
+    core.whole(1, 4096, stages=stages)
     stage = np.arange(float(stages)) - (stages - 1) / 2
     x = np.broadcast_to(np.arange(float(columns))[:, None], (columns, stages)).copy()
     return Elements(x, y + stage + 0 * x, forwards * stage + 0 * x)
@@ -106,7 +97,7 @@ def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Ele
 
 def matrix_elements(columns: int, rows: int) -> list[Elements]:
     """The rows of a matrix, one for each line of the image."""
-    whole(1, 2**20, rows=rows)
+    core.whole(1, 2**20, rows=rows)
     return [line_elements(columns, float(row)) for row in range(rows)]
 
 
@@ -121,7 +112,7 @@ def together(lines: list[Elements]) -> Elements:
 
 def inside_pixel(side: int) -> Floats:
     """Offsets (side^2, 2) pixel of rays that divide a pixel evenly."""
-    positive(side=side)
+    core.positive(side=side)
     at = (np.arange(side) + 0.5) / side - 0.5
     return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
 
@@ -164,7 +155,7 @@ class Fixed:
 
 
 def sight(
-    camera: Camera,
+    camera: core.Camera,
     pixel: Floats,
     time: Floats,
     orbit: Carrier,
@@ -192,7 +183,7 @@ def sight(
     if turn is not None:
         attitude = attitude * Rotation.from_rotvec(turn(moment)).inv()
     direction = attitude[which].apply(camera.unproject(pixel))
-    direction -= flight.velocity[which] / LIGHT_SPEED
+    direction -= flight.velocity[which] / core.LIGHT_SPEED
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if spread is None:
         spread = 1 / camera.focal_length_px
@@ -200,7 +191,7 @@ def sight(
 
 
 def scan_lines(
-    camera: Camera,
+    camera: core.Camera,
     elements: Elements,
     lines: Floats,
     dating: Dating,
@@ -216,7 +207,7 @@ def scan_lines(
     lines          (n,) numbers of the lines
     rays_per_side  rays along each side of a pixel, against aliasing
     """
-    whole(1, 64, rays_per_side=rays_per_side)
+    core.whole(1, 64, rays_per_side=rays_per_side)
     inside = inside_pixel(rays_per_side)
     shape = (len(lines), *elements.x.shape, len(inside))
     time = dating.at(lines[:, None, None, None] + elements.delay[..., None])

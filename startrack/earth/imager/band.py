@@ -8,23 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats, um
-from startrack.earth.atmosphere import (
-    Air,
-    AirTable,
-    BandTable,
-    Heat,
-    InfraredTable,
-    Terms,
-    at_sensor,
-    heat_of,
-    in_bands,
-    infrared_bands,
-    load_infrared,
-    load_table,
-    mixed,
-    sun_spectrum,
-    vacuum,
-)
+from startrack.earth import atmosphere
+from startrack.earth.atmosphere import BandTable
 from startrack.earth.imager.parameters import Channel
 from startrack.earth.terrain import Ground
 from startrack.io import shipped
@@ -51,11 +36,13 @@ class Band(NamedTuple):
     weight: Floats
     electrons: float
     table: BandTable
-    heat: Heat | None
+    heat: atmosphere.Heat | None
     irradiance: float
 
 
-def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: float) -> Band:
+def band_of(
+    channel: Channel, air: atmosphere.Air | None, altitude: float, sun_distance: float
+) -> Band:
     """The band of a channel.
 
         L = Int R L(lambda) dlambda / Int R dlambda,   R = lambda / (h c) filter tau QE
@@ -78,12 +65,12 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
         )
     electrons = float(response @ step)
     flat = (response / electrons)[None]
-    if isinstance(table, AirTable):
-        bands, sun = in_bands(table, flat, altitude, sun_distance), table.irradiance
+    if isinstance(table, atmosphere.AirTable):
+        bands, sun = atmosphere.in_bands(table, flat, altitude, sun_distance), table.irradiance
     else:
-        bands = infrared_bands(table, flat, altitude, sun_distance)
-        sun = sun_spectrum(table.spectrum)
-    warm = heat_of(table.spectrum, flat) if middle > INFRARED / 2 else None
+        bands = atmosphere.infrared_bands(table, flat, altitude, sun_distance)
+        sun = atmosphere.sun_spectrum(table.spectrum)
+    warm = atmosphere.heat_of(table.spectrum, flat) if middle > INFRARED / 2 else None
     weight = flat[0] * step
     irradiance = float(weight @ sun) / sun_distance**2
     return Band(table.spectrum, weight, electrons, bands, warm, irradiance)
@@ -92,7 +79,7 @@ def band_of(channel: Channel, air: Air | None, altitude: float, sun_distance: fl
 def terms_in_band(
     ground: Ground, band: Band, reflectance: Floats, surroundings: Floats | float,
     temperature: Floats | None = None, direct: Floats | None = None,
-) -> Terms:  # fmt: skip
+) -> atmosphere.Terms:  # fmt: skip
     """Radiance (n,) of n rays in one band, watt / m^2 / sr / m, as `at_sensor`.
 
     reflectance   (n,) 1, or (1,) of all
@@ -102,8 +89,10 @@ def terms_in_band(
     """
     heat = None if temperature is None else band.heat
     around, beam = np.asarray(surroundings)[..., None], None if direct is None else direct[:, None]
-    terms = at_sensor(ground, band.table, reflectance[:, None], around, heat, temperature, beam)
-    return Terms(*(term[:, 0] for term in terms))
+    terms = atmosphere.at_sensor(
+        ground, band.table, reflectance[:, None], around, heat, temperature, beam
+    )
+    return atmosphere.Terms(*(term[:, 0] for term in terms))
 
 
 def mean_wavelength(channel: Channel) -> float:
@@ -132,12 +121,14 @@ def _in_cells(channel: Channel, spectrum: Floats) -> Floats:
 
 
 @lru_cache(maxsize=4)
-def _table(air: Air | None, infrared: bool) -> AirTable | InfraredTable:
+def _table(
+    air: atmosphere.Air | None, infrared: bool
+) -> atmosphere.AirTable | atmosphere.InfraredTable:
     if air is None:
-        return vacuum()
+        return atmosphere.vacuum()
     if infrared:
-        return load_infrared(shipped("atmosphere/infrared.fits"))
-    tables = [load_table(shipped(f"atmosphere/{name}.fits")) for name in TABLES]
+        return atmosphere.load_infrared(shipped("atmosphere/infrared.fits"))
+    tables = [atmosphere.load_table(shipped(f"atmosphere/{name}.fits")) for name in TABLES]
     for table in tables:
         if table.air == air:
             return table
@@ -148,4 +139,4 @@ def _table(air: Air | None, infrared: bool) -> AirTable | InfraredTable:
             "air must be none, or rural from 5 to 150 km, with 29.2 kg / m2 of water and 3.32 mm "
             f"of ozone, got {air}"
         )
-    return mixed(air, tables)
+    return atmosphere.mixed(air, tables)

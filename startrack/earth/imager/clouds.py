@@ -11,17 +11,8 @@ from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 
-from startrack.core import (
-    NON_NEGATIVE,
-    POSITIVE,
-    Curve,
-    Floats,
-    Parameters,
-    Range,
-    Streams,
-    Unit,
-    um,
-)
+from startrack import core
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
 from startrack.earth.imager.land import TEXELS, on_texture
 from startrack.earth.terrain import EQUATORIAL, Chart, Mosaic, Raster, fractal, geodetic, up
 
@@ -63,7 +54,7 @@ class CloudLayer(Parameters):
     seed: Annotated[int, Range(0, 2**31), "of generated clouds"] = 1
     particles: Annotated[str, Range(choices=tuple(ALBEDOS)),
         "ice or water, for the albedo of single scattering"] = "ice"  # fmt: skip
-    albedo: Annotated[Curve | None, "1 over wavelength, instead"] = None
+    albedo: Annotated[core.Curve | None, "1 over wavelength, instead"] = None
     asymmetry: Annotated[float, Range(-0.99, 0.99), "1, mean cosine of the scattering angle"] = 0.85
     temperature: Annotated[float | None, Unit("K", absolute=True), Range(50, 400),
         "kelvin; None for that of the US Standard Atmosphere at this height"] = None  # fmt: skip
@@ -81,13 +72,13 @@ class CloudLayer(Parameters):
         return max(GROUND_TEMPERATURE - LAPSE * self.height, COLDEST)
 
     @property
-    def spectrum(self) -> Curve:
+    def spectrum(self) -> core.Curve:
         """Albedo of single scattering."""
         if self.albedo is not None:
             return self.albedo
         nodes = [end for low, high in pairwise(EDGES) for end in (low, high - 1e-6)]
         values = [value for value in ALBEDOS[self.particles] for _ in range(2)]
-        return Curve(tuple(node * um for node in nodes), tuple(values))
+        return core.Curve(tuple(node * core.um for node in nodes), tuple(values))
 
     def open(self, folder: Path) -> Sheet:
         """The layer with its field of optical depth; its file is sought from a folder.
@@ -148,7 +139,7 @@ class _Generated(NamedTuple):
 @lru_cache(maxsize=4)
 def _clouds(seed: int, cover: float) -> Floats:
     """Optical depth of mean 1 inside the clouds, which cover so much of a fractal's highest."""
-    values = fractal(TEXELS, TEXELS, Streams(seed, 2), 1.0, ROUGHNESS).astype(np.float64)
+    values = fractal(TEXELS, TEXELS, core.Streams(seed, 2), 1.0, ROUGHNESS).astype(np.float64)
     above = np.maximum(values - np.quantile(values, 1 - cover), 0.0)
     return above / above[above > 0].mean()
 

@@ -10,18 +10,8 @@ from typing import Annotated
 import numpy as np
 from scipy.optimize import brentq
 
-from startrack.core import (
-    LIGHT_SPEED,
-    NON_NEGATIVE,
-    PLANCK,
-    POSITIVE,
-    FieldPsf,
-    Parameters,
-    Range,
-    Unit,
-    deg,
-    um,
-)
+from startrack import core
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Unit, deg, um
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Reach, Sight, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
@@ -202,7 +192,7 @@ def _lens_over_field(
     """Lowest MTF across and along, and illumination, over the field of a lens table."""
     sensor = channel.sensor(1, rate)
     lens = field_lens(channel, sensor, channel.optics, band.wavelength, band.weight)
-    assert isinstance(lens.images, FieldPsf)
+    assert isinstance(lens.images, core.FieldPsf)
     assert lens.light is not None
     columns, rows = image_pixels(channel, sensor)
     nyquist = np.array([0.5 / channel.average])
@@ -372,7 +362,7 @@ def first_parameters(goals: Goals) -> First:
 def _electrons(goals: Goals, focal: float, aperture: float, exposure: float) -> float:
     """Equation (4) at one wavelength, summed over all stages."""
     etendue = math.pi / 4 * (aperture / focal) ** 2 * goals.pixel_pitch**2
-    photons = goals.radiance * goals.bandwidth * goals.wavelength / (PLANCK * LIGHT_SPEED)
+    photons = goals.radiance * goals.bandwidth * goals.wavelength / (core.PLANCK * core.LIGHT_SPEED)
     return etendue * photons * goals.efficiency * exposure * goals.stages
 
 

@@ -11,17 +11,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Curve,
-    Floats,
-    Parameters,
-    Range,
-    Streams,
-    Unit,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
 from startrack.earth.imager.brdf import (
     Angles,
     Law,
@@ -35,7 +26,7 @@ from startrack.earth.imager.brdf import (
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
 TEXELS = 1024  # along each side of the texture, which is periodic
-GREY = Curve((), (0.2,))
+GREY = core.Curve((), (0.2,))
 DEPTHS = -1000.0  # metre, below all land
 
 
@@ -46,7 +37,7 @@ class Cover(Parameters):
     It is Lambertian, or one of `ross_li`, `water` and `snow`.
     """
 
-    reflectance: Annotated[Curve,
+    reflectance: Annotated[core.Curve,
         "1 over wavelength: of Lambertian ground; the isotropic weight of `ross_li`; of the "
         "light from below the surface of `water`; the white-sky albedo of `snow`. The "
         "emissivity is 1 minus it, or 1 minus the fraction of a uniform sky that is reflected"
@@ -252,5 +243,5 @@ def on_texture(longitude: Floats, latitude: Floats, cell: float) -> tuple[Floats
 @lru_cache(maxsize=4)
 def _texels(seed: int) -> Floats:
     """A fractal rougher than mountains: fields, forests, rocks; roughness chosen by hand."""
-    values = fractal(TEXELS, TEXELS, Streams(seed, 1), 1.0, 1.2).astype(np.float64)
+    values = fractal(TEXELS, TEXELS, core.Streams(seed, 1), 1.0, 1.2).astype(np.float64)
     return (values - values.mean()) / values.std()

@@ -11,35 +11,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from startrack.core import (
-    ALL,
-    FINITE,
-    LIGHT_SPEED,
-    NON_NEGATIVE,
-    PLANCK,
-    POSITIVE,
-    Curve,
-    Floats,
-    Parameters,
-    Range,
-    Unit,
-    nm,
-    shown,
-    whole,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit, nm
 from startrack.detector import Detector
+from startrack.earth import geometry
 from startrack.earth.atmosphere import Air
-from startrack.earth.geometry import (
-    Aircraft,
-    Carrier,
-    EarthScene,
-    Orbit,
-    Pointing,
-    Sensor,
-    Terrain,
-    choose_carrier,
-    ground_rate,
-)
+from startrack.earth.geometry import Orbit
 from startrack.earth.imager.clouds import CloudLayer
 from startrack.earth.imager.land import Land
 from startrack.io import Layers, from_table, read_table, regular_file, shipped
@@ -93,14 +70,14 @@ class Channel(Parameters):
     name: str
     optics: Optics
     detector: Detector
-    band: Annotated[Curve, "transmittance of the filter, 1 over wavelength"] = ALL
+    band: Annotated[core.Curve, "transmittance of the filter, 1 over wavelength"] = core.ALL
     forwards: Annotated[float, Unit("rad", "deg"), FINITE,
         "radian ahead of the camera's axis; different for stereo lines. With a lens table the "
         "line lies there in the focal plane of the one lens, else it has a lens of its own"
     ] = 0.0  # fmt: skip
     period: Annotated[Annotated[float, Unit("s", "ms")] | None, POSITIVE,
         "from line to line; None for square pixels below, exposed all the time"] = None  # fmt: skip
-    response: Annotated[Curve | None,
+    response: Annotated[core.Curve | None,
         "spectral response of the whole channel to radiance, over its peak, as it is measured; "
         "None: that of band, transmission and quantum efficiency. With it `band` is left out, "
         "and transmission and quantum efficiency are those at its mean wavelength"
@@ -121,7 +98,7 @@ class Channel(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.response is not None:
-            if self.band != ALL:
+            if self.band != core.ALL:
                 raise ValueError("band must be left out beside response")
             if not (self.response.wavelength and any(self.response.value)):
                 raise ValueError("response must have wavelengths, and values above 0")
@@ -155,7 +132,7 @@ class Channel(Parameters):
         """The same without filter."""
         passed = self.optics.transmission(wavelength)
         efficiency = self.detector.quantum_efficiency(wavelength) * self.detector.fill_factor
-        return wavelength / (PLANCK * LIGHT_SPEED) * passed * efficiency
+        return wavelength / (core.PLANCK * core.LIGHT_SPEED) * passed * efficiency
 
     def etendue(self) -> float:
         """Square metre steradian of a pixel: (pi / 4) A_d / f#^2, the pupil's shape included."""
@@ -171,7 +148,7 @@ class Channel(Parameters):
         """Of the image."""
         return self.detector.columns * (2 if self.kind == "staggered" else 1)
 
-    def sensor(self, rays: int, rate: float, pitch: float = 0.0) -> Sensor:
+    def sensor(self, rays: int, rate: float, pitch: float = 0.0) -> geometry.Sensor:
         """The channel for the geometry; one that looks ahead is early, to see the same ground.
 
         rate   radian / second of the ground below
@@ -182,7 +159,7 @@ class Channel(Parameters):
         stages = 1
         if detector.scan:
             stages = detector.scan.stages if self.kind == "tdi" else round(detector.scan.distance)
-        return Sensor(
+        return geometry.Sensor(
             self.kind, self.columns, detector.rows, self.optics.image_distance, detector.pitch,
             self.period, max(stages, 1), rays, late,
         )  # fmt: skip
@@ -278,11 +255,11 @@ class Survey(Parameters):
     """An image to be rendered: camera, carrier, terrain, air and land."""
 
     camera: Annotated[Imager, "its channels"]
-    terrain: Terrain
+    terrain: geometry.Terrain
     orbit: Orbit | None = None
     tle: tuple[str, ...] = ()
-    aircraft: Aircraft | None = None
-    pointing: Pointing = field(default_factory=Pointing)
+    aircraft: geometry.Aircraft | None = None
+    pointing: geometry.Pointing = field(default_factory=geometry.Pointing)
     lines: Annotated[int | None, "of the image; None for those of the whole detector"] = None
     columns: Annotated[int | None, "of the image; None for those of the whole detector"] = None
     rays: Annotated[int, Range(1, 16), "along each side of a pixel"] = 2
@@ -305,13 +282,13 @@ class Survey(Parameters):
         super().__post_init__()
         for name in ("lines", "columns"):
             if getattr(self, name) is not None:
-                whole(2, 2**16, **{name: getattr(self, name)})
+                core.whole(2, 2**16, **{name: getattr(self, name)})
         _ = self.carrier
 
     @property
-    def carrier(self) -> Carrier:
+    def carrier(self) -> geometry.Carrier:
         """Orbit, two-line elements or aircraft."""
-        return choose_carrier(self.orbit, self.tle, self.aircraft)
+        return geometry.choose_carrier(self.orbit, self.tle, self.aircraft)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -322,12 +299,12 @@ class Survey(Parameters):
         """A channel of `channels` with all columns of its detector."""
         return next(own for own in self.camera.channels if own.name == channel.name)
 
-    def scene(self, channel: Channel) -> EarthScene:
+    def scene(self, channel: Channel) -> geometry.EarthScene:
         """The geometry of one channel's image, whose camera is `nominal` or `field_lens`."""
         ahead = 0.0 if channel.optics.tabulated else channel.forwards
         turned = replace(self.pointing, pitch=self.pointing.pitch + ahead)
-        rate = ground_rate(self.carrier)
-        return EarthScene(
+        rate = geometry.ground_rate(self.carrier)
+        return geometry.EarthScene(
             self.terrain, channel.sensor(self.rays, rate, self.pointing.pitch), self.orbit,
             self.tle, self.aircraft, turned, self.sky_rays,
         )  # fmt: skip
@@ -467,7 +444,7 @@ def _unshared(table: dict[str, Any]) -> dict[str, Any]:
     if shared is None or not isinstance(channels, list):
         return table
     if not isinstance(shared, dict):
-        raise ValueError(f"shared must be a table, got {shown(shared)}")
+        raise ValueError(f"shared must be a table, got {core.shown(shared)}")
     own = []
     for channel in channels:
         layers = Layers()

@@ -13,17 +13,8 @@ from numpy.typing import NDArray
 
 from startrack.core import Camera, FieldPsf, Floats, Psf, Streams, deg, lagrange_weights, um
 from startrack.detector import Detector, dark, read_out, response
+from startrack.earth import geometry
 from startrack.earth.atmosphere import Terms
-from startrack.earth.geometry import (
-    Carrier,
-    EarthScene,
-    Jitter,
-    Sensor,
-    Strip,
-    fly,
-    ground_rate,
-    observe_earth,
-)
 from startrack.earth.imager.adjacency import Environment, around_scene, leaving
 from startrack.earth.imager.band import Band, band_of, mean_wavelength, terms_in_band
 from startrack.earth.imager.cloud_radiance import Deck, decks_of, with_clouds
@@ -118,7 +109,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     scene = survey.scene(channel)
     flight = scene.carrier
     glimpse = _coarse_ground(scene, channel, folder)
-    start = fly(flight, np.zeros(1)).position
+    start = geometry.fly(flight, np.zeros(1)).position
     ground = np.concatenate([seen.height for seen in glimpse])
     above = float(geodetic(start)[2][0]) - (float(ground.mean()) if len(ground) else 0.0)
     band = band_of(channel, survey.air, max(above, 1.0), survey.sun_distance)
@@ -134,7 +125,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
         if band.table.spread is not None and len(ground):
             environment = _environment(survey, channel, folder, glimpse, band)
     electrons = channel.etendue() * exposure * band.electrons
-    drift = smear(channel, period, ground_rate(flight))
+    drift = smear(channel, period, geometry.ground_rate(flight))
     setting = Setting(
         period, exposure, drift, lens.images, band, around, electrons, lens.camera, lens.light,
         clouds=decks_of(survey.clouds, band, folder), environment=environment,
@@ -228,7 +219,7 @@ def _blurred(
     return blur.blurred(strips)
 
 
-def turn_of(survey: Survey, seed: int) -> Jitter | None:
+def turn_of(survey: Survey, seed: int) -> geometry.Jitter | None:
     """The turn of the camera over the time since the epoch, for all channels; None without."""
     if survey.motion == Motion():
         return None
@@ -295,12 +286,12 @@ def pixel_electrons(
 
 def _strips(
     survey: Survey, channel: Channel, folder: Path, setting: Setting, picture: Picture,
-    advance: Callable[[int], None], turn: Jitter | None,
+    advance: Callable[[int], None], turn: geometry.Jitter | None,
 ) -> Iterator[NDArray[np.float32]]:  # fmt: skip
     """Radiance (lines, columns, rays), before the lens; also fills in the picture's terms."""
     scene = survey.scene(channel)
     spread = channel.detector.pitch / channel.optics.image_distance / survey.rays
-    for strip in observe_earth(scene, folder, turn, setting.camera):
+    for strip in geometry.observe_earth(scene, folder, turn, setting.camera):
         lines, columns, rays = strip.shape
         here = slice(strip.first, strip.first + lines)
         terms = _along_smile(survey.land, strip, setting, spread)
@@ -314,7 +305,7 @@ def _strips(
         advance(lines)
 
 
-def _along_smile(land: Land, strip: Strip, setting: Setting, spread: float) -> Terms:
+def _along_smile(land: Land, strip: geometry.Strip, setting: Setting, spread: float) -> Terms:
     """The terms of all rays of a strip, each in the band of its column."""
     if not setting.smile:
         return radiance_terms(land, strip.ground, setting, spread)
@@ -360,17 +351,20 @@ def _burning(terms: Terms, land: Land, ground: Ground, setting: Setting, spread:
     )
 
 
-def _place(strip: Strip) -> tuple[Floats, Floats]:
+def _place(strip: geometry.Strip) -> tuple[Floats, Floats]:
     """Longitude and latitude, (lines, columns) radian, of the mean point that each pixel sees."""
     point = np.stack([strip.mean(along) for along in strip.ground.point.T], -1)
     return geodetic(point)[:2]
 
 
-def _coarse_ground(scene: EarthScene, channel: Channel, folder: Path) -> list[Ground]:
+def _coarse_ground(scene: geometry.EarthScene, channel: Channel, folder: Path) -> list[Ground]:
     """The ground of the image by a few rays."""
     coarse = replace(scene, sensor=_coarse(scene.sensor, scene.carrier), sky_rays=0)
     camera = nominal(channel, coarse.sensor)
-    return [strip.ground[strip.ground.hit] for strip in observe_earth(coarse, folder, None, camera)]
+    return [
+        strip.ground[strip.ground.hit]
+        for strip in geometry.observe_earth(coarse, folder, None, camera)
+    ]
 
 
 def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
@@ -399,7 +393,7 @@ def around_of(setting: Setting, ground: Ground) -> Floats | float:
     return setting.environment.at(ground)
 
 
-def _coarse(sensor: Sensor, flight: Carrier) -> Sensor:
+def _coarse(sensor: geometry.Sensor, flight: geometry.Carrier) -> geometry.Sensor:
     """A sensor of few pixels that sees the same ground."""
     across, lines = sensor.camera.columns, min(COARSE, sensor.lines)
     columns = min(COARSE, sensor.columns)

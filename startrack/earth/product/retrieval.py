@@ -12,22 +12,7 @@ from scipy.spatial import KDTree
 
 from startrack.core import Floats, Streams, um, whole
 from startrack.detector import read_out
-from startrack.earth.imager import (
-    INFRARED,
-    MOST_LINES,
-    Band,
-    Channel,
-    Environment,
-    Plane,
-    Setting,
-    Survey,
-    around_of,
-    as_matrix,
-    leaving,
-    pixel_electrons,
-    surrounded,
-    terms_in_band,
-)
+from startrack.earth import imager
 from startrack.earth.terrain import Ground
 
 FRACTIONS = 0.1, 0.3, 0.6, 0.9  # of the largest signal, of the flat frames; chosen by hand
@@ -65,9 +50,9 @@ class Calibration(NamedTuple):
 
 
 def calibrate(
-    survey: Survey,
-    channel: Channel,
-    setting: Setting,
+    survey: imager.Survey,
+    channel: imager.Channel,
+    setting: imager.Setting,
     seed: int,
     count: int | None = None,
     advance: Callable[[int], None] = lambda frames: None,
@@ -90,7 +75,7 @@ def calibrate(
     full = min(full, detector.full_well)
     light = np.array([0.0, *FRACTIONS, TOO_MUCH]) * full / setting.electrons
     names = [own.name for own in survey.camera.channels]
-    first = (len(names) + names.index(channel.name)) * MOST_LINES
+    first = (len(names) + names.index(channel.name)) * imager.MOST_LINES
     mean, variance = [], []
     for level, radiance_of_level in enumerate(light):
         turn = first + level * IN_TURN
@@ -110,25 +95,27 @@ def calibrate(
 
 
 def _lines(
-    channel: Channel, setting: Setting, light: float, count: int, seed: int, turn: int
+    channel: imager.Channel, setting: imager.Setting, light: float, count: int, seed: int, turn: int
 ) -> tuple[Floats, Floats]:
     """Mean and variance (1, columns) of lines in even light, watt / m^2 / sr / m."""
     even = np.full((count, channel.columns), light)
-    electrons = pixel_electrons(channel, setting, even)
-    numbers = read_out(electrons, as_matrix(channel, count), Streams(seed, turn)).astype(float)
+    electrons = imager.pixel_electrons(channel, setting, even)
+    numbers = read_out(electrons, imager.as_matrix(channel, count), Streams(seed, turn)).astype(
+        float
+    )
     return numbers.mean(0, keepdims=True), numbers.var(0, ddof=1, keepdims=True)
 
 
 def _frames(
-    channel: Channel, setting: Setting, light: float, count: int, seed: int, turn: int
+    channel: imager.Channel, setting: imager.Setting, light: float, count: int, seed: int, turn: int
 ) -> tuple[Floats, Floats]:
     """Mean and variance (rows, columns) of frames, likewise."""
     rows = channel.detector.rows
-    electrons = pixel_electrons(channel, setting, np.full((rows, channel.columns), light))
+    electrons = imager.pixel_electrons(channel, setting, np.full((rows, channel.columns), light))
     total, squares = np.zeros((2, rows, channel.columns))
     start = np.zeros((rows, channel.columns))
     for n in range(count):
-        numbers = read_out(electrons, as_matrix(channel, rows), Streams(seed, turn + n))
+        numbers = read_out(electrons, imager.as_matrix(channel, rows), Streams(seed, turn + n))
         values = numbers.astype(float)
         if n == 0:
             start = values  # squares of differences lose no digits
@@ -179,12 +166,12 @@ class Retrieval(NamedTuple):
     temperature: Floats | None
 
 
-def is_thermal(band: Band) -> bool:
+def is_thermal(band: imager.Band) -> bool:
     """Whether thermal radiance exceeds sunlight: its product is a temperature."""
-    return float(band.weight @ band.wavelength) > INFRARED
+    return float(band.weight @ band.wavelength) > imager.INFRARED
 
 
-def retrieve(radiance: Floats, ground: Ground, setting: Setting) -> Retrieval:
+def retrieve(radiance: Floats, ground: Ground, setting: imager.Setting) -> Retrieval:
     """The products of n pixels.
 
     radiance  (n,) watt / m^2 / sr / um
@@ -200,7 +187,7 @@ def retrieve(radiance: Floats, ground: Ground, setting: Setting) -> Retrieval:
     return Retrieval(apparent, surface_reflectance(radiance, ground, setting), None)
 
 
-def apparent_reflectance(radiance: Floats, sun_zenith: Floats, band: Band) -> Floats:
+def apparent_reflectance(radiance: Floats, sun_zenith: Floats, band: imager.Band) -> Floats:
     """Reflectance (n,) at the top of the atmosphere.
 
         pi L / (E_sun cos(sun))
@@ -214,7 +201,7 @@ def apparent_reflectance(radiance: Floats, sun_zenith: Floats, band: Band) -> Fl
     return np.where(cosine > 0, apparent, math.nan)
 
 
-def surface_reflectance(radiance: Floats, ground: Ground, setting: Setting) -> Floats:
+def surface_reflectance(radiance: Floats, ground: Ground, setting: imager.Setting) -> Floats:
     """Reflectance (n,) of Lambertian ground on its slope, in its light of Sun and sky.
 
         rho = (L - L_sc) / (L_dir + L_ind of white ground)
@@ -231,7 +218,9 @@ def surface_reflectance(radiance: Floats, ground: Ground, setting: Setting) -> F
     return out
 
 
-def mean_reflectance(radiance: list[Floats], grounds: list[Ground], setting: Setting) -> float:
+def mean_reflectance(
+    radiance: list[Floats], grounds: list[Ground], setting: imager.Setting
+) -> float:
     """Mean of the surface's reflectance, which illuminates the air from below.
 
         rho' = mean of rho(rho'), solved by iteration over some of the pixels
@@ -255,8 +244,8 @@ def mean_reflectance(radiance: list[Floats], grounds: list[Ground], setting: Set
 
 
 def environment_of(
-    reflectance: Floats, ground: Ground, pixel: float, setting: Setting, more: float = 0.0
-) -> Environment | None:
+    reflectance: Floats, ground: Ground, pixel: float, setting: imager.Setting, more: float = 0.0
+) -> imager.Environment | None:
     """What surrounds each pixel, from the pixels themselves; beyond the image, their mean.
 
     reflectance  (n,) of the surface
@@ -268,8 +257,8 @@ def environment_of(
     if setting.band.table.spread is None or not len(known):
         return None
     here = ground[known]
-    sent = leaving(here, setting.band, np.clip(reflectance[known], 0, 1))
-    plane = Plane(float(here.longitude[0]), float(np.median(here.latitude)))
+    sent = imager.leaving(here, setting.band, np.clip(reflectance[known], 0, 1))
+    plane = imager.Plane(float(here.longitude[0]), float(np.median(here.latitude)))
     nearest = KDTree(np.stack(plane.at(here.longitude, here.latitude), 1))
 
     def values(longitude: Floats, latitude: Floats) -> Floats:
@@ -277,12 +266,12 @@ def environment_of(
         _, at = nearest.query(place, distance_upper_bound=2 * pixel)
         return np.where(at < len(sent), sent[np.minimum(at, len(sent) - 1)], math.nan)
 
-    return surrounded([here], pixel / 2, float(sent.mean()) + more, setting.band, values)
+    return imager.surrounded([here], pixel / 2, float(sent.mean()) + more, setting.band, values)
 
 
 def settled(
-    radiance: Floats, ground: Ground, pixel: float, setting: Setting, more: float = 0.0
-) -> Setting:
+    radiance: Floats, ground: Ground, pixel: float, setting: imager.Setting, more: float = 0.0
+) -> imager.Setting:
     """The setting with what surrounds each pixel, solved by iteration over the whole image.
 
     radiance, ground, pixel, more  as for `surface_reflectance` and `environment_of`
@@ -294,16 +283,18 @@ def settled(
     return setting
 
 
-def _air(ground: Ground, setting: Setting) -> tuple[Floats, Floats]:
+def _air(ground: Ground, setting: imager.Setting) -> tuple[Floats, Floats]:
     """Radiance (n,) of the air, and that of white ground, watt / m^2 / sr / m."""
-    terms = terms_in_band(ground, setting.band, np.ones(1), around_of(setting, ground))
+    terms = imager.terms_in_band(
+        ground, setting.band, np.ones(1), imager.around_of(setting, ground)
+    )
     scattered, direct, indirect = (
         term.astype(np.float64) for term in (terms.scattered, terms.direct, terms.indirect)
     )
     return scattered, direct + indirect
 
 
-def brightness_temperature(radiance: Floats, band: Band) -> Floats:
+def brightness_temperature(radiance: Floats, band: imager.Band) -> Floats:
     """Temperature (n,) kelvin of a blackbody whose radiance in the band is this.
 
     Raises    ValueError where the band has no thermal radiance.
