@@ -13,16 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Mounting, solve
-from startrack.budget.budget import (
-    ALWAYS,
-    NEIGHBOURS,
-    Budget,
-    Line,
-    Sample,
-    bare,
-    causes,
-    refuse_scans,
-)
+from startrack.budget import budget
 from startrack.catalog import open_sky
 from startrack.core import Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument
@@ -68,7 +59,7 @@ def measured(
     times: int = 1,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
-) -> Budget[Sample]:
+) -> budget.Budget[budget.Sample]:
     """Error budget from trials.
 
         contribution of a cause = error - error without it
@@ -87,7 +78,7 @@ def measured(
     Accuracy  statistical: 4 % of an rms across the boresight for 300 members of 1 frame.
     """
     whole(1, 10**7, members=members, times=times)
-    refuse_scans(case)
+    budget.refuse_scans(case)
     size = -(-members // (workers * BLOCKS))
     plan = [range(at, min(at + size, members)) for at in range(0, members, size)]
     blocks = []
@@ -101,12 +92,12 @@ def measured(
     if not good.any():
         raise Refused(f"a budget needs solved trials, got none of {members}")
     lines = [
-        Line(name, term, Sample(table[good, :, k + 1]))
+        budget.Line(name, term, budget.Sample(table[good, :, k + 1]))
         for k, (name, term) in enumerate(terms(case))
     ]
-    return Budget(
+    return budget.Budget(
         tuple(lines),
-        Line("end to end", None, Sample(table[good, :, 0])),
+        budget.Line("end to end", None, budget.Sample(table[good, :, 0])),
         float(np.isfinite(table).all(axis=(2, 3)).mean()),
         float(stars[good].mean()),
     )
@@ -124,7 +115,7 @@ class Content(Enum):
 
 def terms(case: Case) -> tuple[tuple[str, Term], ...]:
     """The lines of a measured budget."""
-    return (*ALWAYS, *((cause.name, cause.term) for cause in causes(case)))
+    return (*budget.ALWAYS, *((cause.name, cause.term) for cause in budget.causes(case)))
 
 
 def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Floats, int]:
@@ -142,14 +133,15 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
         return rows, record.outcome.stars
     trial = _Trial(case, attitude, streams, record)
     error, noise_free = trial.error(case, Content.REAL), trial.error(case, Content.NOISE_FREE)
-    ideal = bare(case)
+    ideal = budget.bare(case)
     parts = {
         SHOT: trial.error(case, Content.SHOT) - noise_free,
         READ: trial.error(case, Content.READ) - noise_free,
-        NEIGHBOURS: trial.error(ideal, Content.NOISE_FREE) - trial.error(ideal, Content.SINGLE),
+        budget.NEIGHBOURS: trial.error(ideal, Content.NOISE_FREE)
+        - trial.error(ideal, Content.SINGLE),
         METHOD: trial.error(ideal, Content.SINGLE),
     }
-    for cause in causes(case):
+    for cause in budget.causes(case):
         content, whole = (
             (Content.REAL, error) if cause.name == HITS else (Content.NOISE_FREE, noise_free)
         )

@@ -9,19 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from startrack.catalog import tables
 from startrack.catalog.catalog import Catalog, assemble
 from startrack.catalog.colour import g_from_hipparcos, g_from_johnson, g_from_tycho
 from startrack.catalog.gaia import read_bright, read_gaia_archive, read_gaia_catalog
-from startrack.catalog.tables import (
-    Records,
-    any_table,
-    csv_table,
-    degrees,
-    fixed_width,
-    numbers,
-    separated,
-    whole_numbers,
-)
 from startrack.core import Floats, Ints, Refused, deg, one_of
 from startrack.io import regular_file
 
@@ -45,10 +36,10 @@ def read_hipparcos(path: Path) -> Catalog:
     Raises  ValueError for a file that is empty, cut, or of another format. 263 stars have no
             astrometric solution: they keep their position to 1 arcsec, without motion.
     """
-    records = separated(path, MAIN, 78, 450)
+    records = tables.separated(path, MAIN, 78, 450)
     ra, dec = records.numbers("RAdeg"), records.numbers("DEdeg")
     unsolved = np.isnan(ra) | np.isnan(dec)
-    rough_ra, rough_dec = degrees(records, "RAhms"), degrees(records, "DEdms")
+    rough_ra, rough_dec = tables.degrees(records, "RAhms"), tables.degrees(records, "DEdms")
     ra = np.where(unsolved, 15 * rough_ra, ra)
     dec = np.where(unsolved, rough_dec, dec)
     hp = records.numbers("Hpmag")
@@ -61,12 +52,12 @@ def read_hipparcos2(path: Path) -> Catalog:
 
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
-    records = fixed_width(path, NEW, 171, 276)
+    records = tables.fixed_width(path, NEW, 171, 276)
     ra, dec = records.numbers("RArad") / deg, records.numbers("DErad") / deg
     return _catalog(records, ra, dec, records.numbers("Hpmag"))
 
 
-def _catalog(records: Records, ra_deg: Floats, dec_deg: Floats, hp: Floats) -> Catalog:
+def _catalog(records: tables.Records, ra_deg: Floats, dec_deg: Floats, hp: Floats) -> Catalog:
     light, name = g_from_hipparcos(hp, records.numbers("V-I")), -records.integers("HIP")
     motion = records.numbers("pmRA"), records.numbers("pmDE"), records.numbers("Plx")
     return assemble(records.path, EPOCH, name, (ra_deg, dec_deg), motion, light, records.line)
@@ -90,7 +81,7 @@ def read_tycho2(path: Path) -> Catalog:
             million stars, takes half a minute and 2.5 GB. Stars brighter than V = 2 or so are not
             in it: they are in suppl_1.dat.
     """
-    records = separated(path, TYCHO2_FIELDS, 32, 206)
+    records = tables.separated(path, TYCHO2_FIELDS, 32, 206)
     mean_ra, mean_dec = records.numbers("RAmdeg"), records.numbers("DEmdeg")
     mean = np.isfinite(mean_ra) & np.isfinite(mean_dec)
     bt, vt = records.numbers("BTmag"), records.numbers("VTmag")
@@ -102,7 +93,7 @@ def read_tycho2(path: Path) -> Catalog:
     return assemble(path, 2000.0, name, (ra, dec), motion, light, records.line)
 
 
-def _identifier(records: Records) -> Ints:
+def _identifier(records: tables.Records) -> Ints:
     parts = [text.split() for text in records.columns["TYC"]]
     for line, part in zip(records.line, parts, strict=True):
         if len(part) != 3 or not all(digits.isdecimal() and len(digits) < 6 for digits in part):
@@ -129,22 +120,22 @@ def read_bsc(path: Path) -> Catalog:
 
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
-    records = _stars(fixed_width(path, BSC_FIELDS, 107, 197))
+    records = _stars(tables.fixed_width(path, BSC_FIELDS, 107, 197))
     light = g_from_johnson(records.numbers("Vmag"), records.numbers("B-V"))
     name = records.integers("HR")
-    place = 15 * degrees(records, "RA", (2, 4)), degrees(records, "DE", (3, 5))
+    place = 15 * tables.degrees(records, "RA", (2, 4)), tables.degrees(records, "DE", (3, 5))
     pm_ra, pm_dec, parallax = (1000 * records.numbers(n) for n in ("pmRA", "pmDE", "Parallax"))
     motion = pm_ra, pm_dec, parallax
     return assemble(path, 2000.0, name, place, motion, light, records.line)
 
 
-def _stars(records: Records) -> Records:
+def _stars(records: tables.Records) -> tables.Records:
     keep = [bool(text.strip()) for text in records.columns["RA"]]
     columns = {
         name: [text for text, star in zip(column, keep, strict=True) if star]
         for name, column in records.columns.items()
     }
-    return Records(records.path, columns, list(np.array(records.line)[keep]))
+    return tables.Records(records.path, columns, list(np.array(records.line)[keep]))
 
 
 # What a table of one's own may hold: the name in `columns`, and the unit that is assumed.
@@ -188,14 +179,16 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     Raises   ValueError for a file that is no table, a column that it has not, or a unit that does
              not convert.
     """
-    table, mapped = any_table(path), column_names(columns)
+    table, mapped = tables.any_table(path), column_names(columns)
     values = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
     nothing = np.full(len(table), np.nan)
     if "magnitude_v" in values:
         light = g_from_johnson(values["magnitude_v"], values.get("b_v", nothing))
     else:
         light = values["magnitude_g"], values.get("colour", nothing)
-    given = ("identifier" in mapped) and whole_numbers(path, table, mapped["identifier"].lower())
+    given = ("identifier" in mapped) and tables.whole_numbers(
+        path, table, mapped["identifier"].lower()
+    )
     pm_ra, pm_dec, parallax = (values.get(n, nothing) for n in ("pm_ra", "pm_dec", "parallax"))
     epochs = np.unique(values["epoch"])
     if len(epochs) != 1:
@@ -219,7 +212,7 @@ def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
             pass
     if name.lower() not in table.colnames:
         raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
-    values, wanted = numbers(path, table, name.lower()), MAPPED[quantity]
+    values, wanted = tables.numbers(path, table, name.lower()), MAPPED[quantity]
     given = table[name.lower()].unit
     if given is None or not wanted:
         return values
@@ -242,25 +235,25 @@ def read_hyg(path: Path) -> Catalog:
 
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
-    table = csv_table(path)
+    table = tables.csv_table(path)
     for name in ("id", "hip", "ra", "dec", "mag", "dist"):
         if name not in table.colnames:
             raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
     line = np.arange(2, len(table) + 2)
-    stars = numbers(path, table, "mag") > -20
+    stars = tables.numbers(path, table, "mag") > -20
     table, line = table[stars], line[stars]
-    hip, number = numbers(path, table, "hip"), numbers(path, table, "id")
+    hip, number = tables.numbers(path, table, "hip"), tables.numbers(path, table, "id")
     identifier = np.where(hip > 0, -hip, number)
     wrong = ~(np.abs(identifier) < 2.0**63)
     if wrong.any():
         raise Refused(f"{path}, line {line[np.argmax(wrong)]}: id must be a whole number")
     identifier = identifier.astype(np.int64)
-    distance = numbers(path, table, "dist")
+    distance = tables.numbers(path, table, "dist")
     near = (distance > 0) & (distance < UNKNOWN_DISTANCE)
-    light = g_from_johnson(numbers(path, table, "mag"), numbers(path, table, "ci"))
+    light = g_from_johnson(tables.numbers(path, table, "mag"), tables.numbers(path, table, "ci"))
     parallax = np.divide(1000.0, distance, out=np.full(len(distance), np.nan), where=near)
-    place = 15 * numbers(path, table, "ra"), numbers(path, table, "dec")
-    motion = numbers(path, table, "pmra"), numbers(path, table, "pmdec"), parallax
+    place = 15 * tables.numbers(path, table, "ra"), tables.numbers(path, table, "dec")
+    motion = tables.numbers(path, table, "pmra"), tables.numbers(path, table, "pmdec"), parallax
     return assemble(path, 2000.0, identifier, place, motion, light, line.tolist())
 
 

@@ -17,16 +17,8 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+from startrack.core import extension
 from startrack.core.checks import finite, non_negative, one_of, positive, refusal, whole, within
-from startrack.core.extension import (
-    file_digest,
-    full_name,
-    is_code,
-    one_of_or_code,
-    origin_of,
-    received,
-    sent_with,
-)
 from startrack.core.units import Unit
 
 NUMBER_OR_TEXT = float | str
@@ -61,7 +53,7 @@ class Range(NamedTuple):
         if self.file or self.free:
             return
         if self.code:
-            one_of_or_code(self.choices, **named)
+            extension.one_of_or_code(self.choices, **named)
         elif self.choices:
             one_of(self.choices, **named)
         elif integer and math.isinf(self.low + self.high):
@@ -195,14 +187,14 @@ class Parameters:
 def _with_full_names(rule: _Rule, value: Any) -> Any:
     group, built_in = rule.range.code, rule.range.choices
     if rule.several:
-        return tuple(full_name(group, built_in, item) for item in value)
-    return full_name(group, built_in, value)
+        return tuple(extension.full_name(group, built_in, item) for item in value)
+    return extension.full_name(group, built_in, value)
 
 
 def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
     """Key, group and name of all code that a parameter object names."""
     for key, rule, name in _named_in(value, place):
-        if rule.code and is_code(name):
+        if rule.code and extension.is_code(name):
             yield key, rule.code, name
 
 
@@ -214,10 +206,10 @@ def inputs_of(value: Any) -> dict[str, str]:
     """
     digests = {}
     for key, rule, name in _named_in(value):
-        if rule.code and is_code(name):
-            digests[f"{key} {name}"] = origin_of(key, name).digest
+        if rule.code and extension.is_code(name):
+            digests[f"{key} {name}"] = extension.origin_of(key, name).digest
         elif rule.file and name and (path := rule.file(name)).is_file():
-            digests[f"{key} {name}"] = file_digest(path)
+            digests[f"{key} {name}"] = extension.file_digest(path)
     return digests
 
 
@@ -240,8 +232,8 @@ class CarriesCode(Parameters):
     """
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "allowed code": sent_with(code_in(self))}
+        return {**self.__dict__, "allowed code": extension.sent_with(code_in(self))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        received(state.pop("allowed code"))
+        extension.received(state.pop("allowed code"))
         self.__dict__.update(state)

@@ -7,14 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 from startrack.core import Floats, Frame, Psf, Refused, Workspace, is_code
-from startrack.detection.matched import (
-    Kernel,
-    kernel_of,
-    offset_filters,
-    peak_density,
-    roughness,
-    threshold_for,
-)
+from startrack.detection import matched
 from startrack.detection.methods import CENTROIDS, CentroidMethod, method_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import (
@@ -56,9 +49,9 @@ class DetectionPlan:
         return method_of(self.settings.centroid)
 
     @cached_property
-    def kernel(self) -> Kernel:
+    def kernel(self) -> matched.Kernel:
         """Matched filter of a star in the middle of a pixel."""
-        return kernel_of(self.settings, self.star.psf)
+        return matched.kernel_of(self.settings, self.star.psf)
 
     @cached_property
     def correction(self) -> Correction | None:
@@ -78,18 +71,18 @@ class DetectionPlan:
     @cached_property
     def filters(self) -> Floats:
         """Matched filters of stars between the pixels, as `offset_filters` gives them."""
-        return offset_filters(self.star.psf, self.kernel)
+        return matched.offset_filters(self.star.psf, self.kernel)
 
     @cached_property
     def roughness(self) -> float:
         """Lambda^(1/2) of the filtered noise per pixel, see `false_alarms`."""
-        return roughness(self.filters, self.kernel)
+        return matched.roughness(self.filters, self.kernel)
 
     def threshold(self, area: int) -> float:
         """Threshold in sigma of normal noise, for a search of so many pixels."""
         if self.settings.false_per_frame is None:
             return self.settings.threshold
-        return threshold_for(self.settings.false_per_frame / (area * self.roughness))
+        return matched.threshold_for(self.settings.false_per_frame / (area * self.roughness))
 
 
 def plan_detection(
@@ -147,7 +140,7 @@ def false_alarms(
               noise is estimated from tiles alone.
     """
     plan, area = planned(settings, psf), columns * rows
-    return area * plan.roughness * peak_density(plan.threshold(area))
+    return area * plan.roughness * matched.peak_density(plan.threshold(area))
 
 
 def threshold_of(

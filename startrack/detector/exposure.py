@@ -13,15 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.core import Floats, Light, Refused, kept
+from startrack.detector import collect
 from startrack.detector.ageing import Flickering, trailed
-from startrack.detector.collect import (
-    apply_response,
-    background,
-    background_tables,
-    diffuse_electrons,
-    electron_rate,
-    mean_wavelength,
-)
 from startrack.detector.law import Tables, law_of, mean_numbers
 from startrack.detector.maps import device_streams, flickering, response
 from startrack.detector.parameters import Detector
@@ -133,7 +126,7 @@ def expose(exposure: Exposure, streams: core.Streams) -> core.Frame:
     _, sky = arriving(exposure.light, exposure.camera, detector, exposure.throughput)
     # Of a uniform background, the frame before leaves as much as this one keeps back.
     evened = detector if exposure.residual_charge is None else replace(detector, lag=0.0)
-    tables = None if exposure.light.diffuse else background_tables(evened, sky)
+    tables = None if exposure.light.diffuse else collect.background_tables(evened, sky)
     return frame_of(electrons, detector, streams, tables)
 
 
@@ -196,13 +189,13 @@ def expected(exposure: Exposure) -> Floats:
         exposure.motion_function,
     )
     # Charge.
-    electrons = background(detector, sky).copy()
-    glow = diffuse_electrons(light, camera, detector, exposure.throughput)
+    electrons = collect.background(detector, sky).copy()
+    glow = collect.diffuse_electrons(light, camera, detector, exposure.throughput)
     if glow is not None:
-        electrons += apply_response(glow, detector)
+        electrons += collect.apply_response(glow, detector)
     colour = None
     if isinstance(exposure.psf, core.FieldPsf):
-        colour = mean_wavelength(light, detector, exposure.throughput)
+        colour = collect.mean_wavelength(light, detector, exposure.throughput)
     draw(electrons, exposure.psf, places, star, detector, colour)
     return carry(electrons, exposure.residual_charge, detector.lag) if detector.lag else electrons
 
@@ -211,7 +204,7 @@ def arriving(
     light: Light, camera: core.Camera, detector: Detector, throughput: Floats
 ) -> tuple[Floats, float]:
     """Electrons of each star (n,), and of the sky in a pixel of mean response, in the exposure."""
-    star, sky = electron_rate(light, detector, throughput)
+    star, sky = collect.electron_rate(light, detector, throughput)
     return star * detector.exposure, float(sky) * detector.exposure / camera.focal_length_px**2
 
 
@@ -275,7 +268,7 @@ def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
         raise Refused("dark_map must be left out where lines scan")
     # On the ground no particle hits, and no star leaves a charge.
     detector = replace(detector, hits=None, lag=0.0)
-    electrons, tables = background(detector, 0.0), background_tables(detector, 0.0)
+    electrons, tables = collect.background(detector, 0.0), collect.background_tables(detector, 0.0)
     seed = int(device_streams(detector)("dark frames").integers(2**62))
     total = np.zeros((detector.rows, detector.columns))
     for number in range(frames):

@@ -6,19 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Streams
+from startrack.detector import pixel_effects
 from startrack.detector.digitise import digitise, digitise_hit, normals, shot
 from startrack.detector.imperfections import offsets, tracks
 from startrack.detector.law import Image, Law, Tables, blank, converted, law_of, nonlinear_signal
 from startrack.detector.maps import device_streams, read_noise
 from startrack.detector.parameters import Detector
-from startrack.detector.pixel_effects import (
-    after_effects,
-    bloom,
-    changed,
-    in_steps,
-    multiply,
-    settle,
-)
 
 
 def read_out(
@@ -35,13 +28,15 @@ def read_out(
     Accuracy   that of `digitise` and of the effects
     """
     law = law_of(detector)
-    if in_steps(detector):
+    if pixel_effects.in_steps(detector):
         level = _signal(_charge(electrons, detector, streams), law, detector, streams)
-        level = after_effects("signal_effects", detector.signal_effects, level, detector, streams)
+        level = pixel_effects.after_effects(
+            "signal_effects", detector.signal_effects, level, detector, streams
+        )
         image = blank(electrons.shape, law)
         image[...] = converted(level, law)
         if detector.image_effects:
-            after = after_effects(
+            after = pixel_effects.after_effects(
                 "image_effects", detector.image_effects, image.astype(float), detector, streams
             )
             image[...] = np.clip(np.rint(after), 0, 2**detector.bits - 1)
@@ -58,10 +53,12 @@ def _charge(electrons: Floats, detector: Detector, streams: Streams) -> Floats:
     if detector.hits:
         pixel, extra = _tracks(electrons, detector, streams)
         charge.ravel()[pixel] += extra
-    charge = changed("charge", charge, detector, streams)
-    charge = after_effects("charge_effects", detector.charge_effects, charge, detector, streams)
+    charge = pixel_effects.changed("charge", charge, detector, streams)
+    charge = pixel_effects.after_effects(
+        "charge_effects", detector.charge_effects, charge, detector, streams
+    )
     if detector.blooming:
-        return bloom(charge, detector.full_well)
+        return pixel_effects.bloom(charge, detector.full_well)
     return np.minimum(charge, detector.full_well)
 
 
@@ -70,18 +67,18 @@ def _signal(charge: Floats, law: Law, detector: Detector, streams: Streams) -> F
     shape = charge.shape
     if detector.em_gain > 1:
         fraction = streams("multiplication").random(shape)
-        charge = multiply(charge, detector.em_gain, fraction)
+        charge = pixel_effects.multiply(charge, detector.em_gain, fraction)
     level = nonlinear_signal(charge, law.full_well, law.nonlinearity)
     if detector.reset_noise:
         level += detector.reset_noise * normals(shape, streams, "reset noise")
     if detector.settling:
-        level = settle(level, detector.settling)
+        level = pixel_effects.settle(level, detector.settling)
     if detector.read_noise:
         level += read_noise(detector) * normals(shape, streams, "read noise")
     if detector.pattern:
         for offset in offsets(detector.pattern, shape, device_streams(detector), streams):
             level += offset
-    return changed("signal", level, detector, streams)
+    return pixel_effects.changed("signal", level, detector, streams)
 
 
 def _tracks(

@@ -15,15 +15,8 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Floats, Ints, arcsec, deg
 from startrack.design import Case
 from startrack.io import save_netcdf
+from startrack.mission import files
 from startrack.mission.engine import CHUNK, Chunk, Flown, Plan, at
-from startrack.mission.files import (
-    Attitudes,
-    Ephemeris,
-    of_ephemeris_time,
-    to_ephemeris_time,
-    write_ck,
-    write_spk,
-)
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import MissionRequirements
 
@@ -261,11 +254,11 @@ def write_kernels(plan: Plan, every: int, orbit: Path, attitude: Path) -> None:
     """
     time = plan.loaded.mission.time
     own = plan.motion.at(0.0, time.step * every, max(-(-time.steps // every), 2))
-    begin = to_ephemeris_time((time.begin,), "utc")[0]
-    epoch = of_ephemeris_time(begin + own.second)
-    write_spk(orbit, Ephemeris(epoch, "tdb", own.place.T, own.speed.T))
+    begin = files.to_ephemeris_time((time.begin,), "utc")[0]
+    epoch = files.of_ephemeris_time(begin + own.second)
+    files.write_spk(orbit, files.Ephemeris(epoch, "tdb", own.place.T, own.speed.T))
     turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
-    write_ck(attitude, Attitudes(epoch, "tdb", turn.as_quat()))
+    files.write_ck(attitude, files.Attitudes(epoch, "tdb", turn.as_quat()))
 
 
 UNITS = {"deg": "degree", "arcsec": "arcsec", "second": "s"}

@@ -13,29 +13,10 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from startrack.core import Camera, FieldPsf, Floats, Ints, Refused
+from startrack.optics import field_images, lens_table
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
-from startrack.optics.field_images import (
-    BAND_NODES,
-    COARSE,
-    FEW_NODES,
-    NODES,
-    Band,
-    band_of,
-    camera_through,
-    frame_nodes,
-    images_over_frame,
-    refuse_band,
-)
+from startrack.optics.field_images import COARSE, NODES, Band, band_of
 from startrack.optics.lens_family import family_table
-from startrack.optics.lens_table import (
-    LensPoints,
-    LensTable,
-    Reals,
-    open_lens,
-    rim_distance,
-    rim_harmonics,
-    spline,
-)
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import at_field
 from startrack.optics.psf_file import open_psf_file
@@ -75,7 +56,7 @@ class Lens(NamedTuple):
     """
 
     optics: Optics
-    table: LensTable
+    table: lens_table.LensTable
     temperature: float
 
     @property
@@ -83,7 +64,7 @@ class Lens(NamedTuple):
         """Size over that of the traced lens."""
         return self.optics.focal_length / self.table.focal_length
 
-    def at(self, wavelength: Floats, field: Floats) -> LensPoints:
+    def at(self, wavelength: Floats, field: Floats) -> lens_table.LensPoints:
         """Its points, in the design's size.
 
         A stop of another size than the traced one scales its image in the pupil; what other
@@ -108,7 +89,7 @@ class Lens(NamedTuple):
             area = area * (_rim_area(used, outline) / _rim_area(clear, traced.outline))
         curvature = traced.curvature / size
         nearer = 1 + curvature[..., None] * self.optics.defocus
-        return LensPoints(
+        return lens_table.LensPoints(
             traced.wavefront * size,
             traced.place * size,
             np.concatenate([stop, used], axis=-1) / nearer,
@@ -144,8 +125,10 @@ def _stopped(stop: Floats, clear: Floats, outline: Floats, used: Floats) -> Floa
         return (p - centre) / half_p, distance * used[..., 2:] * SINES / half_q
 
     for _ in range(RIM_STEPS):
-        distance /= np.maximum(rim_distance(outline, *within(clear)), np.hypot(*within(stop)))
-    return rim_harmonics(distance * COSINES, distance * SINES, outline.shape[-1])
+        distance /= np.maximum(
+            lens_table.rim_distance(outline, *within(clear)), np.hypot(*within(stop))
+        )
+    return lens_table.rim_harmonics(distance * COSINES, distance * SINES, outline.shape[-1])
 
 
 def _rim_area(ellipse: Floats, outline: Floats) -> Floats:
@@ -165,7 +148,7 @@ def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
     if optics.lens_family:
         table = family_table(optics.lens_family, optics.f_number, optics.family_field)
     else:
-        table = open_lens(optics.lens_file)
+        table = lens_table.open_lens(optics.lens_file)
     if optics.f_number < table.f_number * (1 - 1e-6):
         raise Refused(
             f"f_number must be at least {table.f_number:g}, that of the lens table of "
@@ -198,7 +181,7 @@ class _Star:
     amplitude: Floats
     defocus: float
 
-    def path(self, p: Reals, q: Reals) -> Reals:
+    def path(self, p: lens_table.Reals, q: lens_table.Reals) -> lens_table.Reals:
         """W(p, q) of the table, with focus and added aberrations."""
         u, v = self._in_stop(p, q)
         total = _polynomial(self.power, u, v * v)
@@ -245,7 +228,7 @@ class _Star:
         return self._over_square(coordinate, len(self.amplitude), self.light)
 
     def _over_square(
-        self, coordinate: Reals, nodes: int, values: Callable[[Floats, Floats], Floats]
+        self, coordinate: lens_table.Reals, nodes: int, values: Callable[[Floats, Floats], Floats]
     ) -> NDArray[Any]:
         """A product of polynomials along both sides, through Chebyshev nodes."""
         node, through = _chebyshev(nodes)
@@ -280,7 +263,7 @@ class _Star:
         opened = np.ones_like(square)
         edge = np.flatnonzero(square > max(1 / self.around.max() - soft, 0) ** 2)
         a, b = a[edge], b[edge]
-        rim = rim_distance(self.outline, a, b)
+        rim = lens_table.rim_distance(self.outline, a, b)
         # Of an ellipse the gradient of its distance is this over the distance itself.
         steep = np.hypot(a / half_p, b / half_q)
         opened[edge] = soft_step((rim - 1) * (a * a + b * b) / (rim * steep * np.float32(cell)))
@@ -297,7 +280,7 @@ class _Star:
     def _rays(self, u: Floats, v: Floats, weight: Floats) -> tuple[Floats, Floats, Floats]:
         """`rays` at places (n,) of the unit disk."""
         centre, half_p, half_q = self.pupil[3:]
-        farther = np.hypot(u, v) / rim_distance(self.outline, u, v)
+        farther = np.hypot(u, v) / lens_table.rim_distance(self.outline, u, v)
         p, q = centre + half_p * u * farther, half_q * v * farther
         step_p, step_q = STEP * half_p, STEP * half_q
         # One call for the four shifted sets of rays.
@@ -323,7 +306,7 @@ class _Star:
     @cached_property
     def around(self) -> Floats:
         """The ellipse over the rim, in the directions AROUND."""
-        return np.asarray(rim_distance(self.outline, COSINES, SINES), float)
+        return np.asarray(lens_table.rim_distance(self.outline, COSINES, SINES), float)
 
 
 def _disk(square: Floats, weight: Floats, spokes: int) -> tuple[Floats, Floats, Floats]:
@@ -354,7 +337,7 @@ GAUSSIAN = _gaussian()
 COSINES, SINES = np.cos(AROUND), np.sin(AROUND)
 
 
-def _polynomial(power: Floats, u: Reals, w: Reals) -> Reals:
+def _polynomial(power: Floats, u: lens_table.Reals, w: lens_table.Reals) -> lens_table.Reals:
     """Sum of power[..., i, j] u^i w^j of u and w (..., n), by Horner's rule."""
     degree, squares = power.shape[-2:]
     total = np.zeros_like(u)
@@ -393,7 +376,9 @@ def _powers(noll: tuple[int, ...]) -> Floats:
     return table
 
 
-def _power_series(table: LensTable, points: LensPoints) -> tuple[Floats, Floats]:
+def _power_series(
+    table: lens_table.LensTable, points: lens_table.LensPoints
+) -> tuple[Floats, Floats]:
     """Coefficients (n, m, i, j) of u^i v^(2 j) of the wavefront (metre) and of the amplitude.
 
     Those of an even amplitude are no numbers.
@@ -443,7 +428,7 @@ def fit_camera(
     Accuracy   what the four coefficients leave is in the images of a frame: the shift of
                `field_psf`.
     """
-    refuse_band("lens_file", lens.table.wavelength, wavelength, spectrum[None])
+    field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectrum[None])
     band = band_of(wavelength, spectrum[None], _wavelengths(lens.optics))
     last = float(lens.table.field[-1])
     nodes = np.linspace(0, last, CAMERA_NODES)
@@ -453,17 +438,19 @@ def fit_camera(
     mirrored = np.concatenate([-nodes[:0:-1], nodes]), np.concatenate([-centroid[:0:-1], centroid])
 
     def places(angles: Floats) -> Floats:
-        return spline(*mirrored, angles, 0)
+        return lens_table.spline(*mirrored, angles, 0)
 
-    return camera_through(places, last, "lens_file", columns, rows, pitch, principal)
+    return field_images.camera_through(places, last, "lens_file", columns, rows, pitch, principal)
 
 
-def _centroids(lens: Lens, points: LensPoints) -> Floats:
+def _centroids(lens: Lens, points: lens_table.LensPoints) -> Floats:
     """Centroids (n, m) of stars along the radius, metre, without the design's aberrations."""
     power, amplitude = _power_series(lens.table, points)
     centre, half_p, half_q, middle, open_p, open_q = np.moveaxis(points.pupil, -1, 0)[..., None]
     u, v, weight = GAUSSIAN
-    farther = np.hypot(u, v) / rim_distance(points.outline, *np.broadcast_arrays(u, v, middle)[:2])
+    farther = np.hypot(u, v) / lens_table.rim_distance(
+        points.outline, *np.broadcast_arrays(u, v, middle)[:2]
+    )
     p, q = middle + open_p * u * farther, open_q * v * farther
     # A ray meets the detector at -dW/dp.
     along = power[..., 1:, :] * np.arange(1.0, power.shape[-2])[:, None]
@@ -477,7 +464,7 @@ def _centroids(lens: Lens, points: LensPoints) -> Floats:
 
 def _wavelengths(optics: Optics) -> int:
     """How many stand for a band."""
-    return BAND_NODES if optics.psf_tolerance < COARSE else FEW_NODES
+    return field_images.BAND_NODES if optics.psf_tolerance < COARSE else field_images.FEW_NODES
 
 
 def field_psf(
@@ -506,10 +493,12 @@ def field_psf(
                  lie evenly over the image instead of beyond it; light beyond 20 pixels is left out
                  there, which moves the budget of a tracker by less than 0.2 %.
     """
-    refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
+    field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     band = band_of(wavelength, spectra, _wavelengths(lens.optics))
     plan = _Plan(lens, camera, pitch, band, fill_factor, diffusion)
-    return images_over_frame(plan, camera, colour, lens.optics.psf_tolerance < COARSE, nodes)
+    return field_images.images_over_frame(
+        plan, camera, colour, lens.optics.psf_tolerance < COARSE, nodes
+    )
 
 
 def mirrored(optics: Optics, camera: Camera) -> bool:
@@ -568,7 +557,7 @@ class _Plan:
 
     def _extreme_places(self) -> list[tuple[float, float]]:
         """Places (pixel from the axis) whose images are the widest: corners, and the axis."""
-        columns, rows = (nodes[[0, -1]] for nodes in frame_nodes(self.camera))
+        columns, rows = (nodes[[0, -1]] for nodes in field_images.frame_nodes(self.camera))
         x, y = self.camera.centre
         corners = [(u - x, v - y) for u in columns for v in rows]
         if self.symmetric:

@@ -27,23 +27,14 @@ from startrack.metrics import STATED_ALONE, Summary, bracketed, fraction_interva
 from startrack.montecarlo import Ending, Serial, Store, endings, run
 from startrack.plots import BLACK, BLUE, RED, draw_solution, legend_below, say, styled
 from startrack.population import PerUnit, explain, per_unit, unit_errors
-from startrack.report.page import (
-    HIGH,
-    WIDE,
-    Picture,
-    Section,
-    figure,
-    panels,
-    paragraph,
-    records,
-    table,
-)
+from startrack.report import page
+from startrack.report.page import figure, table
 from startrack.trial import observe, searched
 
 OTHER = 2 * 10**8  # number of the first trial in the other conditions, which no command repeats
 
 
-def design(case: Case) -> Section:
+def design(case: Case) -> page.Section:
     """The design in ten lines."""
     instrument, tracker = case.instrument, case.tracker
     optics, detector, camera = instrument.optics, instrument.detector, instrument.camera
@@ -71,21 +62,23 @@ def design(case: Case) -> Section:
         ["identification", f"{identification.min_matches} stars at least; focal length known to "
                            f"{100 * identification.focal_tolerance:.2g} %"],
     ]  # fmt: skip
-    return Section("Design", table("The design in ten lines", ["part", "value"], rows))
+    return page.Section("Design", table("The design in ten lines", ["part", "value"], rows))
 
 
 def verdict(
     store: Store, outcomes: NDArray[np.void], trials: int, advance: Callable[[int], None]
-) -> Section:
+) -> page.Section:
     """Each requirement of the campaign, by analysis and by trials.
 
     trials  in each condition but the design's own, whose trials are those of the store
     """
     campaign = store.campaign
     if campaign is None:
-        return Section("Verdict", paragraph("The design names no requirement."))
+        return page.Section("Verdict", page.paragraph("The design names no requirement."))
     if store.sampling.attitudes != "random":
-        return Section("Verdict", paragraph("A verdict needs trials at random attitudes."))
+        return page.Section(
+            "Verdict", page.paragraph("A verdict needs trials at random attitudes.")
+        )
 
     def of(case: Case, number: int) -> NDArray[np.void]:
         if case == store.case:
@@ -100,7 +93,7 @@ def verdict(
         else None
     )
     if looks is None:
-        return Section("Verdict", paragraph("A verdict needs two trials or more."))
+        return page.Section("Verdict", page.paragraph("A verdict needs two trials or more."))
     verified = verification.verify(store.case, campaign, of, store.seed, looks)
     own = verified.verdicts[0].condition
     counts = [
@@ -113,11 +106,11 @@ def verdict(
         f"each other one on {trials}. {lines[-1].partition('decided; ')[2]} "
         "Each end of the bounds is one-sided, as the test asks; intervals elsewhere are two-sided."
     )
-    return Section(
+    return page.Section(
         "Verdict",
-        paragraph(f"All requirements together: {verified.answer.value}.")
-        + records("Requirements", verification.verdict_table(verified))
-        + "".join(paragraph(line) for line in lines),
+        page.paragraph(f"All requirements together: {verified.answer.value}.")
+        + page.records("Requirements", verification.verdict_table(verified))
+        + "".join(page.paragraph(line) for line in lines),
     )
 
 
@@ -132,7 +125,7 @@ def other_conditions(store: Store) -> int:
     return len(verification.cases(store.case, campaign)[0]) - 1 if campaign else 0
 
 
-def lost(store: Store, outcomes: NDArray[np.void]) -> Section:
+def lost(store: Store, outcomes: NDArray[np.void]) -> page.Section:
     """How trials ended, with counts."""
     needs = campaign.requirements if (campaign := store.campaign) else None
     attitudes = store.sampling.attitudes_of(store.seed, outcomes["trial"].tolist())
@@ -152,7 +145,7 @@ def lost(store: Store, outcomes: NDArray[np.void]) -> Section:
         cells = (percent(100 * value) for value in (share.value, share.low, share.high))
         rows.append([ending.value, str(count), *cells, example])
     head = ["end", "trials", "%", "from", "to", "the first"]
-    return Section("Lost trials", table("How the trials ended", head, rows))
+    return page.Section("Lost trials", table("How the trials ended", head, rows))
 
 
 TITLE = "Error budget"
@@ -160,7 +153,7 @@ TITLE = "Error budget"
 
 def budget(
     case: Case, seed: int, members: int, summary: Summary, advance: Callable[[int], None]
-) -> Section:
+) -> page.Section:
     """Each cause in the terms of ECSS-E-ST-60-20C, analytic and measured; or why there is none.
 
     summary  of the campaign's trials, with which the formulas are compared
@@ -171,7 +164,7 @@ def budget(
         expected = analytic(case)
         by_trials = measured(case, members, seed, Serial(), progress=advance)
     except Refused as error:
-        return Section(TITLE, paragraph(f"There is none for this design: {error}."))
+        return page.Section(TITLE, page.paragraph(f"There is none for this design: {error}."))
     beside = {line.name: line for line in by_trials.lines}
     named = {line.name: line for line in expected.lines}
     rows = []
@@ -182,17 +175,17 @@ def budget(
     rows.append(["root sum square", "", *_sum(expected), *_sum(by_trials)])
     rows.append(["end to end", "", *_cells(expected.whole), *_intervals(by_trials.whole)])
     head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
-    return Section(
+    return page.Section(
         TITLE,
         table("Rms per axis, arcsec", head, rows)
-        + paragraph(
+        + page.paragraph(
             "By the analytic budget an attitude is available in "
             f"{100 * expected.availability:.2f} % of the sky with {expected.stars:.1f} stars; "
             f"over {members} trials, in which each cause is switched off in turn, "
             f"in {100 * by_trials.availability:.2f} % with {by_trials.stars:.1f}."
         )
         + "".join(
-            paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
+            page.paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
             for sentence in (
                 *caveats(case, expected.left_out, expected.refused),
                 *(
@@ -227,7 +220,7 @@ def _sum(budget: Budget[Any]) -> list[str]:
 SHOWN = 6  # numbers that changed the worst unit most
 
 
-def units(store: Store, outcomes: NDArray[np.void]) -> list[Section]:
+def units(store: Store, outcomes: NDArray[np.void]) -> list[page.Section]:
     """The section on units; none where all trials are of the unit as designed."""
     how = store.sampling.units
     if how is None:
@@ -246,7 +239,9 @@ def units(store: Store, outcomes: NDArray[np.void]) -> list[Section]:
         f"Yield: units that meet each limit, at {years:g} years",
         ["requirement", "at most (arcsec)", "%", "from", "to"],
         rows,
-    ) if rows else paragraph("The design limits no error, so that there is no yield.")  # fmt: skip
+    ) if rows else page.paragraph(
+        "The design limits no error, so that there is no yield."
+    )  # fmt: skip
     pictures = [
         _spread(errors, name, limits.get(name))
         for name, errors in (("across", by_unit.across), ("about", by_unit.about))
@@ -255,22 +250,26 @@ def units(store: Store, outcomes: NDArray[np.void]) -> list[Section]:
         f"Rms error of each of {len(by_unit.unit)} units, over {how.trials} trials in "
         f"{how.environments} environments at {years:g} years."
     )
-    text = paragraph(
+    text = page.paragraph(
         "Summary, distributions and sky are of all units together, the worst trials each of its "
         "unit; the sections on stars, slew rate, budget and fidelities, and the verdict's other "
         "conditions, are of the unit as designed."
     )
     return [
-        Section("Units", shown + panels(pictures, "units", caption) + _worst(store, by_unit) + text)
+        page.Section(
+            "Units", shown + page.panels(pictures, "units", caption) + _worst(store, by_unit) + text
+        )
     ]
 
 
 @styled
-def _spread(errors: Floats, name: str, limit: float | None) -> Picture:
+def _spread(errors: Floats, name: str, limit: float | None) -> page.Picture:
     """Histogram of the rms of the units."""
-    figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+    figure = Figure(figsize=(page.WIDE, page.HIGH), layout="constrained")
     axes, finite = figure.subplots(), errors[np.isfinite(errors)] / arcsec
-    picture = Picture(figure, f"Histogram of the rms {name} the boresight of {len(finite)} units")
+    picture = page.Picture(
+        figure, f"Histogram of the rms {name} the boresight of {len(finite)} units"
+    )
     axes.set(xlabel=f"rms {name} the boresight (arcsec)", ylabel="units")
     if not len(finite):
         say(axes, "no attitude")
@@ -294,7 +293,7 @@ def _worst(store: Store, by_unit: PerUnit) -> str:
         return ""
     rms = float(np.nanmax(by_unit.across)) / arcsec
     if store.sampling.fidelity is not Fidelity.COVARIANCE:
-        return paragraph(
+        return page.paragraph(
             f"The worst unit is {worst}, with {rms:.3g} arcsec rms across. What made it bad is "
             "explained for trials of fidelity covariance."
         )

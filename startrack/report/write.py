@@ -18,17 +18,8 @@ from startrack.design import Case, Fidelity
 from startrack.io import to_table
 from startrack.montecarlo import Sampling, Store, fidelity_comparison, origin
 from startrack.population import unit_of
-from startrack.report import sections
+from startrack.report import pictures, sections
 from startrack.report.page import Section, code, page, panels, paragraph, table
-from startrack.report.pictures import (
-    FRACTIONS,
-    draw_slews,
-    draw_stars,
-    exceedance,
-    quantiles,
-    sizes,
-    sky_map,
-)
 
 MOST_POINTS = 5000  # trials on the map
 
@@ -153,18 +144,18 @@ def _verdict(summary: metrics.Summary) -> str:
 
 
 def _distributions(outcomes: NDArray[np.void]) -> Section:
-    across, about = sizes(outcomes)
+    across, about = pictures.sizes(outcomes)
     rows = [
         [f"{100 * fraction:g} %", *_cells(first, arcsec), *_cells(second, arcsec)]
         for fraction, first, second in zip(
-            FRACTIONS, quantiles(across), quantiles(about), strict=True
+            pictures.FRACTIONS, pictures.quantiles(across), pictures.quantiles(about), strict=True
         )
     ]
     head = ["fraction not exceeding", "across, radial", "from", "to", "about", "from", "to"]
     caption = f"How often an error is exceeded, over {len(across)} attitudes that are not false."
     return Section(
         "Distributions",
-        panels(exceedance(outcomes), "spread", caption)
+        panels(pictures.exceedance(outcomes), "spread", caption)
         + table("Angles that a fraction of the trials does not exceed, arcsec", head, rows),
     )
 
@@ -176,7 +167,7 @@ def _sky(outcomes: NDArray[np.void], sampling: Sampling, seed: int) -> Section:
     return Section(
         "Sky",
         panels(
-            sky_map(boresight, shown),
+            pictures.sky_map(boresight, shown),
             "sky",
             f"ICRS, Mollweide's equal-area projection, right ascension grows to the left; the "
             f"first {len(shown)} trials.",
@@ -193,10 +184,10 @@ def _closer(
         case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance
     )
     detector = case.instrument.detector
-    stars = draw_stars(seen, math.hypot(detector.columns, detector.rows) / 2)
+    stars = pictures.draw_stars(seen, math.hypot(detector.columns, detector.rows) / 2)
     slewed = budget.slews(case, seed, depth.slews, advance)
     rate = case.instrument.motion.rate
-    turned = draw_slews(
+    turned = pictures.draw_slews(
         slewed, rate, budget.analytic_curve(case, budget.slew_rates(case, budget.LONGEST))
     )
     rows = [

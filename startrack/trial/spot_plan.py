@@ -16,21 +16,11 @@ from startrack.design import Case, Fidelity
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
 from startrack.scene import Scene, illuminate
+from startrack.trial import spot_response
 from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, with_uniform_dark
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
 from startrack.trial.images import colour_range, field_psf_of, psf_of
-from startrack.trial.spot_response import (
-    RATIOS,
-    REACH,
-    Grid,
-    Response,
-    companion_shift,
-    fluxes_between,
-    hot_pixels,
-    response_of,
-    response_of_zones,
-)
 from startrack.trial.stars import mean_colour, sky_electrons, throughput
 from startrack.trial.systematic import systematic_variance
 from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
@@ -129,7 +119,7 @@ class Plan(NamedTuple):
     Accuracy  model: hot pixels near companions, and which of two spots is brighter, are left out.
     """
 
-    response: Response
+    response: spot_response.Response
     pull: Floats
     field: Field
     companions: Companions
@@ -228,13 +218,13 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     believed = open_sky(case.believed_catalog).stars
     there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
-    grid = Grid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
-    radius = (REACH + 1) / camera.focal_length_px
+    grid = spot_response.Grid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
+    radius = (spot_response.REACH + 1) / camera.focal_length_px
     return Plan(
-        response_of_zones(grid, faintest, brightest)
+        spot_response.response_of_zones(grid, faintest, brightest)
         if lens
-        else response_of(grid, faintest, brightest),
-        companion_shift(grid, TYPICAL * faintest),
+        else spot_response.response_of(grid, faintest, brightest),
+        spot_response.companion_shift(grid, TYPICAL * faintest),
         Field(
             np.ascontiguousarray(stars.direction[detectable]),
             np.ascontiguousarray(believed.direction[there]), is_known,
@@ -248,7 +238,7 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         false_alarms(detection_plan(even), detector.columns, detector.rows)
         + (empty.spots if empty else 0.0),
         through_of(case),
-        hot_pixels(grid, case, fluxes_between(faintest, brightest)),
+        spot_response.hot_pixels(grid, case, spot_response.fluxes_between(faintest, brightest)),
     )  # fmt: skip
 
 
@@ -336,7 +326,7 @@ def _companions(directions: Floats, flux: Floats, detectable: Ints, radius: floa
     pairs = cKDTree(directions[detectable]).query_ball_tree(cKDTree(directions), radius)
     row = np.repeat(np.arange(len(detectable)), [len(near) for near in pairs])
     other = np.fromiter(chain.from_iterable(pairs), np.int64, len(row))
-    bright = flux[other] > flux[detectable][row] * math.exp(RATIOS[0])
+    bright = flux[other] > flux[detectable][row] * math.exp(spot_response.RATIOS[0])
     kept = (other != np.asarray(detectable)[row]) & bright
     start = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=len(detectable)))])
     other = other[kept]

@@ -12,28 +12,8 @@ import numpy as np
 from startrack.core import FieldPsf, Floats, Ints, Psf, kept
 from startrack.design import Case, Instrument
 from startrack.optics import mirrored
+from startrack.trial import star_errors, star_response
 from startrack.trial.images import field_psf_of, psf_of, sunlike_colour, with_images_of
-from startrack.trial.star_errors import (
-    READ,
-    SHOT,
-    TYPICAL,
-    Errors,
-    errors,
-    mean_of,
-    moment_of,
-    noisy_stars,
-)
-from startrack.trial.star_response import (
-    Search,
-    StarImages,
-    cell_side,
-    chart,
-    detection_probability,
-    point_images,
-    scale,
-    smear_extent,
-    star_images,
-)
 from startrack.trial.stars import mean_by_colour, sorted_wavelengths
 
 PLACES = 5  # zones along each side of the frame
@@ -116,8 +96,8 @@ def centroid_shift(case: Case) -> FieldPsf:
     ]
     unique, which, mirror = unique_places(case, nodes)
     point = np.concatenate([_mean_points(case), *(_points(case, *node) for node in unique)])
-    images_of_all = StarImages(point, np.tile(place, (len(unique) + 1, 1)))
-    offset = chart(case, _typical(case), images_of_all, both_signs=False).offset[0]
+    images_of_all = star_response.StarImages(point, np.tile(place, (len(unique) + 1, 1)))
+    offset = star_response.chart(case, _typical(case), images_of_all, both_signs=False).offset[0]
     offset = np.nan_to_num(offset.reshape(len(unique) + 1, len(place), 2)).mean(axis=1)
     apart = (mirror @ (offset[1:] - offset[0])[which][..., None])[..., 0]
     value = images.value[..., :3].copy()
@@ -208,21 +188,23 @@ def zone_errors(case: Case) -> ZoneErrors:
 
     Accuracy  model: noise and detection are those of the middle of the zone.
     """
-    star = errors(case)
+    star = star_errors.errors(case)
     coarse = np.unique(np.append(np.arange(0, len(star.magnitude), EVERY), len(star.magnitude) - 1))
     magnitude = star.magnitude[coarse]
     unique, which, mirror = unique_places(case, zones_of(case).middles)
     points = [_mean_points(case), *(_points(case, *place) for place in unique)]
     # One sign, because only differences from the mean image count.
-    images = StarImages(np.concatenate(points), np.tile(_positions(), (len(points), 1)))
-    every = noisy_stars(case, magnitude, images, both_signs=False, groups=len(points))
+    images = star_response.StarImages(
+        np.concatenate(points), np.tile(_positions(), (len(points), 1))
+    )
+    every = star_errors.noisy_stars(case, magnitude, images, both_signs=False, groups=len(points))
     mean, *parts = (
         every.at(slice(k, k + POSITIONS)) for k in range(0, len(images.place), POSITIONS)
     )
     stated, shot, read, field, kept = [], [], [], [], []
     for zone in parts:
         both_stated, both_noise, both_shot = (
-            (mean_of(here, zone.kept), mean_of(there, mean.kept))
+            (star_errors.mean_of(here, zone.kept), star_errors.mean_of(there, mean.kept))
             for here, there in (
                 (zone.plain.covariance, mean.plain.covariance),
                 (zone.noise, mean.noise),
@@ -230,13 +212,13 @@ def zone_errors(case: Case) -> ZoneErrors:
             )
         )
         stated.append(scaled_to_zone(star, star.stated, magnitude, *both_stated))
-        shot.append(scaled_to_zone(star, star.random[SHOT], magnitude, *both_shot))
+        shot.append(scaled_to_zone(star, star.random[star_errors.SHOT], magnitude, *both_shot))
         # Read noise alone is nearly none, of either sign, where the brightest stars saturate.
-        noise = star.random[SHOT] + star.random[READ]
+        noise = star.random[star_errors.SHOT] + star.random[star_errors.READ]
         read.append(scaled_to_zone(star, noise, magnitude, *both_noise) - shot[-1])
         apart = zone.plain.offset - mean.plain.offset
         both = np.minimum(zone.kept, mean.kept)
-        moved = moment_of(apart - mean_of(apart, both)[:, None], both)
+        moved = star_errors.moment_of(apart - star_errors.mean_of(apart, both)[:, None], both)
         field.append(_between(star.magnitude, magnitude, moved))
         ratio = zone.kept.mean(axis=1) / np.maximum(mean.kept.mean(axis=1), 1e-9)
         kept.append(np.minimum(star.kept * np.interp(star.magnitude, magnitude, ratio), 1.0))
@@ -248,14 +230,14 @@ def zone_errors(case: Case) -> ZoneErrors:
     random = {
         cause: np.broadcast_to(covariance, (zones, *covariance.shape))
         for cause, covariance in star.random.items()
-    } | {SHOT: by_shot, READ: by_read, LENS_FIELD: by_field}
+    } | {star_errors.SHOT: by_shot, star_errors.READ: by_read, LENS_FIELD: by_field}
     return ZoneErrors(
         star.magnitude, np.stack(points[1:]), which, np.stack(kept)[which], by_tracker, random
     )
 
 
 def scaled_to_zone(
-    star: Errors, covariance: Floats, magnitude: Floats, zone: Floats, mean: Floats
+    star: star_errors.Errors, covariance: Floats, magnitude: Floats, zone: Floats, mean: Floats
 ) -> Floats:
     """Covariances (m, 2, 2) of the mean image, scaled to those of a zone.
 
@@ -284,13 +266,17 @@ def _between(at: Floats, magnitude: Floats, covariance: Floats) -> Floats:
     return np.stack(between, axis=-1).reshape(-1, 2, 2)
 
 
-def zone_detection(case: Case, magnitude: Floats, search: Search | None = None) -> Floats:
+def zone_detection(
+    case: Case, magnitude: Floats, search: star_response.Search | None = None
+) -> Floats:
     """Fraction (z, m) of the stars of a magnitude that pass the threshold in each zone.
 
     search  as of `detection_probability`
     """
     zones = zone_errors(case)
-    fractions = [detection_probability(case, magnitude, point, search) for point in zones.point]
+    fractions = [
+        star_response.detection_probability(case, magnitude, point, search) for point in zones.point
+    ]
     return np.stack(fractions)[zones.which]
 
 
@@ -306,7 +292,7 @@ def unique_places(
     """
     instrument = case.instrument
     alike = mirrored(instrument.optics, instrument.camera) and not instrument.detector.settling
-    alike = alike and smear_extent(instrument) < STILL
+    alike = alike and star_response.smear_extent(instrument) < STILL
     centre_x, centre_y = instrument.camera.centre
     numbers: dict[tuple[float, float, float], int] = {}
     unique, which, mirror = list[tuple[float, float, float]](), [], []
@@ -346,13 +332,13 @@ def _mean_points(case: Case) -> Floats:
 
 def _images(case: Case, psf: Psf) -> Floats:
     instrument: Instrument = case.instrument
-    side = cell_side(instrument, case.tracker.detection)
-    return star_images(instrument, _positions(), side, psf)
+    side = star_response.cell_side(instrument, case.tracker.detection)
+    return star_response.star_images(instrument, _positions(), side, psf)
 
 
 def _typical(case: Case) -> Floats:
     """Magnitude (1,) of the star whose shifts are measured."""
-    size = scale(case)
+    size = star_response.scale(case)
     room = max(HALF * size.largest - size.background, 1.0)
-    full = -2.5 * math.log10(room / (size.star * float(point_images(case).max())))
-    return np.array([max(TYPICAL, full)])
+    full = -2.5 * math.log10(room / (size.star * float(star_response.point_images(case).max())))
+    return np.array([max(star_errors.TYPICAL, full)])

@@ -14,20 +14,9 @@ import numpy as np
 
 from startrack import core
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
+from startrack.earth.geometry import sight
 from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, choose_carrier
-from startrack.earth.geometry.sight import (
-    Dating,
-    Elements,
-    Jitter,
-    Pointing,
-    ground_rate,
-    line_elements,
-    matrix_elements,
-    scan_lines,
-    staggered_elements,
-    tdi_elements,
-    together,
-)
+from startrack.earth.geometry.sight import Elements
 from startrack.earth.terrain import (
     EQUATORIAL,
     Array,
@@ -76,27 +65,27 @@ class Sensor(Parameters):
         """Elements of each line of a matrix; of other detectors one for all lines."""
         middle = self.camera.centre[1]
         if self.detector == "matrix":
-            return matrix_elements(self.columns, self.lines)
+            return sight.matrix_elements(self.columns, self.lines)
         if self.detector == "staggered":
             pace = self._square(orbit) / self.dating(orbit).period
             first = middle - self.stages / 2
-            return [staggered_elements(self.columns, first, self.stages, lines_a_pixel=pace)]
+            return [sight.staggered_elements(self.columns, first, self.stages, lines_a_pixel=pace)]
         if self.detector == "tdi":
-            return [tdi_elements(self.columns, middle, self.stages)]
-        return [line_elements(self.columns, middle)]
+            return [sight.tdi_elements(self.columns, middle, self.stages)]
+        return [sight.line_elements(self.columns, middle)]
 
-    def dating(self, orbit: Carrier) -> Dating:
+    def dating(self, orbit: Carrier) -> sight.Dating:
         """The image is taken around the epoch of the orbit, or `delay` after it."""
         if self.detector == "matrix":
-            return Dating(self.delay)
+            return sight.Dating(self.delay)
         period = self.period
         if period is None:
             period = self._square(orbit) / (2 if self.detector == "staggered" else 1)
-        return Dating(self.delay - 0.5 * (self.lines - 1) * period, period)
+        return sight.Dating(self.delay - 0.5 * (self.lines - 1) * period, period)
 
     def _square(self, orbit: Carrier) -> float:
         """Second in which the ground below moves by a pixel."""
-        return self.pixel_pitch / self.focal_length / ground_rate(orbit)
+        return self.pixel_pitch / self.focal_length / sight.ground_rate(orbit)
 
 
 @dataclass(frozen=True)
@@ -200,7 +189,7 @@ class EarthScene(Parameters):
     orbit: Orbit | None = None
     tle: Annotated[tuple[str, ...], "two lines of a satellite, instead of an orbit"] = ()
     aircraft: Annotated[Aircraft | None, "instead of both"] = None
-    pointing: Pointing = field(default_factory=Pointing)
+    pointing: sight.Pointing = field(default_factory=sight.Pointing)
     sky_rays: Annotated[int, Range(0, 2**12),
         "rays from each point that sample the sky; 0 for none"] = 0  # fmt: skip
 
@@ -247,7 +236,10 @@ class Strip:
 
 
 def observe_earth(
-    scene: EarthScene, folder: Path, turn: Jitter | None = None, camera: core.Camera | None = None
+    scene: EarthScene,
+    folder: Path,
+    turn: sight.Jitter | None = None,
+    camera: core.Camera | None = None,
 ) -> Iterator[Strip]:
     """Ground that all pixels of a scene see, some lines at a time.
 
@@ -266,8 +258,8 @@ def observe_earth(
         count = min(step, sensor.lines - first)
         row, lines = elements[0], np.arange(first, first + count, dtype=np.float64)
         if len(elements) > 1:  # a matrix, whose rows are exposed together
-            row, lines = together(elements[first : first + count]), np.zeros(1)
-        rays = scan_lines(
+            row, lines = sight.together(elements[first : first + count]), np.zeros(1)
+        rays = sight.scan_lines(
             camera or sensor.camera, row, lines, dating, orbit, scene.pointing, turn, sensor.rays
         )
         ground = survey(terrain, rays, sun, scene.sky_rays)

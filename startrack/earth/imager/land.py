@@ -13,16 +13,7 @@ from numpy.typing import NDArray
 
 from startrack import core
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
-from startrack.earth.imager.brdf import (
-    Angles,
-    Law,
-    RossLi,
-    Snow,
-    Water,
-    angles_of,
-    direct_factor,
-    sky_factor,
-)
+from startrack.earth.imager import brdf
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
 TEXELS = 1024  # along each side of the texture, which is periodic
@@ -45,9 +36,9 @@ class Cover(Parameters):
     temperature: Annotated[float, Unit("K", absolute=True), Range(50, 3000),
         "at the height zero"] = 288.0  # fmt: skip
     above: Annotated[float, Unit("m"), FINITE, "above the ellipsoid"] = DEPTHS
-    ross_li: RossLi | None = None
-    water: Water | None = None
-    snow: Snow | None = None
+    ross_li: brdf.RossLi | None = None
+    water: brdf.Water | None = None
+    snow: brdf.Snow | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,13 +46,13 @@ class Cover(Parameters):
             raise ValueError("only one of ross_li, water and snow must be given, got more")
 
     @property
-    def law(self) -> Law | None:
+    def law(self) -> brdf.Law | None:
         """How reflectance depends on directions; None where it does not."""
         return self.ross_li or self.water or self.snow
 
     def weights(self, wavelength: Floats, weight: Floats) -> tuple[float, float, float]:
         """Of the isotropic, volumetric and geometric kernels in a band."""
-        law = self.ross_li or RossLi()
+        law = self.ross_li or brdf.RossLi()
         isotropic, volumetric, geometric = (
             float(curve(wavelength) @ weight)
             for curve in (self.reflectance, law.volumetric, law.geometric)
@@ -157,17 +148,17 @@ def reflection(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -
     if not any(cover.law for cover in land.covers):
         return out
     out = Reflection(*(rho.copy() for _ in range(3)))
-    cover, angles = _cover(land, ground), angles_of(ground)
+    cover, angles = _cover(land, ground), brdf.angles_of(ground)
     for n, kind in enumerate(land.covers):
         mine = np.flatnonzero(ground.hit & (cover == n))
         if kind.law and len(mine):
             seen, weights = (
-                Angles(*(cosines[mine] for cosines in angles)),
+                brdf.Angles(*(cosines[mine] for cosines in angles)),
                 kind.weights(wavelength, weight),
             )
-            out.direct[mine] = direct_factor(kind.law, rho[mine], weights, seen)
-            out.sky[mine] = sky_factor(kind.law, rho[mine], weights, seen.camera)
-            out.albedo[mine] = sky_factor(kind.law, rho[mine], weights, None)
+            out.direct[mine] = brdf.direct_factor(kind.law, rho[mine], weights, seen)
+            out.sky[mine] = brdf.sky_factor(kind.law, rho[mine], weights, seen.camera)
+            out.albedo[mine] = brdf.sky_factor(kind.law, rho[mine], weights, None)
     return out
 
 

@@ -15,26 +15,7 @@ from scipy.ndimage import maximum_filter
 from startrack.core import POSITIVE, Floats, Parameters, Range, Unit, require_memory
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
-from startrack.earth.product.ortho import (
-    NO_DATA,
-    PROJECTIONS,
-    RESAMPLING,
-    SATURATED,
-    Bytes,
-    MapGrid,
-    grid_of,
-    place_cells,
-    resample,
-    touched,
-)
-from startrack.earth.product.retrieval import (
-    Calibration,
-    is_thermal,
-    mean_reflectance,
-    retrieve,
-    settled,
-    to_radiance,
-)
+from startrack.earth.product import ortho, retrieval
 from startrack.earth.product.uncertainty import contributors
 from startrack.earth.terrain import Ground, joined
 
@@ -52,10 +33,10 @@ UNITS = {
 class Settings(Parameters):
     """How a product is put on a map."""
 
-    projection: Annotated[str, Range(choices=PROJECTIONS)] = "utm"
+    projection: Annotated[str, Range(choices=ortho.PROJECTIONS)] = "utm"
     cell: Annotated[float | None, Unit("m"), POSITIVE,
         "None for the pixel's size in the middle of the image"] = None  # fmt: skip
-    resampling: Annotated[str, Range(choices=tuple(RESAMPLING))] = "bilinear"
+    resampling: Annotated[str, Range(choices=tuple(ortho.RESAMPLING))] = "bilinear"
     uncertainty: Annotated[bool, "whether each pixel has one, by contributors"] = False
 
 
@@ -76,9 +57,9 @@ class Product(NamedTuple):
 
     image: dict[str, Floats]
     saturated: NDArray[np.bool_]
-    grid: MapGrid
+    grid: ortho.MapGrid
     layers: dict[str, Floats]
-    quality: Bytes
+    quality: ortho.Bytes
     surroundings: float
     uncertainty: dict[str, dict[str, Floats]]
     doubt: dict[str, Floats]
@@ -89,7 +70,7 @@ def make_product(
     channel: Channel,
     folder: Path,
     numbers: NDArray[np.integer],
-    calibration: Calibration,
+    calibration: retrieval.Calibration,
     settings: Settings = Settings(),
     advance: Callable[[float], None] = lambda part: None,
 ) -> Product:
@@ -109,7 +90,7 @@ def make_product(
     require_memory(PIXEL_BYTES * lines * columns, f"a product of {columns} x {lines} pixels")
     survey = replace(survey, rays=1, surroundings=survey.surroundings or 0.0)
     setting = prepare(survey, channel, folder)
-    radiance = to_radiance(numbers, calibration)
+    radiance = retrieval.to_radiance(numbers, calibration)
     saturated = numbers >= calibration.saturation
     scene = survey.scene(channel)
     grounds = []
@@ -133,22 +114,22 @@ def make_product(
         f"{name}: {cause}": values for name, own in causes.items() for cause, values in own.items()
     }
     cell = settings.cell or _rounded(size / (channel.columns / channel.detector.columns))
-    grid = grid_of(longitude, latitude, settings.projection, cell)
+    grid = ortho.grid_of(longitude, latitude, settings.projection, cell)
     require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
     layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image | doubts}
     quality = np.zeros((grid.rows, grid.columns), np.uint8)
-    for part in place_cells(
+    for part in ortho.place_cells(
         scene, folder, grid, distance, size, setting.camera, open_sheets(survey.clouds, folder)
     ):  # fmt: skip
-        bits = part.quality | np.where(touched(saturated, part.pixel), SATURATED, 0)
+        bits = part.quality | np.where(ortho.touched(saturated, part.pixel), ortho.SATURATED, 0)
         for name, values in (image | doubts).items():
-            resampled = resample(values, part.pixel, settings.resampling)
-            layers[name][part.rows] = np.where(bits & NO_DATA, math.nan, resampled)
+            resampled = ortho.resample(values, part.pixel, settings.resampling)
+            layers[name][part.rows] = np.where(bits & ortho.NO_DATA, math.nan, resampled)
         lost = np.isnan(layers["radiance"][part.rows])
-        quality[part.rows] = np.where(lost, NO_DATA, bits)
+        quality[part.rows] = np.where(lost, ortho.NO_DATA, bits)
         advance(0.7 * (part.rows.stop - part.rows.start) / grid.rows)
     mapped, doubt = ({name: layers[name] for name in own} for own in (image, doubts))
-    around = math.nan if is_thermal(setting.band) else here.surroundings
+    around = math.nan if retrieval.is_thermal(setting.band) else here.surroundings
     return Product(image, saturated, grid, mapped, quality, around, causes, doubt)
 
 
@@ -158,11 +139,13 @@ def _layers(
     """Layers (lines, columns) in the image, and the setting with what surrounds each pixel."""
     ends = np.cumsum([len(ground) for ground in grounds])[:-1]
     parts = np.split(radiance.ravel(), ends)
-    around = mean_reflectance(parts, grounds, setting)
+    around = retrieval.mean_reflectance(parts, grounds, setting)
     here = setting._replace(surroundings=0.0 if math.isnan(around) else around)
     if not math.isnan(around):
-        here = settled(radiance.ravel(), joined(grounds), pixel, here)
-    retrievals = [retrieve(part, ground, here) for part, ground in zip(parts, grounds, strict=True)]
+        here = retrieval.settled(radiance.ravel(), joined(grounds), pixel, here)
+    retrievals = [
+        retrieval.retrieve(part, ground, here) for part, ground in zip(parts, grounds, strict=True)
+    ]
     image = {"radiance": radiance}
     for name, values in zip(
         ("reflectance", "surface reflectance", "brightness temperature"),

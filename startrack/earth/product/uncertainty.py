@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.earth.imager import Channel, Knowledge, Setting, Survey, band_of
-from startrack.earth.product.retrieval import (
-    Calibration,
-    apparent_reflectance,
-    brightness_temperature,
-    is_thermal,
-    settled,
-    surface_reflectance,
-)
+from startrack.earth.product import retrieval
 from startrack.earth.terrain import Ground
 
 # The contributors, as S2-RUT has them, and those of the surface.
@@ -33,7 +26,7 @@ CLEAREST, HAZIEST = 100e3, 5e3  # metre, visibility of the tables
 
 def contributors(
     layers: dict[str, Floats], numbers: NDArray[np.integer], ground: Ground,
-    calibration: Calibration, setting: Setting, survey: Survey, channel: Channel,
+    calibration: retrieval.Calibration, setting: Setting, survey: Survey, channel: Channel,
 ) -> dict[str, dict[str, Floats]]:  # fmt: skip
     """Standard uncertainty of each layer by causes, and of the place, in the layer's unit.
 
@@ -59,7 +52,7 @@ def contributors(
     )
     moved = setting._replace(band=shifted)
     ratio = shifted.irradiance / setting.band.irradiance
-    if is_thermal(setting.band) and shifted.heat and setting.band.heat:
+    if retrieval.is_thermal(setting.band) and shifted.heat and setting.band.heat:
         ratio = float(shifted.heat(WARM)[0, 0] / setting.band.heat(WARM)[0, 0])
     out = {"radiance": of_radiance | {"spectral response": abs(ratio - 1) * radiance}}
     flat = radiance.ravel()
@@ -74,8 +67,8 @@ def contributors(
     if "reflectance" in layers:
         zenith = ground.sun_zenith
         out["reflectance"] = through(
-            lambda light: apparent_reflectance(light, zenith, setting.band),
-            lambda: apparent_reflectance(flat, zenith, shifted),
+            lambda light: retrieval.apparent_reflectance(light, zenith, setting.band),
+            lambda: retrieval.apparent_reflectance(flat, zenith, shifted),
         )
         hazier = _hazier(survey, channel, ground, setting)
         out["surface reflectance"] = _of_surface(
@@ -83,8 +76,8 @@ def contributors(
         )
     if "brightness temperature" in layers:
         out["brightness temperature"] = through(
-            lambda light: brightness_temperature(light, setting.band),
-            lambda: brightness_temperature(flat, shifted),
+            lambda light: retrieval.brightness_temperature(light, setting.band),
+            lambda: retrieval.brightness_temperature(flat, shifted),
         )
     for name, causes in out.items():
         slopes = np.gradient(layers[name])
@@ -106,27 +99,28 @@ def _of_surface(
     moved, hazier  the setting with another response, and in other air
     """
     size, lines = float(np.median(pixel[ground.hit])), of_radiance["noise"].shape
-    base = surface_reflectance(flat, ground, setting)
+    base = retrieval.surface_reflectance(flat, ground, setting)
     noisy = flat + of_radiance["noise"].ravel()
     tilt = np.minimum(ground.sun_incidence + knowledge.slope, math.pi / 2)
-    brighter = settled(flat, ground, size, setting, knowledge.beyond)
+    tilted = replace(ground, sun_incidence=tilt)
+    brighter = retrieval.settled(flat, ground, size, setting, knowledge.beyond)
     other = {
-        "noise": surface_reflectance(noisy, ground, setting),
-        "terrain": surface_reflectance(flat, replace(ground, sun_incidence=tilt), setting),
-        "surroundings": surface_reflectance(flat, ground, brighter),
+        "noise": retrieval.surface_reflectance(noisy, ground, setting),
+        "terrain": retrieval.surface_reflectance(flat, tilted, setting),
+        "surroundings": retrieval.surface_reflectance(flat, ground, brighter),
     }  # fmt: skip
     common = {
         cause: (flat + of_radiance[cause].ravel(), setting)
         for cause in ("calibration", "straylight")
     } | {"spectral response": (flat, moved), "atmosphere": (flat, hazier)}
     for cause, (light, here) in common.items():
-        here = settled(light, ground, size, here)
-        other[cause] = surface_reflectance(light, ground, here)
+        here = retrieval.settled(light, ground, size, here)
+        other[cause] = retrieval.surface_reflectance(light, ground, here)
     return {cause: abs(values - base).reshape(lines) for cause, values in other.items()}
 
 
 def _of_radiance(
-    radiance: Floats, numbers: NDArray[np.integer], calibration: Calibration,
+    radiance: Floats, numbers: NDArray[np.integer], calibration: retrieval.Calibration,
     knowledge: Knowledge, channel: Channel,
 ) -> dict[str, Floats]:  # fmt: skip
     """Of the radiance; photon noise by the measured electrons of a digital number."""
