@@ -188,9 +188,17 @@ class _Plainer(ast.NodeTransformer):
         if ast.unparse(node.func) == "field":
             made = {word.arg: word.value for word in node.keywords}.get("default_factory")
             if made is not None:
-                return ast.Call(made, [], [])
+                return ast.Call(self.visit(made), [], [])
         if ast.unparse(node.func) == "code_field":
             return node.args[1]
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        """Names stand without the room or file that they are written with, `core.Camera`."""
+        place = node.value.id if isinstance(node.value, ast.Name) else ""
+        thing = getattr(self.module, place, None)
+        if isinstance(thing, ModuleType) and thing.__name__.startswith("startrack."):
+            return ast.Name(node.attr)
         return node
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
@@ -204,7 +212,7 @@ def _kind(one: Name) -> str:
     """The type of a constant; of a union, what it is made of."""
     for node in _tree(one.home).body:
         if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == one.name:
-            return ast.unparse(node.annotation)
+            return _plain(node.annotation, one.home)
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == one.name:
             return type(one.thing).__name__ if isinstance(one.thing, float) else _union(node.value)
     raise AssertionError(one)
