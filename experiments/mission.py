@@ -76,7 +76,7 @@ from startrack.mission import (
 )
 from startrack.mission import placement as placement_of_heads
 from startrack.mission.engine import at
-from startrack.mission.files import Attitudes, read_aem, write_aem
+from startrack.mission.files import Attitudes, read_aem
 from startrack.mission.fusion import fuse, head_covariance, relative_alignment
 from startrack.mission.instants import path_of
 from startrack.mission.parameters import MissionRequirements, Orbit, mounted
@@ -89,6 +89,7 @@ from startrack.trial import run_trial, run_trials
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.mission import independent
+from tests.mission.messages import write_aem
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
 MAIN = """

@@ -11,6 +11,7 @@ control) is counted as time: `times faster` is the gain in variance over that in
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from typing import Any
 
@@ -21,9 +22,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from startrack import OUTCOMES, Case, Fidelity, load_design, run_trials, shipped
+from startrack.core import Floats, Ints
 from startrack.montecarlo import Regions, Sampling, combined, mean_square
 from startrack.montecarlo.attitudes import REPLICATES, by_regions
-from startrack.montecarlo.estimate import Mean, plain, stratified
+from startrack.montecarlo.estimate import Mean, plain
 from startrack.montecarlo.sampling import squares
 from startrack.montecarlo.workers import one_thread as one_opencv_thread
 
@@ -63,6 +65,17 @@ def main() -> None:
     )
     command.save(options, figures)
     print(table(figures))
+
+
+def stratified_error(values: Floats, stratum: Ints) -> float:
+    """Standard error of the mean of values drawn independently in strata of equal probability.
+
+    Source: Cochran (1977), Sampling Techniques, eq. (5.11).
+    """
+    count = np.bincount(stratum)
+    mean = np.bincount(stratum, values) / count
+    square = np.bincount(stratum, (values - mean[stratum]) ** 2) / (count - 1)
+    return math.sqrt(float((square / count).sum())) / len(count)
 
 
 def measure(case: Case, n: int, windows: int = 20, quick: bool = False) -> dict[str, Any]:
@@ -115,7 +128,7 @@ def measure(case: Case, n: int, windows: int = 20, quick: bool = False) -> dict[
             spent = sum(seconds[kind] * counts.get(kind, n) for kind in MADE_OF[method])
             figures[name][method] = told(mean, n, means["plain"], spent / (seconds["frame"] * n))
         in_regions = squares(regional, about)
-        gain = (plain(in_regions).error / stratified(in_regions, cell).error) ** 2
+        gain = (plain(in_regions).error / stratified_error(in_regions, cell)) ** 2
         figures[name]["regions"] = {"variance_reduction": gain}
         same = np.corrcoef(squares(frames, about), squares(made["window"][:n], about))[0, 1]
         figures[name]["window_correlation"] = float(same)

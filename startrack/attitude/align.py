@@ -1,7 +1,5 @@
 """Attitudes from many sets of matched unit vectors, to rounding error."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import IntEnum

@@ -1,7 +1,5 @@
 """Identified frames of one camera -> the camera model that fits them all."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated

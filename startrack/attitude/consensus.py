@@ -1,7 +1,5 @@
 """The largest set of matched directions that one attitude explains."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Filtered attitude, gyroscope bias and lasting errors from attitudes and rates in time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Best rotation of a 3 x 3 matrix of products; least squares in three unknowns."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gauss-Newton on residuals in the image plane; covariance of an attitude, with shared errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Estimate from Spots and Matches: attitude, covariance and status; by code of one's own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Solvers of Wahba's problem: Davenport's eigenvector, SVD, QUEST and FOAM."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

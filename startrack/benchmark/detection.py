@@ -1,7 +1,5 @@
 """Detection and centroids of stars that scipy's normal law draws, beside the ideal detector."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Rays onto fractal mountains beside a search of every cell; radiance beside the solver itself."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import sys

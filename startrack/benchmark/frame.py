@@ -1,7 +1,5 @@
 """A whole frame against the exact integrals of its stars, and its noise against the exact law."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """An aberrated lens against a quadrature of its pupil; stars on pixels against the closed form."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

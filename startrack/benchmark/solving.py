@@ -1,7 +1,5 @@
 """Identification of random skies; attitudes of exact unit vectors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

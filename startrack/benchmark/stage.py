@@ -1,7 +1,5 @@
 """CPU time and error of several ways to do the work of a stage, and their table and picture."""
 
-from __future__ import annotations
-
 import math
 import platform
 import time

@@ -1,7 +1,5 @@
 """Whole trials on real skies, and a search of a design space on the analytic budget."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

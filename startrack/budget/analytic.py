@@ -1,7 +1,5 @@
 """Case -> its Budget in milliseconds, without a trial."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from functools import lru_cache

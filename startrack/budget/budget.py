@@ -1,7 +1,5 @@
 """Causes of error and the case without each; Budget: a line for each, their sum, and the whole."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar

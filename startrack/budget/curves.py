@@ -1,7 +1,5 @@
 """Case -> its error over the sky and over slew rate, by analysis and by trials, and of stars."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

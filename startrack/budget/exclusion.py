@@ -1,7 +1,5 @@
 """Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

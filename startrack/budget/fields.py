@@ -1,7 +1,5 @@
 """Sky and camera -> the stars of many fields, and how their errors become those of attitudes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Case and fields of stars -> errors that are constant from frame to frame."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

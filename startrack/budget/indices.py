@@ -1,7 +1,5 @@
 """Simulated sequences -> the error indices of the standard, over members and times."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import Executor
 

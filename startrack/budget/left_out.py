@@ -1,7 +1,5 @@
 """Case -> effects that its analytic budget leaves out, a phrase each; what trials say of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Case -> Budget by trials: each cause is switched off, on the same sky and noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor

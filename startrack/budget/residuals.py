@@ -1,7 +1,5 @@
 """Case -> errors of single stars in trials, over their position in the field and magnitude."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Case -> error of a single star's centroid over its magnitude, in time and in all."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from startrack.budget.analytic import HOT, response

@@ -1,7 +1,5 @@
 """Table of stars -> the cameras of several orders that fit it, and which order the stars bear."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

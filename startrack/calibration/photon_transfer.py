@@ -1,7 +1,5 @@
 """Flat and dark frames -> samples of the detector's constants (emcee)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Identified spots of one camera -> samples of its camera model (emcee)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

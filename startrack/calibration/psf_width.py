@@ -1,7 +1,5 @@
 """Frames, spots -> the likelihood of each width of the PSF."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Catalog, date, observer -> Stars at their apparent places (parallax, aberration)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

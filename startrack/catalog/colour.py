@@ -4,8 +4,6 @@ Every relation is a polynomial in c = BP - RP, so a colour of older bands is a d
 them: it is solved for c first, and then G follows from the one magnitude.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.polynomial import polynomial
 

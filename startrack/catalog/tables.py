@@ -1,7 +1,5 @@
 """Catalogue file (fixed width, separated, CSV, FITS, VOTable) -> its columns."""
 
-from __future__ import annotations
-
 import io
 import math
 import re

@@ -1,7 +1,5 @@
 """At the first run, another process compiles while this one works."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

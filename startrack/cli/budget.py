@@ -1,7 +1,5 @@
 """`startrack budget`: the error of a design cause by cause."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`startrack calibrate`: the camera model of images of stars, or of a table of them."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the commands on campaigns share: the design, the runner of its trials, and the folder."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from concurrent.futures import Executor

@@ -1,7 +1,5 @@
 """`startrack detect`: the stars of images."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

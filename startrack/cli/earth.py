@@ -1,7 +1,5 @@
 """`startrack earth`: geometry, images and products of Earth cameras over terrain."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved, 13
 143 by SIGTERM.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import io

@@ -1,7 +1,5 @@
 """A signal or an error -> what ends a command, and the words that tell it."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -1,7 +1,5 @@
 """Inputs by name, and outputs: results on standard output, messages on standard error."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,7 +1,5 @@
 """`startrack verify`: a verdict on each requirement of a design."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 NumPy's own of these are compiled anew for each kind of array, which takes seconds.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ A field is declared once, and what checks, reads, writes or explains it reads th
     exposure: Annotated[float, Unit("s", "ms"), POSITIVE, "in which a frame collects light"]
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import types

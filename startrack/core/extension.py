@@ -6,8 +6,6 @@ an installed package. Nothing of it is imported before it is allowed to run: by 
 the environment variable STARTRACK_ALLOW_CODE.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

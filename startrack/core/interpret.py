@@ -5,8 +5,6 @@ what takes a second to compile. So within `interpreted` a kernel that is not on 
 Python code that it is written in, until another process has compiled it.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

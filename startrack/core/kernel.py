@@ -4,8 +4,6 @@ Compiled code holds copies of the kernels that it calls and of constants of othe
 would not see an edit there; here each state of the sources has a folder of its own.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

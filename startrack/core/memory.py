@@ -1,7 +1,5 @@
 """Bytes that a step needs -> refused, with the figure, where they exceed the limit of a process."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress

@@ -3,8 +3,6 @@
 scipy checks each matrix, and so takes longer to take one than a tracker takes to find it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Seed, trial, cause -> random generator, the same for any number of workers."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

@@ -6,8 +6,6 @@ astropy-iers-data, also at dates beyond their end. Nothing is downloaded, and no
 the day on which it is computed.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import warnings

@@ -1,7 +1,5 @@
 """Random variates for compiled code: bits of a counter, normal and Poisson quantiles."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

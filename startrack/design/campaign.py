@@ -1,7 +1,5 @@
 """Campaign: what a study of a design is asked."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

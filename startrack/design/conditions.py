@@ -1,7 +1,5 @@
 """Condition: a rate, a background or an age at which a design is judged, too."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

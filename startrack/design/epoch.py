@@ -1,7 +1,5 @@
 """Scene, Selection -> the catalogue's epoch and orbital velocity, which must not contradict it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

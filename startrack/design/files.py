@@ -1,7 +1,5 @@
 """Design files: a case, and optionally a campaign on it, as TOML with units in strings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The keys of a design file, as a list, a template with values, and a JSON Schema."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

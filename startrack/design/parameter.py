@@ -1,7 +1,5 @@
 """Dotted name, case -> the value there, its unit, or a case with other values."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from collections.abc import Mapping

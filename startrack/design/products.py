@@ -1,7 +1,5 @@
 """Table of a design -> the same with the values of the detector product that it names."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from typing import Any

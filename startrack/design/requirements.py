@@ -1,7 +1,5 @@
 """Requirements: what a design must meet, the cost of its lens included, before accuracy counts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

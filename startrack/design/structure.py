@@ -1,7 +1,5 @@
 """Structure and lens of a head, temperatures -> how its boresight and its focal length move."""
 
-from __future__ import annotations
-
 import cmath
 import csv
 import math

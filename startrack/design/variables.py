@@ -1,7 +1,5 @@
 """Variable, Link, DesignSpace, Choice: the parameters of a case that a campaign may change."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

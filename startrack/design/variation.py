@@ -1,7 +1,5 @@
 """Variation: how a number of the truth differs between units, environments and in time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Filtered image -> Sky: its background and noise, tile by tile."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

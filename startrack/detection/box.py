@@ -3,8 +3,6 @@
 Between exposures an image stays where it is until its star has moved by a limit.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

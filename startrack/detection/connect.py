@@ -1,7 +1,5 @@
 """A filtered image and its threshold enter; local maxima leave, several where stars touch."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A Frame enters; Spots leave, brightest first: of the whole frame, or near given places."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Peaks -> which of them stand alone as stars do, and which are hot pixels."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pixels -> Candidates: peaks of the filtered image that look like stars."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol

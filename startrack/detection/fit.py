@@ -1,7 +1,5 @@
 """Windows and a model of a star enter; the most likely positions and fluxes of stars leave."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Sample -> centre of gravity, of a window that follows the star or under a Gaussian weight."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The matched filter of a star, the law of its noise, and the threshold for false spots."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

@@ -1,7 +1,5 @@
 """Sample and Psf -> a row per star, by each of the centroid methods that a design can name."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

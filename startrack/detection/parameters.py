@@ -1,7 +1,5 @@
 """Detection: how spots are distinguished from noise, and how they are measured."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """A Frame enters, with its dark frame and flat field; calibrated pixels as float32 leave."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

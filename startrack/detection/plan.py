@@ -1,7 +1,5 @@
 """Settings and PSF -> DetectionPlan: what the detection computes once for many frames."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache

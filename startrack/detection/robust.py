@@ -1,7 +1,5 @@
 """Pixels -> their background, its slopes and its noise, whatever stars are among them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

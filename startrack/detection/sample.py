@@ -1,7 +1,5 @@
 """Sample: what every centroid works on, the image, the peaks and the noise of a pixel."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """StarModel: image of a star that the tracker assumes, and what centroids compute from it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

@@ -1,7 +1,5 @@
 """Pixels -> how far the camera turned while they were exposed, from the streaks themselves."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Frame that is known in regions alone, and the Sky of such frames -> Spots of these regions."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

@@ -194,14 +194,6 @@ class Flicker(Parameters):
         step = np.where(u < self.down, below, above)
         return np.asarray(np.clip(step, -self.largest, self.largest))
 
-    def cumulative(self, current: Floats, step: Floats) -> Floats:
-        """P(s < step), (currents, steps)."""
-        scale = np.asarray(self.scale(current), float)[..., None]
-        below = self.down * np.exp(np.minimum(step, 0) / scale)
-        above = 1 - (1 - self.down) * np.exp(-np.maximum(step, 0) / scale)
-        law = np.where(step < 0, below, above)
-        return np.where(step < -self.largest, 0.0, np.where(step < self.largest, law, 1.0))
-
 
 @dataclass(frozen=True)
 class Age(Parameters):

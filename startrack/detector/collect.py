@@ -1,7 +1,5 @@
 """Light and detector -> electrons of stars, of the background and of diffuse light (equation 4)."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -5,8 +5,6 @@ level, the last 10 one of the two levels about its expectation. Where these do n
 of a number of its own follow the first 22.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

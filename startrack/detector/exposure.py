@@ -1,7 +1,5 @@
 """Exposure: what a frame depends on -> expected electrons, and a Frame."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Thermal, Hits, Defects, Pattern: what a real detector adds to an ideal one."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated

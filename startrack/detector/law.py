@@ -1,7 +1,5 @@
 """Signal chain of a pixel, and tables of the exact distribution of its digital number."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Line, Scan: detectors of lines (one line, staggered lines, TDI)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Maps of one device: response, dark current and read noise of each pixel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Detector: pixels, exposure, noise, converter, and optional effects."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The effects by which pixels depend on each other, or on the frame before: one table of rows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol

@@ -1,7 +1,5 @@
 """Expected electrons -> digital numbers with all effects: charge, signal, image."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

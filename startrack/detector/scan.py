@@ -1,7 +1,5 @@
 """Light and the motion of a camera -> the image of a detector of lines."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

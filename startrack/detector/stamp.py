@@ -1,7 +1,5 @@
 """Stars onto pixels: six-point Lagrange interpolation of the table of the PSF."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -14,8 +14,6 @@ Source: Siegmund (1976), Importance sampling in the Monte Carlo study of sequent
 of Statistics 4, 673, for the tilted law; here with rejection in place of weights.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Stars and windows -> a Frame whose numbers are valid inside these windows alone."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

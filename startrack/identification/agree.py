@@ -1,7 +1,5 @@
 """One-to-one matches of spots and predicted stars, and the attitude that they give."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

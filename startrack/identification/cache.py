@@ -1,7 +1,5 @@
 """The pattern index of a catalogue and a field of view, from a file where there is one."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

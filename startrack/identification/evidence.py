@@ -1,7 +1,5 @@
 """The log-evidence for a match, from positions and from brightness."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

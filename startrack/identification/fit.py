@@ -1,7 +1,5 @@
 """Attitude and scale from matched directions and points in the image plane."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Grids that find directions within an angle, and spots near a position."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

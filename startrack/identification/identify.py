@@ -1,7 +1,5 @@
 """Matches from spots, the believed camera and the catalogue."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

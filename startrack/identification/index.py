@@ -1,7 +1,5 @@
 """The pattern index: codes of triangles of stars, sorted into cells."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Identification: tolerances of the camera and thresholds of the match, or code of one's own."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Protocol

@@ -1,7 +1,5 @@
 """The first accepted hypothesis from triangles of spots, brightest first."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from itertools import combinations

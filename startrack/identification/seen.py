@@ -1,7 +1,5 @@
 """Spots in the image plane of the believed camera, and the stars expected among them."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

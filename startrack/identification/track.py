@@ -1,7 +1,5 @@
 """Matches from spots and a predicted attitude."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

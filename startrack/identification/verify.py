@@ -1,7 +1,5 @@
 """How many spots a hypothesis explains, and the bound on chance."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Frames, their times and attitudes -> FITS, PNG, SER, raw or video files, and their table."""
 
-from __future__ import annotations
-
 import struct
 from contextlib import AbstractContextManager
 from datetime import UTC, datetime, timedelta

@@ -1,7 +1,5 @@
 """Image files to frames, and frames to FITS with their WCS and their truth."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import math

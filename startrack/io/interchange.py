@@ -1,7 +1,5 @@
 """Tables of results -> pandas, xarray and astropy, with the units of their columns; or text."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from collections.abc import Collection, Sequence

@@ -4,8 +4,6 @@ Files may be from anybody: a FIFO would wait for ever, a few bytes may unpack to
 memory, and a header may announce a picture that no memory holds.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import os

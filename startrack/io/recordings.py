@@ -4,8 +4,6 @@ SER is what cameras of the amateur sky write: a header of 178 bytes, frames, and
 Source: Heiko Wilkens and Grischa Hahn, SER format description, version 3 (2014).
 """
 
-from __future__ import annotations
-
 import math
 import os
 import struct

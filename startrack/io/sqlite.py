@@ -1,7 +1,5 @@
 """SQLite file of one kind -> its tables, open for one process at a time; errors as sentences."""
 
-from __future__ import annotations
-
 import hashlib
 import sqlite3
 from collections.abc import Callable, Iterator

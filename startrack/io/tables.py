@@ -4,8 +4,6 @@ A file may lie over others that it names, and single values over all: `Layers` k
 which file it is from.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import os

@@ -1,7 +1,5 @@
 """Cramer-Rao bounds of centroid and attitude, and the error of the centre of gravity."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Outcome of one trial from its estimate and the true attitude."""
 
-from __future__ import annotations
-
 import typing
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Size of the error that is not exceeded at a confidence level, and the error indices of ECSS."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -106,21 +104,6 @@ def quantile_of_few(values: Floats, fraction: float) -> Floats:
     ordered = np.sort(values, axis=-1)
     # A value that is infinite counts only where it has a weight.
     return np.asarray(np.where(weight > 0, ordered, 0.0) @ weight)
-
-
-def fewest_trials(fraction: float, confidence: float) -> int:
-    """Fewest trials whose largest error is an upper bound of a level.
-
-        n >= log(1 - confidence) / log(fraction)
-
-    Source: Wilks (1941), Ann. Math. Statist. 12, 91.
-
-    >>> fewest_trials(0.95, 0.95)
-    59
-    """
-    _proper(fraction)
-    _proper(confidence)
-    return math.ceil(math.log1p(-confidence) / math.log(fraction))
 
 
 def levels(error: Floats, fractions: Sequence[float] = LEVELS) -> tuple[Interval, ...]:

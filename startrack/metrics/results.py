@@ -3,8 +3,6 @@
 A value is declared once, with its field of JSON, its label and its unit; each form is made of that.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

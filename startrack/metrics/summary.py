@@ -1,7 +1,5 @@
 """Rms errors and availability of many outcomes, each with its interval."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Mission -> Flown: what blinds each head at every step, and the error of the fused attitude."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

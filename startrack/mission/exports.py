@@ -4,8 +4,6 @@ An FMU (Functional Mock-up Interface 2.0, co-simulation), the parameters of Basi
 starTracker, and the star tracker's block of a spacecraft file of 42.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import platform

@@ -1,7 +1,5 @@
 """Errors of several heads -> covariance of their fused attitude; their relative alignment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Heads and instants -> angles to Sun, Moon, Earth and structure, and what makes a head blind."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Mission: orbit, attitude law, heads, time and requirements, as a mission file gives them."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Plan of a mission -> mountings of its heads that meet its requirements best."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace

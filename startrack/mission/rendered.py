@@ -1,7 +1,5 @@
 """Plan of a mission -> trials at its instants: what each head sees, and its errors checked."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

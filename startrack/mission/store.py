@@ -1,7 +1,5 @@
 """Plan of a mission -> its flown parts on disk: a run that was stopped goes on where it was."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Flown -> availability, times without an attitude, reacquisition, verdicts; table of steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

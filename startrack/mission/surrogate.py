@@ -1,7 +1,5 @@
 """Case and ranges of conditions -> Surrogate: the error of a head in any direction of the sky."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

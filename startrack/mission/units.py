@@ -1,7 +1,5 @@
 """Plan of a mission -> temperatures on board, and errors of spacecraft whose heads are units."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

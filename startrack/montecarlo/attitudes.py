@@ -1,7 +1,5 @@
 """Attitudes of trials: random, at Sobol points, in each region, or where an event is likely."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Outcomes of trials -> the status of each, why it is so, where it looked, and what was near."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

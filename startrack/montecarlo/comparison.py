@@ -1,7 +1,5 @@
 """The same trials of two campaigns, or at each fidelity -> their statistics and the differences."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Case, attitude and image of a trial -> its linearised error, and the exact mean of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Values of trials, control variates, faster fidelities -> a mean with its standard error."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -63,27 +61,6 @@ def replicated(values: Floats, replicate: NDArray[np.int64]) -> Mean:
     if len(np.unique(count[count > 0])) != 1:
         raise Refused("replicates must have equally many values")
     return plain(np.bincount(replicate, values)[count > 0] / count.max())
-
-
-def stratified(values: Floats, stratum: NDArray[np.int64]) -> Mean:
-    """Mean of values drawn independently in strata (n,) of equal probability.
-
-        mean = mean_k m_k,   error^2 = sum_k s_k^2 / n_k / K^2
-
-    Source: Cochran (1977), Sampling Techniques, eq. (5.11).
-
-    Raises  ValueError where a stratum has fewer than two values.
-    """
-    count = np.bincount(stratum)
-    if count.min() < 2:
-        raise Refused(f"each stratum must have at least 2 values, got {count.min()}")
-    mean = np.bincount(stratum, values) / count
-    square = np.bincount(stratum, (values - mean[stratum]) ** 2) / (count - 1)
-    error = math.sqrt(float((square / count).sum())) / len(count)
-    # Welch and Satterthwaite's degrees of freedom.
-    fraction = square / count
-    freedom = fraction.sum() ** 2 / max((fraction**2 / (count - 1)).sum(), 1e-300)
-    return Mean(float(mean.mean()), error, float(freedom))
 
 
 def controlled(values: Floats, controls: Floats) -> Mean:

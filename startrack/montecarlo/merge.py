@@ -1,7 +1,5 @@
 """Stores of parts of a campaign -> one store, with the same bytes in any order of the parts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """When the interval of a statistic is narrow enough; quantiles with exact intervals."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated

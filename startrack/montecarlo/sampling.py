@@ -1,7 +1,5 @@
 """Sampling: fidelity and attitudes of the trials of a campaign, and their control variate."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Executors: this process, a pool of processes that survives crashes, Dask, MPI."""
 
-from __future__ import annotations
-
 import atexit
 import gc
 import multiprocessing

@@ -1,7 +1,5 @@
 """Motion -> LineOfSight of an exposure, and the drift and blur that it makes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import lru_cache

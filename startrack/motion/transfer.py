@@ -1,7 +1,5 @@
 """Motion within an exposure -> its PSF, its transfer function and its MTF at Nyquist."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation

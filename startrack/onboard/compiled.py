@@ -1,7 +1,5 @@
 """The reader in C, compiled on this machine and called with the bytes of a file."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Case -> its guide stars: in the band of the instrument, thinned; and the triangles of them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import combinations

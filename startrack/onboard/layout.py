@@ -1,7 +1,5 @@
 """Guide stars and triangles -> the bytes of a file, its C header and reader; and back."""
 
-from __future__ import annotations
-
 import zlib
 from dataclasses import dataclass
 from functools import cached_property

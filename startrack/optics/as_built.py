@@ -1,7 +1,5 @@
 """Surfaces of a lens -> by how much its elements, each a little off as built, displace stars."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise

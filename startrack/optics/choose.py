@@ -1,7 +1,5 @@
 """Optics -> the complex pupil of each diffraction model; the cheapest within a tolerance."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

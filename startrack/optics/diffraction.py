@@ -1,7 +1,5 @@
 """Fraunhofer and Fresnel diffraction of any pupil, by fast transforms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

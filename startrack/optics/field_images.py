@@ -1,7 +1,5 @@
 """Images at places and wavelengths -> the FieldPsf of a frame, and the camera of places."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse light."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path

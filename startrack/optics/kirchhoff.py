@@ -10,8 +10,6 @@ Source: Krutz et al. (2011), eqs. (7) and (9), in which the sign of the lens and
 of eta are corrected.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Family, focal length, f-number -> the LensTable of a lens of that family."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

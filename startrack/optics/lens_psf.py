@@ -1,7 +1,5 @@
 """Optics with a lens table -> the camera that fits it, and the FieldPsf of a detector."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """LensTable: wavefront, place, pupil and area of a lens over temperature, wavelength and field."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path

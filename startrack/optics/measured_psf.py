@@ -1,7 +1,5 @@
 """Images of stars -> the oversampled Psf that they share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Annotated

@@ -3,8 +3,6 @@
 The irradiance is of a diffraction model, of a file or of code that is not part of startrack; over
 the field aberrations grow with the distance to the axis."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence

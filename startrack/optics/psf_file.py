@@ -1,7 +1,5 @@
 """PsfFile: images of a point, measured or exported, over field and wavelength; their file."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Psf -> figures of merit: transfer at Nyquist, energies, widths."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

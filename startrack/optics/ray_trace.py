@@ -1,7 +1,5 @@
 """Prescription of a lens -> its LensTable, by rays of the program optiland (extra `lens`)."""
 
-from __future__ import annotations
-
 import copy
 import math
 import re

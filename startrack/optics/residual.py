@@ -1,7 +1,5 @@
 """Residual: displacements of stars that no camera model has, of a unit, from their causes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

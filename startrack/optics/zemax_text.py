@@ -1,7 +1,5 @@
 """Text that Zemax saves -> a PsfFile of Huygens PSFs, a LensTable of wavefront maps."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

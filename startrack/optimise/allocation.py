@@ -1,7 +1,5 @@
 """Case, units -> what each tolerance and each lever of a design buys, by budgets of its units."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Case -> what the analytic budget expects of it in each condition, as designed or over units."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Campaign, TrialRunner -> the best design that was found, and how good it is."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

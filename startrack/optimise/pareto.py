@@ -1,7 +1,5 @@
 """DesignSpace, two objectives -> the designs that no other design beats in both."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

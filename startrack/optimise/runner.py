@@ -1,7 +1,5 @@
 """TrialRunner: trials of any design; it keeps each outcome, so that no trial is repeated."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Callable, Iterable

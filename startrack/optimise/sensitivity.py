@@ -1,7 +1,5 @@
 """DesignSpace -> how much the error depends on each variable, alone and together with others."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The results of studies as CSV, JSON lines and Markdown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict

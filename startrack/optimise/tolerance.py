@@ -1,7 +1,5 @@
 """Design -> how far each parameter may vary, by emcee on a quadratic surface."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Pictures of an error budget: its causes, the sky, and curves over rate, magnitude and field."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill

@@ -1,7 +1,5 @@
 """Pictures of Earth scenes: geometry over the image; image and radiance."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

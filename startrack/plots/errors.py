@@ -1,7 +1,5 @@
 """Pictures of errors: of many trials, of one sequence in time, and predicted beside seen."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of missions: when heads are blind, over season, orbit and direction."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

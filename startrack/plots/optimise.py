@@ -1,7 +1,5 @@
 """Pictures of studies: convergence, samples, Pareto fronts and sensitivities."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The picture of a PSF: the image of a star over its pixels, and its modulation transfer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

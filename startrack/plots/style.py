@@ -3,8 +3,6 @@
 A picture is 1280 pixels wide. Its letters stay legible on a phone, which shows it in 400.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import wraps

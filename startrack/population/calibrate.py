@@ -1,7 +1,5 @@
 """Camera of a unit -> the camera model and alignment that its calibration finds, run or drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Case -> plans at nodes of the numbers that vary, and the plan of any unit between them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple

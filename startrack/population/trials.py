@@ -1,7 +1,5 @@
 """Units -> outcomes of trials of many units, each with its unit and environment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby

@@ -1,7 +1,5 @@
 """Case, seed, moment -> the case of one unit, with what its tracker was calibrated to."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 from startrack.attitude import Mounting

@@ -1,7 +1,5 @@
 """Outcomes of trials of units -> error of each unit, yield, and what made one of them bad."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The page of an Earth camera: its figures, requirements, images, products and scene."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A mission as one HTML page: requirements, heads, times without attitude, beta angle, checks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from operator import attrgetter
 from pathlib import Path

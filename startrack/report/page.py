@@ -1,7 +1,5 @@
 """One self-contained HTML page from sections and figures."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

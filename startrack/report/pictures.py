@@ -1,7 +1,5 @@
 """Pictures of the page: distributions and maps of errors, single stars, slew rates."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import chain, repeat

@@ -1,7 +1,5 @@
 """Sections of the page: design, verdicts, lost trials, error budget, units, worst trials."""
 
-from __future__ import annotations
-
 import base64
 import math
 import tempfile

@@ -1,7 +1,5 @@
 """The page from a campaign's store."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

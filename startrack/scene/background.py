@@ -1,7 +1,5 @@
 """Directions -> zodiacal light, and the light of stars below the catalogue's limit."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

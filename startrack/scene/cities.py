@@ -1,7 +1,5 @@
 """Earth and date -> the lights of its large cities at night, as points."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Scene, Streams -> the observer, and angles from boresights to Sun, Moon and the Earth's limb."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

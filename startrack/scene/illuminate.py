@@ -1,7 +1,5 @@
 """Stars -> Light: photons at the entrance pupil; diffuse light by code of one's own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

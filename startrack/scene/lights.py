@@ -1,7 +1,5 @@
 """The lights that a scene may have besides its stars: one table of rows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Light of the Earth's air: its bright limb by day, its airglow by night."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import lru_cache

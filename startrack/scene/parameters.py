@@ -1,7 +1,5 @@
 """Scene: date, observer, background and bodies besides the stars."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Annotated

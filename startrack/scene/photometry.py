@@ -1,7 +1,5 @@
 """Magnitude and colour into a photon spectrum: blackbodies through Gaia's passbands."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from importlib.resources import files
 

@@ -1,7 +1,5 @@
 """Body -> V magnitude of a planet."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

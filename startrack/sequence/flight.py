@@ -1,7 +1,5 @@
 """Profile and jitter -> true motion of each frame, and output of the gyroscope."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

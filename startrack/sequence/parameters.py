@@ -1,7 +1,5 @@
 """Sequence: profile of the platform, period of the frames, and settings of the filter."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

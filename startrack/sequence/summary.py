@@ -1,7 +1,5 @@
 """Tables of sequences -> accuracy, losses of track and reacquisitions, with intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

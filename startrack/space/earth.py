@@ -4,8 +4,6 @@ Products of vectors of many places, which lie component by component, (3, n), an
 (3, 3, n), are here, too.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

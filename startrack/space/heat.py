@@ -1,7 +1,5 @@
 """Orbit, Sun and surfaces -> temperatures of a platform and of a head on it over an orbit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -174,18 +172,6 @@ def warmth(heat: Heat) -> Warmth:
         period,
     )
     return Warmth(nodes[0], nodes[1], side_x, side_y, period, head)
-
-
-def heater_power(heat: Heat, held: float) -> float:
-    """Mean power (W) of a heater that keeps the head from being colder than a temperature.
-
-    The platform's temperature is that without the heater.
-
-    held    kelvin
-    """
-    found = warmth(heat)
-    lost = heat.conductance * (held - found.platform) + STEFAN * _shines(heat) * held**4
-    return float(np.maximum(lost - found.heat - heat.head_power, 0.0).mean())
 
 
 def _incident(heat: Heat) -> tuple[Floats, Floats, float]:

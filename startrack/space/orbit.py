@@ -1,7 +1,5 @@
 """Elements, two lines or a table of states -> position and velocity of a spacecraft over time."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Orbit and shielding -> protons of the radiation belts and of the Sun behind it, their dose."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Case -> what its tracker believes: plan of the detection, meaning of the numbers, smear."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Frame and expected attitude -> the stars that a tracker takes in its search boxes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

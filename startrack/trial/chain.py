@@ -1,7 +1,5 @@
 """One trial, one line a room, in the order in which the light goes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

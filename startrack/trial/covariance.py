@@ -1,7 +1,5 @@
 """Case -> outcomes of trials from drawn spots, with identification assumed to be perfect."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

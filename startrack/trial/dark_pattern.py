@@ -1,7 +1,5 @@
 """Dark signal of pixels: its law, its pattern in a case, and what hot pixels do."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import lru_cache

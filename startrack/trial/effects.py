@@ -4,8 +4,6 @@
 this table. What makes pixels depend on each other is a row of `PIXEL_EFFECTS`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Case and attitude -> what its detector is exposed to, a matrix or lines that sweep."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Instrument -> the images of stars: their PSF, over the frame and over their colour."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

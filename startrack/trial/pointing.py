@@ -1,7 +1,5 @@
 """Attitude of a trial, the motion of the camera about it, and what a tracker must report."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Case -> plan of its statistical trials: detectable stars, their response, what is refused."""
 
-from __future__ import annotations
-
 import math
 from itertools import chain
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Case -> detection and centroid of a star, over its flux and position in the pixel."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Case and attitude -> the spots of one trial, drawn without an image."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Case -> response of the tracker's centroid to single stars of any flux."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from enum import Enum

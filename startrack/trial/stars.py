@@ -1,7 +1,5 @@
 """Case -> the stars of its sky: which a frame may hold, how bright, and of what colour."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Case -> systematic variance of each star, which the tracker adds to that of the noise."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

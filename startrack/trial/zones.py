@@ -1,7 +1,5 @@
 """Case with a lens table -> how single stars are measured over the frame and over their colour."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import lru_cache

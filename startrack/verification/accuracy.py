@@ -1,7 +1,5 @@
 """Budget, outcomes of trials, case -> the statistic that a requirement is about, and its margin."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Design and campaign -> every case that is judged, and the trials that count."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Outcomes, a requirement -> bounds of its statistic at a look, and whether they decide it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Design, campaign, units -> a verdict on each requirement by its yield, at both ends of life."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any

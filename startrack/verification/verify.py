@@ -1,7 +1,5 @@
 """Design, campaign -> a verdict on each requirement, by analysis and by trials, and their table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -29,7 +29,7 @@ from startrack.design.variation import differences
 from startrack.io import shipped
 from startrack.optics import Optics, Residual, open_lens
 from startrack.space import Heat, warmth
-from startrack.space.heat import heater_power, view_of_earth
+from startrack.space.heat import view_of_earth
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 OPTICS = CASE.instrument.optics
@@ -256,8 +256,5 @@ def test_heat_drives_the_head():
     table = {one.name: one for one in case.varying}["instrument.optics.focal_length"]
     swing = 23.6e-6 * np.ptp(found.head)
     assert np.ptp(np.array(table.values, float)) == pytest.approx(swing, rel=0.01)
-    cold, warm = (heater_power(heat, found.head.max() + kelvin) for kelvin in (-60.0, 5.0))
-    assert cold == 0
-    assert warm > 5.0 * heat.conductance
     with pytest.raises(Refused, match="must be left out beside swing"):
         Structure(heat=heat, swing=1.0)

@@ -6,14 +6,7 @@ import pytest
 from scipy import stats
 
 from startrack.metrics import Interpretation, indices, level, level_interval, reproducibility
-from startrack.metrics.levels import fewest_trials, levels
-
-
-@pytest.mark.parametrize(
-    ("fraction", "confidence", "count"), [(0.95, 0.95, 59), (0.9, 0.9, 22), (0.99, 0.95, 299)]
-)
-def test_fewest_trials_as_wilks_tabulated(fraction, confidence, count):
-    assert fewest_trials(fraction, confidence) == count
+from startrack.metrics.levels import levels
 
 
 def test_levels_of_normal_errors_are_one_two_and_three_sigma():

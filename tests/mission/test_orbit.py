@@ -21,14 +21,13 @@ from startrack.mission.files import (
     read_oem,
     read_spk,
     to_ephemeris_time,
-    write_aem,
     write_ck,
-    write_oem,
     write_spk,
 )
 from startrack.mission.instants import motion_of, path_of, spread
 from startrack.mission.parameters import Attitude, Orbit
 from startrack.space import Kepler, sun_synchronous
+from tests.mission.messages import write_aem, write_oem
 
 MISSION = load_mission(shipped("missions/sun-synchronous.toml"), ["time.duration=6 h"]).mission
 BEGIN = MISSION.time.begin

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.montecarlo.estimate import (
-    Mean,
-    controlled,
-    plain,
-    replicated,
-    stratified,
-    two_levels,
-)
+from startrack.montecarlo.estimate import Mean, controlled, plain, replicated, two_levels
 
 REPETITIONS = 400
 RHO = 0.95
@@ -28,11 +21,6 @@ def by_control(rng):
     return controlled(y**2, (x**2 - 1)[:, None]), 1.0
 
 
-def by_strata(rng):
-    stratum = np.arange(300) % 10
-    return stratified(stratum + rng.exponential(size=300), stratum), 5.5
-
-
 def by_replicates(rng):
     """Within a replicate the values hang together; only replicates are independent."""
     replicate = np.arange(320) % 16
@@ -46,7 +34,7 @@ def by_levels(rng):
     return two_levels(3 + fine, 1 + x[:100], plain(1 + x[100:])), 3.0
 
 
-ALL = [by_plain, by_control, by_strata, by_replicates, by_levels]
+ALL = [by_plain, by_control, by_replicates, by_levels]
 
 
 @pytest.mark.parametrize("estimate", ALL)
@@ -105,7 +93,5 @@ def test_a_mean_square_below_zero_has_a_root_of_zero():
 
 
 def test_too_few_values_are_refused():
-    with pytest.raises(ValueError, match="each stratum must have at least 2 values, got 1"):
-        stratified(np.arange(3.0), np.array([0, 0, 1]))
     with pytest.raises(ValueError, match="equally many"):
         replicated(np.arange(3.0), np.array([0, 0, 1]))

@@ -7,7 +7,8 @@ import pytest
 from scipy import special
 
 from startrack.optics import Aberration, Optics, Pupil, Segment
-from startrack.optics.closed_forms import airy, airy_encircled, fresnel_peak, gaussian, jinc
+from startrack.optics.closed_forms import airy, gaussian, jinc
+from tests.optics.closed import airy_encircled, fresnel_peak
 from startrack.optics.diffraction import fresnel, intensity, pupil_samples
 from startrack.optics.kirchhoff import ThinLens, profile
 from startrack.optics.pixel_psf import gauss_band, irradiance

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from startrack.optics import Aberration, Optics, Pupil, Segment, pixel_psf
-from startrack.optics.closed_forms import airy_encircled
+from tests.optics.closed import airy_encircled
 from startrack.optics.pixel_psf import irradiance
 
 ONE = np.ones(1)

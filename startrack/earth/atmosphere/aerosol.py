@@ -1,7 +1,5 @@
 """Extinction of the aerosol over height, from visibility."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from startrack.core import Floats

@@ -1,7 +1,5 @@
 """Reflectance and transmission of a cloud layer, by doubling, with exact single scattering."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Beyond 3 micrometre the air emits and absorbs more than it scatters. The table h
 down to the sea; the part above higher ground follows from their ratio.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Radiance of each pixel from BandTable and viewing geometry: the second of the two steps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

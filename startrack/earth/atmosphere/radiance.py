@@ -1,7 +1,5 @@
 """At-sensor radiance in five terms, from the viewing geometry of pixels or from Ground."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Irradiance of the Sun over wavelength."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

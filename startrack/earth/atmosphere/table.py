@@ -1,7 +1,5 @@
 """AirTable: radiation over wavelength and geometry, and its file; BandTable: the same in bands."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields

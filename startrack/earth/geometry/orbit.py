@@ -1,7 +1,5 @@
 """Position and velocity of a satellite or an aircraft over the rotating Earth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """EarthScene: a camera in flight over terrain, as a scene file gives it; what it sees."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 As in orekit's Rugged, the times of lines and the elements do not depend on each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache

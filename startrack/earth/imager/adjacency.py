@@ -1,7 +1,5 @@
 """Reflectance of the ground around each pixel, as air mixes it into lines of sight and skylight."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

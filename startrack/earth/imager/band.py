@@ -1,7 +1,5 @@
 """BandTable and thermal radiance of one channel, weighted with its response."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

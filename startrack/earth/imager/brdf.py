@@ -4,8 +4,6 @@ A reflectance factor is the radiance that a surface sends to the camera over tha
 Lambertian one: pi times the BRDF.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Radiance of ground and air under cloud layers, of the layers, and their shadows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Resolution, swath, MTF, SNR and data rate of a channel in flight; first parameters from goals."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """FITS that is filled while an image is rendered; GeoTIFF with ground control points."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Reflectance and temperature of ground: covers by height, maps, texture, slopes, hot spots."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache

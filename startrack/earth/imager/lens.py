@@ -1,7 +1,5 @@
 """The lens of a channel over its field: its camera, its images of points, weights of rays."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace

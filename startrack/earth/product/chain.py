@@ -1,7 +1,5 @@
 """A product of a channel from its raw image and its calibration frames."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """FITS of raw images and calibration frames; GeoTIFF of products."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Where a camera in flight sees points of the ground; an image on a grid of a map projection."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Calibration frames; raw numbers -> radiance -> reflectance or temperature of the ground."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Uncertainty of each pixel of a product by its contributors, from what is known how well."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Exact points and normals where rays meet a surface, for bundles of rays at a time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

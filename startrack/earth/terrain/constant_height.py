@@ -1,7 +1,5 @@
 """Where rays meet a surface of constant height above the ellipsoid: sea, or no terrain."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

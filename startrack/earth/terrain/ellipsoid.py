@@ -1,7 +1,5 @@
 """Cartesian and geodetic coordinates on the ellipsoid WGS84, and back."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

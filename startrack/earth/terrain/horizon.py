@@ -1,7 +1,5 @@
 """A surface and parallel rays -> heights above which they can no longer meet it."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Blocks of cells are skipped where the path stays above their maximum by more tha
 a cell, where the path alone cannot decide, the exact geodetic height of the ray does.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """One pyramid of tiles from sources of different resolution and extent, the best source first."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The path of a straight ray over a grid, near one of its points: quadratic in the distance."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

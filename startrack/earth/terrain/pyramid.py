@@ -1,7 +1,5 @@
 """Terrain of one surface, or of any size: each ray on the level that its resolution needs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -5,8 +5,6 @@ are cones, so a ray meets the borders of cells in closed form, and between them 
 the surface is searched with exact geodetic coordinates.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

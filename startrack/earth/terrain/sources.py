@@ -1,7 +1,5 @@
 """Sources of heights and maps on a grid: GDAL rasters, arrays, fractal terrain from a seed."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ Between four vertices the height is bilinear in longitude and latitude. A cell w
 is not a number is a hole.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

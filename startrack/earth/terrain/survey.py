@@ -1,7 +1,5 @@
 """Ground from rays: what each ray meets, its illumination, shadows, and values of maps there."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
