@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from startrack.core import Floats
 from startrack.mission.files import Attitudes, Ephemeris
 

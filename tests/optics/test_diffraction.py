@@ -8,11 +8,11 @@ from scipy import special
 
 from startrack.optics import Aberration, Optics, Pupil, Segment
 from startrack.optics.closed_forms import airy, gaussian, jinc
-from tests.optics.closed import airy_encircled, fresnel_peak
 from startrack.optics.diffraction import fresnel, intensity, pupil_samples
 from startrack.optics.kirchhoff import ThinLens, profile
 from startrack.optics.pixel_psf import gauss_band, irradiance
 from startrack.optics.pupil import area_weights, pupil_grid, zernike
+from tests.optics.closed import airy_encircled, fresnel_peak
 
 GREEN = 550e-9
 FIELD = (np.arange(155) - 77) / 5  # wavelength * f-number

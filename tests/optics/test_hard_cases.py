@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from startrack.optics import Aberration, Optics, Pupil, Segment, pixel_psf
-from tests.optics.closed import airy_encircled
 from startrack.optics.pixel_psf import irradiance
+from tests.optics.closed import airy_encircled
 
 ONE = np.ones(1)
 GREEN = np.array([550e-9])
