@@ -22,9 +22,10 @@ from markley_mortari import SCENARIOS, scenario
 
 from startrack import Case, arcsec, deg, load_design, shipped
 from startrack.budget import analytic
-from startrack.budget.curves import circles
+from startrack.budget.fields import boresights
 from startrack.catalog import Selection, Sky, earth_observer, open_sky
 from startrack.catalog.colour import v_from_g
+from startrack.core import Floats
 from startrack.core.units import LIGHT_SPEED
 from startrack.metrics import attitude_bound
 from startrack.trial import errors
@@ -123,6 +124,12 @@ def chandra() -> dict[str, Any]:
     return line("Chandra ACA", "centroid of a star, arcsec rms", size.mean() * pixel, 0.060,
                 "aperture, pixel, electrons of a star", "read noise, exposure, PSF, PRNU, "
                 f"stars from magnitude {CHANDRA[0]:g} to {CHANDRA[-1]:g} alike")  # fmt: skip
+
+
+def circles(sky: Sky, radius: float, places: int) -> Floats:
+    """Number of stars (m,) in circles of a radius (radian) that lie evenly over the sky."""
+    direction = boresights(places).inv().apply([0.0, 0.0, 1.0])
+    return np.array([len(stars) for stars in sky.cones(direction, radius)])
 
 
 def sky(places: int) -> list[dict[str, Any]]:

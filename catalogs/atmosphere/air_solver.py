@@ -12,9 +12,8 @@ from air_particles import Haze, particles, sasktran2
 from air_photons import Column, spread
 
 from startrack.core import Floats, Streams, deg, nm
-from startrack.earth.atmosphere.aerosol import profile
 from startrack.earth.atmosphere.spectra import sun_spectrum
-from startrack.earth.atmosphere.table import SPREADS, Air, AirTable
+from startrack.earth.atmosphere.table import SPREADS, Air, AirTable, profile
 from startrack.scene import Limb
 
 TOP = 100e3  # metre, of the air

@@ -11,8 +11,7 @@ exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; ex
 indices    Simulated sequences -> the error indices of the standard, over members and times.
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
 units      Case -> error budgets of many units at an age: classes of error and levels.
-residuals  Case -> errors of single stars in trials, over their position in the field and magnitude.
-single_stars  Case -> error of a single star's centroid over its magnitude, in time and in all.
+single_stars  Case -> errors of single stars: by formula, in boxes, in trials over the field.
 curves     Case -> its error over the sky and over slew rate, and that of its stars.
 """
 
@@ -46,8 +45,7 @@ from startrack.budget.left_out import (
     unseen,
 )
 from startrack.budget.measured import measured
-from startrack.budget.residuals import Residuals, StarErrors, star_errors
-from startrack.budget.single_stars import single_stars
+from startrack.budget.single_stars import Residuals, StarErrors, single_stars, star_errors
 from startrack.budget.units import UnitBudgets, joined, unit_budgets
 from startrack.trial import Term
 

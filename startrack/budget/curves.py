@@ -11,8 +11,7 @@ from startrack.budget.analytic import BLIND, analytic, of_fields
 from startrack.budget.budget import Budget
 from startrack.budget.fields import boresights, fields
 from startrack.budget.left_out import Check, check
-from startrack.budget.residuals import Residuals, residuals
-from startrack.catalog import Sky
+from startrack.budget.single_stars import Residuals, residuals
 from startrack.core import Floats, Refused
 from startrack.design import Case
 from startrack.metrics import Interval, summarise
@@ -234,12 +233,3 @@ def survey(case: Case, places: int = DIRECTIONS) -> Survey:
         np.sqrt(square[:, 2]),
         faintest,
     )
-
-
-def circles(sky: Sky, radius: float, places: int = DIRECTIONS) -> Floats:
-    """Number of stars (m,) in circles that lie evenly over the sky.
-
-    radius  radian
-    """
-    direction = boresights(places).inv().apply([0.0, 0.0, 1.0])
-    return np.array([len(one) for one in sky.cones(direction, radius)])

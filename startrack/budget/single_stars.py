@@ -1,11 +1,28 @@
-"""Case -> error of a single star's centroid over its magnitude, in time and in all."""
+"""Case -> errors of single stars: by formula, in boxes, and in trials over the field."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from startrack.budget.analytic import HOT, response
-from startrack.core import Floats
+from startrack.catalog import open_sky
+from startrack.core import Floats, Ints, Streams
 from startrack.design import Case
-from startrack.trial import METHOD, READ, SHOT, SingleStars, boxed, boxed_stars
+from startrack.motion import stability
+from startrack.trial import (
+    METHOD,
+    READ,
+    SHOT,
+    Record,
+    SingleStars,
+    boxed,
+    boxed_stars,
+    colour_correction,
+    observe,
+    random_attitude,
+)
 
 STEP = 10  # rows of the table of the formula, between two magnitudes
 
@@ -38,3 +55,88 @@ def single_stars(case: Case, seed: int = 0) -> SingleStars:
     return SingleStars(
         magnitude, measured, stated, rms(only=(SHOT, READ)), rms(only=(METHOD,)), rms(), rms(HOT)
     )
+
+
+class Residuals(NamedTuple):
+    """Matched stars of some trials.
+
+    trial      (n,)
+    position   (n, 2) pixel, true
+    magnitude  (n,) G of the sunlike star that is as bright
+    error      (n, 2) pixel, measured minus true
+    """
+
+    trial: Ints
+    position: Floats
+    magnitude: Floats
+    error: Floats
+
+
+def residuals(case: Case, seed: int, trials: int) -> Residuals:
+    """Measured positions of stars minus those by the true attitude and camera."""
+    stars, believed = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
+    true, _ = stars.find(believed.identifier)
+    faint = colour_correction(case, stars.colour)
+    parts = []
+    for number in range(trials):
+        streams = Streams(seed, number)
+        record = observe(case, random_attitude(streams), streams)
+        matches, spots = record.matches, record.spots
+        star = true[matches.star]
+        # Where the tracker merges two stars, their light has one position.
+        pixel = case.instrument.camera.project(record.icrs_to_camera.apply(matches.direction))
+        found = np.column_stack([spots.x, spots.y])[matches.spot]
+        magnitude = stars.magnitude_g[star] + faint[star]
+        parts.append(Residuals(np.full(len(star), number), pixel, magnitude, found - pixel))
+    return Residuals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+class StarErrors(NamedTuple):
+    """Matched stars of some trials.
+
+    magnitude  (n,) G
+    radius     (n,) pixel, from the middle of the frame
+    error      (n, 2) pixel, centroid minus true position at the middle of the exposure
+    trials     from how many trials
+    """
+
+    magnitude: Floats
+    radius: Floats
+    error: Floats
+    trials: int
+
+
+def star_errors(
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    icrs_to_camera: Rotation,
+    progress: Callable[[int], None],
+) -> StarErrors:
+    """Repeat trials, and keep what `Outcome` does not: the error of each star.
+
+    icrs_to_camera  the true attitude of each
+    """
+    rows = [np.empty((0, 4))]
+    for number, attitude in zip(numbers, icrs_to_camera, strict=True):
+        rows.append(_stars(case, observe(case, attitude, Streams(seed, number))))
+        progress(1)
+    magnitude, radius, x, y = np.concatenate(rows).T
+    return StarErrors(magnitude, radius, np.column_stack([x, y]), len(numbers))
+
+
+def _stars(case: Case, record: Record) -> Floats:
+    """(m, 4): magnitude, radius and error of the matched stars, at the mean line of sight."""
+    if not record.outcome.solved or record.outcome.false:
+        return np.empty((0, 4))
+    camera, matches = case.instrument.camera, record.matches
+    # A centroid measures the mean position in the exposure, so the true one is at the mean line of
+    # sight.
+    mean = stability(record.path).mean
+    turned = record.icrs_to_camera.apply(matches.direction)
+    position = camera.project(turned + np.cross(mean, turned))
+    spots = np.column_stack([record.spots.x, record.spots.y])[matches.spot]
+    # Directions of the tracker's catalogue, so the magnitudes are looked up by direction.
+    near = np.argmax(matches.direction @ record.stars.direction.T, axis=1)
+    radius = np.hypot(*(position - camera.centre).T)
+    return np.column_stack([record.stars.magnitude_g[near], radius, spots - position])

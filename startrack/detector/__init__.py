@@ -1,8 +1,8 @@
 """Photons into numbers: photons, charge, pixels, signal, image (EMVA 1288).
 
-parameters           Detector: pixels, exposure, noise, converter, and optional effects.
+parameters           Detector: pixels, exposure, noise, converter, optional effects; Line, Scan:
+                     detectors of lines (one line, staggered lines, TDI).
 imperfections        Thermal, Hits, Defects, Pattern: what a real detector adds to an ideal one.
-lines                Line, Scan: detectors of lines (one line, staggered lines, TDI).
 ageing               Orbit, shielding, years and a family of detectors -> what radiation did to
                      their pixels.
 maps                 Maps of one device: response, dark current and read noise of each pixel.
@@ -41,9 +41,8 @@ from startrack.detector.exposure import (
 )
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal, offsets
 from startrack.detector.law import law_of, nonlinear_signal, with_adc_inl
-from startrack.detector.lines import Line, Scan, staggered, tdi
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
-from startrack.detector.parameters import Detector, RegionOfInterest
+from startrack.detector.parameters import Detector, Line, RegionOfInterest, Scan, staggered, tdi
 from startrack.detector.pixel_effects import (
     PIXEL_EFFECTS,
     EffectInput,

@@ -12,9 +12,8 @@ from startrack import core
 from startrack.core import Floats, Light, Refused
 from startrack.detector.collect import diffuse_electrons, electron_rate
 from startrack.detector.exposure import Turn, frame_of
-from startrack.detector.lines import Line
 from startrack.detector.maps import response
-from startrack.detector.parameters import Detector
+from startrack.detector.parameters import Detector, Line
 from startrack.detector.stamp import stamp
 
 NODES = 8  # of Gauss-Legendre in the exposure of a line: 1e-6 of the flux at one pixel of smear

@@ -8,14 +8,13 @@ estimate    Values of trials, control variates, outcomes of faster fidelities ->
 control     Case, attitude and image of a trial -> its linearised error, and the exact mean of it.
 sampling    Sampling: fidelity and attitudes of the trials of a campaign, and their control variate.
 run         Many trials of one case over workers: the same numbers for any number of them.
-precision   When the interval of a statistic is narrow enough; quantiles with exact intervals.
 store       One SQLite file that holds a campaign; its trials as CSV or Parquet.
 causes      Outcomes of trials -> the status of each, why it is so, where it looked, and what was
             near.
 comparison  The same trials of two campaigns, or at each fidelity -> their statistics side by side,
             and the differences.
 resume      Do the trials that a store lacks: the same bytes, however often it was interrupted; a
-            Watch on it from time to time.
+            Watch on it from time to time; until the interval of a statistic is narrow enough.
 sketch      Outcomes of any number of trials -> a Sketch of fixed size: moments, quantiles, tails.
 merge       Stores of parts of a campaign -> one store, with the same bytes in any order of the
             parts.
@@ -26,8 +25,14 @@ from startrack.montecarlo.causes import Ending, Endings, endings, with_causes
 from startrack.montecarlo.comparison import Difference, differences, fidelity_comparison
 from startrack.montecarlo.estimate import combined, mean_square, probability
 from startrack.montecarlo.merge import merge_stores
-from startrack.montecarlo.precision import Precision, half_width, quantile_interval
-from startrack.montecarlo.resume import Watch, last_words, resume
+from startrack.montecarlo.resume import (
+    Precision,
+    Watch,
+    half_width,
+    last_words,
+    quantile_interval,
+    resume,
+)
 from startrack.montecarlo.run import run, warm
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.sketch import (

@@ -23,8 +23,8 @@ covariance     Case -> outcomes of trials from drawn spots, with identification 
                perfect.
 effects        The effects that designs may have, one row each: who counts, refuses or leaves out
                each.
-boxes          Frame and expected attitude -> the stars that a tracker takes in its search boxes.
-boxed_stars    Case -> centroids of single stars that a tracker takes in boxes, over magnitude.
+boxes          Stars that a tracker takes in its search boxes: of a frame, and single ones by
+               magnitude.
 chain          One trial, one line a room, in the order in which the light goes.
 photograph     Frame of an unknown camera -> its attitude and lens, whatever must be tried.
 """
@@ -37,8 +37,7 @@ from startrack.trial.belief import (
     seen_smear,
     smear_of,
 )
-from startrack.trial.boxed_stars import SingleStars, boxed_stars
-from startrack.trial.boxes import Images, agreeing, boxed, follow_boxes
+from startrack.trial.boxes import Images, SingleStars, agreeing, boxed, boxed_stars, follow_boxes
 from startrack.trial.chain import (
     OUTCOMES,
     Record,

@@ -1,6 +1,10 @@
-"""Frame and expected attitude -> the stars that a tracker takes in its search boxes."""
+"""Stars that a tracker takes in its search boxes: of a frame, and single ones by magnitude."""
 
+from __future__ import annotations
+
+import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,9 +12,11 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Status, Streams, kept
 from startrack.design import Case, Tracker
-from startrack.detection import DetectionPlan, Taken, box_reach, take
+from startrack.detection import Detection, DetectionPlan, Taken, box_reach, take
+from startrack.detector import dark, flickering, frame_of, response, to_frame
 from startrack.trial.belief import as_believed, detection_plan
-from startrack.trial.stars import electrons_of, nearby
+from startrack.trial.star_response import magnitudes, point_images, scale, star_images, within_frame
+from startrack.trial.stars import electrons_of, nearby, sky_electrons
 from startrack.trial.window import frame_in_windows
 
 BOX = "box"
@@ -119,3 +125,134 @@ def believed_electrons(case: Case) -> Floats:
 def _electrons(case: Case, catalog: Selection) -> Floats:
     tracker = replace(case.tracker, catalog=None)
     return electrons_of(replace(case, catalog=catalog, tracker=tracker))
+
+
+SIDE = 16  # stars along a side of the detector that is drawn
+TIMES = 2  # exposures of each star
+STEP = 2  # of the magnitudes of a chart
+FEWEST = 8  # stars of a magnitude, below which it has no figure
+MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
+NEAR = 1.0  # pixel from its place, within which a star is taken, and no other thing
+
+
+class SingleStars(NamedTuple):
+    """Centroids of single stars of m magnitudes; errors are pixel rms per axis.
+
+    magnitude  (m,) G of a sunlike star
+    measured   (m,) 1, share of the stars that are found, and not something else in their place
+    stated     (m,) what the tracker states of noise, and in boxes of the light that they cut off
+    temporal   (m,) from exposure to exposure on the same pixels
+    method     (m,) over places in the pixel, without noise on equal pixels
+    total      (m,) over exposures, places and pixels, less what all stars share
+    usual      (m,) the same, of all but the few that hot pixels move far
+    """
+
+    magnitude: Floats
+    measured: Floats
+    stated: Floats
+    temporal: Floats
+    method: Floats
+    total: Floats
+    usual: Floats
+
+
+@kept(8)
+def boxed_stars(case: Case, seed: int = 0) -> SingleStars:
+    """Draw stars at random places, on other pixels each, take them in boxes and follow them.
+
+    The usual error is the median size over that of a normal error of 1.
+
+    Magnitudes are those of the tracker's catalogue at which a star does not saturate.
+
+    Accuracy  model: a star does not move within an exposure, nor between those whose scatter is
+              the temporal one; flicker has the time between two exposures.  numerical: 3 % (1
+              sigma) where the errors are normal; few hot pixels make most of the total of aged
+              detectors, which varies more.
+    """
+    size, peak = scale(case), float(point_images(case).max())
+    all_of_them = magnitudes(case, case.believed_catalog.limit_g)
+    fits = size.star * 10 ** (-0.4 * all_of_them) * peak + size.background < size.largest
+    chosen = (all_of_them[fits] if fits.any() else all_of_them[-1:])[::-STEP][::-1]
+    field = _Field.of(case, seed)
+    rows = [_at_magnitude(field, float(magnitude), seed) for magnitude in chosen]
+    return SingleStars(chosen, *np.array(rows).T)
+
+
+class _Field(NamedTuple):
+    """A case whose detector has a box for each star; places (n, 2) pixel, light and pixels.
+
+    point   (rows, columns) fraction of a star's light, of all stars together
+    """
+
+    case: Case
+    place: Floats
+    expected: Floats
+    point: Floats
+    reach: float
+
+    @classmethod
+    def of(cls, case: Case, seed: int) -> _Field:
+        focal = case.instrument.camera.focal_length_px
+        box, streams = case.tracker.box, Streams(seed, 0)
+        reach = box_reach(box, focal)
+        tile = within_frame(2 * math.ceil(reach + MARGIN) + 7, case.instrument.detector)
+        detector = replace(
+            case.instrument.detector, columns=SIDE * tile, rows=SIDE * tile, region=None
+        )
+        case = replace(case, instrument=replace(case.instrument, detector=detector))
+        count = SIDE * SIDE
+        within = streams("places of stars").uniform(-0.5, 0.5, (count, 2))
+        images = star_images(case.instrument, within, tile)
+        point = images.reshape(SIDE, SIDE, tile, tile).transpose(0, 2, 1, 3)
+        row, column = np.divmod(np.arange(count), SIDE)
+        place = np.column_stack([column, row]) * tile + tile // 2 + within
+        error = box.prior * focal * streams("expected attitude").standard_normal((count, 2))
+        return cls(case, place, place + error, point.reshape(SIDE * tile, SIDE * tile), reach)
+
+
+def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
+    """The row of a magnitude, without it."""
+    case, settings = field.case, field.case.tracker.detection
+    size, detector = scale(case), case.instrument.detector
+    streams = Streams(seed, round(100 * (magnitude + 10)))
+    electrons = size.star * 10 ** (-0.4 * magnitude)
+    flux = np.full(len(field.place), electrons / detector.electrons_per_dn)
+
+    def taken_in(frame: Frame, settings: Detection, held: Ints | None) -> Taken:
+        plan = detection_plan(case, settings)
+        return take(frame, field.expected, flux, field.reach, case.tracker.box, plan, held)
+
+    light, gain, state = electrons * field.point, response(detector), flickering(detector, streams)
+    pixels = sky_electrons(case) + np.asarray(dark(detector)) * detector.exposure
+    seen, held, parts = pixels + light * (1.0 if gain is None else gain), None, []
+    stated = list[Floats]()
+    for time in range(TIMES):
+        if state and time:
+            state.later(1 / detector.update_rate)
+        noise = Streams(seed, 10**6 * (1 + time) + streams.trial)
+        frame = as_believed(case, frame_of(seen, detector, noise, state=state))
+        taken = taken_in(frame, settings, held)
+        held = taken.corner if held is None else held
+        parts.append(_places(taken) - field.place)
+        stated.append(taken.covariance)
+    off = np.array(parts)
+    good = (np.hypot(off[..., 0], off[..., 1]) < NEAR).all(axis=0)
+    if good.sum() < FEWEST:
+        return [float(good.mean()), *[math.nan] * 5]
+    off = off[:, good]
+    number = (light + size.background) / detector.electrons_per_dn + detector.offset
+    even = replace(settings, dark_map=None, dark_map_age=None)
+    still = (_places(taken_in(to_frame(number, detector), even, held)) - field.place)[good]
+    about = off - np.median(off.reshape(-1, 2), axis=0)
+    believed = np.trace(np.array(stated)[:, good], axis1=2, axis2=3).mean() / 2
+    variances = (
+        believed,
+        off.var(axis=0, ddof=1).mean(),
+        still.var(axis=0).mean(),
+        (about**2).mean(),
+    )
+    return [float(good.mean()), *np.sqrt(variances), float(np.median(np.abs(about))) / MEDIAN]
+
+
+def _places(taken: Taken) -> Floats:
+    return np.column_stack([taken.x, taken.y])

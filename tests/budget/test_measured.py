@@ -14,7 +14,7 @@ from startrack.core.units import arcsec
 from startrack.design.files import load_design
 from startrack.detection import Detection, detect
 from startrack.detector import Defects
-from startrack.detector.lines import Scan
+from startrack.detector.parameters import Scan
 from startrack.io import shipped
 from startrack.metrics import Interpretation
 from startrack.montecarlo.workers import Serial

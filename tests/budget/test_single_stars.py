@@ -7,14 +7,13 @@ import pytest
 
 from startrack import Streams, load_design, random_attitude, shipped
 from startrack.budget import analytic, single_stars
-from startrack.budget.residuals import residuals
+from startrack.budget.single_stars import residuals
 from startrack.catalog import open_sky
 from startrack.core import ZERO_CELSIUS
 from startrack.design import Fidelity
 from startrack.metrics import summarise
 from startrack.trial import colour_correction, run_trials
-from startrack.trial.boxed_stars import MEDIAN
-from startrack.trial.boxes import boxes_in_windows
+from startrack.trial.boxes import MEDIAN, boxes_in_windows
 
 
 def flown(year: float, celsius: float):

@@ -20,7 +20,7 @@ from startrack.design import design_keys
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
 from startrack.io import shipped
-from startrack.montecarlo.precision import STATISTICS
+from startrack.montecarlo.resume import STATISTICS
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 

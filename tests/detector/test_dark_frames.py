@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from startrack.detector import Defects, Detector, Hits, dark_frames
-from startrack.detector.lines import Scan
 from startrack.detector.maps import dark
+from startrack.detector.parameters import Scan
 
 DETECTOR = Detector(
     *(120, 100, 5e-6, 0.1),

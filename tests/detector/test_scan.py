@@ -12,7 +12,7 @@ from startrack.core.streams import Streams
 from startrack.core.values import DiffuseLight, Light, LineOfSight, Psf
 from startrack.detection import Detection, detect
 from startrack.detector import Detector, Exposure, expected, scan, staggered, tdi
-from startrack.detector.lines import Line
+from startrack.detector.parameters import Line
 from startrack.detector.scan import LineExposure, scanned
 
 FOCAL = 4e5  # pixel, so long that a turn is a shift

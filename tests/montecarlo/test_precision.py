@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.montecarlo.precision import Precision, half_width, quantile_interval
-from startrack.montecarlo.resume import FIRST_TEST
+from startrack.montecarlo.resume import FIRST_TEST, Precision, half_width, quantile_interval
 
 REPETITIONS = 400
 

@@ -11,8 +11,14 @@ import numpy as np
 import pytest
 
 from startrack.core.units import arcsec
-from startrack.montecarlo.precision import Precision, half_width
-from startrack.montecarlo.resume import FIRST_TEST, MOST_FAILURES, Watch, resume
+from startrack.montecarlo.resume import (
+    FIRST_TEST,
+    MOST_FAILURES,
+    Precision,
+    Watch,
+    half_width,
+    resume,
+)
 from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
 

@@ -8,8 +8,7 @@ from startrack.design.files import load_design
 from startrack.io import shipped
 from startrack.montecarlo.attitudes import by_sobol
 from startrack.montecarlo.estimate import mean_square
-from startrack.montecarlo.precision import Precision
-from startrack.montecarlo.resume import resume
+from startrack.montecarlo.resume import Precision, resume
 from startrack.montecarlo.run import run
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store

@@ -12,7 +12,7 @@ from startrack.catalog import open_sky
 from startrack.core import arcsec
 from startrack.design.case import Case, Fidelity
 from startrack.design.files import load_design
-from startrack.detector.lines import Scan
+from startrack.detector.parameters import Scan
 from startrack.io import shipped
 from startrack.motion import Motion, Tone
 from startrack.trial import systematic_variance, systematic_variance_of

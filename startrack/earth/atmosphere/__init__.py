@@ -1,6 +1,5 @@
 """Radiance at a sensor from tables of radiative transfer.
 
-aerosol   Extinction of the aerosol over height, from visibility.
 spectra   Irradiance of the Sun over wavelength.
 table     AirTable: radiance and transmission over wavelength and geometry, and its file; BandTable
           from it and bands: every term as radiance in each band, from one altitude.

@@ -7,7 +7,7 @@ import pytest
 
 from startrack.core.units import nm
 from startrack.earth.atmosphere import Air
-from startrack.earth.atmosphere.aerosol import profile
+from startrack.earth.atmosphere.table import profile
 
 pytest.importorskip("sasktran2", reason="new tables of the air need the extra `earth`")
 from air_particles import Haze, particles
