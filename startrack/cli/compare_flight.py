@@ -10,6 +10,7 @@ from startrack.cli.options import (
     Exit,
     Option,
     Options,
+    WrongUse,
     as_wrong_use,
     images,
     out,
@@ -46,6 +47,9 @@ declare = Options(
     "  startrack compare-flight trackers/chandra-aca.toml flight.npz --stars s4,s5",
     Option("design DESIGN.toml", "design file", Path),
     *images("; or one npz or FITS file of the images of several stars over time"),
+    Option("--dark-frame IMAGE", "with frames: dark frame of the detector, best the mean of many, "
+           "of which a tracker with tracker.detection.dark_map makes its map; the predicted images "
+           "have dark frames of the drawn detectors", Path),
     Option("--stars NAMES", "stars of the file, such as s4,s5 (default: all with 32 images or "
            "more)"),
     Option("--devices N", "detectors that are drawn", whole(2, 1000), 8),
@@ -86,10 +90,13 @@ def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows
     """The images of the stars: read from one file, or cut out of frames."""
     names, first = options.stars.split(",") if options.stars else (), options.images[0]
     if len(options.images) == 1 and first.suffix.lower() in TABLES:
+        if options.dark_frame:
+            raise WrongUse("--dark-frame must be given with whole frames alone")
         return verification.read_windows(first, names)
     count, frames = terminal.read_series(options)
+    dark = terminal.image_reader(options)(options.dark_frame) if options.dark_frame else None
     with terminal.progress("frames", count) as advance:
-        found = verification.windows_of_frames(frames, case, advance)
+        found = verification.windows_of_frames(frames, case, advance, dark)
     return [star for star in found if not names or star.name in names]
 
 

@@ -33,6 +33,7 @@ from startrack.trial.belief import (
     SMEAR_STEP,
     as_believed,
     detection_plan,
+    frames_of_map,
     known_smear,
     seen_smear,
     smear_of,

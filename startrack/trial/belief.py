@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from startrack.core import Camera, Frame, kept
 from startrack.design import Case, Instrument
@@ -18,7 +18,7 @@ from startrack.detection import (
     refined,
     streak_of,
 )
-from startrack.detector import YEAR, dark_frames, to_frame
+from startrack.detector import YEAR, Detector, dark_frames, to_frame
 from startrack.trial.images import psf_of
 
 # Pixel, so that frames at nearly the same rate share a plan; half of it costs nothing.
@@ -49,15 +49,17 @@ def _settings(
 @kept(16)
 def _planned(instrument: Instrument, detection: Detection) -> DetectionPlan:
     """The plan, whose dark map comes from dark frames of the detector."""
-
-    def dark() -> DarkFrames:
-        assert detection.dark_map
-        detector, then = instrument.detector, detection.dark_map_age
-        if then is not None and detector.age:
-            detector = replace(detector, age=detector.age.of_map(then / YEAR))
-        return DarkFrames(*dark_frames(detector, detection.dark_map.frames))
-
+    dark = partial(frames_of_map, instrument.detector, detection)
     return plan_detection(detection, psf_of(instrument), dark)
+
+
+def frames_of_map(detector: Detector, detection: Detection) -> DarkFrames:
+    """Dark frames of a device, at its age when the tracker took them for its dark map."""
+    assert detection.dark_map
+    then = detection.dark_map_age
+    if then is not None and detector.age:
+        detector = replace(detector, age=detector.age.of_map(then / YEAR))
+    return DarkFrames(*dark_frames(detector, detection.dark_map.frames))
 
 
 def as_believed(case: Case, frame: Frame) -> Frame:

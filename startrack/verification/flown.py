@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,9 +22,9 @@ from scipy import optimize
 from startrack import detection
 from startrack.core import Floats, Frame, Ints, Parameters, Psf, Refused, Spots, Streams, whole
 from startrack.design import Case
-from startrack.detector import Detector, dark, flickering, frame_of, response, stamp
+from startrack.detector import Detector, dark, dark_frames, flickering, frame_of, response, stamp
 from startrack.metrics import Interval
-from startrack.trial import psf_of, sky_electrons
+from startrack.trial import frames_of_map, psf_of, sky_electrons
 
 PHASES = 10  # of a pixel, of the curve of the centroid
 CELLS = 4  # of a pixel along each side, of the mean images
@@ -167,20 +168,33 @@ def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
 
 
 def windows_of_frames(
-    frames: Iterable[Frame], case: Case, progress: Callable[[int], None] | None = None
-) -> list[Windows]:
+    frames: Iterable[Frame], case: Case, progress: Callable[[int], None] | None = None,
+    dark_frame: Frame | None = None,
+) -> list[Windows]:  # fmt: skip
     """Windows of 8 x 8 pixels of the brightest stars of whole frames, in the order of time.
 
     The tracker's search finds the stars in the first frame; from there on its box follows each, and
     its search says in each frame whether it would have acquired the star. Stars that come near the
     border are left out. Frames without time stamps are taken at the update rate of the detector.
 
-    progress  called with 1 after each frame
-    Raises    Refused where the frames are not of the design's detector, are too few, or hold no
-              star away from the border; where some have no time stamp, or these do not rise.
+    progress    called with 1 after each frame
+    dark_frame  of the detector, of which a tracker with a dark map makes it; the windows hold the
+                numbers as they are
+    Raises      Refused where the frames are not of the design's detector, are too few, or hold no
+                star away from the border; where some have no time stamp, or these do not rise;
+                where a tracker with a dark map has no dark frame, or one without has.
     """
-    detector, box = case.instrument.detector, case.tracker.box
-    plan = detection.plan_detection(case.tracker.detection, psf_of(case.instrument))
+    detector, box, settings = case.instrument.detector, case.tracker.box, case.tracker.detection
+    if (dark_frame is None) != (settings.dark_map is None):
+        raise Refused(
+            "a dark frame must be given where the tracker has a dark map "
+            "(tracker.detection.dark_map), and nowhere else"
+        )
+    taken = None
+    if dark_frame is not None:
+        mean = np.asarray(dark_frame.image, float)
+        taken = partial(detection.DarkFrames, mean, dark_frames(detector, 1)[1])
+    plan = detection.plan_detection(settings, psf_of(case.instrument), taken)
     size = detector.rows, detector.columns
     corner, corners, numbers, acquired = np.empty((0, 2), np.int64), [], [], []
     stamps = list[float]()
@@ -519,14 +533,13 @@ def simulate(
               within an exposure; one path error of some hundredths of a pixel, by the centroids.
     """
     whole(1, 1000, devices=devices)
-    box, psf = case.tracker.box, psf_of(case.instrument)
-    plan, found = detection.plan_detection(case.tracker.detection, psf), []
+    box, psf, found = case.tracker.box, psf_of(case.instrument), []
     for number, star in enumerate(stars):
         seen = centroids(star, box)
         path = _smoothed(seen.place)
         share = _fraction(psf, box)
         flux = float(np.median(seen.total)) / share * case.instrument.detector.electrons_per_dn
-        found.append(_drawn(case, seen.windows, path, flux, devices, Streams(seed, number), plan))
+        found.append(_drawn(case, seen.windows, path, flux, devices, Streams(seed, number)))
         if progress:
             progress(1)
     return [list(device) for device in zip(*found, strict=True)]
@@ -548,9 +561,8 @@ def _fraction(psf: Psf, box: detection.Box) -> float:
 
 
 def _drawn(
-    case: Case, seen: Windows, path: Floats, flux: float, devices: int, streams: Streams,
-    plan: detection.DetectionPlan,
-) -> list[Windows]:  # fmt: skip
+    case: Case, seen: Windows, path: Floats, flux: float, devices: int, streams: Streams
+) -> list[Windows]:
     """One star on detectors side by side, each a tile of one frame."""
     low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
     side = np.ceil(path.max(axis=0)).astype(int) + 2 * BORDER - low
@@ -561,6 +573,8 @@ def _drawn(
     shift = np.arange(devices) * side[0]
     gain, empty = response(device), sky_electrons(case) + np.asarray(dark(device)) * device.exposure
     state, psf, box = flickering(device, streams), psf_of(case.instrument), case.tracker.box
+    settings = case.tracker.detection
+    plan = detection.plan_detection(settings, psf, partial(frames_of_map, device, settings))
     at = path - low
     corner = np.rint(np.column_stack([at[0, 0] + shift, np.full(devices, at[0, 1])]) + 0.5)
     corner, numbers, corners, acquired = corner.astype(np.int64), [], [], []

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Streams, load_design, random_attitude, shipped
 from startrack.cli.main import main
+from startrack.detector import dark_frames
 from startrack.io import FrameFiles, Layout, read_frames
 from startrack.trial import observe
 from startrack.verification.flown import (
@@ -96,9 +97,9 @@ def test_the_command_compares_a_design_with_its_own_images(tmp_path, capsys):
     assert ratio["read_noise"] == pytest.approx(1, abs=0.2)
 
 
-def turning(count: int):
+def turning(count: int, *changes: str):
     """Frames of a design whose boresight turns by a hundredth of a pixel a frame."""
-    case = load_design(shipped("designs/noise_only.toml")).case
+    case = load_design(shipped("designs/noise_only.toml"), changes).case
     first, pixel = random_attitude(Streams(1, 0)), 1 / case.instrument.camera.focal_length_px
     turns = [Rotation.from_rotvec([0.01 * pixel * k, 0, 0]) * first for k in range(count)]
     frames = [observe(case, turn, Streams(1, k)).frame for k, turn in enumerate(turns)]
@@ -121,6 +122,27 @@ def test_stars_of_whole_frames_are_followed():
     assert all(star.acquired[:20].mean() > 0.9 > 0.5 > star.acquired[20:].mean() for star in lost)
     with pytest.raises(ValueError, match="512 x 512 pixels of the detector, got 256 x 512"):
         windows_of_frames([replace(frames[0], image=frames[0].image[:, :256])], case)
+
+
+def test_a_tracker_with_a_dark_map_needs_a_dark_frame():
+    """Of a detector with hot pixels: stars are followed on both sides by the map of each."""
+    hot = (
+        "instrument.detector.defects.hot=0.0005",
+        "instrument.detector.defects.hot_current=2000 electron / s",
+    )
+    case, frames = turning(40, *hot, "tracker.detection.dark_map.frames=16")
+    mean, _ = dark_frames(case.instrument.detector, 16)
+    dark = replace(frames[0], image=mean)
+    stars = windows_of_frames(frames, case, dark_frame=dark)[:2]
+    assert min(star.acquired.mean() for star in stars) > 0.9
+    found = {(row.star, row.name): row for row in compare_flown(case, stars, 4).differences}
+    for star in stars:
+        assert found[star.name, "acquired"].predicted.value > 0.9
+    unaware = replace(case.tracker.detection, dark_map=None)
+    without = replace(case, tracker=replace(case.tracker, detection=unaware))
+    for given, some in ((None, case), (dark, without)):
+        with pytest.raises(ValueError, match="dark frame must be given where the tracker has"):
+            windows_of_frames(frames, some, dark_frame=given)
 
 
 def test_frames_of_files_have_their_times(tmp_path):
