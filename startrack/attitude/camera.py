@@ -8,17 +8,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    NON_NEGATIVE,
-    Camera,
-    Floats,
-    Ints,
-    Matches,
-    Parameters,
-    Range,
-    Refused,
-    Spots,
-)
+from startrack import core
+from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Refused
 
 UNKNOWNS = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 # Sigma, beyond which a residual counts linearly. Chosen by hand: a smaller one discards information
@@ -44,7 +35,7 @@ class Calibration(Parameters):
     floor: Annotated[float, NON_NEGATIVE, "pixel, systematic error of a centroid"] = 0.05
     steps: Annotated[int, Range(1, 1000), "of Gauss-Newton"] = 15
 
-    def sigma(self, camera: Camera) -> Floats:
+    def sigma(self, camera: core.Camera) -> Floats:
         """(8,) standard deviations of the priors, in the order of UNKNOWNS."""
         return np.array([
             self.focal_length * camera.focal_length_px, self.principal, self.principal,
@@ -63,7 +54,7 @@ class Calibrated:
     frames        frames used
     """
 
-    camera: Camera
+    camera: core.Camera
     covariance: Floats
     residual_rms: float
     stars: int
@@ -71,7 +62,10 @@ class Calibrated:
 
 
 def calibrate(
-    spots: Sequence[Spots], matches: Sequence[Matches], camera: Camera, settings: Calibration
+    spots: Sequence[core.Spots],
+    matches: Sequence[core.Matches],
+    camera: core.Camera,
+    settings: Calibration,
 ) -> Calibrated:
     """Robust least squares over the camera and the attitudes of all frames.
 
@@ -146,7 +140,7 @@ class _Block:
 class MatchedFrame:
     """The matches of one frame, and its attitude so far."""
 
-    def __init__(self, spots: Spots, matches: Matches) -> None:
+    def __init__(self, spots: core.Spots, matches: core.Matches) -> None:
         assert matches.icrs_to_camera is not None
         self.pixel, self.covariance = matched_pixels(spots, matches)
         self.direction = matches.direction
@@ -156,17 +150,17 @@ class MatchedFrame:
         """Turn its attitude by a rotation vector (3,), radian, in camera axes."""
         self.icrs_to_camera = Rotation.from_rotvec(vector) * self.icrs_to_camera
 
-    def residual(self, camera: Camera) -> Floats:
+    def residual(self, camera: core.Camera) -> Floats:
         """Pixel (n, 2), spots minus stars."""
         return self.pixel - camera.project(self.icrs_to_camera.apply(self.direction))
 
-    def chi_square(self, camera: Camera, floor: float) -> float:
+    def chi_square(self, camera: core.Camera, floor: float) -> float:
         """Chi-square of the residuals with Huber's weights."""
         _, square, weight = self._weigh(camera, floor)
         return float(np.sum(square * weight))
 
     def normal(
-        self, camera: Camera, free: Ints, floor: float, more: Floats | None = None
+        self, camera: core.Camera, free: Ints, floor: float, more: Floats | None = None
     ) -> _Block:
         """The normal equations of some of UNKNOWNS, by their numbers.
 
@@ -195,7 +189,7 @@ class MatchedFrame:
             attitude_right,
         )
 
-    def _weigh(self, camera: Camera, floor: float) -> tuple[Floats, Floats, Floats]:
+    def _weigh(self, camera: core.Camera, floor: float) -> tuple[Floats, Floats, Floats]:
         """Inverse covariances (n, 2, 2), squared residuals over them (n,), Huber's weights (n,).
 
         HUBER is in units of the typical residual, which exceeds the noise before convergence.
@@ -206,7 +200,7 @@ class MatchedFrame:
         return inverse, square, huber_weights(square, max(1.0, typical_square(square)))
 
 
-def matched_pixels(spots: Spots, matches: Matches) -> tuple[Floats, Floats]:
+def matched_pixels(spots: core.Spots, matches: core.Matches) -> tuple[Floats, Floats]:
     """Pixels (n, 2) of the spots that are matched, and their covariances (n, 2, 2)."""
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
     return pixel, spots.covariance[matches.spot]
@@ -226,7 +220,7 @@ def huber_weights(square: Floats, variance: float) -> Floats:
     return np.minimum(1.0, HUBER * np.sqrt(2 * variance / np.maximum(square, 1e-300)))
 
 
-def camera_slopes(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
+def camera_slopes(camera: core.Camera, points: Floats) -> tuple[Floats, Floats]:
     """Derivatives of the pixels of directions (n, 3) by a camera and by a small rotation of it.
 
     Returns  (n, 2, 8) by UNKNOWNS, (n, 2, 3) pixel / radian
@@ -241,12 +235,12 @@ def camera_slopes(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
     return np.concatenate([scale, jacobian[:, :, 8:15]], axis=2), jacobian[:, :, :3]
 
 
-def camera_vector(camera: Camera) -> Floats:
+def camera_vector(camera: core.Camera) -> Floats:
     """(8,) of UNKNOWNS."""
     return np.array([getattr(camera, name) for name in UNKNOWNS], float)
 
 
-def moved_camera(camera: Camera, free: Ints, step: Floats) -> Camera:
+def moved_camera(camera: core.Camera, free: Ints, step: Floats) -> core.Camera:
     """The camera after a step of some of UNKNOWNS, by their numbers."""
     vector = camera_vector(camera)
     vector[free] += step

@@ -1,7 +1,5 @@
 """Plan of a mission -> trials of all heads at its instants, and the angles between the heads."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,21 +6,8 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial import distance
 
-from startrack.core import (
-    FINITE,
-    NODES,
-    NON_NEGATIVE,
-    Camera,
-    Displacement,
-    Floats,
-    Parameters,
-    Range,
-    Streams,
-    Unit,
-    kept,
-    map_weights,
-    node_places,
-)
+from startrack import core
+from startrack.core import FINITE, NODES, NON_NEGATIVE, Floats, Parameters, Range, Unit, kept
 from startrack.optics.as_built import KINDS, element_slopes
 from startrack.optics.parameters import Optics
 
@@ -70,7 +57,7 @@ class Residual(Parameters):
         "of what one unit has by chance; 0: of the unit as designed, which has none"
     ] = 0  # fmt: skip
 
-    def smooth(self, camera: Camera, pitch: float) -> float:
+    def smooth(self, camera: core.Camera, pitch: float) -> float:
         """Pixel, s of the equation."""
         parts = self.rms, self.angle * camera.focal_length_px, self.grid / pitch
         return float(np.linalg.norm(parts))
@@ -80,7 +67,7 @@ class Residual(Parameters):
         """Metre or radian (3,), by KINDS."""
         return np.array([getattr(self, kind) for kind in KINDS])
 
-    def field(self, camera: Camera, optics: Optics, pitch: float) -> Displacement | None:
+    def field(self, camera: core.Camera, optics: Optics, pitch: float) -> core.Displacement | None:
         """The displacements over a camera's frame; None where there are none.
 
         pitch     metre, of a pixel
@@ -96,28 +83,34 @@ class Residual(Parameters):
         root = _root(camera.columns, camera.rows, focal, self.scale)
         for size, name in ((smooth, "residual"), (shift, "residual, by temperature")):
             if size:
-                draw = Streams(self.seed, 0)(name).standard_normal(2 * NODES**2)
+                draw = core.Streams(self.seed, 0)(name).standard_normal(2 * NODES**2)
                 value += size * (root @ draw).reshape(2, -1)
         if self.flatness:
-            draw = Streams(self.seed, 0)("flatness").standard_normal(NODES**2)
+            draw = core.Streams(self.seed, 0)("flatness").standard_normal(NODES**2)
             oblique = _oblique(camera, self.scale) * (self.flatness / pitch)
             value += (oblique @ draw).reshape(2, -1)
         if self.of_elements.any():
             elements = self._elements(camera, optics)
-            draw = Streams(self.seed, 0)("elements").standard_normal(elements.shape[1])
+            draw = core.Streams(self.seed, 0)("elements").standard_normal(elements.shape[1])
             value += (elements @ draw).reshape(2, -1)
         if not value.any():
             return None
-        return Displacement(camera.columns, camera.rows, tuple(value.ravel().tolist()))
+        return core.Displacement(camera.columns, camera.rows, tuple(value.ravel().tolist()))
 
-    def _elements(self, camera: Camera, optics: Optics) -> Floats:
+    def _elements(self, camera: core.Camera, optics: Optics) -> Floats:
         """Matrix (2 n, k) from normal numbers to the displacement by the elements."""
         slopes = element_slopes(optics, self.family, camera)
-        turns = taken_up(camera, node_places(camera.columns, camera.rows))[:, :3]
+        turns = taken_up(camera, core.node_places(camera.columns, camera.rows))[:, :3]
         return _without(turns, slopes.slope * self.of_elements[slopes.kind])
 
     def law(
-        self, camera: Camera, optics: Optics, pitch: float, order: int, tangential: bool, nodes: int
+        self,
+        camera: core.Camera,
+        optics: Optics,
+        pitch: float,
+        order: int,
+        tangential: bool,
+        nodes: int,
     ) -> Floats:
         """Root of the covariance of what a calibration leaves of the field, before it is drawn.
 
@@ -146,10 +139,12 @@ class Residual(Parameters):
             columns += [6] if order >= 3 else []
             columns += [7] if order >= 5 else []
             columns += [8, 9] if tangential else []
-            place = node_places(camera.columns, camera.rows)
+            place = core.node_places(camera.columns, camera.rows)
             model = taken_up(camera, place)[:, columns]
             if nodes:
-                both = np.kron(np.eye(2), map_weights(camera.columns, camera.rows, place, nodes))
+                both = np.kron(
+                    np.eye(2), core.map_weights(camera.columns, camera.rows, place, nodes)
+                )
                 model = np.concatenate([model, both], axis=1)
             parts.append(_on_lattice(camera, _without(model, np.concatenate(other, axis=1))))
         return np.concatenate(parts, axis=-1) if parts else np.zeros((LATTICE, LATTICE, 2, 1))
@@ -160,13 +155,13 @@ LEFT_OUT = 1e-3  # of the variance, in the modes that the table lacks; chosen by
 
 
 @kept(8)
-def residual_law(camera: Camera, scale: float) -> Floats:
+def residual_law(camera: core.Camera, scale: float) -> Floats:
     """`Residual.law` of a smooth field of rms one."""
     focal = float(f"{camera.focal_length_px:.1e}")
     return _on_lattice(camera, _root(camera.columns, camera.rows, focal, scale))
 
 
-def _on_lattice(camera: Camera, root: Floats) -> Floats:
+def _on_lattice(camera: core.Camera, root: Floats) -> Floats:
     """The largest modes of a root (2 n, m) at the nodes, at the places of a law's table."""
     mode, size, _ = np.linalg.svd(root, full_matrices=False)
     left = 1 - np.cumsum(size**2) / (size**2).sum()
@@ -175,7 +170,7 @@ def _on_lattice(camera: Camera, root: Floats) -> Floats:
     y = np.linspace(-0.5, camera.rows - 0.5, LATTICE)
     place = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     values = [
-        Displacement(camera.columns, camera.rows, tuple(column.tolist()))(place)
+        core.Displacement(camera.columns, camera.rows, tuple(column.tolist()))(place)
         for column in (mode[:, :count] * size[:count]).T
     ]
     return np.stack(values, axis=-1).reshape(LATTICE, LATTICE, 2, count)
@@ -189,23 +184,25 @@ def _root(columns: int, rows: int, focal: float, scale: float) -> Floats:
     expected rms of one.
     """
     both = np.asarray(np.kron(np.eye(2), _smooth(columns, rows, scale)), float)
-    root = _without(taken_up(Camera(columns, rows, focal), node_places(columns, rows)), both)
+    root = _without(
+        taken_up(core.Camera(columns, rows, focal), core.node_places(columns, rows)), both
+    )
     weight = _weight()
     size = np.sqrt(weight @ (root**2).sum(axis=1) / weight.sum())
     return np.asarray(root / size)
 
 
-def _oblique(camera: Camera, scale: float) -> Floats:
+def _oblique(camera: core.Camera, scale: float) -> Floats:
     """Matrix (2 n, n) from normal numbers to the displacement, for a height of rms one."""
     height = _smooth(camera.columns, camera.rows, scale)
-    slope = (node_places(camera.columns, camera.rows) - camera.centre) / camera.focal_length_px
+    slope = (core.node_places(camera.columns, camera.rows) - camera.centre) / camera.focal_length_px
     return np.concatenate([slope[:, :1] * height, slope[:, 1:] * height])
 
 
 def _smooth(columns: int, rows: int, scale: float) -> Floats:
     """Matrix (n, n) from normal numbers to a field of variance one at the nodes."""
     length = scale * np.hypot(columns, rows) / 2
-    apart = distance.squareform(distance.pdist(node_places(columns, rows)))
+    apart = distance.squareform(distance.pdist(core.node_places(columns, rows)))
     value, vector = np.linalg.eigh(np.exp(-((apart / length) ** 2) / 2))
     return np.asarray(vector * np.sqrt(np.maximum(value, 0.0)))
 
@@ -226,7 +223,7 @@ def _without(model: Floats, root: Floats) -> Floats:
     )
 
 
-def taken_up(camera: Camera, place: Floats) -> Floats:
+def taken_up(camera: core.Camera, place: Floats) -> Floats:
     """Displacements (2 n, 10) of places (n, 2) by a turn and by the parameters of a camera.
 
     All x before all y; on any scale, of the columns 1: three turns, focal length, principal point

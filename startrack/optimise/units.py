@@ -1,7 +1,5 @@
 """Fresh units of a design -> the level that a fraction of them keeps, and their yields."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -8,18 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_slopes
-from startrack.core import (
-    Camera,
-    Floats,
-    Ints,
-    Matches,
-    Spots,
-    Status,
-    Streams,
-    map_displacement,
-    map_weights,
-)
+from startrack.core import Camera, Floats, Ints
 from startrack.design import CameraCalibration
 
 # Prior standard deviations, wide beside what units differ by; as in `Calibration`.
@@ -30,7 +21,7 @@ LATTICE = 9  # places along each side, over which an alignment is fitted
 
 
 def calibrated(
-    camera: Camera, design: Camera, settings: CameraCalibration, streams: Streams
+    camera: Camera, design: Camera, settings: CameraCalibration, streams: core.Streams
 ) -> Camera:
     """The camera model that a calibration finds, by running it: `calibrate` on stars as measured.
 
@@ -48,7 +39,9 @@ def calibrated(
     return _mapped(camera, model, settings, streams)
 
 
-def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: Streams) -> Camera:
+def drawn(
+    camera: Camera, design: Camera, settings: CameraCalibration, streams: core.Streams
+) -> Camera:
     """The camera model of a calibration, drawn from the distribution of `calibrated`.
 
         estimate - truth = G residual + N(0, (H^T M H + P)^-1) - (H^T M H + P)^-1 P (truth - design)
@@ -81,7 +74,9 @@ def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: 
     return _mapped(camera, model, settings, streams)
 
 
-def _mapped(camera: Camera, model: Camera, settings: CameraCalibration, streams: Streams) -> Camera:
+def _mapped(
+    camera: Camera, model: Camera, settings: CameraCalibration, streams: core.Streams
+) -> Camera:
     """A camera model with the map that a calibration fits to what the model leaves.
 
     At the places of the calibration, measured with noise of their own.
@@ -97,11 +92,11 @@ def _mapped(camera: Camera, model: Camera, settings: CameraCalibration, streams:
     turn = alignment(camera, model)
     seen = pixel + settings.noise * random.standard_normal(pixel.shape)
     left = seen - model.project(turn.apply(_shown(camera, pixel, settings, random)))
-    weight = map_weights(camera.columns, camera.rows, pixel, settings.map)
+    weight = core.map_weights(camera.columns, camera.rows, pixel, settings.map)
     normal = weight.T @ weight
     normal += FEW * np.trace(normal) / len(normal) * np.eye(len(normal))
     node: Floats = np.linalg.solve(normal, weight.T @ left).astype(np.float64)
-    return replace(model, residual=map_displacement(camera.columns, camera.rows, node))
+    return replace(model, residual=core.map_displacement(camera.columns, camera.rows, node))
 
 
 def alignment(camera: Camera, believed: Camera) -> Rotation:
@@ -119,7 +114,7 @@ def left_over(camera: Camera, believed: Camera) -> Floats:
 
 
 def _frames(
-    camera: Camera, settings: CameraCalibration, streams: Streams
+    camera: Camera, settings: CameraCalibration, streams: core.Streams
 ) -> Iterator[tuple[Floats, Rotation, np.random.Generator]]:
     """Places of stars, attitude and random numbers of each frame of a calibration."""
     random = streams("calibration run")
@@ -158,17 +153,17 @@ def _lattice(camera: Camera) -> Floats:
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def _as_spots(pixel: Floats, settings: CameraCalibration) -> Spots:
+def _as_spots(pixel: Floats, settings: CameraCalibration) -> core.Spots:
     many, variance = len(pixel), max(settings.noise, LEAST_NOISE) ** 2
     one = np.ones(many)
     covariance = np.tile(variance * np.eye(2), (many, 1, 1))
     x, y = pixel.T.copy()
-    return Spots(x, y, one, covariance, one, np.ones(many, np.int64))
+    return core.Spots(x, y, one, covariance, one, np.ones(many, np.int64))
 
 
-def _as_matches(direction: Floats, camera: Camera, attitude: Rotation) -> Matches:
+def _as_matches(direction: Floats, camera: Camera, attitude: Rotation) -> core.Matches:
     every = np.arange(len(direction))
-    return Matches(Status.SOLVED, "", every, every, direction, camera, attitude, 0.0)
+    return core.Matches(core.Status.SOLVED, "", every, every, direction, camera, attitude, 0.0)
 
 
 def _priors(settings: CameraCalibration) -> Calibration:
@@ -213,7 +208,7 @@ def _fit(design: Camera, settings: CameraCalibration) -> _Fit:
         gain = np.asarray(np.linalg.solve(normal + noise**2 * prior, apart[:, free].T), float)
         return _Fit(free, normal, prior, noise, gain)
     # In orbit: the expected information of a frame of so many stars, from many frames.
-    random, size = Streams(0, 0)("places of a calibration"), (design.columns, design.rows)
+    random, size = core.Streams(0, 0)("places of a calibration"), (design.columns, design.rows)
     normal, frames = np.zeros((len(free), len(free))), 200
     for _ in range(frames):
         pixel = random.random((settings.stars, 2)) * size - 0.5
