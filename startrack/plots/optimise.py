@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from startrack.core import Floats, arcsec
-from startrack.design import Objective
+from startrack.design import YEAR, Objective
 from startrack.metrics import Interval
 from startrack.optimise import UNITS, Goals, Optimum, Point, Sensitivity, Tolerance, thinned
 from startrack.plots import style
@@ -29,7 +29,12 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
         f"[{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]",
     )
     error, variables = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1))
-    _tried(error, optimum, str(Objective.read(objective)))
+    words = str(Objective.read(objective))
+    if optimum.units:
+        over = optimum.units.over
+        age = f"{over.age / YEAR:g} yr"
+        words += f"\nthat {100 * over.fraction:g} % of units at {age} do not exceed"
+    _tried(error, optimum, words)
     draw_variables(variables, optimum)
     style.save_picture(path, figure)
 
@@ -54,7 +59,7 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
         at = number_of[~solved]
         axes.plot(at, np.full(len(at), 0.02), "|", ms=8, color=style.GREY, clip_on=False,
                   transform=axes.get_xaxis_transform(),
-                  label=f"no error: no trial was run, or none solved ({len(at)})")  # fmt: skip
+                  label=f"no error: no trial, or none solved ({len(at)})")  # fmt: skip
     _numbers_of_trials(axes, np.array([done.trials for done in tried]), _forecast_count(optimum))
     axes.set(yscale="log", ylabel=f"{objective} (arcsec)")
     axes.tick_params(labelbottom=True)
@@ -140,6 +145,10 @@ def draw_variables(axes: Axes, optimum: Optimum) -> None:
             span, at = found.spans[variable.name], len(line) * (1.02 + 0.015 * n)
             axes.plot([at, at], [span.low, span.high], "-_", lw=2.5, color=colour, ms=5)
     axes.set(xlabel="evaluation (number)", ylabel="variable, scaled (fraction of its range)")
+    if found:
+        style.panel_title(
+            axes, "bars: values that keep the objective, while the other variables follow"
+        )
     axes.set_ylim(-0.03, 1.03)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend_below(axes, 3)

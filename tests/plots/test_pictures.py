@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.budget import Survey, analytic, curves, error_curves
 from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
-from startrack.design import Accuracy, Objective
+from startrack.design import YEAR, Accuracy, Objective
 from startrack.metrics import Interval
 from startrack.optimise import Goals, Optimum, Point, Sensitivity
 from startrack.optimise.evaluate import Evaluation
@@ -309,6 +309,20 @@ def test_the_lines_of_a_search_are_explained(drawn):
     assert {text.get_text() for text in error.texts} == {"20", "60"}
     looks = {(line.get_color(), line.get_linestyle()) for line in variables.lines}
     assert len(looks) == 3
+
+
+def test_a_search_over_units_says_so_and_explains_its_bars(drawn):
+    spans = {f"instrument.{one}": SimpleNamespace(low=0.2, high=0.8) for one in ("first", "second")}
+    spans["instrument.third"] = SimpleNamespace(low=0.0, high=1.0)
+    landscape = SimpleNamespace(
+        forecasts=((0.1, 0.2, 0.3),), expected=(1.6,), met=(True,), spans=spans
+    )
+    over = SimpleNamespace(fraction=0.95, age=5 * YEAR)
+    found = dataclasses.replace(optimum(40), landscape=landscape, units=SimpleNamespace(over=over))
+    figure, _ = drawn(draw_convergence, found, "across")
+    error, variables = figure.axes
+    assert "that 95 % of units at 5 yr do not exceed" in error.get_ylabel()
+    assert "bars" in variables.get_title("left")
 
 
 def test_a_front_has_the_intervals_of_its_trials(drawn):
