@@ -46,5 +46,6 @@ def test_a_trial_from_the_wheel_is_that_of_the_checkout(wheel, tmp_path):
         words = ["-m", "startrack.cli", "montecarlo", "--trials", "20", "--json"]
         run = subprocess.run([sys.executable, *words], **options)
         values = json.loads(run.stdout.splitlines()[-1])
+        assert values.pop("design").startswith(str(place))
         found.append({k: v for k, v in values.items() if "second" not in k and k[-2:] != "_s"})
     assert found[0] == found[1]
