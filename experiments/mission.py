@@ -23,6 +23,9 @@ fusion_nees               normalised squared error of two fused heads (3 where t
 swarm_before_arcsec       rms angle between two simulated heads on a bench that warms and cools
 swarm_after_arcsec        the same after the estimation of its drift, on times that it has not seen
 placement_deg             largest error of a zenith angle in a case with a closed form
+placement_gain            lightest two to four heads with baffles from 25 to 60 degrees that meet
+                          the requirements: mass on the grid over that of the search of all together
+placement_s               CPU time of [that search, the grid]
 aem_roundtrip             radian, of attitudes that are written and read
 hundred_units_s           CPU time of that year for 100 spacecraft of three drawn heads of the
                           nanosatellite, beside its plan
@@ -61,17 +64,20 @@ from startrack.design import KeepOut, turning
 from startrack.detector.ageing import proton_dose
 from startrack.mission import (
     Blind,
+    Loaded,
     Mission,
     Plan,
     exports,
     fly,
     fly_units,
     head_model,
+    lightest,
     load_mission,
     place,
     plan_of,
     scenes_at,
     surrogate,
+    trades,
     write_model,
 )
 from startrack.mission import placement as placement_of_heads
@@ -144,6 +150,9 @@ def main() -> None:
     add(**bench(8760))
     add(aem_roundtrip=round_trip(plan))
     add(placement_deg=placement(loaded.mission, chosen.quick))
+    figures |= lightest_heads(loaded, chosen.quick)
+    add(placement_gain=figures["placement_gain"])
+    print(f"{'placement_s':24} {figures['placement_s']}")
     add(export_spectrum_error=exported(chosen.sequences, 4 if chosen.quick else 16))
     add(**rendered(plan, chosen.frames))
     add(**dazzled(chosen.frames, chosen.days))
@@ -388,6 +397,23 @@ def placement(example: Mission, quick: bool) -> float:
     known = 180 - math.asin(6378.137 / 6978.137) / deg - 75
     lines = [head.mounting.as_matrix()[:, 2] for head in found.mission.heads]
     return max(abs(math.acos(-line[2]) / deg - known) for line in lines)
+
+
+def lightest_heads(loaded: Loaded, quick: bool) -> dict[str, Any]:
+    """The search of heads, directions and baffles together, beside the grid."""
+    needs = MissionRequirements(max_blind=60.0, availability_one=0.999, max_error=3 * arcsec)
+    mission = dataclasses.replace(loaded.mission, requirements=needs)
+    plan = plan_of(dataclasses.replace(loaded, mission=mission))
+    counts = (2,) if quick else (2, 3, 4)
+    begun = time.process_time()
+    found = [trade for trade, _ in lightest(plan, counts, (25 * deg, 60 * deg))]
+    middle = time.process_time()
+    angles = [angle * deg for angle in ((40,) if quick else range(25, 61, 5))]
+    grid = trades(plan, counts, angles)
+    spent = [middle - begun, time.process_time() - middle]
+    masses = [[one.mass for one in of if one.met] for of in (grid, found)]
+    gain = min(masses[0]) / min(masses[1]) if all(masses) else None
+    return {"placement_gain": gain, "placement_s": spent}
 
 
 def exported(sequences: int, frames: int) -> float | None:

@@ -70,7 +70,8 @@ declare = Options(
     Option("--spice", "write orbit and attitude of the rows of the table as kernels of SPICE: "
            "orbit.bsp, attitude.bc with its clock, attitude.tsc (extra spice)"),
     Option("--place", "search for better mountings of the heads first, and compare; writes "
-           "placed.toml and placement.png"),
+           "placed.toml and placement.png. With --baffle LEAST LARGEST: the lightest heads that "
+           "meet the requirements, directions and angle of the baffles together"),
     Option("--heads N", "compare so many heads instead, each placed by a coarse search (default "
            "with --baffle: as many as the mission has)", whole(1, 8), many="+"),
     Option("--baffle DEG", "compare baffles that keep the Sun out from such angles on instead, "
@@ -263,8 +264,20 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     """Print numbers of heads and angles of baffles, with what they are worth and weigh."""
     counts = options.heads or [len(plan.heads)]
     angles = [angle * deg for angle in options.baffle or [plan.heads[0].limits.sun / deg]]
-    with progress("searches", len(counts) * len(angles)) as advance:
-        traded = mission.trades(plan, counts, angles, advance)
+    how = "at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws"
+    if options.place:
+        if len(angles) != 2:
+            raise WrongUse("--baffle must give two angles, the least and the largest, with --place")
+        with as_wrong_use(ValueError), progress("numbers of heads", len(counts)) as advance:
+            found = mission.lightest(plan, counts, (angles[0], angles[1]), advance)
+        traded = [trade for trade, _ in found]
+        best = min(found, key=lambda pair: (not pair[0].met, pair[0].mass))
+        text = f"{path.name}, the lightest heads and baffles that were found"
+        mission.save_mission(options.out / "placed.toml", best[1].mission, text)
+        how = "at 96 orbits of 100 instants, directions and baffles together; mass by the cost laws"
+    else:
+        with progress("searches", len(counts) * len(angles)) as advance:
+            traded = mission.trades(plan, counts, angles, advance)
     table = Table(
         [
             Column("heads", "heads", lambda row: row.heads, form="d"),
@@ -282,7 +295,6 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     )
     result = {"mission": str(path), "trades": table.json(), "out": str(options.out)}
     save_json(options.out / "trades.json", finite(result))
-    how = "at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws"
     print_result(options, result, *table.text(()), how)
     return Exit.DONE if any(trade.met for trade in traded) else Exit.UNSOLVED
 

@@ -36,7 +36,7 @@ from startrack.mission.exports import (
 from startrack.mission.frames import Agreement, Between, agreement, between, frames_of
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import KeepClear, Loaded, Mission, load_mission, save_mission
-from startrack.mission.placement import angles_of, map_of, moved_plan, place, trades
+from startrack.mission.placement import angles_of, lightest, map_of, moved_plan, place, trades
 from startrack.mission.rendered import Checked, scenes_at
 from startrack.mission.store import flown_from
 from startrack.mission.summary import (

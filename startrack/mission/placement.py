@@ -68,6 +68,18 @@ class Quality:
         sum over requirements of MISSED * excess + MET * ratio, with the ratio of what is asked to
         what is allowed, plus the error in units of what is allowed, or of an arcsecond.
         """
+        size = self.error / (needs.max_error or arcsec)
+        return self.missed(needs, step) + MET * sum(self._ratios(needs, step)) + size
+
+    def missed(self, needs: MissionRequirements, step: float) -> float:
+        """The part of the score by requirements that are missed, and by keep-out cones."""
+        excess = [max(ratio - 1, 0.0) for ratio in self._ratios(needs, step)]
+        if needs.max_error:
+            excess.append(max(self.error / needs.max_error - 1, 0.0))
+        return MISSED * sum(excess) + FORBIDDEN * self.keep_out
+
+    def _ratios(self, needs: MissionRequirements, step: float) -> list[float]:
+        """What is asked over what is allowed, of blindness."""
         ratios = []
         if needs.max_blind is not None:
             ratios.append(self.longest / max(needs.max_blind, step))
@@ -77,11 +89,7 @@ class Quality:
         ):
             if limit is not None:
                 ratios.append((1 - value) / max(1 - limit, 1e-6))
-        size = self.error / (needs.max_error or arcsec)
-        missed = sum(max(ratio - 1, 0.0) for ratio in ratios) + max(size - 1, 0.0) * bool(
-            needs.max_error
-        )
-        return MISSED * missed + MET * sum(ratios) + size + FORBIDDEN * self.keep_out
+        return ratios
 
 
 def sample(plan: Plan) -> Samples:
@@ -221,26 +229,19 @@ def place(
                     best, lines, blind = value, _with(lines, h, line), _with(blind, h, mask)
         if best > start - 1e-9:
             break
-    middle = [_tangents(line) for line in lines]
-
-    def moved(coordinates: Floats) -> list[Floats]:
-        offset = (coordinates.reshape(-1, 2) - 0.5) * (2 * REACH)
-        turned = [
-            line + a * math.tan(u) + b * math.tan(v)
-            for line, (a, b), (u, v) in zip(lines, middle, offset, strict=True)
-        ]
-        return [line_ / np.linalg.norm(line_) for line_ in turned]
+    around = _Around(plan, samples, lines)
 
     def of(coordinates: Floats) -> float:
-        there = moved(coordinates)
-        hidden = [blind_at(samples, *pair) for pair in zip(plan.heads, there, strict=True)]
-        return score(there, hidden)
+        nonlocal tried
+        tried += 1
+        advance(1)
+        return around.quality(coordinates).score(needs, samples.step)
 
     ending, limit = "the best of the grid", EVALUATIONS if evaluations is None else evaluations
     if limit:
         search = Search(evaluations=limit, first_step=0.1, last_step=1e-3)
         least_score = least(of, np.full(2 * len(lines), 0.5), search)
-        lines, ending = moved(least_score.coordinates), least_score.ending
+        lines, ending = around.moved(least_score.coordinates), least_score.ending
     hidden = [blind_at(samples, *pair) for pair in zip(plan.heads, lines, strict=True)]
     heads = tuple(
         replace(head, azimuth=float(a), elevation=float(e), roll=0.0, camera_to_body=None)
@@ -296,17 +297,137 @@ def trades(
     for count in counts:
         for angle in angles:
             changed = _with_heads(plan, count, angle)
-            quality = place(changed, grid_step=COARSE, evaluations=0).after
-            length, mass = 0.0, 0.0
-            for design in changed.loaded.designs:
-                needs = design.campaign.requirements if design.campaign else Requirements()
-                needs = replace(needs, baffle_angle=angle, density=needs.density or DENSITY)
-                length = max(length, _baffle_length(design.case, angle))
-                mass += needs.mass(design.case)
-            met = _meets(quality, changed.loaded.mission.requirements)
-            results.append(Trade(count, angle, length, mass, quality, met))
+            results.append(_trade(changed, angle, place(changed, grid_step=COARSE, evaluations=0)))
             advance(1)
     return results
+
+
+def _trade(plan: Plan, angle: float, placement: Placement) -> Trade:
+    """A placement of the heads of a plan, whose baffles have this angle."""
+    designs, quality = plan.loaded.designs, placement.after
+    length = max(_baffle_length(design.case, angle) for design in designs)
+    met = _meets(quality, plan.loaded.mission.requirements)
+    return Trade(len(designs), angle, length, _mass(plan, angle), quality, met)
+
+
+def _mass(plan: Plan, angle: float) -> float:
+    """Kilogram of all heads, with baffles of this angle."""
+    total = 0.0
+    for design in plan.loaded.designs:
+        needs = design.campaign.requirements if design.campaign else Requirements()
+        needs = replace(needs, baffle_angle=angle, density=needs.density or DENSITY)
+        total += needs.mass(design.case)
+    return total
+
+
+def lightest(
+    plan: Plan,
+    counts: Sequence[int],
+    angles: tuple[float, float],
+    advance: Callable[[int], None] = lambda _: None,
+    evaluations: int = EVALUATIONS,
+) -> list[tuple[Trade, Placement]]:
+    """The lightest heads and baffles, of each number of heads, that meet the requirements.
+
+    Directions of all heads and the angle of their baffles together, without a grid: from the
+    mountings of a coarse search with the longest baffle, nlopt (Sbplx) searches the least of
+
+        mass / mass of the start + score of what is missed
+
+    and a last search, at that angle, of the best error.
+
+    angles       radian, shortest and longest exclusion angle of the Sun that a baffle may have
+    advance      called with 1 after each number of heads
+    evaluations  of each of both searches
+    Returns      in the order of `counts`; a Trade says whether the requirements are met
+    Raises       ValueError where an angle lies in the field of a head, or the two do not increase
+    Accuracy     as `place`; the exclusion angles of Moon and Earth stay
+    """
+    if not angles[0] < angles[1]:
+        raise Refused(f"angles must increase, got {angles[0] / deg:.3g}, {angles[1] / deg:.3g} deg")
+    found = []
+    for count in counts:
+        found.append(_lightest(plan, count, angles, evaluations))
+        advance(1)
+    return found
+
+
+def _lightest(
+    plan: Plan, count: int, angles: tuple[float, float], evaluations: int
+) -> tuple[Trade, Placement]:
+    low, high = angles
+    longest = _with_heads(plan, count, low)
+    start = place(longest, grid_step=COARSE, evaluations=0)
+    samples, needs = sample(longest), longest.loaded.mission.requirements
+    lines = [head.mounting.as_matrix()[:, 2] for head in start.mission.heads]
+    heaviest, around = _mass(longest, low), _Around(longest, samples, lines)
+
+    def angle_at(coordinates: Floats) -> float:
+        return low + float(coordinates[-1]) * (high - low)
+
+    def weight(coordinates: Floats) -> float:
+        quality = around.quality(coordinates[:-1], angle_at(coordinates))
+        mass = _mass(longest, angle_at(coordinates))
+        return mass / heaviest + quality.missed(needs, samples.step)
+
+    search = Search(evaluations=evaluations, first_step=0.1, last_step=1e-3)
+    best = least(weight, np.append(np.full(2 * count, 0.5), 0.0), search)
+    angle = angle_at(best.coordinates)
+
+    def error(coordinates: Floats) -> float:
+        return around.quality(coordinates, angle).score(needs, samples.step)
+
+    last = least(error, best.coordinates[:-1], replace(search, first_step=0.05))
+    changed = _with_heads(plan, count, angle)
+    mission = _mounted_at(changed, around.moved(last.coordinates))
+    tried = start.evaluations + best.evaluations + last.evaluations
+    quality = around.quality(last.coordinates, angle)
+    placement = Placement(mission, start.after, quality, tried, last.ending)
+    return _trade(moved_plan(changed, mission), angle, placement), placement
+
+
+class _Around:
+    """Heads of a plan within REACH of some directions, at the samples of a search."""
+
+    def __init__(self, plan: Plan, samples: Samples, lines: Sequence[Floats]) -> None:
+        self._plan, self._samples, self._lines = plan, samples, lines
+        self._tangents = [_tangents(line) for line in lines]
+        self._variances = [_mean_variances(plan, h) for h in range(len(lines))]
+
+    def moved(self, coordinates: Floats) -> list[Floats]:
+        """Directions (3,) at coordinates (2 h,) of the unit cube, whose middle is the start."""
+        offset = (coordinates.reshape(-1, 2) - 0.5) * (2 * REACH)
+        turned = [
+            line + a * math.tan(u) + b * math.tan(v)
+            for line, (a, b), (u, v) in zip(self._lines, self._tangents, offset, strict=True)
+        ]
+        return [line / np.linalg.norm(line) for line in turned]
+
+    def quality(self, coordinates: Floats, sun: float | None = None) -> Quality:
+        """What these directions are worth, with an exclusion angle of the Sun (radian)."""
+        lines, mission = self.moved(coordinates), self._plan.loaded.mission
+        heads = self._plan.heads
+        if sun is not None:
+            heads = tuple(replace(head, limits=replace(head.limits, sun=sun)) for head in heads)
+        blind = [blind_at(self._samples, *pair) for pair in zip(heads, lines, strict=True)]
+        return quality_of(
+            self._samples, lines, blind, self._variances, mission.keep_out, mission.common.variance
+        )
+
+
+def _mounted_at(plan: Plan, lines: Sequence[Floats]) -> Mission:
+    """The mission of a plan with its heads along some directions, and the angles of its heads."""
+    mission = plan.loaded.mission
+    heads = tuple(
+        replace(
+            head, azimuth=float(a), elevation=float(e), roll=0.0, camera_to_body=None,
+            exclusion=replace(head.exclusion, sun=mounted_head.limits.sun),
+        )
+        for head, mounted_head, (a, e) in zip(
+            mission.heads, plan.heads, map(angles_of, lines), strict=True
+        )
+    )  # fmt: skip
+    return replace(mission, heads=heads)
 
 
 def _with_heads(plan: Plan, count: int, angle: float) -> Plan:

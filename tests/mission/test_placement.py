@@ -13,7 +13,15 @@ from startrack.mission.engine import at, fly
 from startrack.mission.heads import Blind, faces_of, nearest
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import KeepClear, MissionRequirements, Obstacle, Orbit
-from startrack.mission.placement import angles_of, map_of, moved_plan, place, sphere, trades
+from startrack.mission.placement import (
+    angles_of,
+    lightest,
+    map_of,
+    moved_plan,
+    place,
+    sphere,
+    trades,
+)
 from startrack.mission.summary import availability_of
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
@@ -106,6 +114,37 @@ def test_more_heads_and_longer_baffles_weigh_more_and_see_more(loaded, monkeypat
     assert found[2, 30].quality.error < narrow.quality.error
     with pytest.raises(ValueError, match="above the half diagonal"):
         trades(plan, [1], [2 * deg])
+
+
+def test_heads_and_baffles_together_weigh_no_more_than_on_a_grid(loaded, monkeypatch):
+    """Two heads, baffles from 25 to 70 degrees: beside the lightest of a grid that meets the
+    requirements. Its own mountings and angle are looked at again, by all samples."""
+    monkeypatch.setattr(placement, "WINDOWS", 3)
+    monkeypatch.setattr(placement, "COARSE", 45 * deg)
+    needs = MissionRequirements(max_blind=600.0, availability_one=0.95)
+    mission = dataclasses.replace(loaded.mission, requirements=needs)
+    plan = plan_of(dataclasses.replace(loaded, mission=mission))
+    grid = [one for one in trades(plan, [2], [25 * deg, 45 * deg, 65 * deg]) if one.met]
+    [(trade, found)] = lightest(plan, [2], (25 * deg, 70 * deg), evaluations=120)
+    assert trade.met
+    assert trade.mass <= min(one.mass for one in grid) + 1e-9
+    assert 25 * deg <= trade.angle <= 70 * deg
+    heads = found.mission.heads
+    assert [head.exclusion.sun for head in heads] == pytest.approx([trade.angle] * 2)
+    samples = placement.sample(plan)
+    hidden = [
+        placement.blind_at(
+            samples,
+            dataclasses.replace(
+                plan.heads[0], limits=dataclasses.replace(plan.heads[0].limits, sun=trade.angle)
+            ),
+            head.mounting.as_matrix()[:, 2],
+        )
+        for head in heads
+    ]
+    assert trade.quality.one == pytest.approx(1 - np.mean(hidden[0] & hidden[1]))
+    with pytest.raises(ValueError, match="angles must increase, got 70, 25 deg"):
+        lightest(plan, [2], (70 * deg, 25 * deg))
 
 
 def test_the_grid_covers_the_sphere():
