@@ -1,5 +1,7 @@
 """`startrack bench`: the CPU time and the error of every stage, on this machine."""
 
+from __future__ import annotations
+
 import argparse
 
 from startrack.cli.options import Exit, Option, Options, as_wrong_use, out, wanted

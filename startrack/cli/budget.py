@@ -1,5 +1,7 @@
 """`startrack budget`: the error of a design cause by cause."""
 
+from __future__ import annotations
+
 import argparse
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """`startrack calibrate`: the camera model of images of stars, or of a table of them."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from dataclasses import replace

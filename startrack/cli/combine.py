@@ -1,5 +1,7 @@
 """`startrack combine`: one error from campaigns of different fidelity."""
 
+from __future__ import annotations
+
 import argparse
 import math
 import os

@@ -1,5 +1,7 @@
 """`startrack compare`: two designs or campaigns side by side."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,5 +1,7 @@
 """`startrack compare-flight`: a design beside images that its tracker sent down."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from pathlib import Path

@@ -1,5 +1,7 @@
 """`startrack detect`: the stars of images."""
 
+from __future__ import annotations
+
 import argparse
 from dataclasses import replace
 from pathlib import Path

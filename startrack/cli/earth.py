@@ -1,5 +1,7 @@
 """`startrack earth`: geometry, images and products of Earth cameras over terrain."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from collections.abc import Callable

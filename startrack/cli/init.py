@@ -1,5 +1,7 @@
 """`startrack init`: a design file to begin with."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 

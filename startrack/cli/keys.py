@@ -1,5 +1,7 @@
 """`startrack keys`: what a design file may hold."""
 
+from __future__ import annotations
+
 import argparse
 import re
 import shutil

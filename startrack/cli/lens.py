@@ -1,5 +1,7 @@
 """`startrack lens`: tables of lenses from prescriptions, and images of points for designs."""
 
+from __future__ import annotations
+
 import argparse
 import math
 import warnings

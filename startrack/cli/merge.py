@@ -1,5 +1,7 @@
 """`startrack merge`: parts of a campaign, from several machines, as one."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 from typing import Any

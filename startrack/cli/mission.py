@@ -1,5 +1,7 @@
 """`startrack mission`: heads of a spacecraft over orbit and attitude law."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """`startrack montecarlo`: the error of one design over many trials."""
 
+from __future__ import annotations
+
 import argparse
 import time
 from concurrent.futures import Executor

@@ -1,5 +1,7 @@
 """`startrack optimize`: a better design, found by search and checked by trials."""
 
+from __future__ import annotations
+
 import argparse
 from typing import Any
 

@@ -6,6 +6,8 @@ it calls the command, as `lazy from module import name` of Python 3.15 (PEP 810)
 of a command needs none of it.
 """
 
+from __future__ import annotations
+
 import argparse
 import gc
 import math

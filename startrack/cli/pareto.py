@@ -1,5 +1,7 @@
 """`startrack pareto`: designs that no other beats in both of two goals."""
 
+from __future__ import annotations
+
 import argparse
 
 from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, wanted, whole

@@ -1,5 +1,7 @@
 """`startrack psf`: how the optics of a design blur a star."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from dataclasses import replace

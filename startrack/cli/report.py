@@ -1,5 +1,7 @@
 """`startrack report`: a campaign as one self-contained HTML page."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """`startrack requirements`: margins of a design to its requirements; figures of Earth cameras."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from dataclasses import asdict

@@ -1,5 +1,7 @@
 """`startrack sample`: the tolerance of each parameter of a design."""
 
+from __future__ import annotations
+
 import argparse
 
 from startrack.cli.options import Exit, Options, study, wanted

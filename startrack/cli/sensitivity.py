@@ -1,5 +1,7 @@
 """`startrack sensitivity`: which parameters the error of a design depends on."""
 
+from __future__ import annotations
+
 import argparse
 import math
 

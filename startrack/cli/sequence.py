@@ -1,5 +1,7 @@
 """`startrack sequence`: a tracker in time."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """`startrack solve`: the attitude of images."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from collections.abc import Callable

@@ -1,5 +1,7 @@
 """`startrack verify`: a verdict on each requirement of a design."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 

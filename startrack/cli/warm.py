@@ -1,5 +1,7 @@
 """`startrack warm`: compile the kernels before they are needed."""
 
+from __future__ import annotations
+
 import argparse
 import time
 from collections.abc import Callable
