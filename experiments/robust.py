@@ -107,7 +107,7 @@ def main() -> None:
         "outside": len(outside),
         "slowest_s": slowest[0],
         **ended,
-        "planted": {} if options.quick else planted(options.seed),
+        "planted": {} if options.quick else planted(options.seed, options.compiled),
         **(surroundings(options.caches, options.seed) if options.caches else {}),
         "resident_growth_mb": grown(options.designs) if options.designs else 0.0,
         "slow_tests_failed": slow_tests_failed() if options.slow else None,
@@ -116,13 +116,18 @@ def main() -> None:
     command.save(options, figures)
 
 
-def planted(seed: int) -> dict[str, bool]:
+def planted(seed: int, compiled: Path | None) -> dict[str, bool]:
     """Whether each fault that is put into the package is found."""
+    found = {}
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
-        compiled = Path(folder) / "code"
-        make_folder(compiled)
-        return {fault: is_found(fault, seed, compiled) for fault in SHOWN}
+        if compiled is None:
+            compiled = Path(folder) / "code"
+            make_folder(compiled)
+        for fault in SHOWN:
+            found[fault] = is_found(fault, seed, compiled)
+            print(f"planted: {fault}: {'found' if found[fault] else 'NOT FOUND'}", flush=True)
+    return found
 
 
 def surroundings(cases: int, seed: int) -> dict[str, int]:

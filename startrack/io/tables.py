@@ -33,6 +33,7 @@ from startrack.core import (
 from startrack.io.reading import read_bytes, shipped
 
 T = TypeVar("T")
+LAYERED = ("variations", "trackers", "designs")  # folders of what lies below a design
 LARGEST = 2**20  # byte; the largest design of the catalogue has 5 kB
 LONGEST_NAME = 64  # letters of a key that similar ones are looked for; chosen by hand
 LONGEST_KEY = 32  # parts between dots; keys of some 10000 parts take tomllib minutes
@@ -367,8 +368,20 @@ def _found(path: Path, key: str, name: str) -> Path:
     except (OSError, ValueError):  # not there, or a name that no file can have
         raise Refused(
             f"{path}: {key} must be the name of a file beside it, or of one in the catalogue, such "
-            f"as 'designs/nanosatellite.toml', got {shown(name)}"
+            f"as {_like(name)!r}, got {shown(name)}"
         ) from None
+
+
+def _like(name: str) -> str:
+    """The file of the catalogue whose name is most like another one."""
+    stems = {
+        file.stem: f"{folder}/{file.name}"
+        for folder in LAYERED
+        for file in sorted(shipped(folder).glob("*.toml"))
+    }
+    asked = name.rpartition("/")[2].removesuffix(".toml")
+    close = difflib.get_close_matches(asked[:LONGEST_NAME], stems, 1, 0.75)
+    return stems[close[0] if close else "nanosatellite"]
 
 
 def _changed(change: str) -> dict[str, Any]:

@@ -202,6 +202,7 @@ def test_messages_name_the_file_of_a_value(written):
         ('include = "a.toml"', "include must be a list of names"),
         ("include = [3]", "include must be a list of names"),
         ('include = ["none.toml"]', "include must be the name of a file beside it"),
+        ('include = ["space-lens"]', "such as 'variations/space-lens.toml', got 'space-lens'"),
     ],
 )
 def test_what_is_no_file_is_refused(written, text, words):
