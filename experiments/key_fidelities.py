@@ -9,7 +9,8 @@ leaves out what it says itself, too. `--write` writes `catalogs/designs/fideliti
 `docs/list_keys.py` and `startrack keys` have their column; `--quick` compares the refusals of one
 key of each table with that file.
 
-A key that is read may still not change the result.
+A key that is read may still not change the result. The package radbelt must be installed
+(`startrack[radiation]`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import typing
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import _lru_cache_wrapper, cache
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -63,7 +65,12 @@ VALUES: Table = {
     "instrument.optics.object_distance": "1000 m",
     "instrument.optics.family_field": "10 deg",
     "instrument.structure.feet_span": "60 mm",  # above the feet's thickness
+    "instrument.structure.mean_profile": ["1 K", "2 K"],
+    "instrument.structure.gradient_x_profile": ["1 K / m", "2 K / m"],
+    "instrument.structure.gradient_y_profile": ["1 K / m", "2 K / m"],
     "instrument.structure.heat.epoch": "2026-06-21T12:00:00",
+    "instrument.structure.heat.size": ["0.3 m", "0.3 m", "0.4 m"],
+    "instrument.structure.heat.head_size": ["80 mm", "120 mm"],
     "instrument.optics.lens_file": "double_gauss",
     "instrument.optics.lens_family": "double-gauss",
     "instrument.optics.psf_file": "chandra-aca",
@@ -85,6 +92,7 @@ VALUES: Table = {
     "instrument.detector.scan.kind": "lines",
     "instrument.detector.scan.stages": 1,
     "instrument.detector.age.transfer_loss": "1e-4 yr-1",
+    "instrument.structure.displacements": str(Path(__file__).parent / "displacements.csv"),
     "tracker.detection.window": 7,
     "tracker.detection.search": CODE,
     "tracker.identification.method": CODE,
@@ -93,6 +101,7 @@ VALUES: Table = {
     "tracker.calibrated_at": "20 degC",
     "tracker.box.size": 8,
     "tracker.calibration.order": 5,
+    "tracker.calibration.map": 3,
     "tracker.camera.residual.columns": 9,
     "tracker.camera.residual.rows": 9,
     "tracker.camera.residual.value": [0.01] * 162,
@@ -122,6 +131,10 @@ for _place in ("catalog", "tracker.catalog"):
 # What a key, or the keys of a table, need beside it.
 LENS = ("instrument.optics.lens_file",)
 DATE, AGED = ("scene.date",), ("instrument.detector.age.time",)
+PROFILES = tuple(
+    f"instrument.structure.{name}_profile" for name in ("mean", "gradient_x", "gradient_y")
+)
+ORBIT = ("instrument.detector.age.inclination", "instrument.detector.age.shielding", *AGED)
 BESIDE: dict[str, tuple[str, ...]] = {
     "instrument.optics.pupil.vanes": ("instrument.optics.pupil.vane_width",),
     "instrument.optics.pupil.vane_width": ("instrument.optics.pupil.vanes",),
@@ -137,6 +150,11 @@ BESIDE: dict[str, tuple[str, ...]] = {
     "instrument.detector.age.launch": ("instrument.detector.age.year",),
     "instrument.detector.age.inclination": ("instrument.detector.age.shielding", *AGED),
     "instrument.detector.age.shielding": ("instrument.detector.age.inclination", *AGED),
+    "instrument.structure.mean_profile": PROFILES,
+    "instrument.structure.gradient_x_profile": PROFILES,
+    "instrument.structure.gradient_y_profile": PROFILES,
+    "instrument.detector.age.altitude": ORBIT,
+    "instrument.detector.age.solar_events": ORBIT,
     "catalog.orbital_velocity": ("catalog.aberration",),
     "tracker.catalog.orbital_velocity": ("catalog.aberration", "tracker.catalog.aberration"),
     "instrument.motion.tones": ("instrument.motion.tones.rms_x",),
