@@ -9,19 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.attitude import UNKNOWNS, camera_slopes, huber_weights, moved_camera, typical_square
 from startrack.calibration.star_table import StarTable, angles_of
-from startrack.core import (
-    Camera,
-    FieldPolynomial,
-    Floats,
-    Ints,
-    Refused,
-    Streams,
-    monomials,
-    one_of,
-    whole,
-)
+from startrack.core import Floats, Ints, Refused
 
 # What each model adds to a pinhole; for a digit the polynomial of that order.
 OPENCV = {"none": (), "radial": ("k1",), "full": ("k1", "k2", "p1", "p2")}
@@ -84,7 +75,7 @@ class FieldFit:
     """
 
     order: Order
-    camera: Camera
+    camera: core.Camera
     attitude: Rotation
     names: tuple[str, ...]
     covariance: Floats
@@ -148,7 +139,7 @@ def fit_field(
     Accuracy  numerical: steps below 1e-4 of sigma; outliers up to a quarter of the stars move the
               fit by less than its sigma.
     """
-    one_of(MODELS, order=order.model)
+    core.one_of(MODELS, order=order.model)
     if order.warm and table.temperature is None:
         raise Refused("the table must have a temperature where the camera moves with it")
     if 2 * len(table) < LEAST_PER_UNKNOWN * order.unknowns:
@@ -172,7 +163,7 @@ def fit_field(
     )
 
 
-def fit_attitude(table: StarTable, camera: Camera, first: tuple[float, float]) -> FieldFit:
+def fit_attitude(table: StarTable, camera: core.Camera, first: tuple[float, float]) -> FieldFit:
     """A known camera on another table: its attitude alone is fitted, robustly as in `fit_field`.
 
     first     pixel (x, y) of the table at the centre of the first pixel
@@ -202,9 +193,9 @@ def cross_validate(
     folds     random parts of the table of nearly equal size
     Raises    those of `fit_field`.
     """
-    whole(2, 10**6, folds=folds)
+    core.whole(2, 10**6, folds=folds)
     parts = np.array_split(
-        Streams(seed, 0)("folds").permutation(len(table)), min(folds, len(table))
+        core.Streams(seed, 0)("folds").permutation(len(table)), min(folds, len(table))
     )
     angle, pixel = np.empty((len(table), 2)), np.empty((len(table), 2))
     for part in parts:
@@ -271,7 +262,7 @@ def residuals(fit: FieldFit, table: StarTable, first: tuple[float, float]) -> tu
 
 
 class _State(NamedTuple):
-    camera: Camera
+    camera: core.Camera
     attitude: Rotation
 
 
@@ -326,7 +317,7 @@ def _start(table: StarTable, columns: int, rows: int) -> _State:
     axis = np.append(np.linalg.solve(linear, middle - affine[0]), 1.0)
     tilt = Rotation.align_vectors([[0, 0, 1.0]], [axis / np.linalg.norm(axis)])[0]
     attitude = Rotation.from_euler("z", roll) * tilt * turn
-    return _State(Camera(columns, rows, focal), attitude)
+    return _State(core.Camera(columns, rows, focal), attitude)
 
 
 def _names(order: Order) -> tuple[str, ...]:
@@ -414,7 +405,7 @@ def _with_polynomial(state: _State, table: StarTable, order: Order) -> _State:
     if table.temperature is not None:
         mean = round(float(np.mean(table.temperature)), 2)
         kelvin = {"temperature": mean, "reference": mean}
-    zero = FieldPolynomial(
+    zero = core.FieldPolynomial(
         (0.0,) * fixed, (0.0,) * fixed, (0.0,) * growing, (0.0,) * growing, **kelvin
     )
     return state._replace(camera=replace(state.camera, polynomial=zero))
@@ -428,7 +419,7 @@ def _derivatives(state: _State, table: StarTable, order: Order) -> Floats:
         own, turn = camera_slopes(state.camera, direction)
         slopes = np.concatenate([turn, own[:, :, _free(order)]], axis=2)
         columns += list(slopes.reshape(2 * len(table), -1).T)
-    terms = monomials(_plane(direction))
+    terms = core.monomials(_plane(direction))
     terms = terms * state.camera.focal_length_px
     zero = np.zeros(len(table))
     for suffix, number in _tables(order):

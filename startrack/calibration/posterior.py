@@ -8,21 +8,10 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_vector, matched_pixels
 from startrack.calibration.psf_width import width_likelihood
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Camera,
-    Floats,
-    Frame,
-    Matches,
-    Parameters,
-    Refused,
-    Spots,
-    distort,
-)
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Refused
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 LOGARITHMS = ("floor", "psf_sigma")  # sampled as their logarithms
@@ -87,14 +76,14 @@ class CameraPosterior:
 
 
 def sample_camera(
-    spots: Sequence[Spots],
-    matches: Sequence[Matches],
-    camera: Camera,
+    spots: Sequence[core.Spots],
+    matches: Sequence[core.Matches],
+    camera: core.Camera,
     prior: Prior,
     seed: int,
     settings: Ensembles | None = None,
     ledger: Ledger | None = None,
-    images: Sequence[Frame] | None = None,
+    images: Sequence[core.Frame] | None = None,
 ) -> CameraPosterior:
     """Sample focal length, principal point, k1 and centroid floor, attitudes marginalised.
 
@@ -144,7 +133,7 @@ class _Law:
     def __init__(
         self,
         frames: list[tuple[Floats, Floats, Floats]],
-        camera: Camera,
+        camera: core.Camera,
         prior: Prior,
         width: Callable[[Floats], Floats] | None,
     ) -> None:
@@ -186,14 +175,14 @@ class _Law:
         return np.where(inside & np.isfinite(score), score, -np.inf)
 
 
-def _frame(spots: Spots, matches: Matches) -> tuple[Floats, Floats, Floats]:
+def _frame(spots: core.Spots, matches: core.Matches) -> tuple[Floats, Floats, Floats]:
     """Pixels (n, 2), their covariance, and star directions by the first attitude (n, 3)."""
     assert matches.icrs_to_camera is not None
     return *matched_pixels(spots, matches), matches.icrs_to_camera.apply(matches.direction)
 
 
 def _least_squares(
-    law: _Law, spots: Sequence[Spots], matches: Sequence[Matches]
+    law: _Law, spots: Sequence[core.Spots], matches: Sequence[core.Matches]
 ) -> tuple[Floats, Floats]:
     """Least-squares estimate and its standard errors, in the columns of the posterior."""
     tight = dict(zip(UNKNOWNS, np.zeros(len(UNKNOWNS)), strict=True))
@@ -224,7 +213,7 @@ def _least_squares(
     return np.array(middle), np.array(spread)
 
 
-def project(direction: Floats, values: Floats, camera: Camera) -> Floats:
+def project(direction: Floats, values: Floats, camera: core.Camera) -> Floats:
     """Pixels of directions for many cameras at once; as Camera.project for each.
 
     direction  (w, n, 3) in camera axes
@@ -233,13 +222,18 @@ def project(direction: Floats, values: Floats, camera: Camera) -> Floats:
     """
     f, cx, cy, k1, k2, p1, p2, k3 = (column[:, None] for column in values.T)
     x, y = direction[..., 0] / direction[..., 2], direction[..., 1] / direction[..., 2]
-    u, v = distort.py_func(x, y, k1, k2, p1, p2, k3)
+    u, v = core.distort.py_func(x, y, k1, k2, p1, p2, k3)
     middle_x, middle_y = (camera.columns - 1) / 2, (camera.rows - 1) / 2
     return np.stack([f * u + cx + middle_x, f * v + cy + middle_y], axis=-1)
 
 
 def _log_likelihood(
-    pixel: Floats, covariance: Floats, seen: Floats, camera: Camera, values: Floats, floor: Floats
+    pixel: Floats,
+    covariance: Floats,
+    seen: Floats,
+    camera: core.Camera,
+    values: Floats,
+    floor: Floats,
 ) -> Floats:
     """(w,) of one frame for many cameras, its attitude marginalised."""
     square = floor[:, None] ** 2
@@ -265,7 +259,7 @@ def _log_likelihood(
 
 
 def _linear(
-    pixel: Floats, seen: Floats, camera: Camera, values: Floats, turn: Floats
+    pixel: Floats, seen: Floats, camera: core.Camera, values: Floats, turn: Floats
 ) -> tuple[Floats, Floats]:
     """Residuals (w, n, 2) after small rotations, and their derivatives (w, n, 2, 3)."""
     direction = seen @ Rotation.from_rotvec(turn).as_matrix().swapaxes(1, 2)

@@ -17,19 +17,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from startrack.core import (
-    NUMBER_OR_TEXT,
-    Field,
-    Refused,
-    Unit,
-    bare,
-    fields_of,
-    fraction,
-    moderate,
-    parse,
-    shown,
-    write,
-)
+from startrack import core
+from startrack.core import Refused, Unit, bare, fields_of
 from startrack.io.reading import read_bytes, shipped
 
 T = TypeVar("T")
@@ -57,7 +46,7 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     with a FutureWarning of one line.
     """
     if not isinstance(table, Mapping):
-        raise Refused(f"{place or 'the file'} must be a table, got {shown(table)}")
+        raise Refused(f"{place or 'the file'} must be a table, got {core.shown(table)}")
     fields = fields_of(kind)  # type: ignore[arg-type]
     table = _with_new_keys(kind, table, place)
     unknown = list(_unknown(kind, table, place))
@@ -83,7 +72,7 @@ def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[str]:
             near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
             known = ", ".join(fields) or "no keys"
             hint = f"did you mean {near[0]}?" if near else f"known here are {known}"
-            yield f"{_join(place, shown(key)[1:-1])} is unknown; {hint}"
+            yield f"{_join(place, core.shown(key)[1:-1])} is unknown; {hint}"
         elif dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
             yield from _unknown(inner, value, _join(place, key))
 
@@ -126,7 +115,7 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
         raise Refused(str(error) if error.errno is None else f"{path}: {error}") from None
     if key := _long_key(text):
         raise Refused(
-            f"{path} must have keys of at most {LONGEST_KEY} parts, got {shown(key)} of "
+            f"{path} must have keys of at most {LONGEST_KEY} parts, got {core.shown(key)} of "
             f"{key.count('.') + 1}"
         )
     try:
@@ -161,54 +150,58 @@ def to_table(value: Any) -> dict[str, Any]:
     return table
 
 
-def written(field: Field, value: Any) -> Any:
+def written(field: core.Field, value: Any) -> Any:
     """A value as a file has it: tables, lists, texts with units."""
     return _write(field.kind, field.unit, value)
 
 
-def _read(field: Field, value: object, place: str) -> Any:
+def _read(field: core.Field, value: object, place: str) -> Any:
     kind, unit = field.kind, field.unit
     if dataclasses.is_dataclass(kind):
         return from_table(typing.cast(type, kind), value, place)
     if typing.get_origin(kind) is tuple:
         if not isinstance(value, list):
-            raise Refused(f"{place} must be a list, got {shown(value)}")
+            raise Refused(f"{place} must be a list, got {core.shown(value)}")
         own = bare(typing.get_args(kind)[0])
         inner = field._replace(kind=own.kind, unit=own.unit or unit)
         return tuple(_read(inner, item, f"{place}[{i}]") for i, item in enumerate(value))
     if unit and kind is float:
         if not isinstance(value, str):
-            raise Refused(f"{place} must have a unit, such as '1 {unit.shown}', got {shown(value)}")
+            raise Refused(
+                f"{place} must have a unit, such as '1 {unit.shown}', got {core.shown(value)}"
+            )
         try:
-            return _moderate(parse(value, unit.si, unit.absolute, unit.clock), place)
+            return _moderate(core.parse(value, unit.si, unit.absolute, unit.clock), place)
         except ValueError as error:
             text = str(error)
             raise Refused(text if text.startswith(place) else f"{place} {text}") from None
-    if kind is float and isinstance(value, str) and (share := fraction(value)) is not None:
+    if kind is float and isinstance(value, str) and (share := core.fraction(value)) is not None:
         return _moderate(share, place)
     integer = isinstance(value, int) and not isinstance(value, bool)
     if integer and abs(typing.cast(int, value)) > LARGEST_INTEGER:
-        raise Refused(f"{place} must be a number below 2^63, got {shown(value)}")
-    if kind in (float, NUMBER_OR_TEXT) and integer:
+        raise Refused(f"{place} must be a number below 2^63, got {core.shown(value)}")
+    if kind in (float, core.NUMBER_OR_TEXT) and integer:
         return float(typing.cast(int, value))
-    if kind == NUMBER_OR_TEXT:
+    if kind == core.NUMBER_OR_TEXT:
         if not isinstance(value, float | str):
-            raise Refused(f"{place} must be a number or a string with a unit, got {shown(value)}")
+            raise Refused(
+                f"{place} must be a number or a string with a unit, got {core.shown(value)}"
+            )
         return _moderate(value, place) if isinstance(value, float) else value
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         for member in kind:
             if value == member:
                 return member
-        raise Refused(f"{place} must be one of {', '.join(kind)}, got {shown(value)}")
+        raise Refused(f"{place} must be one of {', '.join(kind)}, got {core.shown(value)}")
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        raise Refused(f"{place} must be {NAMES.get(kind, kind.__name__)}, got {shown(value)}")
+        raise Refused(f"{place} must be {NAMES.get(kind, kind.__name__)}, got {core.shown(value)}")
     if kind is float and not field.open:
         return _moderate(typing.cast(float, value), place)
     return value
 
 
 def _moderate(value: float, place: str) -> float:
-    moderate(**{place: value})
+    core.moderate(**{place: value})
     return value
 
 
@@ -221,7 +214,7 @@ def _write(kind: Any, unit: Unit | None, value: Any) -> Any:
     if isinstance(value, StrEnum):
         return value.value
     if unit and kind is float:
-        return write(value, unit.si, unit.shown)
+        return core.write(value, unit.si, unit.shown)
     return value
 
 
@@ -350,9 +343,9 @@ def _read_layers(path: Path, what: str, joined: Joined, above: tuple[Path, ...])
     own = read_table(path, what)
     below, more = own.pop("base", None), own.pop("include", [])
     if below is not None and not isinstance(below, str):
-        raise Refused(f"{path}: base must be the name of a file, got {shown(below)}")
+        raise Refused(f"{path}: base must be the name of a file, got {core.shown(below)}")
     if not (isinstance(more, list) and all(isinstance(name, str) for name in more)):
-        raise Refused(f"{path}: include must be a list of names of files, got {shown(more)}")
+        raise Refused(f"{path}: include must be a list of names of files, got {core.shown(more)}")
     layers = Layers()
     for key, name in [("base", below)] * (below is not None) + [("include", name) for name in more]:
         read = _read_layers(_found(path, key, str(name)), what, joined, (*above, real))
@@ -368,7 +361,7 @@ def _found(path: Path, key: str, name: str) -> Path:
     except (OSError, ValueError):  # not there, or a name that no file can have
         raise Refused(
             f"{path}: {key} must be the name of a file beside it, or of one in the catalogue, such "
-            f"as {_like(name)!r}, got {shown(name)}"
+            f"as {_like(name)!r}, got {core.shown(name)}"
         ) from None
 
 
@@ -388,7 +381,8 @@ def _changed(change: str) -> dict[str, Any]:
     key, equals, text = (part.strip() for part in change.partition("="))
     if not (equals and KEY.fullmatch(key)):
         raise Refused(
-            f"{SET} must be KEY=VALUE, such as instrument.optics.f_number=2.0, got {shown(change)}"
+            f"{SET} must be KEY=VALUE, such as instrument.optics.f_number=2.0, got "
+            f"{core.shown(change)}"
         )
     try:
         read = tomllib.loads(f"value = {text}")

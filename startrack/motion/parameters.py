@@ -7,16 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    positive,
-)
+from startrack import core
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit
 
 AXES = ("x", "y", "z")
 
@@ -69,7 +61,7 @@ class Broadband(Parameters):
                 f"{len(self.frequency)} and {len(self.density)}"
             )
         for f, s in zip(self.frequency, self.density, strict=True):
-            positive(frequency=f, density=s)
+            core.positive(frequency=f, density=s)
         if any(low >= high for low, high in pairwise(self.frequency)):
             raise Refused(f"frequency must increase, got {self.frequency}")
 

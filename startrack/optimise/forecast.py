@@ -9,19 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack import verification
 from startrack.budget import Budget, Law, UnitBudgets, analytic, joined, unit_budgets
 from startrack.core import Refused
 from startrack.design import NOMINAL, Campaign, Case, Judged, Objective, Requirements
 from startrack.metrics import quantile_of_few
 from startrack.optics import COARSE
 from startrack.optimise.runner import TrialRunner
-from startrack.verification import (
-    expected_error,
-    expected_in_all,
-    expected_margins,
-    margin,
-    units_expected,
-)
+from startrack.verification import margin
 from startrack.verification import margins as margins_of
 
 # Amount by which an error may miss its limit in a score; beyond, ln(error) alone drives the search.
@@ -109,7 +104,7 @@ class Forecast(NamedTuple):
 
 def level_over_units(objective: Objective, units: UnitBudgets, fraction: float) -> float:
     """Radian, the objective that a fraction of the units does not exceed, by their budgets."""
-    return float(quantile_of_few(units_expected(objective, units), fraction))
+    return float(quantile_of_few(verification.units_expected(objective, units), fraction))
 
 
 def over_units(
@@ -134,10 +129,10 @@ def forecast(one: Judged, objective: Objective, seed: int = 1) -> Forecast:
     budget = _budget(one.case)
     if budget is None:
         return Forecast(math.nan, blind(one.needs))
-    found = bounded(expected_margins(one.needs, budget))
+    found = bounded(verification.expected_margins(one.needs, budget))
     # Errors have margins of their own here: the availability must not count them again.
     found["availability"] = budget.availability - one.needs.min_availability
-    return Forecast(expected_error(objective, budget), found)
+    return Forecast(verification.expected_error(objective, budget), found)
 
 
 def _forecast_units(
@@ -156,7 +151,7 @@ def _forecast_units(
     margins["availability"] = float(units.availability.mean()) - one.needs.min_availability
     first = [units.first(count) for count in range(1, len(units) + 1)]
     over = {
-        name: [float(level[name] / expected_in_all(each, some)) for some in first]
+        name: [float(level[name] / verification.expected_in_all(each, some)) for some in first]
         for name, each in every.items()
     }
     return Forecast(level[str(objective)], margins, over)
@@ -246,7 +241,7 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], 
     budget = _budget(alone) or analytic(alone)  # which says why there is none
     margins = margins_of(campaign.requirements, case)
     if judged[0].units is None:
-        margins |= expected_margins(campaign.requirements, budget)
+        margins |= verification.expected_margins(campaign.requirements, budget)
     else:
         margins |= forecast(judged[0], Objective(), seed).margins
     for one in judged[1:]:
@@ -254,7 +249,7 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], 
             margins |= named(one.name, forecast(one, Objective(), seed).margins)
             continue
         there = _budget(one.case)
-        found = expected_margins(one.needs, there) if there else blind(one.needs)
+        found = verification.expected_margins(one.needs, there) if there else blind(one.needs)
         margins |= named(one.name, found)
     return budget, margins
 

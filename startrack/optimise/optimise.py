@@ -9,17 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack import design
 from startrack.core import Refused
-from startrack.design import (
-    NOMINAL,
-    Campaign,
-    Case,
-    DesignSpace,
-    Fidelity,
-    Judged,
-    Objective,
-    branches,
-)
+from startrack.design import Campaign
 from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise.evaluate import Evaluation, evaluate, try_out
 from startrack.optimise.explore import Explorer, Landscape, landscape_of
@@ -61,10 +53,10 @@ class Optimum:
     landscape     what forecasts say of the space; None where no design is possible
     """
 
-    space: DesignSpace
+    space: design.DesignSpace
     branch: str
-    start: Case
-    best: Case
+    start: design.Case
+    best: design.Case
     evaluations: tuple[Evaluation, ...]
     fresh: tuple[Summary, Summary]
     factor: Interval
@@ -144,12 +136,12 @@ class _Progress:
 
 
 def optimize(
-    case: Case,
+    case: design.Case,
     campaign: Campaign,
     runner: TrialRunner,
     watch: Watch | None = None,
     watch_stage: Callable[[Stage], None] | None = None,
-    adapt: Callable[[Case], Case] | None = None,
+    adapt: Callable[[design.Case], design.Case] | None = None,
 ) -> Optimum:
     """Forecast designs where they tell most, then run trials where they decide.
 
@@ -168,8 +160,8 @@ def optimize(
     Accuracy     model: that of the budget, where trials are too few to correct it.
     """
     spaces = {
-        branch.label: DesignSpace(branch.case, campaign.variables, campaign.links, adapt)
-        for branch in branches(case, campaign.choices)
+        branch.label: design.DesignSpace(branch.case, campaign.variables, campaign.links, adapt)
+        for branch in design.branches(case, campaign.choices)
     }
     tried, progress = list[Evaluation](), _Progress(campaign, watch_stage)
 
@@ -202,7 +194,7 @@ def optimize(
     space = spaces[label]
     first = _fresh(campaign.judged(case), campaign, runner, progress.fresh)
     best, second, assured = _verify(space, finalists[:FINALISTS], campaign, runner, progress.fresh)
-    objective, needs = Objective.read(campaign.objective), campaign.requirements
+    objective, needs = design.Objective.read(campaign.objective), campaign.requirements
     winner = space.design(np.array(best.coordinates))
     counted = [one for one in campaign.judged(winner) if one.weight]
     weights = [one.weight for one in counted]
@@ -227,7 +219,10 @@ def optimize(
         case,
         winner,
         tuple(tried),
-        (summarise(first[NOMINAL], needs.limits), summarise(second[NOMINAL], needs.limits)),
+        (
+            summarise(first[design.NOMINAL], needs.limits),
+            summarise(second[design.NOMINAL], needs.limits),
+        ),
         units.factor if units else objective.ratio_of_means(before, after, weights, runner.seed),
         best.error,
         units.optimism
@@ -255,7 +250,7 @@ class _Shown(NamedTuple):
 
 
 def _verify(
-    space: DesignSpace,
+    space: design.DesignSpace,
     finalists: Sequence[Evaluation],
     campaign: Campaign,
     runner: TrialRunner,
@@ -278,7 +273,7 @@ def _verify(
 
 
 def _shown(
-    judged: Sequence[Judged],
+    judged: Sequence[design.Judged],
     campaign: Campaign,
     runner: TrialRunner,
     fresh: Mapping[str, NDArray[np.void]],
@@ -303,14 +298,14 @@ def _shown(
         shown = {name: each.margin for name, each in found.items()}
         if not found:
             shown = {"availability": -one.needs.min_availability}
-        elif one.name == NOMINAL:
+        elif one.name == design.NOMINAL:
             fraction = found["availability"].bounds
         margins |= named(one.name, shown | {"false attitudes": -summary.false.value})
     return _Shown(margins, fraction)
 
 
 def _fresh(
-    judged: Sequence[Judged],
+    judged: Sequence[design.Judged],
     campaign: Campaign,
     runner: TrialRunner,
     watch: Callable[[int], None] | None,
@@ -327,7 +322,9 @@ def _fresh(
             if one.units is not None:
                 made = fresh_units(one, campaign, runner, watch=watch)
             else:
-                made = runner.run(one.case, campaign.fresh_trials, Fidelity.FRAME, FRESH, watch)
+                made = runner.run(
+                    one.case, campaign.fresh_trials, design.Fidelity.FRAME, FRESH, watch
+                )
         except Refused:
             made = np.empty(0, OUTCOMES)
         outcomes[one.name] = made

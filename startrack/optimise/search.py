@@ -11,17 +11,8 @@ from typing import Annotated, Any
 import nlopt
 import numpy as np
 
-from startrack.core import (
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Streams,
-    call_code,
-    is_code,
-    shown,
-)
+from startrack import core
+from startrack.core import POSITIVE, Floats, Parameters, Range, Refused
 
 CODE = "searches"  # group of code of one's own
 REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
@@ -57,7 +48,7 @@ def algorithms(text: str) -> list[str]:
     """
     names = list[str]()
     for part in text.split("+"):
-        if is_code(part):
+        if core.is_code(part):
             names.append(part.strip())
             continue
         name = part.strip().upper()
@@ -145,7 +136,7 @@ def least(
     watch = _Watch(score, start, search.evaluations, enough)
     ending = "nlopt converged"
     try:
-        if is_code(search.algorithm):
+        if core.is_code(search.algorithm):
             ending = _by_code(watch, start, search)
             return Found(watch.coordinates, watch.best, len(watch.seen), ending)
         engine = _engine(search, start)
@@ -172,12 +163,16 @@ def _by_code(watch: _Watch, start: Floats, search: Search) -> str:
     def score(point: Floats) -> float:
         at = np.asarray(point, float)
         if at.shape != start.shape or not np.isfinite(at).all():
-            raise ValueError(f"a point must be {len(start)} finite numbers, got {shown(point)}")
+            raise ValueError(
+                f"a point must be {len(start)} finite numbers, got {core.shown(point)}"
+            )
         value = watch(at, np.empty(0))
         return value if value < REFUSED else math.inf
 
-    random = Streams(search.seed, 0)("search by code")
-    call_code(CODE, search.algorithm, SearchInput(score, start.copy(), search.evaluations, random))
+    random = core.Streams(search.seed, 0)("search by code")
+    core.call_code(
+        CODE, search.algorithm, SearchInput(score, start.copy(), search.evaluations, random)
+    )
     return f"{search.algorithm} converged"
 
 

@@ -6,18 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+from startrack import core
 from startrack.attitude import CameraFilter
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    arcsec,
-    deg,
-)
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, deg
 from startrack.io import from_table, read_table
 from startrack.motion import Tone
 
@@ -62,7 +53,7 @@ class Sequence(Parameters):
         "None: the filter estimates the rate from the attitudes alone"] = None  # fmt: skip
     angular_acceleration_psd: Annotated[float, Unit("rad/s(3/2)", "deg/s(3/2)"), POSITIVE,
         "radian / second^(3/2), square root of the spectral density of the angular acceleration "
-        "that a filter without gyroscope assumes"] = 60 * arcsec  # fmt: skip
+        "that a filter without gyroscope assumes"] = 60 * core.arcsec  # fmt: skip
     initial_rate_sigma: Annotated[float, Unit("rad/s", "deg/s"), POSITIVE,
         "rms rate that the filter assumes at the start, and when a frame has no attitude: a "
         "manoeuvre may have begun"] = 1 * deg  # fmt: skip

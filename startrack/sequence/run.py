@@ -17,31 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import (
-    Gyroscope,
-    Lasting,
-    State,
-    after_frame,
-    attitude_doubt,
-    correct,
-    first_camera,
-    predict,
-    start,
-)
+from startrack import attitude, core, trial
+from startrack.attitude import start
 from startrack.catalog import open_sky
-from startrack.core import (
-    Camera,
-    Estimate,
-    Floats,
-    Frame,
-    Matches,
-    Refused,
-    Spots,
-    Stars,
-    Status,
-    Streams,
-    whole,
-)
+from startrack.core import Floats, Refused
 from startrack.design import Case, Fidelity
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, flickering, frame_of
@@ -52,29 +31,7 @@ from startrack.motion import trace
 from startrack.scene import date_of
 from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
 from startrack.sequence.parameters import Sequence
-from startrack.trial import (
-    SMEAR_STEP,
-    Images,
-    agreeing,
-    as_believed,
-    at_one_time,
-    boxed,
-    detection_plan,
-    estimate_of,
-    follow_boxes,
-    images_of,
-    light_of,
-    pattern_indexes,
-    pixel_variance,
-    random_attitude,
-    seen_smear,
-    shared_errors,
-    smear_of,
-    spots_in_windows,
-    stars_in_field,
-    systematic_variance,
-    throughput,
-)
+from startrack.trial import Images
 
 GATE = 30.7  # chi-square of 3 degrees of freedom, exceeded once in a million by noise alone
 NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
@@ -107,7 +64,7 @@ class TrackerState:
     fresh   whether the last frame started the filter
     """
 
-    state: State | None = None
+    state: attitude.State | None = None
     lasting: Floats = field(default_factory=lambda: np.zeros((2, 3, 3)))
     missed: int = 0
     fresh: bool = False
@@ -129,16 +86,16 @@ def predict_state(
         return known
     gyro = sequence.gyro
     believed = (
-        Gyroscope(0.0, sequence.angular_acceleration_psd)
+        attitude.Gyroscope(0.0, sequence.angular_acceleration_psd)
         if gyro is None
-        else Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
+        else attitude.Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
     )
     rate = np.zeros(3) if shown is None else shown
     x, y, z = np.abs(rate - known.state.bias) * step
     # A turn about x moves stars along y: what changes is their error in y, and that of the turn.
     moved = np.array([[x, y, np.hypot(x, y)], [np.hypot(x, y) + z / 2] * 3])
-    errors = Lasting(known.lasting, np.exp(-moved / lengths[:, None]))
-    return replace(known, state=predict(known.state, rate, step, believed, errors))
+    errors = attitude.Lasting(known.lasting, np.exp(-moved / lengths[:, None]))
+    return replace(known, state=attitude.predict(known.state, rate, step, believed, errors))
 
 
 def error_lengths(case: Case) -> Floats:
@@ -151,17 +108,21 @@ def error_lengths(case: Case) -> Floats:
     return np.array([PIXEL_LENGTH / camera.focal_length_px, half])
 
 
-def lasting_parts(case: Case, spots: Spots, matches: Matches, covariance: Floats) -> Floats:
+def lasting_parts(
+    case: Case, spots: core.Spots, matches: core.Matches, covariance: Floats
+) -> Floats:
     """What of a measured attitude's covariance lasts: (2, 3, 3) over pixels and over the field.
 
     Accuracy  model: each star's fraction of lasting variance counts by its weight, whatever its
               place; jitter is new in each frame, what a calibration leaves is of the field.
     """
     noise = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
-    systematic, pixel = (part(case)[matches.star] for part in (systematic_variance, pixel_variance))
+    systematic, pixel = (
+        part(case)[matches.star] for part in (trial.systematic_variance, trial.pixel_variance)
+    )
     weight = 1 / (noise + systematic)
     shares = [(weight**2 * part).sum() / weight.sum() for part in (pixel, systematic - pixel)]
-    shared = shared_errors(case)
+    shared = trial.shared_errors(case)
     still = covariance - np.diag(shared.turn) if shared else covariance
     return np.array([max(share, 0.0) * still for share in shares])
 
@@ -186,7 +147,7 @@ def doubted(
     return predict_state(before, None, step, restless, lengths)
 
 
-def known_rate(state: State | None, shown: Floats | None) -> Floats:
+def known_rate(state: attitude.State | None, shown: Floats | None) -> Floats:
     """Rate of the camera (3,), radian / second, that the tracker knows in an exposure.
 
     That of its gyroscope less the estimated bias, or of its filter; zero where it has neither.
@@ -198,7 +159,7 @@ def known_rate(state: State | None, shown: Floats | None) -> Floats:
 
 
 def update_state(
-    known: TrackerState, estimate: Estimate, sequence: Sequence, parts: Floats
+    known: TrackerState, estimate: core.Estimate, sequence: Sequence, parts: Floats
 ) -> TrackerState:
     """Update with the attitude of a frame, or coast for at most `max_coasted_frames` frames.
 
@@ -207,7 +168,7 @@ def update_state(
 
     parts  of the covariance of the attitude, as `lasting_parts`
     """
-    if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
+    if estimate.status is not core.Status.SOLVED or estimate.icrs_to_camera is None:
         missed = known.missed + 1
         return (
             TrackerState()
@@ -216,15 +177,15 @@ def update_state(
         )
     if known.state is None or _contradicts(known.state, estimate):
         sigma = sequence.initial_rate_sigma if sequence.gyro is None else sequence.gyro.bias
-        errors = Lasting(parts, np.ones((2, 3)))
+        errors = attitude.Lasting(parts, np.ones((2, 3)))
         begun = start(estimate.icrs_to_camera, estimate.covariance, sigma, errors)
         return TrackerState(begun, parts, fresh=True)
     new = estimate.covariance - parts.sum(axis=0)
-    return TrackerState(correct(known.state, estimate.icrs_to_camera, new), parts)
+    return TrackerState(attitude.correct(known.state, estimate.icrs_to_camera, new), parts)
 
 
 def from_two_frames(
-    before: TrackerState, estimate: Estimate, step: float, sequence: Sequence, lengths: Floats
+    before: TrackerState, estimate: core.Estimate, step: float, sequence: Sequence, lengths: Floats
 ) -> TrackerState:
     """The prediction of a frame by the rate that its attitude and that of the frame before give.
 
@@ -244,7 +205,7 @@ def from_two_frames(
     return predict_state(at_rate, None, step, sequence, lengths)
 
 
-def _contradicts(state: State, estimate: Estimate) -> bool:
+def _contradicts(state: attitude.State, estimate: core.Estimate) -> bool:
     assert estimate.icrs_to_camera is not None
     innovation = (estimate.icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
     spread = state.covariance[:3, :3] + estimate.covariance
@@ -275,7 +236,7 @@ def fly_sequences(
     progress   called with 1 for each sequence that ended
     recording, fidelity  as of `run`
     """
-    whole(1, 10**6, sequences=sequences)
+    core.whole(1, 10**6, sequences=sequences)
     tables = []
     fly = partial(run, case, sequence, seed, recording=recording, fidelity=fidelity)
     for table in executor.map(fly, range(sequences)):
@@ -324,8 +285,8 @@ def run(
               has the axes of the camera. Windows have the accuracy of `spots_in_windows`, and a
               residual charge as if the camera had turned before as it turns now.
     """
-    streams = Streams(seed, number)
-    true = flight(case.instrument, sequence, random_attitude(streams), streams)
+    streams = core.Streams(seed, number)
+    true = flight(case.instrument, sequence, trial.random_attitude(streams), streams)
     rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None
     seen = None if rates is None else exposure_rates(true, rates)
     table = np.empty(len(true.time), FRAMES)
@@ -334,7 +295,7 @@ def run(
     images, stars = Images(), _StarImages(case)
     learnt, since = None, 0.0
     if sequence.camera:
-        learnt = first_camera(camera, sequence.camera)
+        learnt = attitude.first_camera(camera, sequence.camera)
     # As trials in windows, whose pixels that flicker need the whole frame.
     whole_alone = fidelity is Fidelity.WINDOW and case.instrument.detector.flickers
     views = (
@@ -353,7 +314,7 @@ def run(
         spots, matches, estimate, images = _see(
             case, view, camera, predicted, rate, images, alone=second
         )
-        if estimate.status is not Status.SOLVED:
+        if estimate.status is not core.Status.SOLVED:
             known = doubted(before, known, step, sequence, lengths)
         else:
             if before.fresh and step and sequence.gyro is None:
@@ -361,15 +322,15 @@ def run(
             parts = lasting_parts(case, spots, matches, estimate.covariance)
             if learnt and sequence.camera:
                 learnt = learnt.later(sequence.camera, since + step)
-                doubt = attitude_doubt(learnt, sequence.camera, spots, matches)
+                doubt = attitude.attitude_doubt(learnt, sequence.camera, spots, matches)
                 estimate = replace(estimate, covariance=estimate.covariance + doubt)
                 parts = parts + np.stack([np.zeros((3, 3)), doubt])
         known = update_state(known, estimate, sequence, parts)
         since += step
-        if estimate.status is Status.SOLVED:
+        if estimate.status is core.Status.SOLVED:
             camera = matches.camera
             if learnt and sequence.camera:
-                learnt = after_frame(learnt, sequence.camera, spots, matches)
+                learnt = attitude.after_frame(learnt, sequence.camera, spots, matches)
                 camera, since = learnt.camera, 0.0
         if recording and recording.stars and view.frame:
             stars.add(float(true.time[k]), view.frame, spots, matches, images)
@@ -400,7 +361,12 @@ class _StarImages:
         self._rows = defaultdict[int, list[tuple[Any, ...]]](list)
 
     def add(
-        self, time: float, frame: Frame, spots: Spots, matches: Matches, images: Images
+        self,
+        time: float,
+        frame: core.Frame,
+        spots: core.Spots,
+        matches: core.Matches,
+        images: Images,
     ) -> None:
         """Images are where the tracker has them, or about the pixel nearest to the spot."""
         rows, columns = frame.image.shape
@@ -424,7 +390,7 @@ class _StarImages:
         save_arrays(path, tables)
 
 
-def asked_of(case: Case, true: Flight, streams: Streams) -> Rotation:
+def asked_of(case: Case, true: Flight, streams: core.Streams) -> Rotation:
     """The attitudes that a tracker must report in a flight, so that the spacecraft's are correct.
 
     As `trial.reference_attitude`: at late time tags, as the mean over exposures, in the axes of a
@@ -448,19 +414,19 @@ def asked_of(case: Case, true: Flight, streams: Streams) -> Rotation:
 class _View(NamedTuple):
     """What a tracker may look at: spots (of what smear it believes), and a whole frame or none."""
 
-    spots: Callable[[tuple[float, float]], Spots]
-    frame: Frame | None
+    spots: Callable[[tuple[float, float]], core.Spots]
+    frame: core.Frame | None
 
 
 def _whole_frames(
     case: Case, true: Flight, seed: int, number: int, recording: Recording | None
 ) -> Iterator[_View]:
     for frame in _kept(case, true, seed, number, recording):
-        yield _View(partial(_in_frame, case, as_believed(case, frame)), frame)
+        yield _View(partial(_in_frame, case, trial.as_believed(case, frame)), frame)
 
 
-def _in_frame(case: Case, frame: Frame, smear: tuple[float, float]) -> Spots:
-    return detect(frame, detection_plan(case, smear=smear))
+def _in_frame(case: Case, frame: core.Frame, smear: tuple[float, float]) -> core.Spots:
+    return detect(frame, trial.detection_plan(case, smear=smear))
 
 
 def _windows(
@@ -471,24 +437,25 @@ def _windows(
     needs = {
         "fidelity must be frame or window in a sequence": fidelity is not Fidelity.WINDOW,
         "fidelity must be frame where frames or images of stars are kept": recording is not None,
-        "fidelity must be frame in a sequence with search boxes (tracker.acquisition)": boxed(case),
+        "fidelity must be frame in a sequence with search boxes (tracker.acquisition)":
+            trial.boxed(case),
     }  # fmt: skip
     for text, needed in needs.items():
         if needed:
             raise Refused(f"{text}, got {fidelity}")
     for k, turn in enumerate(true.turns):
-        noise = Streams(seed, number * NUMBER_OF_FRAMES + k)
-        yield _View(partial(spots_in_windows, case, true.attitude[k], noise, turn), None)
+        noise = core.Streams(seed, number * NUMBER_OF_FRAMES + k)
+        yield _View(partial(trial.spots_in_windows, case, true.attitude[k], noise, turn), None)
 
 
 def _kept(
     case: Case, true: Flight, seed: int, number: int, recording: Recording | None
-) -> Iterator[Frame]:
+) -> Iterator[core.Frame]:
     """The frames of a flight, each written before it is used where they are kept."""
     if recording is None or recording.format is None:
         yield from (frame for frame, _ in _frames(case, true, seed, number))
         return
-    name, streams = _name(number), Streams(seed, number)
+    name, streams = _name(number), core.Streams(seed, number)
     begin = date_of(case.scene, case.catalog.year, streams)
     files = FrameFiles(recording.folder, name, recording.format, begin)
     camera = None if case.instrument.detector.scan else case.instrument.camera
@@ -502,22 +469,24 @@ def _kept(
         files.drop()
 
 
-def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[tuple[Frame, Stars]]:
+def _frames(
+    case: Case, true: Flight, seed: int, number: int
+) -> Iterator[tuple[core.Frame, core.Stars]]:
     """The frames of a flight, each with other noise, and residual charge of the one before."""
     instrument, camera = case.instrument, case.instrument.camera
     detector, before = instrument.detector, None
-    state = flickering(detector, Streams(seed, number))
+    state = flickering(detector, core.Streams(seed, number))
     for k, turn in enumerate(true.turns):
-        stars = stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
+        stars = trial.stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
         exposure = Exposure(
-            light_of(case, stars, true.attitude[k], Streams(seed, number)),
-            images_of(instrument),
+            trial.light_of(case, stars, true.attitude[k], core.Streams(seed, number)),
+            trial.images_of(instrument),
             path,
             true.attitude[k],
             camera,
             detector,
-            throughput(instrument),
+            trial.throughput(instrument),
             turn.over,
             before,
         )
@@ -525,14 +494,14 @@ def _frames(case: Case, true: Flight, seed: int, number: int) -> Iterator[tuple[
         before = electrons if detector.lag else None
         if state and k:
             state.later(float(true.time[k] - true.time[k - 1]))
-        noise = Streams(seed, number * NUMBER_OF_FRAMES + k)
+        noise = core.Streams(seed, number * NUMBER_OF_FRAMES + k)
         yield frame_of(electrons, detector, noise, state=state), stars
 
 
 def _see(
-    case: Case, view: _View, camera: Camera, predicted: State | None, rate: Floats, images: Images,
-    alone: bool = False,
-) -> tuple[Spots, Matches, Estimate, Images]:  # fmt: skip
+    case: Case, view: _View, camera: core.Camera, predicted: attitude.State | None, rate: Floats,
+    images: Images, alone: bool = False,
+) -> tuple[core.Spots, core.Matches, core.Estimate, Images]:  # fmt: skip
     """What the flight software does with a frame, with a prediction or without.
 
     images  of its stars, where the frame before left them; the last of the result: this one
@@ -543,35 +512,40 @@ def _see(
     if alone and tracker.rate == "images":
         predicted = None
     if predicted is None and tracker.rate == "images" and frame:
-        x, y = seen_smear(case, frame)
+        x, y = trial.seen_smear(case, frame)
     else:
-        smears = smear_of(case, rate[0], rate[1])
-        x, y = (SMEAR_STEP * round(smear / SMEAR_STEP) for smear in smears)
-    if boxed(case) and predicted is not None and frame:
-        plan = detection_plan(case, smear=(x, y))
-        spots, matches, images = follow_boxes(
+        smears = trial.smear_of(case, rate[0], rate[1])
+        x, y = (trial.SMEAR_STEP * round(smear / trial.SMEAR_STEP) for smear in smears)
+    if trial.boxed(case) and predicted is not None and frame:
+        plan = trial.detection_plan(case, smear=(x, y))
+        spots, matches, images = trial.follow_boxes(
             case, frame, camera, predicted.icrs_to_camera, images, plan
         )
-        spots = at_one_time(spots, case.believed_row_delay, rate, camera)
-        return spots, matches, estimate_of(case, agreeing(tracker), spots, matches), images
+        spots = trial.at_one_time(spots, case.believed_row_delay, rate, camera)
+        return (
+            spots,
+            matches,
+            trial.estimate_of(case, trial.agreeing(tracker), spots, matches),
+            images,
+        )
     stars = open_sky(case.believed_catalog).stars
-    spots = at_one_time(view.spots((x, y)), case.believed_row_delay, rate, camera)
-    rooms = spots, camera, stars, pattern_indexes(case.believed_catalog)(case.believed_camera)
+    spots = trial.at_one_time(view.spots((x, y)), case.believed_row_delay, rate, camera)
+    rooms = spots, camera, stars, trial.pattern_indexes(case.believed_catalog)(case.believed_camera)
     if predicted is None:
         matches = identify(*rooms, tracker.identification)
     else:
         spread = predicted.covariance[:3, :3]
         matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
-    return spots, matches, estimate_of(case, tracker, spots, matches), Images()
+    return spots, matches, trial.estimate_of(case, tracker, spots, matches), Images()
 
 
-def _mode(known: TrackerState, estimate: Estimate) -> Mode:
-    if estimate.status is Status.SOLVED:
+def _mode(known: TrackerState, estimate: core.Estimate) -> Mode:
+    if estimate.status is core.Status.SOLVED:
         return Mode.ACQUIRED if known.fresh else Mode.TRACKED
     return Mode.SEARCHING if known.state is None else Mode.COASTED
 
 
-def _filtered(state: State | None, truth: Rotation) -> tuple[float, ...]:
+def _filtered(state: attitude.State | None, truth: Rotation) -> tuple[float, ...]:
     if state is None:
         return (math.nan,) * 6
     error = (state.icrs_to_camera * truth.inv()).as_rotvec()
