@@ -401,9 +401,7 @@ def placement(example: Mission, quick: bool) -> float:
 
 def lightest_heads(loaded: Loaded, quick: bool) -> dict[str, Any]:
     """The search of heads, directions and baffles together, beside the grid."""
-    needs = MissionRequirements(max_blind=60.0, availability_one=0.999, max_error=3 * arcsec)
-    mission = dataclasses.replace(loaded.mission, requirements=needs)
-    plan = plan_of(dataclasses.replace(loaded, mission=mission))
+    plan = plan_of(loaded)
     counts = (2,) if quick else (2, 3, 4)
     begun = time.process_time()
     found = [trade for trade, _ in lightest(plan, counts, (25 * deg, 60 * deg))]

@@ -256,6 +256,10 @@ class Radiation(Parameters):
         "geodetic south and north"] = (-50 * deg, 0.0)  # fmt: skip
     longitude: Annotated[tuple[float, ...], Unit("rad", "deg"),
         "west and east"] = (-90 * deg, 40 * deg)  # fmt: skip
+    hits: Annotated[float | None, Unit("m", "mm"), POSITIVE,
+        "aluminium through which trapped protons hit the detectors in rendered frames, at the rate "
+        "of each place of the orbit, beside those of their designs; None: none do (extra "
+        "`radiation`)"] = None  # fmt: skip
     ageing: Annotated[str, Range(choices=("design", "orbit")),
         '"design": detectors age in the orbit that their designs name; "orbit": in that of the '
         'mission, of a given altitude (extra `radiation`)'] = "design"  # fmt: skip
@@ -401,6 +405,8 @@ class Mission:
             raise Refused(f"heads must be one to eight, got {len(self.heads)}")
         if self.radiation.ageing == "orbit" and self.orbit.altitude is None:
             raise Refused("radiation.ageing = 'orbit' must have an orbit of mean elements")
+        if self.radiation.hits is not None and self.orbit.altitude is None:
+            raise Refused("radiation.hits must have an orbit of mean elements")
         names = [head.name for head in self.heads]
         if len(set(names)) < len(names):
             raise Refused(f"heads must have different names, got {', '.join(names)}")

@@ -8,10 +8,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Floats, Ints, Refused, Streams
-from startrack.design import Case
+from startrack.design import Case, replaced_all
+from startrack.detector import Hits
 from startrack.mission.engine import Chunk, Plan, at, conditions_of, groups_of
 from startrack.mission.heads import state_of
 from startrack.mission.surrogate import Correction
+from startrack.space import proton_map
 from startrack.trial import run_trial
 
 DIGITS = 7  # of rates in radian / second; 0.02 arcsec / s
@@ -63,12 +65,30 @@ def scene_at(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
     x, y, z = (round(float(rate), DIGITS) for rate in head.axes.T @ instants.rate[:, k])
     motion = replace(case.instrument.motion, rate_x=x, rate_y=y, rate_z=z)
     case = replace(case, instrument=replace(case.instrument, motion=motion))
+    case = hit_at(plan, case, chunk, k)
     if now.background is not None:
         case = replace(case, scene=replace(case.scene, background_g=float(now.background[k])))
     across, about, solved = (float(values[k]) for values in chunk.errors[h])
     to_camera = Rotation.from_matrix(head.axes.T)
     body = Rotation.from_matrix(instants.body[..., k])
     return Scene(case, to_camera * body, int(seen.blind[k]), across**0.5, about**0.5, solved)
+
+
+def hit_at(plan: Plan, case: Case, chunk: Chunk, k: int) -> Case:
+    """The case whose detector is hit by the trapped protons of an instant of a chunk, too."""
+    mission, detector = plan.loaded.mission, case.instrument.detector
+    if mission.radiation.hits is None:
+        return case
+    assert mission.orbit.altitude is not None
+    where = proton_map(mission.orbit.altitude, mission.radiation.hits)
+    rate = float(where(chunk.instants.latitude[k : k + 1], chunk.instants.longitude[k : k + 1])[0])
+    if not rate:
+        return case
+    own = detector.hits or Hits(0.0, where.charge)
+    # All tracks have the mean charge of both.
+    charge = (own.rate * own.charge + rate * where.charge) / (own.rate + rate)
+    hits = replace(own, rate=own.rate + rate, charge=charge)
+    return replaced_all(case, {"instrument.detector.hits": hits}).unit_of(case.design or case)
 
 
 @dataclass(frozen=True)

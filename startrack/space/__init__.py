@@ -63,7 +63,7 @@ from startrack.space.orbit import (
     sun_synchronous,
     two_line_record,
 )
-from startrack.space.radiation import solar_protons, trapped_protons
+from startrack.space.radiation import proton_map, solar_protons, trapped_protons
 
 # Public; the other imports serve other rooms.
 __all__ = ["Heat"]

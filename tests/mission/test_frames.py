@@ -1,5 +1,6 @@
 """Frames of all heads at instants of a mission, beside what the mission expects."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -7,8 +8,18 @@ import pytest
 
 from startrack.core import Refused, arcsec
 from startrack.design import Fidelity
-from startrack.mission import agreement, between, frames_of, load_mission, plan_of
+from startrack.mission import (
+    agreement,
+    between,
+    frames_of,
+    load_mission,
+    plan_of,
+    rendered,
+    scenes_at,
+)
 from startrack.mission.frames import AXES, FRAMES
+from startrack.mission.parameters import Radiation
+from startrack.space.radiation import ProtonMap
 from tests.mission.test_units import plan_with
 
 HEADS = ("left", -90, 5), ("right", 90, 5), ("behind", 0, 179)
@@ -46,6 +57,27 @@ def test_a_blind_head_has_no_frames(plan):
     assert seen.right == seen.tried > 2
     # The plan states 2 arcsec, and the tracker of noise alone has some 0.5.
     assert 0.1 < seen.across[0] < 0.6
+
+
+def test_protons_of_a_place_hit_the_detector(plan, monkeypatch):
+    """Twice as many over the southern half of a map as over the northern."""
+    rate = np.repeat([2e4, 1e4], 23)[:, None] * np.ones((46, 90))
+    where = ProtonMap(rate, 400e6)
+    monkeypatch.setattr(rendered, "proton_map", lambda altitude, shielding: where)
+    radiation = Radiation(hits=5e-3)
+    mission = dataclasses.replace(plan.loaded.mission, radiation=radiation)
+    hit = dataclasses.replace(plan, loaded=dataclasses.replace(plan.loaded, mission=mission))
+    seen = set()
+    for second in np.linspace(0, 5700, 12):
+        [latitude] = plan.motion.at(float(second), 10.0, 1).latitude
+        if abs(latitude) < math.radians(5):
+            continue
+        hits = scenes_at(hit, float(second))[0].case.instrument.detector.hits
+        assert hits.charge == pytest.approx(400e6)
+        assert hits.rate == pytest.approx(1e4 if latitude > 0 else 2e4)
+        seen.add(latitude > 0)
+    assert seen == {True, False}
+    assert scenes_at(plan, 0.0)[0].case.instrument.detector.hits is None
 
 
 def test_the_angle_between_heads_before_and_after_a_model(plan):

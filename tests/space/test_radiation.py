@@ -1,5 +1,6 @@
 """Protons of an orbit behind a shield, beside SPENVIS and closed forms."""
 
+import math
 import sys
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from startrack.core import Refused
 from startrack.detector import Age
 from startrack.detector.ageing import INCLINATION, PROTON_RAD, THICKNESS, YEAR, orbit_dose
-from startrack.space import radiation, trapped_protons
+from startrack.space import proton_map, radiation, trapped_protons
 from startrack.space.radiation import (
     SILICON,
     Protons,
@@ -79,3 +80,25 @@ def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "radbelt", None)
     with pytest.raises(ImportError, match=r"startrack\[radiation\]"):
         orbit_dose(801e3, 1.7, 5e-3, 0.0)
+
+
+@pytest.mark.slow  # AP-8 at thousands of places
+def test_a_map_of_protons_has_the_anomaly_and_the_mean_of_its_orbits():
+    """Beside `trapped_protons` of an inclined orbit, whose places are others; AP-8's anomaly lies
+    over South America and the Atlantic. Tracks have 1.7 to 20 times the charge of a particle at
+    the minimum of ionisation, 80 electrons a micrometre."""
+    pytest.importorskip("radbelt")
+    height, tilt, shield = 600e3, math.radians(60), 5e-3
+    found = proton_map(height, shield)
+    row, column = np.unravel_index(found.rate.argmax(), found.rate.shape)
+    assert -45 < -90 + 4 * row < -10
+    assert 280 < 4 * column < 345
+    turn, east = radiation._places()
+    mean = found(np.arcsin(np.sin(tilt) * np.sin(turn)), east).mean()
+    assert 2 * mean / 1e4 == pytest.approx(trapped_protons(height, tilt).behind(shield)[0], rel=0.1)
+    assert 1.7 < found.charge / 80e6 < 20
+    # Between nodes along straight lines, all round the Earth.
+    at = found(np.radians([-30.0, -30.0]), np.radians([-2.0, 358.0]))
+    assert at[0] == pytest.approx(at[1])
+    low, high = found.rate[15, 89], found.rate[15, 0]
+    assert at[0] == pytest.approx((low + high) / 2)
