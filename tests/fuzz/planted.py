@@ -45,7 +45,7 @@ def is_found(fault: str, seed: int, compiled: Path | None = None) -> bool:
     found: list[str] = []
 
     def report(_: Case, verdict: Verdict) -> None:
-        if verdict.fault:
+        if verdict.fault in names.split():
             found.append(verdict.fault)
             raise Enough
 
@@ -53,4 +53,4 @@ def is_found(fault: str, seed: int, compiled: Path | None = None) -> bool:
         MOST, seed, report, seconds=3.0 if "long" in fault else 10.0, kinds=(kind,), fault=fault,
         primed=False, compiled=compiled,
     )  # fmt: skip
-    return bool(found) and found[0] in names
+    return bool(found)
