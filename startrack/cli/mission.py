@@ -83,7 +83,7 @@ declare = Options(
            "them keep, temperatures, and what alignment in flight gains", whole(1, 10**6)),
     Option("--frames N", "render all heads at so many random instants, too (fidelity: "
            "check.fidelity): frames.csv, how far they agree with what the mission expects, and the "
-           "angles between heads before and after a thermal model", whole(20, 10**6)),
+           "angles between heads before and after a thermal model", whole(1, 10**6)),
     Option("--frame SECOND", "render what each head sees at this time after the begin instead: "
            "HEAD.fits, HEAD.png", decimal(0, 1e12)),
     Option("--scheduler ADDRESS", "fly several missions on the workers of a Dask cluster that "

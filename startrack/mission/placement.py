@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -329,16 +330,16 @@ def lightest(
 ) -> list[tuple[Trade, Placement]]:
     """The lightest heads and baffles, of each number of heads, that meet the requirements.
 
-    Directions of all heads and the angle of their baffles together, without a grid: from the
-    mountings of a coarse search with the longest baffle, nlopt (Sbplx) searches the least of
+    Directions of all heads and the angle of their baffles together: from the mountings of a coarse
+    search with the longest baffle, and with the shortest, nlopt (Sbplx) searches the least of
 
-        mass / mass of the start + score of what is missed
+        mass / mass with the longest baffle + score of what is missed
 
     and a last search, at that angle, of the best error.
 
     angles       radian, shortest and longest exclusion angle of the Sun that a baffle may have
     advance      called with 1 after each number of heads
-    evaluations  of each of both searches
+    evaluations  of each of these searches
     Returns      in the order of `counts`; a Trade says whether the requirements are met
     Raises       ValueError where an angle lies in the field of a head, or the two do not increase
     Accuracy     as `place`; the exclusion angles of Moon and Earth stay
@@ -357,21 +358,33 @@ def _lightest(
 ) -> tuple[Trade, Placement]:
     low, high = angles
     longest = _with_heads(plan, count, low)
-    start = place(longest, grid_step=COARSE, evaluations=0)
     samples, needs = sample(longest), longest.loaded.mission.requirements
-    lines = [head.mounting.as_matrix()[:, 2] for head in start.mission.heads]
-    heaviest, around = _mass(longest, low), _Around(longest, samples, lines)
+    heaviest, search = (
+        _mass(longest, low),
+        Search(evaluations=evaluations, first_step=0.1, last_step=1e-3),
+    )
+    starts = [
+        place(_with_heads(plan, count, angle), grid_step=COARSE, evaluations=0) for angle in angles
+    ]
+    arounds = [
+        _Around(longest, samples, [head.mounting.as_matrix()[:, 2] for head in one.mission.heads])
+        for one in starts
+    ]
 
     def angle_at(coordinates: Floats) -> float:
         return low + float(coordinates[-1]) * (high - low)
 
-    def weight(coordinates: Floats) -> float:
+    def weight(around: _Around, coordinates: Floats) -> float:
         quality = around.quality(coordinates[:-1], angle_at(coordinates))
         mass = _mass(longest, angle_at(coordinates))
         return mass / heaviest + quality.missed(needs, samples.step)
 
-    search = Search(evaluations=evaluations, first_step=0.1, last_step=1e-3)
-    best = least(weight, np.append(np.full(2 * count, 0.5), 0.0), search)
+    middle = np.full(2 * count, 0.5)
+    searched = [
+        least(partial(weight, around), np.append(middle, end), search)
+        for around, end in zip(arounds, (0.0, 1.0), strict=True)
+    ]
+    best, around = min(zip(searched, arounds, strict=True), key=lambda pair: pair[0].score)
     angle = angle_at(best.coordinates)
 
     def error(coordinates: Floats) -> float:
@@ -380,9 +393,10 @@ def _lightest(
     last = least(error, best.coordinates[:-1], replace(search, first_step=0.05))
     changed = _with_heads(plan, count, angle)
     mission = _mounted_at(changed, around.moved(last.coordinates))
-    tried = start.evaluations + best.evaluations + last.evaluations
+    tried = sum(one.evaluations for one in starts) + last.evaluations
+    tried += sum(one.evaluations for one in searched)
     quality = around.quality(last.coordinates, angle)
-    placement = Placement(mission, start.after, quality, tried, last.ending)
+    placement = Placement(mission, starts[0].after, quality, tried, last.ending)
     return _trade(moved_plan(changed, mission), angle, placement), placement
 
 

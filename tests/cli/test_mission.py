@@ -14,6 +14,7 @@ from scipy.io import netcdf_file
 
 from startrack import shipped
 from startrack.cli.main import main
+from startrack.core import deg
 from startrack.mission import exports, load_mission, placement, save_timeline, surrogate
 
 DAY = ["--set", "time.duration=1 d"]
@@ -50,9 +51,39 @@ def flown(tmp_path_factory):
     out = tmp_path_factory.mktemp("flown") / "out"
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
         survey_less(patch)
-        status = main(["mission", *DAY, "--out", str(out), "--json"])
+        asked = ["--frames", "6", "--set", "check.fidelity=covariance"]
+        status = main(["mission", *DAY, *asked, "--out", str(out), "--json"])
     assert status == 3  # the example's heads do not meet its requirements
     return out, json.loads(printed.getvalue())
+
+
+def test_all_heads_are_rendered_together(flown):
+    out, result = flown
+    with (out / "frames.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 18
+    for h, head in enumerate(result["frames"]["heads"]):
+        tried = [row for row in rows if int(row["head"]) == h and row["blind"] == "0"]
+        assert head["tried"] == len(tried)
+        assert head["right"] <= len(tried)
+        assert 0.3 < head["across_ratio"][0] < 2
+    assert result["frames"]["between"] == []  # of too few frames
+
+
+def test_the_lightest_heads_are_searched(capsys, tmp_path, monkeypatch):
+    survey_less(monkeypatch)
+    monkeypatch.setattr(placement, "WINDOWS", 1)
+    monkeypatch.setattr(placement, "COARSE", 60 * deg)
+    asked = ["--set", "time.duration=6000 s", "--place", "--heads", "2", "--baffle"]
+    out = ["--out", str(tmp_path), "--json"]
+    main(["mission", *asked, "30", "60", *out])
+    [trade] = json.loads(capsys.readouterr().out)["trades"]
+    assert trade["heads"] == 2
+    assert 30 <= trade["baffle_deg"] <= 60
+    heads = load_mission(tmp_path / "placed.toml").mission.heads
+    assert [head.exclusion.sun / deg for head in heads] == pytest.approx([trade["baffle_deg"]] * 2)
+    assert main(["mission", *asked, "30", *out]) == 2
+    assert "two angles" in capsys.readouterr().err
 
 
 def test_a_mission_is_flown(flown):
