@@ -156,8 +156,13 @@ def function_of(group: str, name: str) -> Callable[..., Any]:
     """The function that a design names. Raises as `require_code`."""
     code = _known.get(name)
     module, _, attribute = name.partition(":")
-    # A module that was loaded again has another function of that name.
-    if code is None or getattr(sys.modules.get(module), attribute, None) is not code.function:
+    # A module that was loaded again has another function of that name, and a process that has run
+    # a design with its own code may be sent one that was begun with other code.
+    if (
+        code is None
+        or _expected.get(module, code.digest) != code.digest
+        or getattr(sys.modules.get(module), attribute, None) is not code.function
+    ):
         code = _import(POINTS[group], name)
     return code.function
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from startrack.cli.main import main
-from startrack.core import used_code
+from startrack.core import extension, used_code
 from startrack.core.extension import code_of_command
 from startrack.design import Case, Design, Fidelity, load_design, save_design
 from startrack.io import shipped
@@ -100,6 +100,27 @@ def test_code_is_refused_before_it_is_imported(installed, plain, monkeypatch, ca
     load_design(plain, [CENTROID])
     with pytest.raises(ValueError, match=r"STARTRACK_ALLOW_CODE=mylab\.identifications"):
         load_design(plain, ["tracker.identification.method=vote"])
+
+
+def test_other_code_than_that_of_the_sender_is_refused_each_time(installed, plain, monkeypatch):
+    """Also by a process that ran its own before, and by one that was refused before."""
+    monkeypatch.setattr(extension, "_expected", {})
+    changed(plain, CENTROID)
+    run = extension.function_of("centroids", "mylab.centroids:snail")
+    assert callable(run)
+    extension.received({"mylab.centroids": "0" * 32})
+    for _ in range(2):
+        with pytest.raises(ValueError, match="whose files differ from those where the trials"):
+            extension.function_of("centroids", "mylab.centroids:snail")
+
+
+def test_a_process_that_only_passes_a_design_on_needs_no_code(monkeypatch):
+    """As the scheduler of Dask does, which takes designs apart and puts them together again."""
+    monkeypatch.setattr(extension, "_expected", {})
+    monkeypatch.setattr(extension, "_allowed", set())
+    sent = {"nosuch.thing": "0" * 32}
+    extension.received(sent)
+    assert extension.sent_with([("tracker.detection.centroid", "", "nosuch.thing:f")]) == sent
 
 
 def replaced(case: Case, centroid: str) -> Case:
