@@ -40,16 +40,22 @@ def test_two_processes_on_one_store_are_shown_apart(tmp_path):
     """The second ends with one sentence while the first goes on, which keeps its trials."""
     store = tmp_path / "campaign.sqlite"
     command = [*COMMAND, "--store", str(store), "--trials", "1000000", "--workers", "1"]
-    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while not store.exists() or not store.stat().st_size:
-        time.sleep(0.02)
-    second = subprocess.run(command, capture_output=True, text=True)
-    assert second.returncode == 1
-    assert f"is in use by another process, {first.pid} on " in second.stderr
-    while not done(store):
-        time.sleep(0.1)
-    first.send_signal(signal.SIGINT)
-    assert first.wait(60) == 130
+    first = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=as_at_a_terminal
+    )
+    try:
+        while not store.exists() or not store.stat().st_size:
+            time.sleep(0.02)
+        second = subprocess.run(command, capture_output=True, text=True)
+        assert second.returncode == 1
+        assert f"is in use by another process, {first.pid} on " in second.stderr
+        while not done(store):
+            time.sleep(0.1)
+        first.send_signal(signal.SIGINT)
+        assert first.wait(60) == 130
+    finally:
+        first.kill()
+        first.wait()
     with Store(store) as held:
         assert len(held.outcomes()) > 0
 
