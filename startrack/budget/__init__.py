@@ -8,8 +8,8 @@ analytic   Case -> its Budget in milliseconds, without a trial.
 left_out   Case and its fields of stars -> effects that the analytic budget leaves out; its check
            by trials.
 exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.
-indices    Simulated sequences -> the error indices of the standard, over members and times.
-measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise.
+measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise; the
+           error indices of the standard by sequences, over members and times.
 units      Case -> error budgets of many units at an age: classes of error and levels.
 single_stars  Case -> errors of single stars: by formula, in boxes, in trials over the field.
 curves     Case -> its error over the sky and over slew rate, and that of its stars.
@@ -33,7 +33,6 @@ from startrack.budget.curves import (
 )
 from startrack.budget.exclusion import added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
-from startrack.budget.indices import INDICES, indices_of
 from startrack.budget.left_out import (
     ADVICE,
     Check,
@@ -44,7 +43,7 @@ from startrack.budget.left_out import (
     noise_only,
     unseen,
 )
-from startrack.budget.measured import measured
+from startrack.budget.measured import INDICES, indices_of, measured
 from startrack.budget.single_stars import Residuals, StarErrors, single_stars, star_errors
 from startrack.budget.units import UnitBudgets, joined, unit_budgets
 from startrack.trial import Term
