@@ -5,6 +5,7 @@
 told_ratio        error across over that of the same tracker that is told the rate, by rate (deg/s)
 sigma_ratio       error across over what the tracker states
 availability      [told, not told], by rate; false_attitudes of all trials that were not told
+stars_ratio       stars of an attitude that is not told the rate, over those of a told one, by rate
 nanosatellite     [availability, error over that of a told tracker] of this design at 3 deg/s
 shutter_arcsec    what a rolling shutter of 20 us a row adds to the error across at 1 deg/s, with a
                   known rate; shutter_unknown_rate_arcsec the same with the rate from the images
@@ -126,13 +127,16 @@ def main() -> None:
     options = command.read(parser)
     trials = 6 if options.quick else 300
     case = load_design(shipped("designs/noise_only.toml")).case
-    values: dict[str, Any] = {"told_ratio": {}, "sigma_ratio": {}, "availability": {}}
+    names = "told_ratio", "sigma_ratio", "availability", "stars_ratio"
+    values: dict[str, Any] = {name: {} for name in names}
     false = 0
     for rate in RATES[:: 3 if options.quick else 1]:
         told, alone = (tried(turning(case, rate, how), trials) for how in ("known", "images"))
         values["told_ratio"][f"{rate:g}"] = across(alone) / across(told)
         values["sigma_ratio"][f"{rate:g}"] = across(alone) / stated(alone)
         values["availability"][f"{rate:g}"] = [float(right(one).mean()) for one in (told, alone)]
+        stars = [float(one["stars"][right(one)].mean()) for one in (alone, told)]
+        values["stars_ratio"][f"{rate:g}"] = stars[0] / stars[1]
         false += int(alone["false"].sum())
     values["false_attitudes"] = false / (len(values["told_ratio"]) * trials)
     small = load_design(shipped("designs/nanosatellite.toml")).case
