@@ -76,8 +76,10 @@ def stray_light_levels(case: Case, angle: Floats, altitude: float = 600e3) -> di
 
     Arguments, what is raised and accuracy as of `exclusions`.
     """
-    if case.instrument.baffle is None:
-        raise Refused("instrument.baffle must be given for exclusion angles, got none")
+    if case.instrument.stray is None:
+        raise Refused(
+            "instrument.baffle or instrument.tube must be given for exclusion angles, got none"
+        )
     return {
         "sun": _stray_light(case, SUN_G, angle),
         "moon": _stray_light(case, FULL_MOON_G, angle),
@@ -91,15 +93,15 @@ def added(magnitudes: Sequence[float]) -> float:
 
 
 def _stray_light(case: Case, magnitude_g: float, angle: Floats) -> Floats:
-    assert case.instrument.baffle
+    assert case.instrument.stray
     optics = case.instrument.optics
-    spread = case.instrument.baffle(angle) * optics.focal_length**2 / optics.area
+    spread = case.instrument.stray(angle) * optics.focal_length**2 / optics.area
     return magnitude_g - 2.5 * np.log10(spread * arcsec**2)
 
 
 def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
     """Of an Earth in full sunlight, with each of its parts at its angle."""
-    assert case.instrument.baffle
+    assert case.instrument.stray
     distance = EARTH_RADIUS + altitude
     horizon = math.asin(EARTH_RADIUS / distance)
     down, sun = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
@@ -109,7 +111,7 @@ def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
     for i, one in enumerate(horizon + angle):
         boresight = np.array([math.sin(one), 0.0, -math.cos(one)])
         apart = np.arccos(np.clip(source.direction @ boresight, -1, 1))
-        lit[i] = case.instrument.baffle(apart) @ source.fraction * EARTH_ALBEDO / math.pi
+        lit[i] = case.instrument.stray(apart) @ source.fraction * EARTH_ALBEDO / math.pi
     optics = case.instrument.optics
     return SUN_G - 2.5 * np.log10(lit * optics.focal_length**2 / optics.area * arcsec**2)
 

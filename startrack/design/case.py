@@ -24,6 +24,7 @@ from startrack.motion import Motion
 from startrack.optics import (
     ROOM,
     Baffle,
+    BaffleTube,
     Ghosts,
     Optics,
     Residual,
@@ -32,6 +33,7 @@ from startrack.optics import (
     lens_surfaces,
     open_optics,
     open_psf_file,
+    transmittance_of,
 )
 from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons
 
@@ -139,6 +141,9 @@ class Instrument(Parameters):
     ] = 0.0  # fmt: skip
     baffle: Annotated[Baffle | None,
         "what it lets through of Sun, Moon and Earth; None: nothing"] = None  # fmt: skip
+    tube: Annotated[BaffleTube | None,
+        "the baffle by its geometry, in place of a curve; None: as `baffle` says"
+    ] = None  # fmt: skip
     thermal: Annotated[Temperatures | None, "temperatures; None: the lens is at 20 degC"] = None
     ghosts: Annotated[Ghosts | None,
         "reflections in the lens that make ghosts of bright sources; None: no ghosts"
@@ -153,6 +158,8 @@ class Instrument(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.baffle and self.tube:
+            raise Refused("baffle must be left out where tube gives its geometry, or tube left out")
         if self.thermal and not self.optics.traced:
             raise Refused("thermal.lens must be left out where no lens_file says what it changes")
         if self.ghosts:
@@ -173,6 +180,18 @@ class Instrument(Parameters):
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_hash"}
+
+    @cached_property
+    def stray(self) -> Baffle | None:
+        """What passes the baffle: its curve, or that of its geometry; None: nothing.
+
+        Lens and field count to three digits, so that the units of a design share one curve.
+        Raises  Refused where the tube is narrower than its entrance.
+        """
+        if self.tube is None:
+            return self.baffle
+        sizes = self.optics.aperture, self.camera.half_diagonal, self.optics.f_number
+        return transmittance_of(self.tube, *(float(f"{size:.3g}") for size in sizes))
 
     @property
     def lens_temperature(self) -> float:

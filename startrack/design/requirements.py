@@ -170,7 +170,8 @@ class Requirements(core.CarriesCode):
     over the [[variation]] tables that have a price, a calibration on the ground
     calibration_price * positions * position_time in hours. A structure (`[instrument.structure]`)
     adds its mass, the power of its heater, and the price of its material times that mass and
-    `cost_of_part`.
+    `cost_of_part`. A baffle given by its geometry (`[instrument.tube]`) has its own
+    volume, and its mass is added.
 
     The models are proxies: a lens of one shape grows in all directions with its aperture, a tube
     is as long as its focal length asks, and the electronics pay for each bit. Their coefficients
@@ -303,6 +304,8 @@ class Requirements(core.CarriesCode):
             return self.density * self.volume(case) + shield
         optics, structure = case.instrument.optics, case.instrument.structure
         fixed = self.mass_fixed + shield + (structure.mass(optics) if structure else 0.0)
+        if tube := case.instrument.tube:
+            fixed += tube.mass(optics.aperture, case.instrument.camera.half_diagonal)
         lens = lens_cost(optics)
         return fixed + (lens.mass if lens else self.mass_per_volume * optics.aperture**3)
 
@@ -324,6 +327,11 @@ class Requirements(core.CarriesCode):
 
         Where its angle lies in the field, it is a thousand apertures long, which no limit allows.
         """
+        if tube := case.instrument.tube:
+            if self.baffle_angle is not None:
+                raise Refused("requirements.baffle_angle must be left out where a tube is given")
+            lens, field = case.instrument.optics.aperture, case.instrument.camera.half_diagonal
+            return tube.volume(lens, field)
         if self.baffle_angle is None:
             return 0.0
         field = math.tan(case.instrument.camera.half_diagonal)

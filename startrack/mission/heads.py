@@ -287,7 +287,7 @@ def limits_of(head: Head, case: Case) -> Limits:
     given, half = head.exclusion, case.instrument.camera.half_diagonal
     least = {"sun": half + SUN_RADIUS, "moon": half + MOON_RADIUS, "earth": half}
     missing = [name for name in least if getattr(given, name) is None]
-    if missing and case.instrument.baffle is not None:
+    if missing and case.instrument.stray is not None:
         of_baffle = _of_baffle(case, given.altitude)
         least |= {name: max(of_baffle[name], least[name]) for name in missing}
     least |= given.angles

@@ -266,7 +266,7 @@ def stray_light_of(case: Case, head: Mounted) -> tuple[StrayLight, float] | None
 
     Returns  None where the case has no baffle
     """
-    if case.instrument.baffle is None:
+    if case.instrument.stray is None:
         return None
     levels = stray_light_levels(case, np.maximum(LEVELS, 0.05 * deg))
     sky = case.scene.sky_g

@@ -28,6 +28,7 @@ ghosts        Light -> Light: ghosts of bright sources by two reflections in the
 as_built      Surfaces of a lens -> by how much its elements, each a little off, displace stars.
 residual      Residual: what the places of stars differ by from any camera model, by causes.
 baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light.
+tube          Geometry of a baffle with vanes -> its point-source transmittance, mass and size.
 """
 
 from startrack.optics.baffle import Baffle, stray_light
@@ -48,12 +49,14 @@ from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, 
 from startrack.optics.ray_trace import Tracing, read_prescription, surfaces_of, trace_lens
 from startrack.optics.residual import Residual
 from startrack.optics.surfaces import Surfaces, open_surfaces, save_surfaces
+from startrack.optics.tube import BaffleTube, transmittance_of
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "Aberration",
     "Baffle",
+    "BaffleTube",
     "Ghosts",
     "LensTable",
     "Optics",

@@ -149,7 +149,7 @@ def _shining(case: Case) -> list[str]:
     """The lights of a scene that vary over the field in some attitude."""
     kinds = {name: LIGHTS.get(name) for name in case.scene.lights}
     lights = [name for name, kind in kinds.items() if kind is None or kind.varies]
-    if case.instrument.baffle is None:
+    if case.instrument.stray is None:
         return lights
     return lights + [name for name, kind in kinds.items() if kind and kind.stray > kind.varies]
 

@@ -66,9 +66,9 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
     if instrument.ghosts is not None:
         pitch = instrument.detector.pitch
         light = add_ghosts(light, instrument.ghosts, optics, icrs_to_camera, camera, pitch)
-    if instrument.baffle is None:
+    if instrument.stray is None:
         return light
-    return stray_light(light, instrument.baffle, optics, icrs_to_camera, camera)
+    return stray_light(light, instrument.stray, optics, icrs_to_camera, camera)
 
 
 def throughput(instrument: Instrument) -> NDArray[np.float64]:

@@ -35,8 +35,8 @@ def cases(case: Case, campaign: Campaign) -> tuple[tuple[Judged, ...], tuple[str
 
 
 def _refusal(case: Case, angle: float) -> str:
-    if case.instrument.baffle is None:
-        return "instrument.baffle must be given, without which no stray light is computed"
+    if case.instrument.stray is None:
+        return "instrument.baffle or tube must be given, without which no stray light is computed"
     corner = case.instrument.camera.half_diagonal
     if angle <= corner:
         return f"the body would be in the field, whose half diagonal is {corner / deg:.1f} deg"

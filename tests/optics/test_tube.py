@@ -1,0 +1,141 @@
+"""A baffle by its geometry: beside light traced forwards, closed forms, and its limits."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from startrack import deg, load_design, mm, shipped
+from startrack.core import Refused
+from startrack.design import Requirements
+from startrack.optics import BaffleTube, tube
+from startrack.optics.tube import transmittance_of
+
+TUBE, LENS, FIELD = BaffleTube(150 * mm), 25 * mm, 10 * deg
+
+
+def on_lens(angles, **changed):
+    """Direct and scattered light on the lens as the package has it, of a lens that scatters evenly,
+    per steradian, so that the scattered part is an irradiance."""
+    shape = replace(TUBE, **changed).shape(LENS, FIELD)
+    random = np.random.default_rng(1).random((2**15, 4 + 2 * tube.BOUNCES))
+    nodes = np.array([FIELD, *angles])
+    direct, scattered, _ = tube._light_on_lens(*shape, nodes, random, 0.0, 0.0)
+    return shape, direct[1:], scattered[1:]
+
+
+def forwards(shape, angle, photons, bounces, seed):
+    """Light on the lens over that at the entrance, by photons from the Sun that walk the tube.
+
+    Returns  direct, and after each number of bounces off walls that reflect all
+    """
+    random = np.random.default_rng(seed)
+    length, wall = shape.height[-1], shape.wall
+    r, turn = shape.edge[-1] * np.sqrt(random.random(photons)), 2 * np.pi * random.random(photons)
+    place = np.stack([r * np.cos(turn), r * np.sin(turn), np.full(photons, length)], axis=1)
+    way = np.tile([-math.sin(angle), 0.0, -math.cos(angle)], (photons, 1))
+    found = []
+    for _ in range(bounces + 1):
+        # Distances to all planes and to the wall; the nearest that is solid ends the flight.
+        planes = np.append(shape.height, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = (planes - place[:, 2:]) / way[:, 2:]
+            a = (way[:, :2] ** 2).sum(axis=1)
+            b = (place[:, :2] * way[:, :2]).sum(axis=1)
+            c = (place[:, :2] ** 2).sum(axis=1) - wall**2
+            side = (-b + np.sqrt(np.maximum(b * b - a * c, 0))) / a
+        across = np.linalg.norm(place[:, None, :2] + far[..., None] * way[:, None, :2], axis=2)
+        solid = (across >= np.append(shape.edge, 0.0)) & (across <= wall) & (far > 1e-10)
+        far = np.where(solid, far, np.inf)
+        up = place[:, 2] + side * way[:, 2]
+        side = np.where((side > 1e-10) & (up > 0) & (up < length), side, np.inf)
+        every = np.column_stack([far, side])
+        what, distance = every.argmin(axis=1), every.min(axis=1)
+        place, met = place + np.where(np.isfinite(distance), distance, 0)[:, None] * way, what
+        lens = (met == len(shape.height)) & (np.linalg.norm(place[:, :2], axis=1) < shape.radius)
+        found.append(lens[np.isfinite(distance)].sum())
+        kept = np.isfinite(distance) & ~lens
+        place, way, met = place[kept], way[kept], met[kept]
+        normal = np.zeros_like(place)
+        normal[:, 2] = np.where(way[:, 2] > 0, -1.0, 1.0)
+        on_wall = met == len(shape.height) + 1
+        normal[on_wall] = np.column_stack([-place[on_wall, :2] / wall, np.zeros(on_wall.sum())])
+        # A point on a unit sphere that touches the surface: the cosine law.
+        ball = random.standard_normal(place.shape)
+        way = ball / np.linalg.norm(ball, axis=1, keepdims=True) + normal
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+    entrance = shape.edge[-1] ** 2 * math.cos(angle) / shape.radius**2
+    return np.array(found) / photons * entrance
+
+
+@pytest.mark.parametrize("angle", [pytest.param(15 * deg, marks=pytest.mark.slow), 25 * deg])
+def test_light_traced_backwards_is_that_of_photons_forwards(angle):
+    """To 4 standard errors of both, after each of three bounces."""
+    shape, direct, scattered = on_lens([angle])
+    photons = 100_000
+    theirs = forwards(shape, angle, photons, 3, 2)
+    assert direct[0] == pytest.approx(theirs[0], rel=0.02, abs=1e-6)
+    one = shape.edge[-1] ** 2 * math.cos(angle) / shape.radius**2 / photons
+    for bounce in range(3):
+        spread = math.sqrt(theirs[bounce + 1] * one) + 0.03 * theirs[bounce + 1]
+        assert scattered[0, bounce] == pytest.approx(theirs[bounce + 1], abs=4 * spread)
+
+
+def test_direct_light_is_the_overlap_of_lens_and_entrance():
+    """Two discs, one of them shifted by L tan(angle); no vane is in the way."""
+    angles = np.array([11, 13, 15, 17]) * deg
+    shape, direct, _ = on_lens(angles)
+    small, large, apart = shape.radius, shape.edge[-1], shape.height[-1] * np.tan(angles)
+    left = (apart**2 + small**2 - large**2) / (2 * apart)
+    inner = np.arccos(np.clip(left / small, -1, 1))
+    outer = np.arccos(np.clip((apart - left) / large, -1, 1))
+    common = small**2 * (inner - np.sin(2 * inner) / 2) + large**2 * (outer - np.sin(2 * outer) / 2)
+    assert direct == pytest.approx(np.cos(angles) * common / (np.pi * small**2), rel=0.01)
+
+
+def test_no_lit_wall_is_seen_by_the_lens():
+    """Past the cutoff, nothing comes to the lens after one bounce: each vane hides the wall."""
+    cutoff = TUBE.cutoff(LENS, FIELD)
+    _, direct, scattered = on_lens([cutoff + 1 * deg, 40 * deg, 70 * deg])
+    assert (direct == 0).all()
+    assert scattered[:, 0].max() < 0.02 * scattered[:, 1].min()
+
+
+def test_a_longer_tube_keeps_the_sun_out_at_smaller_angles():
+    curves = [transmittance_of(BaffleTube(long), LENS, FIELD, 1.6) for long in (0.1, 0.2)]
+    short, long = (curve(np.array([20 * deg]))[0] for curve in curves)
+    assert long < 1e-3 * short
+    assert TUBE.cutoff(LENS, FIELD) == pytest.approx(math.atan((12.5 + 38.949) / 150), rel=1e-4)
+
+
+def test_paint_and_edges_make_the_light_past_the_cutoff():
+    """Two bounces: nearly as the square of the reflectance where edges are infinitely thin."""
+    knife = replace(TUBE, edge=0.0)
+    dark, light = (
+        transmittance_of(replace(knife, reflectance=r), LENS, FIELD, 1.6)(np.array([30 * deg]))[0]
+        for r in (0.02, 0.04)
+    )
+    assert light / dark == pytest.approx(4, rel=0.08)
+    thick = transmittance_of(replace(TUBE, edge=200e-6), LENS, FIELD, 1.6)(np.array([30 * deg]))[0]
+    assert thick > transmittance_of(knife, LENS, FIELD, 1.6)(np.array([30 * deg]))[0]
+
+
+def test_a_design_with_a_tube_has_its_curve_its_mass_and_its_volume():
+    case = load_design(shipped("designs/noise_only.toml")).case
+    with_tube = replace(case, instrument=replace(case.instrument, tube=TUBE))
+    needs = Requirements(density=None)
+    field, lens = case.instrument.camera.half_diagonal, case.instrument.optics.aperture
+    assert needs.mass(with_tube) - needs.mass(case) == pytest.approx(TUBE.mass(lens, field))
+    assert needs.volume(with_tube) - needs.volume(case) == pytest.approx(TUBE.volume(lens, field))
+    assert with_tube.instrument.stray(np.array([80 * deg])) < 1e-8
+    with pytest.raises(Refused, match=r"requirements\.baffle_angle must be left out"):
+        replace(needs, baffle_angle=0.5).volume(with_tube)
+    curve = with_tube.instrument.stray
+    with pytest.raises(Refused, match="baffle must be left out where tube"):
+        replace(with_tube.instrument, baffle=curve)
+
+
+def test_a_wall_inside_the_entrance_is_refused():
+    with pytest.raises(Refused, match=r"tube\.diameter must be wider than the entrance"):
+        replace(TUBE, diameter=50 * mm).shape(LENS, FIELD)
