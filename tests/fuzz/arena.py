@@ -74,6 +74,7 @@ class Verdict:
 
 
 NOBODY = 65534
+FOLDER = "startrack-fuzz-"  # begin of the name of an arena's folder
 DEVICES = ("/dev/null", "/dev/full", "/dev/zero", "/dev/tty")
 # Where any user can write, and so where a command could leave something.
 OPEN = ("/tmp", "/var/tmp", "/dev/shm", "/run/lock", "/dev/mqueue")
@@ -117,7 +118,7 @@ class Arena:
         self.seconds, self.memory, self.fault, self._compiled = seconds, memory, fault, compiled
         self._worker: subprocess.Popen[str] | None = None
         self._nobody, self._begun = is_unprivileged(), time.time()
-        self._folder = Path(tempfile.mkdtemp(prefix="startrack-fuzz-"))
+        self._folder = Path(tempfile.mkdtemp(prefix=FOLDER))
         for name in ("home", "tmp"):
             make_folder(self._folder / name)
         self._folder.chmod(0o755)
@@ -133,13 +134,15 @@ class Arena:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def outside(self) -> list[Path]:
-        """What the worker's user has written outside of its folder since the beginning."""
+        """What the worker's user has written outside of its folder, and others', since it began."""
         if not self._nobody:
             return []
-        found, own = [], (self._folder, self._compiled)
+        found, own = [], (self._compiled,)
         for place in OPEN:
             for folder, names, files in os.walk(place):
-                names[:] = [one for one in names if Path(folder, one) not in own]
+                names[:] = [
+                    one for one in names if Path(folder, one) not in own and FOLDER not in one
+                ]
                 for path in (Path(folder, one) for one in (*names, *files)):
                     with contextlib.suppress(OSError):
                         state = path.lstat()
