@@ -81,6 +81,8 @@ def main() -> None:
     options = command.read(parser, trials=2, size=48, rays=20)
     found = {(c["wavelength"], case): shining(c, case) for c in columns() for case in MEANS}
     shares = earth_trials.shares(options.trials)
+    warm = earth_trials.shares(options.trials, thermal=True)
+    shares |= {f"{layer} of a thermal channel": found for layer, found in warm.items()}
     figures: dict[str, Any] = {
         "adjacency_error": max(abs(each.ours - 1).max() for each in found.values()),
         "adjacency_of_mean": max(abs(each.plain - 1).max() for each in found.values()),

@@ -35,6 +35,8 @@ from startrack.earth.imager import (
 )
 from startrack.earth.product import Settings, calibrate, make_product
 from startrack.earth.product.ortho import MapGrid
+from startrack.earth.product.retrieval import brightness_temperature
+from startrack.earth.terrain import EQUATORIAL
 from startrack.optics import Optics
 
 Floats = NDArray[np.float64]
@@ -44,42 +46,59 @@ KNOWN = Knowledge(
     lamp=0.01, straylight=0.005, wavelength=0.5 * nm, visibility=0.1, slope=0.02, height=2.0,
     registration=0.3, beyond=0.03,
 )  # fmt: skip
-LAYERS = "radiance", "reflectance", "surface reflectance"
+LAYERS = "radiance", "reflectance", "surface reflectance", "place"
+WARM = "radiance", "brightness temperature", "place"  # of a thermal channel
 
 
-def shares(trials: int, seed: int = 1) -> dict[str, tuple[float, float]]:
-    """Of each layer, the shares of pixels within one and two standard deviations of the truth."""
+def shares(trials: int, seed: int = 1, thermal: bool = False) -> dict[str, tuple[float, float]]:
+    """Of each layer, the shares of pixels within one and two standard deviations of the truth.
+
+    thermal  of a channel at 10.8 um, not of one at 520 nm
+    """
     rng = np.random.default_rng(seed)
-    near: dict[str, list[Floats]] = {layer: [] for layer in LAYERS}
+    near: dict[str, list[Floats]] = {layer: [] for layer in (WARM if thermal else LAYERS)}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        believed = scene(folder, rng)
+        believed = scene(folder, rng, thermal)
         picture = Picture.blank(SIDE, SIDE)
-        render(believed, believed.channels[0], folder, 0, picture)
-        surface = on_map(folder / "land.tif", picture)
+        band = render(believed, believed.channels[0], folder, 0, picture).band
+        surface, middles = on_map(folder / "land.tif", picture), places(picture)
         for trial in range(trials):
             z = rng.standard_normal(7)
             true = wrong(believed, folder, rng, z, float(surface.mean()))
-            layers, doubt = made(
+            layers, doubt, apart = made(
                 true, believed, folder, trial + 1, KNOWN.lamp * z[0], KNOWN.straylight * z[1]
             )
             straight = replace(true, camera=believed.camera, pointing=believed.pointing)
             render(straight, straight.channels[0], folder, 0, picture)
             light = picture.terms.total.astype(float)
-            truth = {
-                "radiance": light, "surface reflectance": surface,
-                "reflectance": layers["reflectance"] * light / layers["radiance"],
-            }  # fmt: skip
-            for layer in LAYERS:
-                off = (layers[layer] - truth[layer]) / doubt[layer]["total"]
-                near[layer].append(abs(off[EDGE:-EDGE, EDGE:-EDGE]).ravel())
+            if thermal:
+                truth = {"radiance": light, "brightness temperature": brightness_temperature(
+                    light.ravel(), band).reshape(light.shape)}  # fmt: skip
+            else:
+                truth = {
+                    "radiance": light, "surface reflectance": surface,
+                    "reflectance": layers["reflectance"] * light / layers["radiance"],
+                }  # fmt: skip
+            off = {
+                name: (layers[name] - true) / doubt[name]["total"] for name, true in truth.items()
+            }
+            off["place"] = (apart - middles) / doubt["place"]["total"]  # along two axes
+            for layer, values in off.items():
+                near[layer].append(abs(values[..., EDGE:-EDGE, EDGE:-EDGE]).ravel())
     return {
         layer: (float((np.concatenate(off) < 1).mean()), float((np.concatenate(off) < 2).mean()))
         for layer, off in near.items()
     }
 
 
-def scene(folder: Path, rng: np.random.Generator) -> Survey:
+def places(picture: Picture) -> Floats:
+    """Metre east and north (2, lines, columns) of the pixels of an image, from the equator."""
+    north = picture.latitude * deg
+    return EQUATORIAL * np.stack([picture.longitude * deg * np.cos(north.mean()), north])
+
+
+def scene(folder: Path, rng: np.random.Generator, thermal: bool) -> Survey:
     """Hills and fields that change over some pixels."""
     cells = round(2.4 * SIDE)  # the image and little more
     grid = MapGrid(500000.0, 5200000.0, PIXEL / 2, PIXEL / 2, cells, cells, "EPSG:32632")
@@ -94,7 +113,11 @@ def scene(folder: Path, rng: np.random.Generator) -> Survey:
     )  # fmt: skip
     focal = 40 * um * (99.6e3) / PIXEL
     band = Curve((499 * nm, 500 * nm, 540 * nm, 541 * nm), (0.0, 1.0, 1.0, 0.0))
-    channel = Channel("green", Optics(focal, focal / 0.02, blur=10 * um), detector, band)
+    if thermal:
+        band = Curve((10.3 * um, 10.4 * um, 11.2 * um, 11.3 * um), (0.0, 1.0, 1.0, 0.0))
+    channel = Channel(
+        "thermal" if thermal else "green", Optics(focal, focal / 0.02, blur=10 * um), detector, band
+    )
     plane = Aircraft(
         "2026-06-21T09:00:00", float(longitude[middle]), float(latitude[middle]), 100e3, speed=100.0
     )
@@ -154,17 +177,19 @@ def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats, mea
 
 def made(
     true: Survey, believed: Survey, folder: Path, seed: int, lamp: float, stray: float,
-) -> tuple[dict[str, Floats], dict[str, dict[str, Floats]]]:  # fmt: skip
-    """Layers of the product of a true scene by what is believed, and their uncertainties."""
+) -> tuple[dict[str, Floats], dict[str, dict[str, Floats]], Floats]:  # fmt: skip
+    """Layers of the product of a true scene by what is believed, their uncertainties, and where
+    the pixels truly lie, as of `places`."""
     channel, mine = true.channels[0], believed.channels[0]
     picture = Picture.blank(SIDE, SIDE)
     setting = render(true, channel, folder, seed, picture)
+    true_places = places(picture)
     frames = calibrate(true, channel, setting, seed)
     numbers = picture.numbers
     numbers = numbers + stray * (numbers.mean() - channel.detector.offset)
     frames = frames._replace(radiance=frames.radiance * (1 + lamp))
     product = make_product(believed, mine, folder, numbers, frames, Settings(uncertainty=True))
-    return product.image, product.uncertainty
+    return product.image, product.uncertainty, true_places
 
 
 def smooth(cells: int, width: float, rng: np.random.Generator) -> Floats:

@@ -109,6 +109,8 @@ VALUES: Table = {
     "scene.background_g": 21.0,
     "scene.date": "2026-03-20T12:00:00",
     "scene.lights": ["zodiacal"],
+    "instrument.tube.length": "150 mm",
+    "instrument.tube.diameter": "300 mm",
 }
 VALUES |= {"catalog.random_g": 9.0, "tracker.catalog.random_g": 8.0}  # the limit: none
 for _axis in "xyz":  # a tracker's must not swing

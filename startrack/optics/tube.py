@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import scipy.stats
 
 from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, kernel
 from startrack.optics.baffle import Baffle
@@ -116,12 +115,14 @@ def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: floa
               tubes, so that the curve changes smoothly with the geometry; 0.1 s.
     """
     shape, slope = tube.shape(lens, field), SLOPE / 2
-    cutoff = tube.cutoff(lens, field)
+    cutoff = min(tube.cutoff(lens, field), (field + GRAZING) / 2)
     near = np.linspace(field, cutoff, NODES // 3)
     far = np.linspace(cutoff, GRAZING, NODES - len(near) + 1)[1:]
     angle = np.concatenate([near, far])
+    from scipy.stats.qmc import Sobol  # half a second, for designs with a tube alone
+
     size = 4 + 2 * BOUNCES
-    random = scipy.stats.qmc.Sobol(size, rng=np.random.default_rng(0)).random(PATHS)
+    random = Sobol(size, rng=np.random.default_rng(0)).random(PATHS)
     direct, scattered, edges = _light_on_lens(
         shape.radius, shape.wall, shape.height, shape.edge, angle, random, tube.edge, slope
     )
@@ -129,7 +130,7 @@ def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: floa
     bsdf = (1 + (np.sin(angle) / SHOULDER) ** 2) ** slope
     light = direct * bsdf + scattered @ paint + tube.reflectance * edges
     pst = _per_steradian(tube.scatter) * light * math.pi / (4 * f_number**2)
-    return Baffle((*angle, math.pi / 2), (*np.maximum(pst, DARK), DARK))
+    return Baffle((*angle.tolist(), math.pi / 2), (*np.maximum(pst, DARK).tolist(), DARK))
 
 
 def _per_steradian(scatter: float) -> float:

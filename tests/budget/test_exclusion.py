@@ -62,5 +62,5 @@ def test_the_least_angle_is_where_all_beyond_is_well():
 
 def test_without_a_baffle_there_is_no_angle():
     case = load_design(shipped("designs/noise_only.toml")).case
-    with pytest.raises(ValueError, match=r"instrument\.baffle must be given"):
+    with pytest.raises(ValueError, match=r"instrument\.baffle or instrument\.tube must be given"):
         exclusions(case, ANGLES)

@@ -136,6 +136,14 @@ def test_a_design_with_a_tube_has_its_curve_its_mass_and_its_volume():
         replace(with_tube.instrument, baffle=curve)
 
 
+def test_a_tube_of_a_hair_hides_nothing():
+    """Up to grazing incidence the lens lies in the light, as without a baffle."""
+    curve = transmittance_of(BaffleTube(10e-6), LENS, FIELD, 1.6)
+    bare = np.cos(60 * deg) * (1 + (np.sin(60 * deg) / tube.SHOULDER) ** 2) ** (tube.SLOPE / 2)
+    bare *= tube._per_steradian(1e-3) * math.pi / (4 * 1.6**2)
+    assert curve(np.array([60 * deg]))[0] == pytest.approx(bare, rel=0.1)
+
+
 def test_a_wall_inside_the_entrance_is_refused():
     with pytest.raises(Refused, match=r"tube\.diameter must be wider than the entrance"):
         replace(TUBE, diameter=50 * mm).shape(LENS, FIELD)
