@@ -121,10 +121,13 @@ def _of_radiance(
     radiance: Floats, numbers: NDArray[np.integer], calibration: retrieval.Calibration,
     knowledge: Knowledge, channel: Channel,
 ) -> dict[str, Floats]:  # fmt: skip
-    """Of the radiance; photon noise by the measured electrons of a digital number."""
-    detector, electrons = channel.detector, max(calibration.electrons, 1e-9)
-    signal = np.maximum(numbers - detector.offset, 0) / electrons
-    variance = signal + (detector.read_noise / electrons) ** 2 + 1 / 12
+    """Of the radiance; photon noise by the measured electrons of a digital number, which read noise
+    hides where it is far above that of photons: it is as designed."""
+    detector, measured = channel.detector, calibration.electrons
+    signal = np.maximum(numbers - detector.offset, 0)
+    shot = signal / measured if measured > 0 else np.zeros(numbers.shape)
+    designed = detector.full_well / (2**detector.bits - 1) / detector.gain
+    variance = shot + (detector.read_noise / designed) ** 2 + 1 / 12
     noise = np.sqrt(variance) / calibration.gain
     return {
         "noise": noise,

@@ -29,6 +29,7 @@ from startrack.earth.imager import (
     CloudLayer,
     Cover,
     Imager,
+    Knowledge,
     Land,
     Picture,
     Survey,
@@ -37,7 +38,7 @@ from startrack.earth.imager import (
     render,
 )  # fmt: skip
 from startrack.earth.imager.band import band_of
-from startrack.earth.product import Settings, calibrate, make_product
+from startrack.earth.product import Settings, calibrate, make_product, uncertainty
 from startrack.earth.product.ortho import (
     CLOUD,
     CLOUD_SHADOW,
@@ -318,3 +319,19 @@ def test_each_pixel_has_an_uncertainty_by_contributors():
     share = surface["terrain"] / product.image["surface reflectance"]
     assert 0 < np.nanmedian(share) < 0.01 * math.tan(30 * deg)
     assert {"place: total", "surface reflectance: atmosphere"} <= set(product.doubt)
+
+
+@pytest.mark.parametrize("measured", [0.0, 3.0, 30.0])
+def test_read_noise_far_above_that_of_photons_is_as_designed(measured):
+    """Photon transfer then measures no gain: 400 electrons of read noise are 4.0 numbers of 100."""
+    curve = Curve((), (0.6,))
+    detector = Detector(
+        8, 8, 40 * um, 1e-3, curve, full_well=100 * 4095.0, bits=12, offset=20, read_noise=400.0
+    )
+    channel = Channel("thermal", Optics(0.1, 2.0), detector, curve)
+    one = np.ones((1, 8))
+    frames = Calibration(20 * one, one[None], np.ones(1), 2.0 * one, measured, one, 256)
+    numbers = np.full((2, 8), 23)
+    found = uncertainty._of_radiance(numbers / 2.0, numbers, frames, Knowledge(), channel)
+    shot = 3 / measured if measured else 0.0
+    assert found["noise"] == pytest.approx(np.sqrt(16 + shot + 1 / 12) / 2, rel=1e-3)
