@@ -16,6 +16,7 @@ ALUMINIUM = 2700.0  # kg / m^3
 WALL = 1e-3  # metre, of tube and vanes
 PATHS = 16384  # from the lens; chosen by hand: time against noise
 BOUNCES = 6  # of each path; black paint leaves 1e-8 after them
+PLACES = 16  # of them, from whose places on the lens edges are seen
 AZIMUTHS = 48  # of the edge of each vane
 NODES = 40  # angles of the curve
 GRAZING = math.radians(89.5)  # the last of them; beyond, no light enters
@@ -121,11 +122,11 @@ def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: floa
     angle = np.concatenate([near, far])
     from scipy.stats.qmc import Sobol  # half a second, for designs with a tube alone
 
-    size = 4 + 2 * BOUNCES
+    size = 2 + 2 * BOUNCES
     random = Sobol(size, rng=np.random.default_rng(0)).random(PATHS)
-    direct, scattered, edges = _light_on_lens(
-        shape.radius, shape.wall, shape.height, shape.edge, angle, random, tube.edge, slope
-    )
+    direct = _direct_light(*shape, angle, random)
+    scattered = _scattered_light(*shape, angle, random, slope)
+    edges = tube.edge * _light_off_edges(*shape, angle, random[:PLACES], slope)
     paint = tube.reflectance ** np.arange(1, BOUNCES + 1)
     bsdf = (1 + (np.sin(angle) / SHOULDER) ** 2) ** slope
     light = direct * bsdf + scattered @ paint + tube.reflectance * edges
@@ -135,14 +136,14 @@ def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: floa
 
 def _per_steradian(scatter: float) -> float:
     """1 / sr, the BSDF on the axis of a Harvey law with so much scattered light in all."""
-    sine = np.linspace(0, 1, 4001)
-    law = (1 + (sine / SHOULDER) ** 2) ** (SLOPE / 2)
-    return scatter / float(np.trapezoid(2 * math.pi * sine * law, sine))
+    power = SLOPE / 2 + 1
+    law = SHOULDER**2 / power * (_harvey(1.0, power) - 1)  # integral of 2 sine B over the sine
+    return scatter / (math.pi * law)
 
 
 @kernel
 def _met(
-    wall: float, height: Floats, edge: Floats, radius: float,
+    radius: float, wall: float, height: Floats, edge: Floats,
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
 ) -> tuple[float, int]:  # fmt: skip
     """Distance to what a ray meets, and what: NOTHING, LENS, number of a vane, n + 1: the wall,
@@ -177,32 +178,61 @@ def _harvey(sine: float, slope: float) -> float:
 
 
 @kernel
-def _light_on_lens(
-    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats,
-    thickness: float, slope: float,
-) -> tuple[Floats, Floats, Floats]:  # fmt: skip
-    """Irradiance of the lens over that of the source, normal to its rays, by angle of the source.
+def _lit(
+    radius: float, wall: float, height: Floats, edge: Floats, x: float, y: float, z: float,
+    angle: float,
+) -> bool:  # fmt: skip
+    """Whether a point sees the Sun, which stands in the plane of x and z."""
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return _met(radius, wall, height, edge, x, y, z, sine, 0.0, cosine)[1] == NOTHING
 
-    angle    (a,) radian, the first is that of the corner of the field
-    random   (n, m) uniform numbers of n paths: place on the lens, direction, those of each bounce
-    Returns  (a,) direct; (a, bounces) after 1, 2, ... bounces off surfaces of reflectance one, and
-             (a,) off the edges of vanes, both weighted by the BSDF of the lens
+
+@kernel
+def _on_lens(radius: float, random: Floats) -> tuple[float, float]:
+    """A place on the lens by two uniform numbers."""
+    r, turn = radius * math.sqrt(random[0]), 2 * math.pi * random[1]
+    return r * math.cos(turn), r * math.sin(turn)
+
+
+@kernel
+def _direct_light(
+    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats
+) -> Floats:
+    """Irradiance (a,) of the lens that falls on it directly, over that normal to the Sun's rays.
+
+    angle   (a,) radian, of the Sun
+    random  (n, m) uniform numbers, the first two of which are a place on the lens
     """
-    paths, bounces, count = len(random), (random.shape[1] - 4) // 2, len(height)
-    direct, edges = np.zeros(len(angle)), np.zeros(len(angle))
-    scattered = np.zeros((len(angle), bounces))
-    power, field = slope + 1, math.sin(angle[0])
-    first, last = (1 + (field / SHOULDER) ** 2) ** power, (1 + 1 / SHOULDER**2) ** power
+    light = np.zeros(len(angle))
+    for n in range(len(random)):
+        x, y = _on_lens(radius, random[n])
+        for k in range(len(angle)):
+            if _lit(radius, wall, height, edge, x, y, 0.0, angle[k]):
+                light[k] += math.cos(angle[k]) / len(random)
+    return light
+
+
+@kernel
+def _scattered_light(
+    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats,
+    slope: float,
+) -> Floats:  # fmt: skip
+    """The same (a, bounces) after 1, 2, ... bounces off surfaces of reflectance one.
+
+    Weighted by the BSDF of the lens over that on its axis.
+
+    angle   (a,) radian; the first is that of the corner of the field
+    random  (n, 2 + 2 bounces) uniform numbers of n paths: place on the lens, direction, and
+            directions after each bounce but the last
+    """
+    paths, bounces, count = len(random), random.shape[1] // 2 - 1, len(height)
+    light, power = np.zeros((len(angle), bounces)), slope + 1
+    first, last = _harvey(math.sin(angle[0]), power), _harvey(1.0, power)
     share = SHOULDER**2 / power * (last - first)
     for n in range(paths):
-        r, turn = radius * math.sqrt(random[n, 0]), 2 * math.pi * random[n, 1]
-        x, y, z = r * math.cos(turn), r * math.sin(turn), 0.0
-        for k in range(len(angle)):
-            sx, sz = math.sin(angle[k]), math.cos(angle[k])
-            if _met(wall, height, edge, radius, x, y, z, sx, 0.0, sz)[1] == NOTHING:
-                direct[k] += sz / paths
-        nx, ny, nz = 0.0, 0.0, 1.0
-        for bounce in range(bounces + 1):
+        x, y = _on_lens(radius, random[n])
+        z, nx, ny, nz = 0.0, 0.0, 0.0, 1.0
+        for bounce in range(bounces):
             # Around the normal by the cosine; any two directions that are normal to it will do.
             square, around = random[n, 2 + 2 * bounce], 2 * math.pi * random[n, 3 + 2 * bounce]
             if bounce == 0:  # and by the BSDF, outside the field, where the lens sees the sky
@@ -218,8 +248,8 @@ def _light_on_lens(
             dx = across * ux + along * vx + cosine * nx
             dy = across * uy + along * vy + cosine * ny
             dz = across * uz + along * vz + cosine * nz
-            distance, what = _met(wall, height, edge, radius, x, y, z, dx, dy, dz)
-            if what in (NOTHING, LENS) or bounce == bounces:
+            distance, what = _met(radius, wall, height, edge, x, y, z, dx, dy, dz)
+            if what in (NOTHING, LENS):
                 break
             x, y, z = x + distance * dx, y + distance * dy, z + distance * dz
             if what == count + 1:
@@ -227,34 +257,36 @@ def _light_on_lens(
             else:
                 nx, ny, nz = 0.0, 0.0, 1.0 if dz < 0 else -1.0
             for k in range(len(angle)):
-                sx, sz = math.sin(angle[k]), math.cos(angle[k])
-                lit = sx * nx + sz * nz
-                if lit > 0.0 and (
-                    _met(wall, height, edge, radius, x, y, z, sx, 0.0, sz)[1] == NOTHING
-                ):
-                    scattered[k, bounce] += lit * share / paths
-    seen = min(16, paths)
-    for j in range(count):
+                facing = math.sin(angle[k]) * nx + math.cos(angle[k]) * nz
+                if facing > 0.0 and _lit(radius, wall, height, edge, x, y, z, angle[k]):
+                    light[k, bounce] += facing * share / paths
+    return light
+
+
+@kernel
+def _light_off_edges(
+    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats,
+    slope: float,
+) -> Floats:  # fmt: skip
+    """The same (a,) off the edges of vanes of reflectance one and a metre of thickness."""
+    light = np.zeros(len(angle))
+    for j in range(len(height)):
         for m in range(AZIMUTHS):
             turn = 2 * math.pi * (m + 0.5) / AZIMUTHS
-            px, py, pz = edge[j] * math.cos(turn), edge[j] * math.sin(turn), height[j]
-            area = thickness * edge[j] * 2 * math.pi / AZIMUTHS
+            x, y, z = edge[j] * math.cos(turn), edge[j] * math.sin(turn), height[j]
             weight = 0.0
-            for n in range(seen):
-                r, turned = radius * math.sqrt(random[n, 0]), 2 * math.pi * random[n, 1]
-                ex, ey = px - r * math.cos(turned), py - r * math.sin(turned)
-                away = math.sqrt(ex * ex + ey * ey + pz * pz)
-                towards = (ex * math.cos(turn) + ey * math.sin(turn)) / away
+            for n in range(len(random)):
+                px, py = _on_lens(radius, random[n])
+                away = math.sqrt((x - px) ** 2 + (y - py) ** 2 + z * z)
+                towards = ((x - px) * math.cos(turn) + (y - py) * math.sin(turn)) / away
                 if towards > 0.0:
-                    bsdf = _harvey(math.sqrt(ex * ex + ey * ey) / away, slope)
-                    weight += towards * (pz / away) / away**2 * bsdf / seen
+                    bsdf = _harvey(math.sqrt(1 - (z / away) ** 2), slope)
+                    weight += towards * (z / away) / away**2 * bsdf / len(random)
             for k in range(len(angle)):
-                sx, sz = math.sin(angle[k]), math.cos(angle[k])
-                lit = -sx * math.cos(turn)
-                # From just inside its edge, above the vane.
-                ix, iy = px * (1 - 1e-6), py * (1 - 1e-6)
-                if lit > 0.0 and (
-                    _met(wall, height, edge, radius, ix, iy, pz, sx, 0.0, sz)[1] == NOTHING
+                facing = -math.sin(angle[k]) * math.cos(turn)
+                inside = 1 - 1e-6  # just off its edge, above the vane
+                if facing > 0.0 and _lit(
+                    radius, wall, height, edge, inside * x, inside * y, z, angle[k]
                 ):
-                    edges[k] += area * weight * lit / math.pi
-    return direct, scattered, edges
+                    light[k] += 2 * edge[j] / AZIMUTHS * weight * facing
+    return light

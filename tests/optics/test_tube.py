@@ -15,14 +15,14 @@ from startrack.optics.tube import transmittance_of
 TUBE, LENS, FIELD = BaffleTube(150 * mm), 25 * mm, 10 * deg
 
 
-def on_lens(angles, **changed):
+def on_lens(angles, baffle=TUBE, lens=LENS):
     """Direct and scattered light on the lens as the package has it, of a lens that scatters evenly,
     per steradian, so that the scattered part is an irradiance."""
-    shape = replace(TUBE, **changed).shape(LENS, FIELD)
-    random = np.random.default_rng(1).random((2**15, 4 + 2 * tube.BOUNCES))
+    shape = baffle.shape(lens, FIELD)
+    random = np.random.default_rng(1).random((2**15, 2 + 2 * tube.BOUNCES))
     nodes = np.array([FIELD, *angles])
-    direct, scattered, _ = tube._light_on_lens(*shape, nodes, random, 0.0, 0.0)
-    return shape, direct[1:], scattered[1:]
+    direct = tube._direct_light(*shape, nodes, random)
+    return shape, direct[1:], tube._scattered_light(*shape, nodes, random, 0.0)[1:]
 
 
 def forwards(shape, angle, photons, bounces, seed):
@@ -69,17 +69,20 @@ def forwards(shape, angle, photons, bounces, seed):
     return np.array(found) / photons * entrance
 
 
-@pytest.mark.parametrize("angle", [pytest.param(15 * deg, marks=pytest.mark.slow), 25 * deg])
+@pytest.mark.parametrize("angle", [45 * deg, 60 * deg])
 def test_light_traced_backwards_is_that_of_photons_forwards(angle):
-    """To 4 standard errors of both, after each of three bounces."""
-    shape, direct, scattered = on_lens([angle])
-    photons = 100_000
+    """A wide lens behind a short tube, one of the two before the cutoff of 50 deg: what comes
+    directly, and after each of three bounces, to 4 standard errors of both: 6 to 14 % of the light
+    after two, which is most of it past the cutoff."""
+    shape, direct, scattered = on_lens([angle], BaffleTube(60 * mm), 60 * mm)
+    photons = 200_000
     theirs = forwards(shape, angle, photons, 3, 2)
-    assert direct[0] == pytest.approx(theirs[0], rel=0.02, abs=1e-6)
     one = shape.edge[-1] ** 2 * math.cos(angle) / shape.radius**2 / photons
-    for bounce in range(3):
-        spread = math.sqrt(theirs[bounce + 1] * one) + 0.03 * theirs[bounce + 1]
-        assert scattered[0, bounce] == pytest.approx(theirs[bounce + 1], abs=4 * spread)
+    mine = [direct[0], *scattered[0, :3]]
+    for ours, their in zip(mine, theirs, strict=True):
+        # Of 2^15 paths, of which each may carry as much as all of the sky has.
+        own = ours / 2**15
+        assert ours == pytest.approx(their, abs=4 * math.sqrt(their * one + own))
 
 
 def test_direct_light_is_the_overlap_of_lens_and_entrance():
