@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -201,22 +201,20 @@ def place(
     """
     mission = plan.loaded.mission
     samples, needs = sample(plan), mission.requirements
-    variances = [_mean_variances(plan, h) for h in range(len(plan.heads))]
+    lines = [head.boresight for head in plan.heads]
+    around = _Around(plan, samples, lines)
     tried = 0
 
     def worth(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> Quality:
         nonlocal tried
         tried += 1
         advance(1)
-        return quality_of(
-            samples, lines, blind, variances, mission.keep_out, mission.common.variance
-        )
+        return around.worth(lines, blind)
 
     def score(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> float:
         return worth(lines, blind).score(needs, samples.step)
 
-    lines = [head.boresight for head in plan.heads]
-    blind = [blind_at(samples, head, line) for head, line in zip(plan.heads, lines, strict=True)]
+    blind = around.blind(lines)
     before = worth(lines, blind)
     grid = sphere(grid_step or GRID)
     masks = _masks(samples, plan.heads, grid)
@@ -230,25 +228,19 @@ def place(
                     best, lines, blind = value, _with(lines, h, line), _with(blind, h, mask)
         if best > start - 1e-9:
             break
-    around = _Around(plan, samples, lines)
+    around = replace(around, lines=lines)
 
     def of(coordinates: Floats) -> float:
-        nonlocal tried
-        tried += 1
-        advance(1)
-        return around.quality(coordinates).score(needs, samples.step)
+        there = around.moved(coordinates)
+        return score(there, around.blind(there))
 
     ending, limit = "the best of the grid", EVALUATIONS if evaluations is None else evaluations
     if limit:
         search = Search(evaluations=limit, first_step=0.1, last_step=1e-3)
         least_score = least(of, np.full(2 * len(lines), 0.5), search)
         lines, ending = around.moved(least_score.coordinates), least_score.ending
-    hidden = [blind_at(samples, *pair) for pair in zip(plan.heads, lines, strict=True)]
-    heads = tuple(
-        replace(head, azimuth=float(a), elevation=float(e), roll=0.0, camera_to_body=None)
-        for head, (a, e) in zip(mission.heads, map(angles_of, lines), strict=True)
-    )
-    return Placement(replace(mission, heads=heads), before, worth(lines, hidden), tried, ending)
+    after = worth(lines, around.blind(lines))
+    return Placement(_mounted_at(mission, lines), before, after, tried, ending)
 
 
 def moved_plan(plan: Plan, mission: Mission) -> Plan:
@@ -359,10 +351,8 @@ def _lightest(
     low, high = angles
     longest = _with_heads(plan, count, low)
     samples, needs = sample(longest), longest.loaded.mission.requirements
-    heaviest, search = (
-        _mass(longest, low),
-        Search(evaluations=evaluations, first_step=0.1, last_step=1e-3),
-    )
+    heaviest = _mass(longest, low)
+    search = Search(evaluations=evaluations, first_step=0.1, last_step=1e-3)
     starts = [
         place(_with_heads(plan, count, angle), grid_step=COARSE, evaluations=0) for angle in angles
     ]
@@ -375,9 +365,9 @@ def _lightest(
         return low + float(coordinates[-1]) * (high - low)
 
     def weight(around: _Around, coordinates: Floats) -> float:
-        quality = around.quality(coordinates[:-1], angle_at(coordinates))
-        mass = _mass(longest, angle_at(coordinates))
-        return mass / heaviest + quality.missed(needs, samples.step)
+        angle = angle_at(coordinates)
+        missed = around.quality(coordinates[:-1], angle).missed(needs, samples.step)
+        return _mass(longest, angle) / heaviest + missed
 
     middle = np.full(2 * count, 0.5)
     searched = [
@@ -392,7 +382,11 @@ def _lightest(
 
     last = least(error, best.coordinates[:-1], replace(search, first_step=0.05))
     changed = _with_heads(plan, count, angle)
-    mission = _mounted_at(changed, around.moved(last.coordinates))
+    mission = _mounted_at(changed.loaded.mission, around.moved(last.coordinates))
+    heads = tuple(
+        replace(head, exclusion=replace(head.exclusion, sun=angle)) for head in mission.heads
+    )
+    mission = replace(mission, heads=heads)
     tried = sum(one.evaluations for one in starts) + last.evaluations
     tried += sum(one.evaluations for one in searched)
     quality = around.quality(last.coordinates, angle)
@@ -400,47 +394,58 @@ def _lightest(
     return _trade(moved_plan(changed, mission), angle, placement), placement
 
 
+@dataclass(frozen=True, eq=False)
 class _Around:
     """Heads of a plan within REACH of some directions, at the samples of a search."""
 
-    def __init__(self, plan: Plan, samples: Samples, lines: Sequence[Floats]) -> None:
-        self._plan, self._samples, self._lines = plan, samples, lines
-        self._tangents = [_tangents(line) for line in lines]
-        self._variances = [_mean_variances(plan, h) for h in range(len(lines))]
+    plan: Plan
+    samples: Samples
+    lines: Sequence[Floats]
+
+    @cached_property
+    def _tangents(self) -> list[tuple[Floats, Floats]]:
+        return [_tangents(line) for line in self.lines]
+
+    @cached_property
+    def _variances(self) -> list[tuple[float, float]]:
+        return [_mean_variances(self.plan, h) for h in range(len(self.lines))]
 
     def moved(self, coordinates: Floats) -> list[Floats]:
         """Directions (3,) at coordinates (2 h,) of the unit cube, whose middle is the start."""
         offset = (coordinates.reshape(-1, 2) - 0.5) * (2 * REACH)
         turned = [
             line + a * math.tan(u) + b * math.tan(v)
-            for line, (a, b), (u, v) in zip(self._lines, self._tangents, offset, strict=True)
+            for line, (a, b), (u, v) in zip(self.lines, self._tangents, offset, strict=True)
         ]
         return [line / np.linalg.norm(line) for line in turned]
 
-    def quality(self, coordinates: Floats, sun: float | None = None) -> Quality:
-        """What these directions are worth, with an exclusion angle of the Sun (radian)."""
-        lines, mission = self.moved(coordinates), self._plan.loaded.mission
-        heads = self._plan.heads
+    def blind(self, lines: Sequence[Floats], sun: float | None = None) -> list[NDArray[np.bool_]]:
+        """When heads along some directions are blind, with an exclusion angle of the Sun (radian);
+        None: each with its own."""
+        heads = self.plan.heads
         if sun is not None:
             heads = tuple(replace(head, limits=replace(head.limits, sun=sun)) for head in heads)
-        blind = [blind_at(self._samples, *pair) for pair in zip(heads, lines, strict=True)]
+        return [blind_at(self.samples, *pair) for pair in zip(heads, lines, strict=True)]
+
+    def worth(self, lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> Quality:
+        """What heads along some directions are worth, blind at some samples."""
+        mission = self.plan.loaded.mission
         return quality_of(
-            self._samples, lines, blind, self._variances, mission.keep_out, mission.common.variance
+            self.samples, lines, blind, self._variances, mission.keep_out, mission.common.variance
         )
 
+    def quality(self, coordinates: Floats, sun: float) -> Quality:
+        """The same at coordinates, with an exclusion angle of the Sun (radian)."""
+        lines = self.moved(coordinates)
+        return self.worth(lines, self.blind(lines, sun))
 
-def _mounted_at(plan: Plan, lines: Sequence[Floats]) -> Mission:
-    """The mission of a plan with its heads along some directions, and the angles of its heads."""
-    mission = plan.loaded.mission
+
+def _mounted_at(mission: Mission, lines: Sequence[Floats]) -> Mission:
+    """The mission with its heads along some directions."""
     heads = tuple(
-        replace(
-            head, azimuth=float(a), elevation=float(e), roll=0.0, camera_to_body=None,
-            exclusion=replace(head.exclusion, sun=mounted_head.limits.sun),
-        )
-        for head, mounted_head, (a, e) in zip(
-            mission.heads, plan.heads, map(angles_of, lines), strict=True
-        )
-    )  # fmt: skip
+        replace(head, azimuth=float(a), elevation=float(e), roll=0.0, camera_to_body=None)
+        for head, (a, e) in zip(mission.heads, map(angles_of, lines), strict=True)
+    )
     return replace(mission, heads=heads)
 
 
