@@ -494,11 +494,12 @@ def _frames(plan: mission.Plan, table: NDArray[np.void]) -> tuple[dict[str, Any]
         )
     values["between"] = []
     for first, second in combinations(heads, 2):
+        names = [plan.heads[h].name for h in (first, second)]
         try:
             angle = mission.between(plan, table, first, second)
-        except Refused:  # heads that are seldom valid together
+        except Refused as reason:  # heads that are seldom valid together
+            lines.append(f"  angle from {names[0]} to {names[1]}: not judged, {reason}")
             continue
-        names = [plan.heads[h].name for h in (first, second)]
         values["between"].append({
             "heads": names, "frames": angle.frames,
             "before_arcsec": angle.before / arcsec, "after_arcsec": angle.after / arcsec,

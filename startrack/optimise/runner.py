@@ -129,7 +129,7 @@ class TrialRunner:
     def recall(self, call: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """As `map`, of hashable items; the last results are kept."""
         every, held = list(items), self._recalled
-        new = [one for one in every if (call, one) not in held]
+        new = [one for one in dict.fromkeys(every) if (call, one) not in held]
         held.update(zip([(call, one) for one in new], self.map(call, new), strict=True))
         found = [held[call, one] for one in every]
         for key in list(held)[:-RECALLED]:

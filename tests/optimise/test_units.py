@@ -195,3 +195,18 @@ def test_the_best_design_for_its_units_is_found():
     assert found.units.factor.high > 1
     assert found.units.count == 20
     assert found.units.best.value <= 1.1 * found.units.start.value
+
+
+def test_a_runner_computes_again_what_it_no_longer_recalls():
+    runner, computed = TrialRunner(1), []
+
+    def double(one):
+        computed.append(one)
+        return 2 * one
+
+    assert runner.recall(double, [1, 2, 1]) == [2, 4, 2]
+    assert runner.recall(double, [2, 3]) == [4, 6]
+    assert computed == [1, 2, 3]
+    runner.recall(double, range(100, 200))
+    assert runner.recall(double, [1]) == [2]
+    assert computed.count(1) == 2
