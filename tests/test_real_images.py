@@ -182,6 +182,8 @@ def test_a_real_frame_of_streaks_says_how_fast_the_camera_turned(outside, capsys
     The field is that of a sharp image of the same camera.
     """
     path = outside / "images-streaked" / "pifinder_random.png"
+    if not path.exists():
+        pytest.skip(f"{path} is not there: test_images/random.png of brickbots/PiFinder")
     assert main(["solve", str(path), "--fov", "10.2", "--exposure", "0.75", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     x, y = found["streak_px"]
