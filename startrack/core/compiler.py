@@ -106,8 +106,8 @@ class _Cache(FunctionCache):
     def __init__(self, function: FunctionType):
         super().__init__(function)
         locator = self._impl.locator
-        name, stamp = self._impl.filename_base, locator.get_source_stamp()
-        self._cache_file = _File(locator.get_cache_path(), name, stamp)
+        # No stamp: the folder is of these sources, and numba's would be of the time of writing.
+        self._cache_file = _File(locator.get_cache_path(), self._impl.filename_base, "")
 
     def holds(self, sig: Any, codegen: Any) -> bool:
         """Whether code for these types is kept."""
