@@ -345,7 +345,7 @@ def windows(case: Case, runs: int) -> dict[str, float]:
     colours_of(case)
 
     def trials(which: object) -> None:
-        window.plan_of = lambda case: which  # type: ignore[assignment]
+        window.plan_of = lambda case, smear: which  # type: ignore[assignment]
         for n in range(len(attitudes)):
             spots_in_windows(case, attitudes[n], Streams(1, n))
 

@@ -520,7 +520,7 @@ def drawn(days: int, count: int, trials: int) -> dict[str, float]:
     fleet = fly_units(plan, count, 1)
     taken = time.process_time() - begun
     age = design.case.instrument.detector.age
-    units = Units(trials, age=age.years * 365.25 * 86400 if age else 0.0)
+    units = Units(trials, min(trials, 10), age=age.years * 365.25 * 86400 if age else 0.0)
     table = unit_trials(design.case, 2, range(count * trials), units)
     level = np.nanquantile(per_unit(table).across, 0.95)
     return {

@@ -38,7 +38,7 @@ EXPECTED = {
     for name in tomllib.loads((ROOT / "experiments" / "expected.toml").read_text())
 }
 # Parts of experiments that a quick run leaves out.
-NOT_QUICK = {("campaign", "same_bytes")}
+NOT_QUICK = {("campaign", "same_bytes"), ("day", "resumed"), ("day", "wheel_same")}
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
 # One process loads what all scripts load, and each script runs in a copy of it: its own imports,

@@ -14,7 +14,7 @@ from matplotlib.colors import FuncNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, rank_filter
+from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Matches, Spots, Stars, arcsec, deg
@@ -268,6 +268,7 @@ def _scale_bar(axes: Axes, camera: Camera) -> None:
 CELLS = 640  # along the longer side; a picture of 1280 pixels shows each with two
 FEW_CELLS = 360  # up to which each is a pixel where the picture is 400 wide
 BRIGHT = 5.0  # noise above the background, from which on a cell is drawn wider
+AROUND = 3.0  # noise of their mean, by which the pixels around a star stand out
 TAIL = 2.33  # noise that 1 % of normal numbers exceed
 RANGE = 4.0  # noise from black to white, at least
 DARK = 1.5  # noise above the background up to which a pixel is black
@@ -350,10 +351,14 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
     white = max(min(largest, limit), black + RANGE * noise)
     wider = max(reduced.shape) > FEW_CELLS
     if wider:
-        # A star covers two cells side by side, unless they are large; a hot pixel stays small.
-        second = rank_filter(reduced, -2, 3, mode="nearest") if block < 3 else reduced
-        wide = np.minimum(reduced, second) > median + BRIGHT * noise
-        bright = np.where(wide, reduced, -np.inf)
+        bright = values > median + BRIGHT * noise
+        if block < 3:
+            # A star shines into the eight pixels around; a hot pixel does not, and stays small.
+            low, middle = np.percentile(values[np.isfinite(values)], [16, 50])
+            known = np.where(np.isfinite(values), values, middle)
+            around = (9 * uniform_filter(known, 3) - known) / 8
+            bright &= around > middle + AROUND * (middle - low) / math.sqrt(8)
+        bright = _largest(np.where(bright, values, -np.inf), block)
         reduced = np.maximum(reduced, maximum_filter(bright, 3, mode="nearest"))
     return Stretch(reduced, block, wider, black, noise, white, limit, saturated)
 
