@@ -16,6 +16,7 @@ import time
 
 import command
 import numpy as np
+from krutz_2011 import nyquist_mtf
 
 from startrack import Camera, LineOfSight, Streams
 from startrack.core import Floats
@@ -28,7 +29,6 @@ from startrack.motion import (
     sample_jitter,
     slew,
 )
-from startrack.motion.transfer import nyquist_mtf
 
 PIXEL = 3e-4  # radian, 62 arcsec
 EXPOSURE = 0.1

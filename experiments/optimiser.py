@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 
 import command
 import numpy as np
+from centre_of_gravity import centre_of_gravity_error
 
 from startrack import Case, arcsec, load_design, shipped
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star
-from startrack.metrics.bounds import centre_of_gravity_error
 from startrack.optimise import Ledger, Search, TrialRunner, evaluate, least
 from startrack.optimise.evaluate import LOST, PENALTY, Evaluation, measured, missed
 from startrack.optimise.explore import Explorer

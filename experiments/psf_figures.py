@@ -11,12 +11,12 @@ import math
 from pathlib import Path
 
 import numpy as np
+from krutz_2011 import ThinLens, fresnel_error, fresnel_radius, on_axis, paper_radius
 from numpy.typing import NDArray
 
 from startrack.core import Floats
 from startrack.optics import pupil_transfer
-from startrack.optics.diffraction import fresnel_error, fresnel_radius, paper_radius
-from startrack.optics.kirchhoff import ThinLens, on_axis, path_defect
+from startrack.optics.choose import path_defect
 from startrack.plots import BLUE, GREY, RED, legend_below, picture, save_picture, styled
 
 FOCAL, DISTANCE, WAVELENGTH, PITCH = 0.02, 1.0, 500e-9, 5e-6

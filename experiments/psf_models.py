@@ -14,6 +14,8 @@ closed forms integrated over pixels.
 
 from __future__ import annotations
 
+from krutz_2011 import ThinLens, on_axis
+
 from startrack.core import Floats
 
 import one_thread  # noqa: F401  # isort: skip
@@ -45,7 +47,6 @@ from startrack.benchmark.optics import (
 from startrack.detector.stamp import stamp
 from startrack.optics import pixel_psf
 from startrack.optics.closed_forms import airy
-from startrack.optics.kirchhoff import ThinLens, on_axis
 
 ROOT = Path(__file__).parents[1]
 

@@ -25,6 +25,7 @@ from typing import Any
 
 import command
 import numpy as np
+from krutz_2011 import NYQUIST, nyquist_mtf
 from scipy.optimize import brentq
 
 from startrack import Case, LineOfSight, arcsec, deg, load_design, shipped
@@ -32,7 +33,6 @@ from startrack.core import Floats, Ints
 from startrack.design import replaced
 from startrack.montecarlo import pool
 from startrack.motion import Motion, Tone, image_path, slew, stability
-from startrack.motion.transfer import NYQUIST, nyquist_mtf
 from startrack.optimise import TrialRunner
 from startrack.plots import BLUE, GREEN, legend_below, picture, save_picture, styled
 from startrack.trial.exposure import duration

@@ -30,15 +30,7 @@ import one_thread  # noqa: F401  before numpy
 from numpy.typing import NDArray
 
 from startrack import Streams
-from startrack.benchmark.earth import (
-    HEIGHT,
-    RELIEF,
-    STEP,
-    image_rays,
-    mountains,
-    random_rays,
-    towards,
-)
+from startrack.benchmark.earth import HEIGHT, RELIEF, STEP, image_rays, mountains, towards
 from startrack.core import Floats
 from startrack.earth.terrain import (
     Array,
@@ -52,11 +44,12 @@ from startrack.earth.terrain import (
     index,
     survey,
 )
-from startrack.earth.terrain.pyramid import Relief
 from startrack.earth.terrain.surface import Surface
 from startrack.earth.terrain.survey import LIFT
 from startrack.earth.terrain.trace import blocked, trace
 from startrack.plots import MARKERS, colour_bar, legend_below, picture, save_picture, styled
+from tests.earth.terrain.scenes import Relief
+from tests.hard.earth import random_rays
 
 ELEVATIONS = (85, 60, 30, 10)
 PARTS = ("hits", "shadow", "cache", "aliasing", "speed-1k", "speed-4k", "rugged", "grazing")

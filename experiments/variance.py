@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import one_thread  # noqa: F401  # isort: skip
@@ -20,11 +21,12 @@ import command
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
-from startrack import OUTCOMES, Case, Fidelity, load_design, run_trials, shipped
+from startrack import OUTCOMES, Case, Fidelity, Streams, load_design, run_trials, shipped
 from startrack.core import Floats, Ints
 from startrack.montecarlo import Regions, Sampling, combined, mean_square
-from startrack.montecarlo.attitudes import REPLICATES, by_regions
+from startrack.montecarlo.attitudes import REPLICATES, towards
 from startrack.montecarlo.estimate import Mean, plain
 from startrack.montecarlo.sampling import squares
 from startrack.montecarlo.workers import one_thread as one_opencv_thread
@@ -51,6 +53,16 @@ MADE_OF = {
     "windows": ("frame", "window"),
     "all": ("frame and control", "window", "covariance"),
 }
+
+
+def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
+    """Attitudes whose boresights lie in each region in turn, uniform within it.
+
+    Trial n is in region n % len(regions).
+    """
+    fraction = np.array([Streams(seed, number)("region").random(3) for number in numbers])
+    cell = np.asarray(numbers, np.int64) % len(regions)
+    return towards(regions.place(cell, fraction[:, :2]), 2 * np.pi * fraction[:, 2])
 
 
 def main() -> None:

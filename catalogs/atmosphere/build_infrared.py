@@ -13,12 +13,13 @@ import math
 from pathlib import Path
 
 import numpy as np
+from air_files import save_infrared
 from build_tables import sign
 
 from startrack.core import Floats
 from startrack.core.units import deg, um
 from startrack.earth.atmosphere import planck
-from startrack.earth.atmosphere.infrared import DIFFUSE, InfraredTable, save_infrared
+from startrack.earth.atmosphere.infrared import DIFFUSE, InfraredTable
 from startrack.earth.atmosphere.spectra import sun_spectrum
 from startrack.io.saving import whole
 

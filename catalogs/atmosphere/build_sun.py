@@ -12,12 +12,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from air_files import save_checked
 from build_tables import sign
 
 from startrack.core import Floats
 from startrack.core.units import nm
 from startrack.earth.atmosphere.spectra import FORMAT
-from startrack.io import save_checked
 from startrack.io.saving import whole
 
 HERE = Path(__file__).parent

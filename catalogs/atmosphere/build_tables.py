@@ -11,11 +11,11 @@ import hashlib
 from functools import partial
 from pathlib import Path
 
+from air_files import save_limb, save_table
 from air_solver import build, build_limb
 
-from startrack.earth.atmosphere import Air, save_table
+from startrack.earth.atmosphere import Air
 from startrack.io.saving import save_text, whole
-from startrack.scene import save_limb
 
 HERE = Path(__file__).parent
 TABLES = {

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.catalog.catalog import MAS, Catalog, assemble, join
-from startrack.catalog.colour import G_MINUS_HP, HP_RANGE, colour_from_hipparcos
+from startrack.catalog.colour import G_MINUS_HP, HP_RANGE
 from startrack.catalog.gaia import (
     ESTIMATED_COLOUR,
     GAIA_MOTION,
@@ -236,7 +236,10 @@ def add_colours(
 ) -> tuple[Catalog, NDArray[np.uint8]]:
     measured = np.isfinite(stars.colour)
     estimated = ~measured & alike
-    guess = colour_from_hipparcos(stars.magnitude_g, hipparcos.hp[near])
+    # To 0.02 mag for blue stars, 0.01 for red ones, less for those that vary or are double.
+    grid = np.linspace(*HP_RANGE, 2001)
+    relation = -polynomial.polyval(grid, G_MINUS_HP)
+    guess = np.interp(hipparcos.hp[near] - stars.magnitude_g, relation, grid)
     flags = np.where(measured, flags | MEASURED_COLOUR, flags)
     flags = np.where(estimated, flags | ESTIMATED_COLOUR, flags).astype(np.uint8)
     return replace(stars, colour=np.where(estimated, guess, stars.colour)), flags

@@ -1,10 +1,9 @@
 """Estimate from Spots and Matches: attitude, covariance and status; by code of one's own."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import special
 from scipy.spatial.transform import Rotation
 
@@ -32,23 +31,15 @@ class AttitudeInput:
     seen       (n, 3) unit vectors in camera axes, by the camera that the tracker believes
     direction  (n, 3) unit vectors of the same stars, ICRS axes
     sigma      (n,) radian, standard deviation of each per axis, its systematic part included
+
+    The function returns (3, 3) the rotation matrix icrs_to_camera; then startrack computes the
+    covariance from the change of the attitude with each star. Or (6, 3): below it the covariance,
+    radian^2 about the camera's axes
     """
 
     seen: Floats
     direction: Floats
     sigma: Floats
-
-
-class AttitudeMethod(Protocol):
-    """An estimator of one's own, which a design names in `tracker.attitude.method`.
-
-    Returns  (3, 3) the rotation matrix icrs_to_camera; then startrack computes the covariance from
-             the change of the attitude with each star. Or (6, 3): below it the covariance, radian^2
-             about the camera's axes
-    """
-
-    def __call__(self, given: AttitudeInput, /) -> ArrayLike:
-        """Estimate the attitude; outliers are its own concern."""
 
 
 def attitude_by_code(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]:

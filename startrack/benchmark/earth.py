@@ -52,21 +52,6 @@ def towards(grid: Grid, elevation: float, azimuth: NDArray[Any]) -> Floats:
     return view
 
 
-def random_rays(
-    random: np.random.Generator, grid: Grid, count: int, elevation: float, fraction: float = 0.5
-) -> Rays:
-    """Rays from random azimuths to random points in the middle of a grid."""
-    u, v, height, azimuth = random.random((4, count))
-    low = (1 - fraction) / 2
-    target = cartesian(
-        grid.west + (low + fraction * u) * (grid.columns - 1) * grid.step_x,
-        grid.north - (low + fraction * v) * (grid.rows - 1) * grid.step_y,
-        RELIEF * height,
-    )
-    view = towards(grid, elevation, 2 * np.pi * azimuth)
-    return Rays(target + HEIGHT * view, -view, np.zeros(count))
-
-
 def image_rays(grid: Grid, side: int, elevation: float) -> Rays:
     """Parallel rays in rows and columns over four fifths of a grid, as of a far camera."""
     at = np.linspace(0.1, 0.9, side)

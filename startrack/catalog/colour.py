@@ -67,15 +67,6 @@ def v_from_g(g: Floats, colour: Floats) -> Floats:
     return g - _shift(G_MINUS_V, colour)
 
 
-def colour_from_hipparcos(g: Floats, hp: Floats) -> Floats:
-    """BP - RP, (n,) magnitude, of stars with G and Hp, within the range of the fit.
-
-    Accuracy  the scatter of the fit over its slope: 0.02 mag for blue stars, 0.01 for red ones, and
-              more for stars that vary or are double.
-    """
-    return _solve((0.0,), G_MINUS_HP, hp - g, *HP_RANGE)
-
-
 def _shift(relation: tuple[float, ...], colour: Floats) -> Floats:
     return _polynomial(np.where(np.isnan(colour), TYPICAL_COLOUR, colour), relation)
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, NamedTuple, Protocol
+from typing import Annotated, ClassVar, NamedTuple
 
 from scipy import special
 
@@ -375,16 +375,6 @@ class Requirements(core.CarriesCode):
         return {name: _number("requirements", name, case) for name in self.checks}
 
 
-class CaseNumber(Protocol):
-    """A cost (`campaign.requirements.cost_model`), or a margin (`checks`), of one's own.
-
-    Returns  a finite number: the cost, in the unit of max_cost; or the margin to a requirement on
-             any scale, such as 1 - value / limit, below zero where it is not met
-    """
-
-    def __call__(self, given: Case, /) -> float:
-        """Compute it from all parameters of a design, without trials."""
-
-
 def _number(group: str, name: str, case: Case) -> float:
+    """A cost, in the unit of max_cost, or a margin on any scale, below zero where it is not met."""
     return float(core.returned(group, name, core.call_code(group, name, case), ()))

@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from startrack.core import POINTS, Floats, Ints, Psf, call_code, is_code, kernel, returned
 from startrack.detection.background import Sky, sky, with_gain_noise
@@ -29,6 +29,9 @@ class DetectionInput:
     read_noise        digital number rms; NaN where unknown
     psf               the star's image that the tracker assumes
     border            pixel that a peak must stay from the border of the frame
+
+    The function returns (n, 2) whole numbers: column and row of the brightest pixel of each star;
+    the centroid of the design measures them. Those nearer to the border than `border` are left out
     """
 
     value: NDArray[np.float32]
@@ -37,17 +40,6 @@ class DetectionInput:
     read_noise: float
     psf: Psf
     border: int
-
-
-class DetectionMethod(Protocol):
-    """A detection of one's own, which a design names in `tracker.detection.search`.
-
-    Returns  (n, 2) whole numbers: column and row of the brightest pixel of each star; the centroid
-             of the design measures them. Those nearer to the border than `border` are left out
-    """
-
-    def __call__(self, given: DetectionInput, /) -> ArrayLike:
-        """Find the stars of a frame."""
 
 
 def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:

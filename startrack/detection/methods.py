@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints, Psf, call_code, is_code, returned
 from startrack.detection.fit import gaussian, likelihood
@@ -106,6 +106,11 @@ class CentroidInput:
     unknown       (n, side, side) whether a pixel is dead or saturated
     kernel_sigma  pixel, sigma of the star's image that the tracker assumes
     psf           the star's image that the tracker assumes
+
+    The function returns (n, 3): x and y in pixel from the middle of the window, flux in digital
+    numbers; then startrack computes the covariance from the change of x and y with each pixel. Or
+    (n, 6): xx, xy and yy of that covariance, pixel^2, too. A row with NaN is a star that cannot be
+    measured; its spot is left out.
     """
 
     signal: Floats
@@ -114,19 +119,6 @@ class CentroidInput:
     unknown: NDArray[np.bool_]
     kernel_sigma: float
     psf: Psf
-
-
-class Centroid(Protocol):
-    """A centroid of one's own, which a design names in `tracker.detection.centroid`.
-
-    Returns  (n, 3): x and y in pixel from the middle of the window, flux in digital numbers; then
-             startrack computes the covariance from the change of x and y with each pixel. Or
-             (n, 6): xx, xy and yy of that covariance, pixel^2, too. A row with NaN is a star that
-             cannot be measured; its spot is left out.
-    """
-
-    def __call__(self, given: CentroidInput, /) -> ArrayLike:
-        """Measure all windows; the same rows whatever the other windows are."""
 
 
 def method_of(name: str) -> CentroidMethod:

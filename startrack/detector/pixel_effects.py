@@ -2,12 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 from scipy import special
 
 from startrack.core import Floats, Refused, Streams, call_code, kernel, returned
@@ -124,23 +123,14 @@ class EffectInput:
                (signal_effects); digital numbers (image_effects)
     detector   its parameters
     generator  random numbers of this trial for this effect alone
+
+    The function returns (rows, columns), the values after the effect, finite; charge must not be
+    negative, digital numbers are rounded and clipped to those that the converter has
     """
 
     values: Floats
     detector: Detector
     generator: np.random.Generator
-
-
-class Effect(Protocol):
-    """An effect of one's own, which a design lists in `instrument.detector.charge_effects`,
-    `signal_effects` or `image_effects`; those of a list follow one another.
-
-    Returns  (rows, columns), the values after the effect, finite; charge must not be negative,
-             digital numbers are rounded and clipped to those that the converter has
-    """
-
-    def __call__(self, given: EffectInput, /) -> ArrayLike:
-        """Apply the effect; it draws all random numbers from the generator."""
 
 
 def after_effects(

@@ -2,10 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from startrack import core
@@ -69,6 +68,9 @@ class IdentificationInput:
     settings    the other keys of tracker.identification
     predicted   (3, 3) icrs_to_camera that a tracker expects in a sequence; None: lost in space
     covariance  (3, 3) radian^2 of that, about the camera's axes; None: lost in space
+
+    The function returns (k, 2) whole numbers: index of a spot, index of its star; none twice.
+    Without rows the sky is not identified
     """
 
     seen: Floats
@@ -79,17 +81,6 @@ class IdentificationInput:
     settings: Identification
     predicted: Floats | None
     covariance: Floats | None
-
-
-class IdentificationMethod(Protocol):
-    """An identification of one's own, which a design names in `tracker.identification.method`.
-
-    Returns  (k, 2) whole numbers: index of a spot, index of its star; none twice. Without rows the
-             sky is not identified
-    """
-
-    def __call__(self, given: IdentificationInput, /) -> ArrayLike:
-        """Match spots with stars, or none of them."""
 
 
 def matches_by_code(

@@ -25,7 +25,6 @@ from startrack.io.reading import (
     read_bytes,
     regular_file,
     require_fits,
-    save_checked,
     shipped,
     unpacked,
 )

@@ -17,8 +17,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from startrack.core import SHIPPED, require_memory
 
 
@@ -225,24 +223,6 @@ def _counts(data: bytes) -> Iterator[int]:
         while at >= 0:
             yield at
             at = data.find(keyword, at + 1)
-
-
-def save_checked(path: Path, cards: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """Write arrays, by their names, as parts of a FITS file with checksums.
-
-    Axes keep their precision, arrays of more dimensions are written in single.
-
-    cards  of the first header, that of the format among them: values, or (value, comment)
-    """
-    from astropy.io import fits
-
-    first = fits.PrimaryHDU()
-    first.header.update(cards)
-    parts = [
-        fits.ImageHDU(values if values.ndim == 1 else values.astype(np.float32), name=name)
-        for name, values in arrays.items()
-    ]
-    fits.HDUList([first, *parts]).writeto(path, checksum=True)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Cramer-Rao bounds of centroid and attitude, and the error of the centre of gravity."""
+"""Cramer-Rao bounds of centroid and attitude."""
 
 import math
 from dataclasses import dataclass
@@ -69,34 +69,6 @@ def centroid_bound(star: Star) -> tuple[float, float]:
             total += np.diag(np.linalg.inv((slopes * weight) @ slopes.T))[:2]
     x, y = np.sqrt(total / PHASES**2).tolist()
     return x, y
-
-
-def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
-    """Noise and S-curve error of the centre of gravity in a window, with a known background.
-
-        x = sum k s_k / sum s_k,   var x = sum (k - x)^2 var s_k / (sum s_k)^2
-
-    window    pixel, odd width of the square window, which is centred on the star's pixel
-    Returns   pixel, along x, root mean square over sub-pixel positions: of noise, of bias
-    Raises    ValueError where the window is not odd and positive.
-    Accuracy  model: noise to first order; more than 5 % low where sum s_k is under 5 times its
-              noise. Smear is ignored.
-    """
-    if window < 1 or window % 2 == 0:
-        raise Refused(f"window must be odd and positive, got {window}")
-    pixel = np.arange(window) - window // 2
-    phases = (np.arange(4 * PHASES) + 0.5) / (4 * PHASES) - 0.5
-    noise = bias = 0.0
-    for x in phases:
-        fraction_x = _profile(x, star.sigma, 0.0, window // 2)[0]
-        measured = float((pixel * fraction_x).sum() / fraction_x.sum())
-        bias += (measured - x) ** 2
-        for y in phases[::4]:
-            fraction = np.outer(_profile(y, star.sigma, 0.0, window // 2)[0], fraction_x)
-            variance = star.flux * fraction + star.background + star.read_noise**2
-            moments = (pixel - measured) ** 2 * variance
-            noise += float(moments.sum()) / float(star.flux * fraction.sum()) ** 2
-    return math.sqrt(noise / len(phases) / len(phases[::4])), math.sqrt(bias / len(phases))
 
 
 def _profile(centre: float, sigma: float, smear: float, reach: int) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Attitudes of trials: random, at Sobol points, in each region, or where an event is likely."""
+"""Attitudes of trials: random, at Sobol points, or where an event is likely."""
 
 import math
 from collections.abc import Sequence
@@ -74,16 +74,6 @@ def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:
         mine = number % REPLICATES == replicate
         fraction[mine] = _points(seed, int(replicate), number[mine] // REPLICATES)
     return rotations_from_cube(fraction)
-
-
-def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
-    """Attitudes whose boresights lie in each region in turn, uniform within it.
-
-    Trial n is in region n % len(regions).
-    """
-    fraction = np.array([Streams(seed, number)("region").random(3) for number in numbers])
-    cell = np.asarray(numbers, np.int64) % len(regions)
-    return towards(regions.place(cell, fraction[:, :2]), 2 * np.pi * fraction[:, 2])
 
 
 def towards(boresight: Floats, roll: Floats) -> Rotation:

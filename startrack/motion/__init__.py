@@ -2,14 +2,22 @@
 
 parameters     Motion: rates, tones and broadband jitter of the platform.
 realisation    Motion -> MotionRealisation: how the camera turns in one trial, at any time.
-line_of_sight  Motion -> LineOfSight of an exposure, and the drift and blur that it makes.
-transfer       Motion within an exposure -> its PSF, its transfer function and its MTF at Nyquist.
+line_of_sight  Motion -> LineOfSight of an exposure, the drift and blur that it makes, its transfer
+               function.
 """
 
-from startrack.motion.line_of_sight import blur, jitter_rms, sample_jitter, slew, stability, trace
+from startrack.motion.line_of_sight import (
+    blur,
+    image_path,
+    jitter_rms,
+    sample_jitter,
+    slew,
+    stability,
+    trace,
+    transfer,
+)
 from startrack.motion.parameters import Broadband, Motion, Tone
 from startrack.motion.realisation import JitterInput, MotionRealisation, realise_motion
-from startrack.motion.transfer import image_path, transfer
 
 # Public; the other imports serve other rooms.
 __all__ = ["Broadband", "JitterInput", "Motion", "Tone", "realise_motion"]

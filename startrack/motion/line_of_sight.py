@@ -6,9 +6,11 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.special import eval_legendre, roots_jacobi
 
-from startrack.core import Floats, LineOfSight, Refused, Streams, positive, within
+from startrack.core import Camera, Floats, LineOfSight, Refused, Streams, positive, within
 from startrack.motion.parameters import AXES, Motion
 from startrack.motion.realisation import MotionRealisation, bands, realise_motion
 
@@ -250,3 +252,35 @@ def _blurred_fraction(cycles: Floats | float) -> Floats:
     x = np.square(np.pi * np.asarray(cycles, float))
     # The series, where the difference would lose digits.
     return np.where(x < 1e-3, x / 3 * (1 - x * (2 / 15 - x / 105)), 1 - np.sinc(cycles) ** 2)
+
+
+def image_path(path: LineOfSight, camera: Camera, direction: Floats) -> Floats:
+    """Positions of the image of a star relative to that at the middle of the exposure.
+
+    direction  (3,) in camera axes, at the middle of the exposure
+    Returns    (m, 2) pixel, (x, y) at each time of the path
+    Raises     ValueError where the star is behind the camera at any time.
+    """
+    direction = np.asarray(direction, float)
+    seen = Rotation.from_rotvec(path.rotation).apply(direction)
+    if direction[2] <= 0 or (seen[:, 2] <= 0).any():
+        raise Refused("the star must stay before the camera in the whole exposure, it does not")
+    return camera.project(seen) - camera.project(direction)
+
+
+def transfer(offset: Floats, weight: Floats, frequency: Floats) -> NDArray[np.complex128]:
+    """The transfer function of a motion: the Fourier transform of the PSF of its time density.
+
+        M(f) = (1 / T) Int exp(-2 pi i f . s(t)) dt
+
+    The integral over time replaces 1 / |v_x| in eq. (14) of Krutz et al. (2011), so that rest,
+    turning points and motion along y need no exception.
+
+    offset     (m, 2) pixel, (x, y)
+    weight     (m,) 1, fraction of the exposure
+    frequency  (..., 2) cycles / pixel, along x and y
+    Returns    (...) 1; its modulus is the modulation transfer function (MTF)
+    Accuracy   numerical: that of the points of the path: 1e-6 up to the Nyquist frequency.
+    """
+    phase = np.asarray(frequency, float) @ np.asarray(offset, float).T
+    return np.exp(-2j * np.pi * phase) @ weight

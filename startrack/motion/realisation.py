@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from startrack.core import POINTS, Floats, Streams, call_code, returned
@@ -23,21 +22,13 @@ class JitterInput:
 
     exposure   second
     generator  random numbers of this trial for this jitter alone
+
+    The function returns (k, 7): frequency in hertz, then for the camera's axes x, y and z the
+    amplitudes of the cosines and those of the sines in radian, all at the middle of the exposure
     """
 
     exposure: float
     generator: np.random.Generator
-
-
-class Jitter(Protocol):
-    """A jitter of one's own, which a design lists in `instrument.motion.jitter`.
-
-    Returns  (k, 7): frequency in hertz, then for the camera's axes x, y and z the amplitudes of the
-             cosines and those of the sines in radian, all at the middle of the exposure
-    """
-
-    def __call__(self, given: JitterInput, /) -> ArrayLike:
-        """Draw the lines of one trial; the same for the same random numbers."""
 
 
 def lines_by_code(

@@ -5,8 +5,6 @@ pupil         Shape of the aperture, and the Zernike polynomials of wavefront er
 closed_forms  Closed forms: irradiance, energy and transfer functions of an ideal lens, a Gaussian,
               a pixel.
 diffraction   Fraunhofer and Fresnel diffraction of any pupil, by fast transforms.
-kirchhoff     Kirchhoff integral over a thin lens without paraxial approximation: the reference
-              model.
 choose        Optics -> the complex pupil of each diffraction model; the cheapest within a
               tolerance.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.

@@ -7,7 +7,6 @@ import numpy as np
 
 from startrack.core import Floats, is_code
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
-from startrack.optics.kirchhoff import path_defect
 from startrack.optics.parameters import MODELS, Optics
 from startrack.optics.pupil import area_weights, pupil_grid, zernike
 
@@ -191,3 +190,14 @@ def _overlap(a: Floats, b: Floats, optics: Optics, phase: Floats) -> float:
     product = np.zeros_like(opened)
     product[inside] = a[inside] * b[inside] / opened[inside]
     return float(abs((product * np.exp(1j * phase)).sum()))
+
+
+def path_defect(square: Floats, image: float, distance: float) -> Floats:
+    """Metre of path through a parabolic lens, at radius^2, beyond that through its centre.
+
+    sqrt(b^2 + s) - b - s/(2b) = -s^2 / (2 b (sqrt(b^2 + s) + b)^2): no digits are lost.
+    """
+    path = -(square**2) / (2 * image * (np.sqrt(image**2 + square) + image) ** 2)
+    if math.isfinite(distance):
+        path = path - square**2 / (2 * distance * (np.sqrt(distance**2 + square) + distance) ** 2)
+    return path

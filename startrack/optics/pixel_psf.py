@@ -7,11 +7,9 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 from scipy import fft, special
 from scipy.linalg import eigh_tridiagonal
 
@@ -46,6 +44,9 @@ class PsfInput:
     wavelength  (k,) metre, of the detected light
     weight      (k,) 1, of its photons; the sum is 1
     optics      of the design: focal length, f-number, defocus, ...
+
+    The function returns (m, m) irradiance on any scale, before the blur of the design, diffusion
+    and pixels
     """
 
     x: Floats
@@ -53,16 +54,6 @@ class PsfInput:
     wavelength: Floats
     weight: Floats
     optics: Optics
-
-
-class PsfModel(Protocol):
-    """A PSF of one's own, which a design names in `instrument.optics.psf`.
-
-    Returns  (m, m) irradiance on any scale, before the blur of the design, diffusion and pixels
-    """
-
-    def __call__(self, given: PsfInput, /) -> ArrayLike:
-        """Compute the irradiance at all points."""
 
 
 def irradiance_by_code(

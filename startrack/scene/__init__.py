@@ -18,7 +18,7 @@ from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth,
 from startrack.scene.ephemeris import BODIES, body_angles, date_of, orbital_velocity
 from startrack.scene.illuminate import LightInput, Sight, illuminate
 from startrack.scene.lights import LIGHTS
-from startrack.scene.limb import Limb, save_limb
+from startrack.scene.limb import Limb
 from startrack.scene.parameters import DARK, Orbit, Scene
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, blackbody_photons
 

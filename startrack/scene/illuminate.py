@@ -4,10 +4,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from startrack import core
@@ -46,6 +44,9 @@ class LightInput:
     width       metre, of each bin
     scene       date, orbit and background of the design
     generator   random numbers of this trial for this light alone
+
+    The function returns (m, k) photon / s / m^2 / sr at the entrance pupil, in each direction and
+    spectral bin
     """
 
     direction: Floats
@@ -53,16 +54,6 @@ class LightInput:
     width: float
     scene: Scene
     generator: np.random.Generator
-
-
-class DiffuseSource(Protocol):
-    """A diffuse light of one's own, which a design lists in `scene.lights`.
-
-    Returns  (m, k) photon / s / m^2 / sr at the entrance pupil, in each direction and spectral bin
-    """
-
-    def __call__(self, given: LightInput, /) -> ArrayLike:
-        """Compute the light; it is linear between the points."""
 
 
 def light_by_code(name: str, given: LightInput) -> Iterator[core.DiffuseLight]:

@@ -87,17 +87,6 @@ class Limb:
         return np.where(dark[:, None], 0.0, radiance)
 
 
-def save_limb(path: Path, limb: Limb) -> None:
-    """Write it as FITS with checksums, radiance in single precision."""
-    from astropy.io import fits
-
-    first = fits.PrimaryHDU(limb.radiance.astype(np.float32))
-    first.header["LIMB"] = (FORMAT, "format of this table of the limb")
-    first.header["ALBEDO"] = limb.albedo
-    axes = [fits.ImageHDU(getattr(limb, name), name=name) for name in _AXES]
-    fits.HDUList([first, *axes]).writeto(path, checksum=True)
-
-
 def load_limb(path: Path) -> Limb:
     """Read it.
 

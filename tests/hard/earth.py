@@ -4,10 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from startrack.benchmark.earth import HEIGHT, STEP, image_rays, mountains, random_rays, towards
+from startrack.benchmark.earth import HEIGHT, RELIEF, STEP, image_rays, mountains, towards
 from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, index
 from startrack.earth.terrain.trace import trace
 from tests.hard.case import hard, refused
+
+
+def random_rays(
+    random: np.random.Generator, grid: Grid, count: int, elevation: float, fraction: float = 0.5
+) -> Rays:
+    """Rays from random azimuths to random points in the middle of a grid."""
+    u, v, height, azimuth = random.random((4, count))
+    low = (1 - fraction) / 2
+    target = cartesian(
+        grid.west + (low + fraction * u) * (grid.columns - 1) * grid.step_x,
+        grid.north - (low + fraction * v) * (grid.rows - 1) * grid.step_y,
+        RELIEF * height,
+    )
+    view = towards(grid, elevation, 2 * np.pi * azimuth)
+    return Rays(target + HEIGHT * view, -view, np.zeros(count))
 
 
 def plain(height: float, west: float = 10.0, north: float = 47.0, cells: int = 40):

@@ -2,10 +2,10 @@ import math
 
 import numpy as np
 import pytest
+from centre_of_gravity import centre_of_gravity_error
 
 from startrack.core.units import arcsec, deg
 from startrack.metrics import Star, attitude_bound, centroid_bound
-from startrack.metrics.bounds import centre_of_gravity_error
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from scipy import stats
+from variance import by_regions
 
 from startrack.montecarlo.attitudes import (
     REPLICATES,
     Regions,
     at_random,
-    by_regions,
     by_sobol,
     chances,
     towards,

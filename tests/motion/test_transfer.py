@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from krutz_2011 import density, nyquist_mtf
 from scipy import special
 
 from startrack.core.camera import Camera
 from startrack.motion import Motion, Tone, image_path, realise_motion, slew, transfer
-from startrack.motion.transfer import density, nyquist_mtf
 
 PIXEL = 1e-8  # so small that the tangent bends no path
 CAMERA = Camera(2001, 2001, 1 / PIXEL)

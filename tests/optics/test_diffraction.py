@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from krutz_2011 import ThinLens, fresnel, gaussian, profile
 from scipy import special
 
 from startrack.optics import Aberration, Optics, Pupil, Segment
-from startrack.optics.closed_forms import airy, gaussian, jinc
-from startrack.optics.diffraction import fresnel, intensity, pupil_samples
-from startrack.optics.kirchhoff import ThinLens, profile
+from startrack.optics.closed_forms import airy, jinc
+from startrack.optics.diffraction import intensity, pupil_samples
 from startrack.optics.pixel_psf import gauss_band, irradiance
 from startrack.optics.pupil import area_weights, pupil_grid, zernike
 from tests.optics.closed import airy_encircled, fresnel_peak

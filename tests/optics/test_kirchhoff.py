@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from krutz_2011 import ThinLens, _equal_phase, on_axis, point, profile
 from scipy import integrate, special
 
 from startrack.optics.closed_forms import airy
-from startrack.optics.kirchhoff import ThinLens, _equal_phase, on_axis, point, profile
 
 GREEN = 550e-9
 

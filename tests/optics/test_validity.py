@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from krutz_2011 import ThinLens, fresnel_error, fresnel_radius, on_axis, paper_radius
 
 from startrack.optics import Aberration, Optics, Pupil, choose, pixel_psf
-from startrack.optics.diffraction import fresnel_error, fresnel_radius, paper_radius
-from startrack.optics.kirchhoff import ThinLens, on_axis
 from startrack.optics.parameters import MODELS
 
 GREEN = 550e-9

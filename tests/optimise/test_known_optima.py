@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from centre_of_gravity import centre_of_gravity_error
 
 from startrack.metrics import Star
-from startrack.metrics.bounds import centre_of_gravity_error
 from startrack.optimise.search import Search, least
 
 

@@ -32,7 +32,6 @@ from startrack.earth.atmosphere.table import (
     in_bands,
     load_table,
     mixed,
-    save_table,
 )
 
 # Public; the other imports serve other rooms.

@@ -14,7 +14,7 @@ from startrack.core import Floats, deg, positive, um
 from startrack.earth.atmosphere.radiance import planck
 from startrack.earth.atmosphere.spectra import sun_spectrum
 from startrack.earth.atmosphere.table import BandTable, require_response
-from startrack.io import open_checked, save_checked
+from startrack.io import open_checked
 
 FORMAT = 1  # of the file
 WARM = 300.0  # kelvin
@@ -104,12 +104,6 @@ def load_infrared(path: Path) -> InfraredTable:
     """
     with open_checked(path, "INFRARED", FORMAT, "an infrared table of the air") as parts:
         return InfraredTable(*(parts[name].data.astype(np.float64) for name in _ARRAYS))
-
-
-def save_infrared(path: Path, table: InfraredTable) -> None:
-    """Write a table as FITS in single precision, with checksums; `path` is written by name."""
-    cards = {"INFRARED": (FORMAT, "format of this table of the air")}
-    save_checked(path, cards, {name: getattr(table, name) for name in _ARRAYS})
 
 
 def _above(table: InfraredTable, ground: float, sensor: float, angle: Floats) -> tuple[Floats, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Unit, lagrange_weights, positive
-from startrack.io import open_checked, save_checked
+from startrack.io import open_checked
 
 KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
 AIR_AT_GROUND = 1.16e-5  # 1 / m, Rayleigh extinction at 550 nm and sea level
@@ -134,21 +134,6 @@ class AirTable:
 
 
 ARRAYS = tuple(field.name for field in fields(AirTable) if field.name != "air")
-
-
-def save_table(path: Path, table: AirTable) -> None:
-    """Write a table as FITS in single precision, with checksums; `path` is written by name.
-
-    Raises  OSError where it cannot be written.
-    """
-    cards = {
-        "TABLE": (FORMAT, "format of this table of the air"),
-        "AEROSOL": table.air.aerosol,
-        "VISIBIL": (table.air.visibility, "[m] at the ground"),
-        "WATER": (table.air.water, "[kg / m2]"),
-        "OZONE": (table.air.ozone, "[m] at standard conditions"),
-    }
-    save_checked(path, cards, {name: getattr(table, name) for name in ARRAYS})
 
 
 def load_table(path: Path) -> AirTable:

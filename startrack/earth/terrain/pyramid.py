@@ -15,29 +15,9 @@ from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import Source
 from startrack.earth.terrain.surface import Surface, covered
 from startrack.earth.terrain.tile import CELLS, Cache
-from startrack.earth.terrain.trace import Hits, blocked, go_on, no_hits, trace, waiting
+from startrack.earth.terrain.trace import Hits, go_on, no_hits, waiting
 
 Singles = NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class Relief:
-    """One surface in memory, and the sea around it.
-
-    sea  metre above the ellipsoid beyond the edges of the surface; None for nothing
-    """
-
-    surface: Surface
-    sea: float | None = None
-
-    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
-        """As `trace`, or the sea where that is nearer and beside the surface."""
-        hits = trace(self.surface, rays)
-        return beside(self.surface, self.sea, rays, hits), np.zeros(len(rays), np.int8)
-
-    def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """As `blocked`; the sea stops rays, too, and so does the Earth below all heights."""
-        return blocked(self.surface, rays, start) | under(self.surface, self.sea, rays, start)
 
 
 def beside(surface: Surface, sea: float | None, rays: Rays, hits: Hits) -> Hits:

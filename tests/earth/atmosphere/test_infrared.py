@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from air_files import save_infrared
 
 from startrack.core.units import deg, um
 from startrack.earth.atmosphere import (
@@ -16,7 +17,6 @@ from startrack.earth.atmosphere import (
     refine,
     vacuum,
 )
-from startrack.earth.atmosphere.infrared import save_infrared
 from startrack.io import shipped
 
 # MODTRAN 5.2.1 as pybsm 0.16 ships it: rural 23 km, sensor at 24.5 km, Sun at 50 degrees and at

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from air_files import save_limb
 
 from startrack.core.units import deg, nm
 from startrack.io import shipped
-from startrack.scene import save_limb
 from startrack.scene.limb import load_limb
 
 

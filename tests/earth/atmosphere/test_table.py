@@ -4,6 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
+from air_files import save_table
 
 from startrack.core.units import deg, nm, um
 from startrack.earth.atmosphere import (
@@ -17,7 +18,6 @@ from startrack.earth.atmosphere import (
     mixed,
     radiance,
     refine,
-    save_table,
 )
 from startrack.io import shipped
 

@@ -16,8 +16,8 @@ from startrack.earth.terrain import (
     survey,
     up,
 )
-from startrack.earth.terrain.pyramid import Relief
 from startrack.io import shipped
+from tests.earth.terrain.scenes import Relief
 
 WEST, NORTH, STEP = 10 * deg, 47 * deg, 1 / 3600 * deg
 HIGH = 500e3  # metre, of the camera

@@ -1,12 +1,37 @@
 """Small terrain and rays at it, and files of a small scene and its camera, for tests of `earth`."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core.streams import Streams
 from startrack.earth.terrain import Grid, Rays, cartesian, fractal, up
+from startrack.earth.terrain.pyramid import Flags, Levels, beside, under
+from startrack.earth.terrain.surface import Surface
+from startrack.earth.terrain.trace import Hits, blocked, trace
 
 STEP = np.radians(1 / 3600)  # 31 m along a meridian
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """One surface in memory, and the sea around it.
+
+    sea  metre above the ellipsoid beyond the edges of the surface; None for nothing
+    """
+
+    surface: Surface
+    sea: float | None = None
+
+    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+        """As `trace`, or the sea where that is nearer and beside the surface."""
+        hits = trace(self.surface, rays)
+        return beside(self.surface, self.sea, rays, hits), np.zeros(len(rays), np.int8)
+
+    def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
+        """As `blocked`; the sea stops rays, too, and so does the Earth below all heights."""
+        return blocked(self.surface, rays, start) | under(self.surface, self.sea, rays, start)
 
 
 def mountains(cells: int = 200, relief: float = 1500.0) -> tuple[Grid, NDArray[np.float32]]:

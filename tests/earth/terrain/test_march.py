@@ -8,10 +8,9 @@ import pytest
 
 from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, geodetic, index
 from startrack.earth.terrain.horizon import FEWEST, with_horizon
-from startrack.earth.terrain.pyramid import Relief
 from startrack.earth.terrain.trace import blocked, go_on, trace, waiting
 
-from .scenes import STEP, axes, flat, globe, hills, mountains, random_rays, ray
+from .scenes import STEP, Relief, axes, flat, globe, hills, mountains, random_rays, ray
 
 RUGGED = Path(__file__).parents[2] / "oracle" / "rugged.json"
 

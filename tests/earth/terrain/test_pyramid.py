@@ -17,9 +17,8 @@ from startrack.earth.terrain import (
     survey,
     up,
 )
-from startrack.earth.terrain.pyramid import Relief
 
-from .scenes import STEP, flat, globe, random_rays, ray
+from .scenes import STEP, Relief, flat, globe, random_rays, ray
 
 CELLS = 1300
 GRID = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, CELLS + 1, CELLS + 1)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, index, survey, up
-from startrack.earth.terrain.pyramid import Relief
 
-from .scenes import STEP, axes, flat, mountains, random_rays, ray
+from .scenes import STEP, Relief, axes, flat, mountains, random_rays, ray
 
 GRID, HEIGHTS = mountains()
 EAST, NORTH, RISE = axes(GRID.west + 100 * STEP, GRID.north - 100 * STEP)
