@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -63,7 +64,8 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
     faintest = max(float(level.max()) for level in levels.values())
     background = case.scene.sky_g
     skies = np.arange(BRIGHTEST, min(faintest, background) + 2 * STEP, STEP)
-    across, fraction = _budgets(case, np.append(skies, DARK), background)
+    bare = replace(case, instrument=replace(case.instrument, baffle=None, tube=None))
+    across, fraction = _budgets(bare, (*skies.tolist(), DARK), background)
     found = {}
     for name, level in levels.items():
         at = np.interp(level, np.append(skies, DARK), np.arange(len(skies) + 1))
@@ -116,7 +118,8 @@ def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
     return SUN_G - 2.5 * np.log10(lit * optics.focal_length**2 / optics.area * arcsec**2)
 
 
-def _budgets(case: Case, skies: Floats, background: float) -> tuple[Floats, Floats]:
+@lru_cache(maxsize=4)  # of the baffles of one design
+def _budgets(case: Case, skies: tuple[float, ...], background: float) -> tuple[Floats, Floats]:
     """(n,) errors across and availabilities with stray light of some brightness."""
     across, fraction = np.full(len(skies), math.nan), np.zeros(len(skies))
     for i, sky in enumerate(skies):

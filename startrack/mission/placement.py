@@ -3,19 +3,36 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.budget import exclusions
 from startrack.core import Floats, Refused, arcsec, deg
-from startrack.design import Case, Requirements
+from startrack.design import Case, Requirements, replaced_all
 from startrack.mission.engine import Plan
 from startrack.mission.fusion import fused_variance
-from startrack.mission.heads import SUN_RADIUS, Mounted, Shadow, in_anomaly, look, shadow_of
+from startrack.mission.heads import (
+    MOON_RADIUS,
+    SUN_RADIUS,
+    Mounted,
+    Shadow,
+    in_anomaly,
+    limits_of,
+    look,
+    shadow_of,
+)
 from startrack.mission.instants import Instants
-from startrack.mission.parameters import KeepClear, Loaded, Mission, MissionRequirements, mounted
+from startrack.mission.parameters import (
+    Head,
+    KeepClear,
+    Loaded,
+    Mission,
+    MissionRequirements,
+    mounted,
+)
 from startrack.optimise import Search, least
 from startrack.space import GM
 
@@ -29,6 +46,11 @@ EVALUATIONS = 400
 MISSED = 10.0  # weight of a requirement that is missed, to one that is met; chosen by hand
 MET = 0.1  # weight of a requirement that is met, to the error; chosen by hand
 FORBIDDEN = 1e3  # score for each radian inside a keep-out cone
+TUBE_LENGTH, LENGTHS = (
+    "instrument.tube.length",
+    9,
+)  # of tubes, between which the search interpolates
+FINE: Floats = np.arange(0.2, 90.0, 0.2) * deg  # at which their exclusion angles are sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +280,7 @@ class Trade:
 
     heads    number of heads
     angle    radian, from which on the baffle keeps the Sun out: the exclusion angle of the Sun
-    length   metre, of the baffle before the lens
+    length   metre, of the baffle before the lens; the longest, where designs differ
     mass     kilogram, of all heads with their baffles
     quality  at the samples of the search
     met      whether the requirements of the mission are met at these samples
@@ -280,11 +302,15 @@ def trades(
 ) -> list[Trade]:
     """Each number of heads with each angle of the baffle, at the mountings that a search finds.
 
-    Heads beyond those of the mission are repeated in their order. Length and mass are by the cost
-    laws of the designs (`Requirements`), with the density of built trackers where there is none.
+    Heads beyond those of the mission are repeated in their order. The tube of a design that has one
+    (`instrument.tube`) gets the length whose exclusion angle of the Sun this is: the exclusion
+    angles of Moon and Earth and the mass follow from it. Of other designs, length and mass are by
+    the cost laws (`Requirements`), with the density of built trackers where there is none, and the
+    exclusion angles of Moon and Earth stay.
 
     advance  called with 1 after each of them
-    Raises   ValueError where an angle lies in the field of a head.
+    Raises   ValueError where an angle lies in the field of a head, or is that of no tube from a
+             quarter to four times the length of the design's.
     """
     results = []
     for count in counts:
@@ -298,7 +324,10 @@ def trades(
 def _trade(plan: Plan, angle: float, placement: Placement) -> Trade:
     """A placement of the heads of a plan, whose baffles have this angle."""
     designs, quality = plan.loaded.designs, placement.after
-    length = max(_baffle_length(design.case, angle) for design in designs)
+    length = max(
+        _baffle_length(_behind(head, design.case, angle)[1], angle)
+        for head, design in zip(plan.loaded.mission.heads, designs, strict=True)
+    )
     met = _meets(quality, plan.loaded.mission.requirements)
     return Trade(len(designs), angle, length, _mass(plan, angle), quality, met)
 
@@ -306,10 +335,12 @@ def _trade(plan: Plan, angle: float, placement: Placement) -> Trade:
 def _mass(plan: Plan, angle: float) -> float:
     """Kilogram of all heads, with baffles of this angle."""
     total = 0.0
-    for design in plan.loaded.designs:
+    for head, design in zip(plan.loaded.mission.heads, plan.loaded.designs, strict=True):
         needs = design.campaign.requirements if design.campaign else Requirements()
-        needs = replace(needs, baffle_angle=angle, density=needs.density or DENSITY)
-        total += needs.mass(design.case)
+        case = _behind(head, design.case, angle)[1]
+        if not case.instrument.tube:
+            needs = replace(needs, baffle_angle=angle, density=needs.density or DENSITY)
+        total += needs.mass(case)
     return total
 
 
@@ -333,8 +364,8 @@ def lightest(
     advance      called with 1 after each number of heads
     evaluations  of each of these searches
     Returns      in the order of `counts`; a Trade says whether the requirements are met
-    Raises       ValueError where an angle lies in the field of a head, or the two do not increase
-    Accuracy     as `place`; the exclusion angles of Moon and Earth stay
+    Raises       ValueError as `trades`, or where the two do not increase
+    Accuracy     as `place`; of tubes, angles are between those of 9 lengths, within 0.2 degrees.
     """
     if not angles[0] < angles[1]:
         raise Refused(f"angles must increase, got {angles[0] / deg:.3g}, {angles[1] / deg:.3g} deg")
@@ -383,10 +414,6 @@ def _lightest(
     last = least(error, best.coordinates[:-1], replace(search, first_step=0.05))
     changed = _with_heads(plan, count, angle)
     mission = _mounted_at(changed.loaded.mission, around.moved(last.coordinates))
-    heads = tuple(
-        replace(head, exclusion=replace(head.exclusion, sun=angle)) for head in mission.heads
-    )
-    mission = replace(mission, heads=heads)
     tried = sum(one.evaluations for one in starts) + last.evaluations
     tried += sum(one.evaluations for one in searched)
     quality = around.quality(last.coordinates, angle)
@@ -420,11 +447,11 @@ class _Around:
         return [line / np.linalg.norm(line) for line in turned]
 
     def blind(self, lines: Sequence[Floats], sun: float | None = None) -> list[NDArray[np.bool_]]:
-        """When heads along some directions are blind, with an exclusion angle of the Sun (radian);
-        None: each with its own."""
+        """When heads along some directions are blind, behind baffles with an exclusion angle of the
+        Sun (radian); None: each with its own."""
         heads = self.plan.heads
         if sun is not None:
-            heads = tuple(replace(head, limits=replace(head.limits, sun=sun)) for head in heads)
+            heads = _mounted_behind(self.plan, sun)
         return [blind_at(self.samples, *pair) for pair in zip(heads, lines, strict=True)]
 
     def worth(self, lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> Quality:
@@ -465,22 +492,90 @@ def _with_heads(plan: Plan, count: int, angle: float) -> Plan:
     needs = plan.loaded.mission.requirements
     if count < 2:
         needs = replace(needs, availability_two=None)
-    mission = replace(plan.loaded.mission, heads=tuple(heads), requirements=needs)
-    mounted_heads = tuple(
-        replace(plan.heads[k], name=head.name, limits=replace(plan.heads[k].limits, sun=angle))
-        for k, head in zip(of, heads, strict=True)
-    )
-    return replace(
+    changed = replace(
         plan,
-        loaded=Loaded(mission, tuple(plan.loaded.designs[k] for k in of)),
-        heads=mounted_heads,
+        loaded=Loaded(
+            replace(plan.loaded.mission, heads=tuple(heads), requirements=needs),
+            tuple(plan.loaded.designs[k] for k in of),
+        ),
+        heads=tuple(plan.heads[k] for k in of),
         surrogates=tuple(plan.surrogates[k] for k in of),
         stray=tuple(plan.stray[k] for k in of),
     )
+    mounted_heads = _mounted_behind(changed, angle)
+    heads = [
+        _behind(head, design.case, angle)[0]
+        for head, design in zip(heads, changed.loaded.designs, strict=True)
+    ]
+    mission = replace(changed.loaded.mission, heads=tuple(heads))
+    return replace(changed, loaded=replace(changed.loaded, mission=mission), heads=mounted_heads)
+
+
+def _mounted_behind(plan: Plan, angle: float) -> tuple[Mounted, ...]:
+    """The heads of a plan behind baffles that keep the Sun out from an angle on."""
+    changed = []
+    for mounted_head, head, design in zip(
+        plan.heads, plan.loaded.mission.heads, plan.loaded.designs, strict=True
+    ):
+        limits = replace(mounted_head.limits, sun=angle)
+        if design.case.instrument.tube:
+            limits = limits_of(*_behind(head, design.case, angle))
+        changed.append(replace(mounted_head, name=head.name, limits=limits))
+    return tuple(changed)
+
+
+def _behind(head: Head, case: Case, angle: float) -> tuple[Head, Case]:
+    """A head and its design, whose baffle keeps the Sun out from an angle on: with the length of
+    its tube, if it has one, and the exclusion angles of Moon and Earth that it then has."""
+    given = replace(head.exclusion, sun=angle)
+    if case.instrument.tube is None:
+        return replace(head, exclusion=given), case
+    length, angles = _tubes(case, given.altitude)
+    sun, moon, earth = angles
+    if not sun[-1] <= angle <= sun[0]:
+        raise Refused(
+            f"angle of a baffle with instrument.tube must lie in [{sun[-1] / deg:.3g}, "
+            f"{sun[0] / deg:.3g}] deg, those of a quarter to four times its length, got "
+            f"{angle / deg:.3g} deg"
+        )
+    metre = float(np.exp(np.interp(-angle, -sun, np.log(length))))
+    of_tube = {
+        name: float(np.interp(metre, length, values))
+        for name, values in (("moon", moon), ("earth", earth))
+    }
+    exclusion = replace(given, **(of_tube | given.angles))
+    return replace(head, exclusion=exclusion), replaced_all(case, {TUBE_LENGTH: metre})
+
+
+@lru_cache(maxsize=8)
+def _tubes(case: Case, altitude: float) -> tuple[Floats, Floats]:
+    """Lengths (n,) metre of the tube of a design, rising, and its exclusion angles (3, n) radian of
+    Sun, Moon and Earth there, falling."""
+    assert case.instrument.tube
+    length = case.instrument.tube.length * np.geomspace(0.25, 4.0, LENGTHS)
+    found = list[list[float]]()
+    for metre in length:
+        try:
+            tube = replaced_all(case, {TUBE_LENGTH: float(metre)})
+            found.append([one.least() for one in exclusions(tube, FINE, altitude).values()])
+        except Refused:  # a wall that is given is narrower than the entrance of so long a tube
+            break
+    half = case.instrument.camera.half_diagonal
+    field = np.array([[half + SUN_RADIUS], [half + MOON_RADIUS], [half]])
+    angles = np.maximum(np.minimum.accumulate(np.array(found).T, axis=1), field)
+    known = np.isfinite(angles.sum(axis=0))
+    if known.sum() < 2:
+        raise Refused(
+            "instrument.tube must keep out Sun, Moon and Earth at some angle below 90 deg at "
+            "several lengths from a quarter to four times its own"
+        )
+    return length[: len(known)][known], angles[:, known]
 
 
 def _baffle_length(case: Case, angle: float) -> float:
-    """Metre, of a baffle that leaves the field free; the law of `Requirements`."""
+    """Metre, of a tube, or of a baffle that leaves the field free by the law of `Requirements`."""
+    if tube := case.instrument.tube:
+        return tube.length
     field = math.tan(case.instrument.camera.half_diagonal)
     return case.instrument.optics.aperture / (math.tan(angle) - field)
 

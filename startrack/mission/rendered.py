@@ -101,8 +101,8 @@ class Checked:
     trials        that were run, at instants at which nothing blinds the head
     attitudes     trials with a right attitude;  expected  their number by the budget
     across, about     ratio, of the budget
-    corrected_across, corrected_about   ratio of the half of the trials that did not fit the
-                  correction, with it
+    corrected_across, corrected_about   the same of all trials, each half of them with the
+                  correction that the other half fits
     """
 
     heads: tuple[int, ...]
@@ -167,10 +167,11 @@ def _checked(
         )
     ratio = np.array(ratios)
     kept = {name: value[used] for name, value in values.items()}
-    half = np.arange(len(used)) % 2 == 0
-    first = fitted(ratio[half], {name: value[half] for name, value in kept.items()})
-    rest = {name: value[~half] for name, value in kept.items()}
-    left = ratio[~half] / np.exp(first.features(rest) @ first.coefficient.T)
+    half, left = np.arange(len(used)) % 2 == 0, ratio.copy()
+    for here in (half, ~half):
+        other = fitted(ratio[~here], {name: value[~here] for name, value in kept.items()})
+        features = other.features({name: value[here] for name, value in kept.items()})
+        left[here] /= np.exp(features @ other.coefficient.T)
     return fitted(ratio, kept), Checked(
         tuple(group),
         count,

@@ -129,8 +129,8 @@ def spells_table(none: mission.Spells) -> Table:
 
 
 CHECKED = (
-    "Rms of trials over that of the budget, with standard errors; corrected: on the half of the "
-    "trials that did not fit it"
+    "Rms of trials over that of the budget, with standard errors; corrected: each half of the "
+    "trials by what the other half says"
 )
 
 

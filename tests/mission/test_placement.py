@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from startrack import shipped
+from startrack import load_design, shipped
+from startrack.budget import exclusions
 from startrack.core import deg
-from startrack.design import KeepOut
+from startrack.design import KeepOut, replaced_all
 from startrack.mission import load_mission, placement, plan_of, surrogate
 from startrack.mission.engine import at, fly
 from startrack.mission.heads import Blind, faces_of, nearest
@@ -219,3 +220,36 @@ def test_a_head_behind_structure_is_blind(loaded):
         assert (blocked == (always | ~chunk.shadow.sun)).all()
     with pytest.raises(ValueError, match="size must be above 0 along two axes"):
         Obstacle("line", (0, 0, 0), (1, 0, 0))
+
+
+def test_the_length_of_a_tube_is_searched_with_the_directions(loaded, monkeypatch):
+    """At the length that is found, the budget's own exclusion angles are those of the placed heads;
+    the mass is that of the design with this tube, and a smaller angle asks for a longer one."""
+    monkeypatch.setattr(placement, "WINDOWS", 3)
+    monkeypatch.setattr(placement, "COARSE", 45 * deg)
+    design = load_design(shipped("designs/noise_only.toml"), ["instrument.tube.length=120 mm"])
+    free = dataclasses.replace(loaded.mission.heads[0], exclusion=KeepOut())
+    mission = dataclasses.replace(
+        loaded.mission, heads=(free,), requirements=MissionRequirements(availability_one=0.8)
+    )
+    plan = plan_of(dataclasses.replace(loaded, mission=mission, designs=(design,)))
+    [(trade, found)] = lightest(plan, [1], (12 * deg, 50 * deg), evaluations=60)
+    assert trade.met
+    case = replaced_all(design.case, {"instrument.tube.length": trade.length})
+    bare = dataclasses.replace(
+        design.case, instrument=dataclasses.replace(design.case.instrument, tube=None)
+    )
+    optics, half = case.instrument.optics, case.instrument.camera.half_diagonal
+    tube = case.instrument.tube.mass(optics.aperture, half)
+    needs = design.campaign.requirements
+    assert trade.mass == pytest.approx(needs.mass(bare) + tube, rel=1e-9)
+    angles = exclusions(case, np.arange(0.1, 90, 0.1) * deg)
+    placed = found.mission.heads[0].exclusion
+    assert trade.angle == placed.sun == pytest.approx(angles["sun"].least(), abs=0.6 * deg)
+    assert placed.earth == pytest.approx(angles["earth"].least(), abs=0.6 * deg)
+    assert placed.moon == pytest.approx(half, abs=0.3 * deg)  # it is kept out up to the field
+    long, short = trades(plan, [1], [12 * deg, 50 * deg])
+    assert long.length > 2 * short.length
+    assert short.mass <= trade.mass < long.mass
+    with pytest.raises(ValueError, match=r"angle of a baffle with instrument\.tube must lie in"):
+        trades(plan, [1], [8 * deg])

@@ -106,13 +106,16 @@ def test_heads_age_and_warm(monkeypatch):
 
 @pytest.mark.slow
 def test_errors_of_old_and_warm_heads_are_those_of_trials():
-    """Windows over ages and temperatures; with the correction within 4.5 standard errors."""
+    """Windows over ages and temperatures, within 4.5 standard errors, with the correction or not.
+
+    Stars near hot pixels make the errors long-tailed: of 320 trials, 8 made 40 % of the squares, so
+    that a ratio of 80 is 22 % uncertain, and no better by a correction that has little to mend.
+    """
     plan, (found,) = checked(old_and_warm(80))
-    value, error = found.corrected_across
-    assert value == pytest.approx(1, abs=4.5 * error)
+    for value, error in (found.across, found.corrected_across, found.about, found.corrected_about):
+        assert value == pytest.approx(1, abs=4.5 * error)
     assert found.attitudes == pytest.approx(found.expected, abs=4)
     assert set(plan.surrogates[0].correction.feature) == {"all", "stars", "temperature", "age"}
-    assert abs(value - 1) < abs(found.across[0] - 1)  # the budget leaves hot pixels out
 
 
 def test_cells_hold_their_middles():

@@ -8,9 +8,10 @@ import pytest
 
 from startrack import deg, load_design, mm, shipped
 from startrack.core import Refused
-from startrack.design import Requirements
+from startrack.design import DesignSpace, Requirements
 from startrack.optics import BaffleTube, tube
 from startrack.optics.tube import transmittance_of
+from startrack.verification import cost_margins
 
 TUBE, LENS, FIELD = BaffleTube(150 * mm), 25 * mm, 10 * deg
 
@@ -137,6 +138,30 @@ def test_a_design_with_a_tube_has_its_curve_its_mass_and_its_volume():
     curve = with_tube.instrument.stray
     with pytest.raises(Refused, match="baffle must be left out where tube"):
         replace(with_tube.instrument, baffle=curve)
+
+
+def test_a_campaign_varies_the_length_of_a_tube(tmp_path):
+    """Between 60 and 240 mm: the mass grows by that of walls and vanes, until it is too large."""
+    text = shipped("designs/noise_only.toml").read_text()
+    variable = """
+[[campaign.variables]]
+name = "instrument.tube.length"
+low = "60 mm"
+high = "240 mm"
+"""
+    path = tmp_path / "tube.toml"
+    path.write_text(text + '\n[instrument.tube]\nlength = "100 mm"\n' + variable)
+    design = load_design(path)
+    space = DesignSpace(design.case, design.campaign.variables)
+    ends = [space.design(np.append(space.start[:-1], end)) for end in (0.0, 1.0)]
+    assert [one.instrument.tube.length for one in ends] == pytest.approx([60e-3, 240e-3])
+    field, lens = ends[0].instrument.camera.half_diagonal, ends[0].instrument.optics.aperture
+    short, long = (one.instrument.tube.mass(lens, field) for one in ends)
+    needs = design.campaign.requirements
+    assert needs.mass(ends[1]) - needs.mass(ends[0]) == pytest.approx(long - short)
+    tight = replace(needs, max_mass=(needs.mass(ends[0]) + needs.mass(ends[1])) / 2)
+    light, heavy = (cost_margins(tight, one)["mass"] for one in ends)
+    assert light > 0 > heavy
 
 
 def test_a_tube_of_a_hair_hides_nothing():
