@@ -84,6 +84,7 @@ def middle_of(case: Case, age: float) -> Case | None:
     units differ by places, and by noise that is the middle unit's here.
 
     age  second
+    Accuracy  3 % of a unit's rms, of three units of the nanosatellite five years old
     """
     if not imaged_alike(case):
         return None
