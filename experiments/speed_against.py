@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -171,10 +172,10 @@ def work() -> dict[str, Callable[[], Work]]:
     stages = ("psf", "stamping", "noise", "detection", "centroid", "identification", "attitude")
     made: dict[str, Callable[[], Work]] = {}
     for name in (*stages, "terrain"):
-        made[name] = lambda name=name: bench(name)
+        made[name] = partial(bench, name)
     made["shadows"] = shadows
     for name in TRIALS:
-        made[f"trial {name}"] = lambda name=name: trials(name)
+        made[f"trial {name}"] = partial(trials, name)
     return made | {"budget": budget}
 
 

@@ -91,7 +91,7 @@ class Residual(Parameters):
             value += (oblique @ draw).reshape(2, -1)
         if self.of_elements.any():
             elements = self._elements(camera, optics)
-            draw = core.Streams(self.seed, 0)("elements").standard_normal(elements.shape[1])
+            draw = core.Streams(self.seed, 0)("elements").standard_normal(elements.shape[1:])
             value += (elements @ draw).reshape(2, -1)
         if not value.any():
             return None

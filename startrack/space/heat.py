@@ -244,8 +244,7 @@ def _periodic(
     ahead = np.roll(np.eye(count), 1, axis=1)
     change, middle = (ahead - np.eye(count)) / step, (ahead + np.eye(count)) / 2
     given = heat @ middle.T
-    kelvin = np.repeat((heat.sum(axis=0).mean() / shines.sum()) ** 0.25, 2 * count)
-    kelvin = kelvin.reshape(2, count)
+    kelvin = np.full((2, count), (heat.sum(axis=0).mean() / shines.sum()) ** 0.25)
     for _ in range(NEWTON):
         flow = conductance * (kelvin[0] - kelvin[1]) * np.array([[1.0], [-1.0]])
         lost = shines[:, None] * kelvin**4 + flow

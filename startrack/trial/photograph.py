@@ -27,9 +27,10 @@ THRESHOLDS = (5.0, 4.0)
 SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any size fit a window
 # Sigma and scales of spots, and whether each part of the image gives as many: all scales, the same
 # without the parts that are full of what is no star, the file's own scale, and without the finest.
-FIRST = THRESHOLDS[0], SCALES, False
-COARSER = THRESHOLDS[0], SCALES[1:], False
-LOOKS = (
+_Look = tuple[float, tuple[int, ...], bool]
+FIRST: _Look = THRESHOLDS[0], SCALES, False
+COARSER: _Look = THRESHOLDS[0], SCALES[1:], False
+LOOKS: tuple[_Look, ...] = (
     FIRST, (*FIRST[:2], True), (THRESHOLDS[0], SCALES[:1], False), COARSER,
     *((THRESHOLDS[0], SCALES[k:], False) for k in (2, 3)),
     (THRESHOLDS[1], SCALES, False), (THRESHOLDS[1], SCALES[:1], False),
@@ -499,8 +500,8 @@ def _grown(fine: Spots, coarse: Spots, reach: float) -> Spots:
     )
     covered = np.maximum(off_x, off_y) <= reach
     light = coarse.flux * (1 - SURE / np.maximum(coarse.snr, SURE))
-    taken = light > GROWTH * (covered @ np.maximum(fine.flux, 0.0))
-    kept = ~covered[taken].any(axis=0)
+    taken = np.asarray(light > GROWTH * (covered @ np.maximum(fine.flux, 0.0)))
+    kept = np.asarray(~covered[taken].any(axis=0))
     fine, coarse = _chosen(fine, kept), _chosen(coarse, taken)
     pairs = zip(vars(fine).values(), vars(coarse).values(), strict=True)
     return Spots(*(np.concatenate(pair) for pair in pairs))
