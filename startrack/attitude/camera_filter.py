@@ -8,21 +8,9 @@ from typing import Annotated
 
 import numpy as np
 
+from startrack import core
 from startrack.attitude.camera import UNKNOWNS, Calibration, MatchedFrame, moved_camera
-from startrack.core import (
-    NON_NEGATIVE,
-    Camera,
-    Floats,
-    Ints,
-    Matches,
-    Parameters,
-    Range,
-    Refused,
-    Spots,
-    Unit,
-    map_displacement,
-    map_weights,
-)
+from startrack.core import NON_NEGATIVE, Camera, Floats, Ints, Matches, Parameters, Refused, Spots
 
 FEWEST = 4  # stars of a frame that says something of its camera
 STEPS = 2  # of Gauss-Newton, in a frame
@@ -41,13 +29,13 @@ class CameraFilter(Parameters):
     prior: Annotated[Calibration, "standard deviations at the begin"] = field(
         default_factory=Calibration
     )
-    focal_length_walk: Annotated[float, Unit("1/s(1/2)"), NON_NEGATIVE, "relative"] = 0.0
+    focal_length_walk: Annotated[float, core.Unit("1/s(1/2)"), NON_NEGATIVE, "relative"] = 0.0
     principal_walk: Annotated[float, NON_NEGATIVE, "pixel / second^(1/2), along each axis"] = 0.0
-    focal_length_slope: Annotated[float, Unit("1/K"), NON_NEGATIVE,
+    focal_length_slope: Annotated[float, core.Unit("1/K"), NON_NEGATIVE,
         "relative, standard deviation at the begin"] = 0.0  # fmt: skip
     principal_slope: Annotated[float, NON_NEGATIVE,
         "pixel / kelvin along each axis, standard deviation at the begin"] = 0.0  # fmt: skip
-    map: Annotated[int, Range(0, 9),
+    map: Annotated[int, core.Range(0, 9),
         "nodes along each side of a map of local distortion; 0: none"] = 0  # fmt: skip
     map_sigma: Annotated[float, NON_NEGATIVE,
         "pixel per axis, standard deviation of a node at the begin"] = 0.1  # fmt: skip
@@ -100,7 +88,7 @@ class KnownCamera:
         camera, nodes = moved_camera(self.camera, EVERY, step[:COUNT]), self.nodes
         if len(nodes):
             nodes = nodes + step[2 * COUNT :].reshape(2, -1).T
-            shape = map_displacement(camera.columns, camera.rows, nodes)
+            shape = core.map_displacement(camera.columns, camera.rows, nodes)
             camera = replace(camera, residual=shape)
         return replace(self, camera=camera, slope=self.slope + step[COUNT : 2 * COUNT], nodes=nodes)
 
@@ -196,7 +184,7 @@ def _slopes_of_nodes(known: KnownCamera, frame: MatchedFrame) -> Floats | None:
     if not len(known.nodes):
         return None
     camera, count = known.camera, len(known.nodes)
-    weight = map_weights(camera.columns, camera.rows, frame.pixel, math.isqrt(count))
+    weight = core.map_weights(camera.columns, camera.rows, frame.pixel, math.isqrt(count))
     slopes = np.zeros((len(weight), 2, 2 * count))
     slopes[:, 0, :count], slopes[:, 1, count:] = weight, weight
     return slopes

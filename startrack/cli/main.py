@@ -17,14 +17,8 @@ from importlib import import_module
 from typing import TextIO, cast
 
 from startrack import __version__
+from startrack.cli import stopping
 from startrack.cli.options import load, memory_of, postpone
-from startrack.cli.stopping import (
-    ignore_signals,
-    one_line,
-    open_streams,
-    status_and_sentence,
-    stopped_by_signals,
-)
 
 # Each command is a file of this name with `declare`, its table of options, and `command(options)`.
 # Only that of the called command is imported, and what it computes with when it runs.
@@ -94,21 +88,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         postpone()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    with stopped_by_signals():
+    with stopping.stopped_by_signals():
         try:
             if alone:
-                open_streams()
+                stopping.open_streams()
             # Imports what the command needs, which takes seconds that a signal may fall into.
             status, message = _run(_parsed(arguments)), ""
         except (Exception, KeyboardInterrupt) as error:
-            status, message = status_and_sentence(error)
+            status, message = stopping.status_and_sentence(error)
             if "--debug" in arguments and not isinstance(error, KeyboardInterrupt):
                 traceback.print_exception(error)
     if message:
         with suppress(OSError):  # where nobody can read it, the status says enough
             print(f"{' '.join(('startrack', *_called(arguments)))}: {message}", file=sys.stderr)
     if alone:
-        ignore_signals()
+        stopping.ignore_signals()
         gc.freeze()  # or Python looks for garbage in all that the process leaves: 0.6 s
     return int(status)
 
@@ -177,7 +171,7 @@ def _print_warning(
     line: str | None = None,
 ) -> None:
     """Print a warning as one line, without the line of code that raised it."""
-    print(f"startrack: {one_line(message)}", file=sys.stderr)
+    print(f"startrack: {stopping.one_line(message)}", file=sys.stderr)
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

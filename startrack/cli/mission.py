@@ -30,21 +30,12 @@ if wanted(__name__):
     import numpy as np
     from numpy.typing import NDArray
 
-    from startrack import mission, report
+    from startrack import metrics, mission, report
     from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
     from startrack.core import Refused, Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, save_text, shipped, write_fits
-    from startrack.metrics import (
-        ARCSEC,
-        PERCENT,
-        SECOND,
-        Column,
-        Table,
-        Unit,
-        bounds_json,
-        bracketed,
-    )
+    from startrack.metrics import ARCSEC, Column, Unit
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_mission, draw_placement
     from startrack.trial import observe
@@ -280,15 +271,15 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     else:
         with progress("searches", len(counts) * len(angles)) as advance:
             traded = mission.trades(plan, counts, angles, advance)
-    table = Table(
+    table = metrics.Table(
         [
             Column("heads", "heads", lambda row: row.heads, form="d"),
             Column("baffle_deg", "baffle", lambda row: row.angle, Unit("deg", deg, deg), ".1f"),
             Column("baffle_length_m", "length", lambda row: row.length, Unit("mm", 1e-3, 1), ".0f"),
             Column("mass_kg", "mass", lambda row: row.mass, Unit("kg", 1, 1), ".2f"),
-            Column("longest_s", "longest", lambda row: row.quality.longest, SECOND, ".0f"),
-            Column("one", "one", lambda row: row.quality.one, PERCENT),
-            Column("two", "two", lambda row: row.quality.two, PERCENT),
+            Column("longest_s", "longest", lambda row: row.quality.longest, metrics.SECOND, ".0f"),
+            Column("one", "one", lambda row: row.quality.one, metrics.PERCENT),
+            Column("two", "two", lambda row: row.quality.two, metrics.PERCENT),
             Column("error_arcsec", "error", lambda row: row.quality.error, ARCSEC, ".2f"),
             Column("met", "", lambda row: row.met),
             Column("", "requirements", lambda row: "met" if row.met else "NOT MET"),
@@ -515,8 +506,8 @@ def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
     heat = fleet.heat
     return {
         "spacecraft": len(fleet.rms),
-        "level_95_arcsec": bounds_json(fleet.level(), ARCSEC),
-        "level_95_aligned_arcsec": bounds_json(fleet.level(aligned=True), ARCSEC),
+        "level_95_arcsec": metrics.bounds_json(fleet.level(), ARCSEC),
+        "level_95_aligned_arcsec": metrics.bounds_json(fleet.level(aligned=True), ARCSEC),
         "rms_arcsec": (fleet.rms / arcsec).tolist(),
         "heads": [
             {
@@ -537,9 +528,9 @@ def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
 def _fleet_text(plan: mission.Plan, fleet: mission.Fleet) -> str:
     lines = [
         f"{len(fleet.rms)} spacecraft of drawn units: 95 % keep "
-        f"{bracketed(fleet.level(), '.2f', arcsec)} arcsec rms about the worst axis, "
-        f"{bracketed(fleet.level(aligned=True), '.2f', arcsec)} with heads aligned to each other "
-        "in flight"
+        f"{metrics.bracketed(fleet.level(), '.2f', arcsec)} arcsec rms about the worst axis, "
+        f"{metrics.bracketed(fleet.level(aligned=True), '.2f', arcsec)} with heads aligned to each "
+        "other in flight"
     ]
     for h, head in enumerate(plan.heads):
         x, y, z = fleet.swing[h] / arcsec

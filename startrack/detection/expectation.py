@@ -10,15 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints, kernel
+from startrack.detection import matched
 from startrack.detection.detect import measured, placed, sample
 from startrack.detection.examine import chance_to_pass, largest_fraction
 from startrack.detection.find import Candidates
-from startrack.detection.matched import (
-    equivalent_sigmas,
-    filtered,
-    highest_between,
-    noise_from_gain,
-)
+from startrack.detection.matched import filtered, highest_between
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Gain, Pixels, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
@@ -74,8 +70,10 @@ def expect(
     image = np.ascontiguousarray(frame.image, np.float32)
     calibrated_image = Pixels(image, 0.0, 1.0, None, gain)
     column, row = _peaks(filtered(image, kernel), np.rint(place).astype(np.int64))
-    rms, skewness, kurtosis = noise_from_gain(np.array([level], np.float32), gain, 1.0, kernel)
-    far = equivalent_sigmas(plan.threshold(area), skewness, kurtosis)
+    rms, skewness, kurtosis = matched.noise_from_gain(
+        np.array([level], np.float32), gain, 1.0, kernel
+    )
+    far = matched.equivalent_sigmas(plan.threshold(area), skewness, kurtosis)
     if search is not None:
         rms, far = (np.array([number], np.float32) for number in search)
     height = _heights(image, column, row, level, plan.filters) / rms
@@ -100,7 +98,7 @@ def chance_kept(frame: Frame, place: Floats, level: float, plan: DetectionPlan) 
     gain = gain_of(frame, 0.0)
     image = np.ascontiguousarray(frame.image, np.float32)
     column, row = _peaks(filtered(image, plan.kernel), np.rint(place).astype(np.int64))
-    rms, _, _ = noise_from_gain(np.array([level], np.float32), gain, 1.0, plan.kernel)
+    rms, _, _ = matched.noise_from_gain(np.array([level], np.float32), gain, 1.0, plan.kernel)
     dark = float(rms[0]) / plan.kernel.noise
     return _kept(image, column, row, level, dark, gain, plan.settings)
 

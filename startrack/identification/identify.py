@@ -6,18 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import (
-    Camera,
-    Floats,
-    Ints,
-    Matches,
-    Refused,
-    Spots,
-    Stars,
-    Status,
-    is_code,
-    kernel,
-)
+from startrack import core
+from startrack.core import Camera, Floats, Ints, Matches, Refused, Status, kernel
 from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
@@ -32,7 +22,11 @@ PROBABLE = 1e-2
 
 
 def identify(
-    spots: Spots, camera: Camera, stars: Stars, index: PatternIndex, settings: Identification
+    spots: core.Spots,
+    camera: Camera,
+    stars: core.Stars,
+    index: PatternIndex,
+    settings: Identification,
 ) -> Matches:
     """Find which spot is which star at an unknown attitude (lost in space).
 
@@ -57,7 +51,7 @@ def identify(
             f"and {len(stars)} in the catalogue"
         )
     finite = usable(spots)
-    if is_code(settings.method):
+    if core.is_code(settings.method):
         return matches_by_code(spots, finite, camera, stars, settings)
     if len(finite) < settings.min_matches:
         return _too_few(len(finite), camera, settings)
@@ -100,10 +94,10 @@ def _identify(
 
 
 def refined(
-    spots: Spots,
+    spots: core.Spots,
     finite: Ints,
     camera: Camera,
-    stars: Stars,
+    stars: core.Stars,
     index: PatternIndex,
     settings: Identification,
     rotation: Floats,

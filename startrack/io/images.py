@@ -15,17 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Frame, Stars, require_memory
+from startrack.io import recordings
 from startrack.io.reading import picture_size, read_bytes, regular_file, require_fits, unpacked
-from startrack.io.recordings import (
-    VIDEOS,
-    YEAR_2000,
-    Layout,
-    frames_in,
-    read_raw,
-    read_ser,
-    read_video,
-    video_frames,
-)
+from startrack.io.recordings import Layout
 from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header
 
@@ -56,13 +48,13 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
     path, layout = Path(path), layout or Layout()
     try:
         if layout.raw:
-            return Frame(layout.one_image(path, read_raw(path, layout), None))
+            return Frame(layout.one_image(path, recordings.read_raw(path, layout), None))
         regular_file(path)
         if path.suffix.lower() == ".ser":
-            image, said, time = read_ser(path, layout.plane)
+            image, said, time = recordings.read_ser(path, layout.plane)
             return Frame(layout.one_image(path, image, said), time=time)
-        if path.suffix.lower() in VIDEOS:
-            return Frame(layout.one_image(path, read_video(path, layout.plane), None))
+        if path.suffix.lower() in recordings.VIDEOS:
+            return Frame(layout.one_image(path, recordings.read_video(path, layout.plane), None))
         data = read_bytes(path, "a file")
     except FileNotFoundError as error:
         raise ValueError(str(error)) from None
@@ -89,15 +81,15 @@ def read_frames(path: Path, layout: Layout) -> Iterator[Frame]:
     Raises  as `read_image`.
     """
     one_of_many = layout.plane is not None or not (
-        layout.raw or path.suffix.lower() in (".ser", *VIDEOS)
+        layout.raw or path.suffix.lower() in (".ser", *recordings.VIDEOS)
     )
     if one_of_many:
         yield read_image(path, layout)
     elif layout.raw or path.suffix.lower() == ".ser":
-        for plane in range(frames_in(path, layout)):
+        for plane in range(recordings.frames_in(path, layout)):
             yield read_image(path, replace(layout, plane=plane))
     else:
-        for image in video_frames(path):
+        for image in recordings.video_frames(path):
             yield Frame(layout.one_image(path, image, None))
 
 
@@ -284,7 +276,7 @@ def _time(header) -> float:  # type: ignore[no-untyped-def]
         if "T" not in date:
             date = f"{date}T{str(header.get('TIME-OBS', '')).strip()}"
         try:
-            since = datetime.fromisoformat(date) - YEAR_2000
+            since = datetime.fromisoformat(date) - recordings.YEAR_2000
         except (ValueError, TypeError):  # no such date; one with a zone
             continue
         return since.total_seconds()

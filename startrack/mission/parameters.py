@@ -12,18 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import core, space
 from startrack.attitude import Mounting
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    deg,
-    within,
-)
+from startrack.core import FINITE, Floats, Parameters, Range, Refused, Unit, deg, within
 from startrack.design import Design, Fidelity, KeepOut, load_design, replaced_all
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
 
@@ -91,8 +80,8 @@ class Scan(Parameters):
     """
 
     axis: Annotated[tuple[float, ...], "body axis; its length does not matter"] = (1.0, 0.0, 0.0)
-    amplitude: Annotated[float, Unit("rad", "deg"), NON_NEGATIVE, "of the swing"] = 0.0
-    period: Annotated[float, Unit("s"), POSITIVE, "of the swing"] = 60.0
+    amplitude: Annotated[float, Unit("rad", "deg"), core.NON_NEGATIVE, "of the swing"] = 0.0
+    period: Annotated[float, Unit("s"), core.POSITIVE, "of the swing"] = 60.0
     rate: Annotated[float, Unit("rad/s", "deg/s"), FINITE, "steady"] = 0.0
 
     def __post_init__(self) -> None:
@@ -149,7 +138,7 @@ class HeadTemperature(Parameters):
     """
 
     offset: Annotated[float, Unit("K"), FINITE, "at all times"] = 0.0
-    swing: Annotated[float, Unit("K"), NON_NEGATIVE, "amplitude"] = 0.0
+    swing: Annotated[float, Unit("K"), core.NON_NEGATIVE, "amplitude"] = 0.0
     ahead: Annotated[float, Unit("rad", "deg"), FINITE, "angle of the orbit"] = 0.0
 
 
@@ -225,8 +214,8 @@ class TimeSpan(Parameters):
     """The time of a mission: SI seconds after its begin."""
 
     begin: Annotated[str, 'UTC, as "2026-03-20T12:00:00"']
-    duration: Annotated[float, Unit("s", "d"), POSITIVE, "of the mission"] = 86400.0
-    step: Annotated[float, Unit("s"), POSITIVE,
+    duration: Annotated[float, Unit("s", "d"), core.POSITIVE, "of the mission"] = 86400.0
+    step: Annotated[float, Unit("s"), core.POSITIVE,
         "between two instants at which all is computed"] = 10.0  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -256,7 +245,7 @@ class Radiation(Parameters):
         "geodetic south and north"] = (-50 * deg, 0.0)  # fmt: skip
     longitude: Annotated[tuple[float, ...], Unit("rad", "deg"),
         "west and east"] = (-90 * deg, 40 * deg)  # fmt: skip
-    hits: Annotated[float | None, Unit("m", "mm"), POSITIVE,
+    hits: Annotated[float | None, Unit("m", "mm"), core.POSITIVE,
         "aluminium through which trapped protons hit the detectors in rendered frames, at the rate "
         "of each place of the orbit, beside those of their designs; None: none do (extra "
         "`radiation`)"] = None  # fmt: skip
@@ -278,12 +267,12 @@ class Radiation(Parameters):
 class MissionRequirements(Parameters):
     """What the mission asks of its heads together; None: not asked."""
 
-    max_blind: Annotated[float | None, Unit("s"), NON_NEGATIVE,
+    max_blind: Annotated[float | None, Unit("s"), core.NON_NEGATIVE,
         "longest time without any valid head"] = None  # fmt: skip
     availability_one: Annotated[float | None,
         "fraction of the time with at least one valid head"] = None  # fmt: skip
     availability_two: Annotated[float | None, "fraction of the time with at least two"] = None
-    max_error: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE,
+    max_error: Annotated[float | None, Unit("rad", "arcsec"), core.POSITIVE,
         "rms error of the fused attitude about its worst axis, over the times with a valid head"
     ] = None  # fmt: skip
 
@@ -298,9 +287,9 @@ class MissionRequirements(Parameters):
 class SharedAlignmentError(Parameters):
     """Errors about the body's axes that all heads share, as of the structure that carries them."""
 
-    x: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
-    y: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
-    z: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, "rms"] = 0.0
+    x: Annotated[float, Unit("rad", "arcsec"), core.NON_NEGATIVE, "rms"] = 0.0
+    y: Annotated[float, Unit("rad", "arcsec"), core.NON_NEGATIVE, "rms"] = 0.0
+    z: Annotated[float, Unit("rad", "arcsec"), core.NON_NEGATIVE, "rms"] = 0.0
 
     @property
     def variance(self) -> Floats:

@@ -15,15 +15,8 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Refused, arcsec
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, Judged, Objective
 from startrack.metrics import Summary, summarise
-from startrack.optimise.forecast import (
-    ENVIRONMENTS,
-    Forecast,
-    bounded,
-    forecasts,
-    geometric_mean,
-    named,
-    over_units,
-)
+from startrack.optimise import forecast
+from startrack.optimise.forecast import Forecast, forecasts, named
 from startrack.optimise.runner import TrialRunner
 from startrack.population import Units
 from startrack.verification import boresights, cost_margins, counted, margin, measured_over
@@ -148,7 +141,7 @@ def try_out(one: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -
     if one.units is None:
         return runner.run(one.case, trials, fidelity)
     each = one.units.trials
-    how = Units(each, min(ENVIRONMENTS, each), one.units.age, exact=True)
+    how = Units(each, min(forecast.ENVIRONMENTS, each), one.units.age, exact=True)
     count = min(math.ceil(trials / each), one.units.count)
     return runner.run(one.case, count * each, fidelity, units=how)
 
@@ -166,10 +159,10 @@ def combined(
     counted = [one for one in judged if one.weight and one.name in tried]
     errors = [
         float(objective.of(objective.squares(tried[one.name])))
-        * over_units(one, tried[one.name], objective, foreseen[one.name])
+        * forecast.over_units(one, tried[one.name], objective, foreseen[one.name])
         for one in counted
     ]
-    return geometric_mean(errors, [one.weight for one in counted]) if counted else math.nan
+    return forecast.geometric_mean(errors, [one.weight for one in counted]) if counted else math.nan
 
 
 class Foresight(NamedTuple):
@@ -308,11 +301,11 @@ def measured(
         each.name: margin(
             each.most,
             measured_over(each.objective, outcomes, boresight, needs.sky)
-            * (over_units(one, every, each.objective, found) if found else 1.0),
+            * (forecast.over_units(one, every, each.objective, found) if found else 1.0),
         )
         for each in needs.accuracy
     }
-    return bounded(errors) | {
+    return forecast.bounded(errors) | {
         "availability": summary.availability.value - needs.min_availability,
         "false attitudes": -summary.false.value,
     }

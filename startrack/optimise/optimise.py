@@ -13,18 +13,11 @@ from startrack import design
 from startrack.core import Refused
 from startrack.design import Campaign
 from startrack.metrics import Interval, Summary, summarise
+from startrack.optimise import steps
 from startrack.optimise.evaluate import Evaluation, evaluate, try_out
 from startrack.optimise.explore import Explorer, Landscape, landscape_of
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.steps import (
-    Watch,
-    best_branch,
-    confirm_requirements,
-    explore,
-    feasible_start,
-    refine,
-)
 from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
 from startrack.trial import OUTCOMES
 
@@ -139,7 +132,7 @@ def optimize(
     case: design.Case,
     campaign: Campaign,
     runner: TrialRunner,
-    watch: Watch | None = None,
+    watch: steps.Watch | None = None,
     watch_stage: Callable[[Stage], None] | None = None,
     adapt: Callable[[design.Case], design.Case] | None = None,
 ) -> Optimum:
@@ -172,7 +165,7 @@ def optimize(
             watch(done)
 
     nearest = {
-        label: feasible_start(space, campaign.requirements) for label, space in spaces.items()
+        label: steps.feasible_start(space, campaign.requirements) for label, space in spaces.items()
     }
     starts = {label: one.coordinates for label, one in nearest.items() if one.short == 0}
     landscape = None
@@ -180,9 +173,9 @@ def optimize(
         explorers = {label: Explorer(spaces[label], campaign, runner, label) for label in starts}
         for explorer in explorers.values():
             explorer.watch = partial(progress.forecast, explorers)
-        left = explore(explorers, starts, campaign)
-        label = best_branch(left, campaign, runner, record)
-        finalists, ending = refine(left[label], _left(campaign, tried), runner, record)
+        left = steps.explore(explorers, starts, campaign)
+        label = steps.best_branch(left, campaign, runner, record)
+        finalists, ending = steps.refine(left[label], _left(campaign, tried), runner, record)
         landscape = landscape_of(left[label], np.array(finalists[0].coordinates))
     else:
         label = min(nearest, key=lambda label: nearest[label].short)
@@ -293,7 +286,7 @@ def _shown(
                     )
             except Refused:
                 outcomes = np.empty(0, OUTCOMES)
-        found = confirm_requirements(one, campaign, runner, outcomes)
+        found = steps.confirm_requirements(one, campaign, runner, outcomes)
         summary = summarise(outcomes, one.needs.limits)
         shown = {name: each.margin for name, each in found.items()}
         if not found:

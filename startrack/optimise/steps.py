@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from startrack import verification
 from startrack.core import Floats, Refused, arcsec
 from startrack.design import Campaign, DesignSpace, Judged, Requirements
 from startrack.metrics import Interval
@@ -19,15 +20,7 @@ from startrack.optimise.explore import Explorer
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
 from startrack.optimise.units import fresh_units, likely_errors
-from startrack.verification import (
-    Answer,
-    Looks,
-    YieldClaim,
-    boresights,
-    claims_of,
-    cost_margins,
-    counted,
-)
+from startrack.verification import cost_margins, counted
 from startrack.verification import margins as margins_of
 
 EMULATOR = "emulator"
@@ -311,24 +304,30 @@ def confirm_requirements(
     """
     units = one.units
     most = LOOKS if units is None else UNIT_LOOKS
-    looks = Looks(2, 2**most, 1 - one.needs.confidence)  # so many of them; sizes are not used
+    looks = verification.Looks(
+        2, 2**most, 1 - one.needs.confidence
+    )  # so many of them; sizes are not used
     tails = looks.tails(1)
-    first, claims, found = FRESH + len(outcomes), claims_of(one.needs), dict[str, Confirmed]()
+    first, claims, found = (
+        FRESH + len(outcomes),
+        verification.claims_of(one.needs),
+        dict[str, Confirmed](),
+    )
     for look in range(most if len(outcomes) else 0):
         judged = counted(one.needs, one.case, runner.seed, outcomes)
-        boresight = boresights(runner.seed, judged)
+        boresight = verification.boresights(runner.seed, judged)
         for claim in claims:
             if units is not None and claim.accuracy:
-                asked = YieldClaim(units.fraction)
+                asked = verification.YieldClaim(units.fraction)
                 objective = claim.accuracy.objective
                 errors = likely_errors(objective, one, judged, campaign, runner)
                 bounds = asked.bounds(errors <= claim.limit, *tails)
-                decided = asked.answer(bounds) is not Answer.NOT_SHOWN
+                decided = asked.answer(bounds) is not verification.Answer.NOT_SHOWN
                 found[claim.name] = Confirmed(bounds, asked.margin(bounds.low), decided)
                 continue
             bounds = claim.bounds(judged, boresight, *tails)
             shown = bounds.high if claim.accuracy else bounds.low
-            decided = claim.answer(bounds) is not Answer.NOT_SHOWN
+            decided = claim.answer(bounds) is not verification.Answer.NOT_SHOWN
             found[claim.name] = Confirmed(bounds, claim.margin(shown), decided)
         if all(each.decided for each in found.values()) or look == most - 1:
             break

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.core import Floats, Light, Stars
+from startrack.scene import photometry
 from startrack.scene.background import starlight, starlight_spectrum, zodiacal, zodiacal_spectrum
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
@@ -17,14 +18,7 @@ from startrack.scene.ephemeris import Observer, observer_of
 from startrack.scene.lights import LIGHTS
 from startrack.scene.limb import HIGHEST, airglow, limb_light
 from startrack.scene.parameters import Scene
-from startrack.scene.photometry import (
-    BIN,
-    SUN,
-    SUN_G_MINUS_V,
-    WAVELENGTH,
-    colour_temperature,
-    photon_irradiance,
-)
+from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
 from startrack.scene.planets import PLANETS, magnitude_v
 from startrack.space import AU, EARTH_RADIUS
 
@@ -112,7 +106,7 @@ def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
               exposure. numerical: 1 % between the nodes of the maps of diffuse light; the Earth's
               limb within 1/128 of the frame.
     """
-    rate = photon_irradiance(stars.magnitude_g, colour_temperature(stars.colour))
+    rate = photon_irradiance(stars.magnitude_g, photometry.colour_temperature(stars.colour))
     light = Light(stars.direction, WAVELENGTH, rate, _uniform_background(scene.background_g))
     if sight is None or not scene.lights:
         return light
@@ -160,7 +154,7 @@ def _diffuse_light(
         made = partial(light_by_code, name) if core.is_code(name) else LIGHTS[name].diffuse
         if made:
             random = sight.streams(f"light {name}")
-            yield from made(LightInput(line, WAVELENGTH, BIN, scene, random))
+            yield from made(LightInput(line, WAVELENGTH, photometry.BIN, scene, random))
 
 
 def _with_air(earth: Earth) -> Disc:

@@ -9,21 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.attitude import SharedErrors, solve
 from startrack.catalog import Selection, open_sky
-from startrack.core import (
-    Camera,
-    Estimate,
-    Floats,
-    Frame,
-    Light,
-    LineOfSight,
-    Matches,
-    Psf,
-    Spots,
-    Stars,
-    Streams,
-)
+from startrack.core import Estimate, Floats, Frame, Matches, Spots, Streams
 from startrack.design import Case, Fidelity, Tracker
 from startrack.detection import corrected, detect
 from startrack.detector import expose
@@ -51,13 +40,13 @@ class Record:
     """
 
     icrs_to_camera: Rotation
-    stars: Stars
+    stars: core.Stars
     frame: Frame
     spots: Spots
     matches: Matches
     estimate: Estimate
     outcome: Outcome
-    path: LineOfSight
+    path: core.LineOfSight
 
 
 # A row of the table of trials: its number, and the fields of Outcome.
@@ -152,7 +141,11 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
 
 
 def _exposed(
-    case: Case, light: Light, path: LineOfSight, icrs_to_camera: Rotation, streams: Streams
+    case: Case,
+    light: core.Light,
+    path: core.LineOfSight,
+    icrs_to_camera: Rotation,
+    streams: Streams,
 ) -> Frame:
     """The frame of a matrix, or the image of lines that sweep over the sky."""
     if case.instrument.detector.scan:
@@ -228,10 +221,10 @@ def _judged(
 
 def lost_in_space(
     frame: Frame,
-    camera: Camera,
+    camera: core.Camera,
     indexes: PatternIndexes,
     tracker: Tracker,
-    psf: Psf | None = None,
+    psf: core.Psf | None = None,
     systematic: Floats | None = None,
 ) -> tuple[Spots, Matches, Estimate]:
     """What the flight software does with a frame, real or rendered.
@@ -254,7 +247,7 @@ def lost_in_space(
 
 def identify_and_solve(
     spots: Spots,
-    camera: Camera,
+    camera: core.Camera,
     indexes: PatternIndexes,
     tracker: Tracker,
     systematic: Floats | None = None,

@@ -9,18 +9,9 @@ import numpy as np
 
 from startrack.core import Floats
 from startrack.design import Case, unchecked
+from startrack.trial import star_response
 from startrack.trial.dark_pattern import dark_residual
-from startrack.trial.star_response import (
-    Chart,
-    Reading,
-    StarImages,
-    chart,
-    images_at_phases,
-    kept_fraction,
-    magnitudes,
-    pattern,
-    scale,
-)
+from startrack.trial.star_response import Chart, chart, magnitudes, pattern, scale
 
 LEAST_KEPT = 1e-6  # sum of chances below which a magnitude is not used
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
@@ -49,7 +40,10 @@ class Errors(NamedTuple):
 def errors(case: Case) -> Errors:
     """Errors of single stars of each magnitude, cause by cause; kept for the 8 last cases."""
     detector = case.instrument.detector
-    images, magnitude = images_at_phases(case), magnitudes(case, case.believed_catalog.limit_g)
+    images, magnitude = (
+        star_response.images_at_phases(case),
+        magnitudes(case, case.believed_catalog.limit_g),
+    )
     star = noisy_stars(case, magnitude, images)
     plain, kept = star.plain, star.kept
     method = mean_of(plain.offset, kept)
@@ -95,28 +89,32 @@ class NoisyStars(NamedTuple):
 
 
 def noisy_stars(
-    case: Case, magnitude: Floats, images: StarImages, both_signs: bool = True, groups: int = 1
+    case: Case,
+    magnitude: Floats,
+    images: star_response.StarImages,
+    both_signs: bool = True,
+    groups: int = 1,
 ) -> NoisyStars:
     """The noise of stars of some images; arguments as of `chart`."""
     measured = partial(chart, magnitude=magnitude, images=images, groups=groups)
     plain = measured(case, both_signs=both_signs)
-    kept = kept_fraction(case, plain, images)
+    kept = star_response.kept_fraction(case, plain, images)
     noise = _noise_covariance(case, plain, images, both_signs, groups)
     # The tracker overstates the covariance of a saturated star on purpose.
     bold = without_saturation(case)
-    bare = measured(bold, reading=Reading.SHOT_NOISE, both_signs=False)
+    bare = measured(bold, reading=star_response.Reading.SHOT_NOISE, both_signs=False)
     return NoisyStars(plain, kept, noise, bare.covariance)
 
 
 def _noise_covariance(
-    case: Case, plain: Chart, images: StarImages, both_signs: bool, groups: int
+    case: Case, plain: Chart, images: star_response.StarImages, both_signs: bool, groups: int
 ) -> Floats:
     """The true covariance (m, p, 2, 2) pixel^2 of a chart, by the case `without_saturation`."""
     saturation, bold = case.tracker.detection.saturation, without_saturation(case)
     magnitude, covariance = plain.magnitude, plain.covariance
     measured = partial(chart, bold, images=images, both_signs=both_signs, groups=groups)
     if case.design is not None:
-        return measured(magnitude, reading=Reading.TRUE).covariance
+        return measured(magnitude, reading=star_response.Reading.TRUE).covariance
     if saturation is None:
         return covariance
     size, detector = scale(case), case.instrument.detector
