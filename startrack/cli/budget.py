@@ -8,18 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.options import (
-    DESIGN,
-    SEED,
-    WORKERS,
-    Exit,
-    Option,
-    Options,
-    WrongUse,
-    positive,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import DESIGN, Exit, Option, Options, WrongUse, positive, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -89,8 +79,8 @@ declare = Options(
     Option("--sequences N", "with --profile: number of sequences, from random attitudes", whole(1),
            8),
     Option("--window SECONDS", "with --profile: time window of the mean errors, s", positive, 1.0),
-    SEED,
-    WORKERS,
+    shared.SEED,
+    shared.WORKERS,
     Option("--out DIR", "folder for budget.json and pictures", Path),
     claims=True,
 )  # fmt: skip

@@ -8,19 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.options import (
-    FIELD_AND_SKY,
-    KNOWN,
-    Exit,
-    Group,
-    Option,
-    Options,
-    WrongUse,
-    as_wrong_use,
-    images,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, WrongUse, images, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -65,13 +54,13 @@ declare = Options(
     *images(" of one camera; or one table of stars"),
     Option("--fov DEG", "images: approximate field of view across the columns, degree (default: "
            "as `solve` finds it)", float),
-    *FIELD_AND_SKY,
+    *shared.FIELD_AND_SKY,
     Option("--principal PX", "images: prior sigma of the principal point, pixel; 0 fixes it at "
            "the centre", float, 20.0),
     Option("--distortion", "distortion to fit: none, k1 (radial; default of images) or k1, k2, "
            "p1, p2 (full); of a table also a polynomial over the field of order 1, 2 or 3, or "
            "auto: the best of all (default)", ("none", "radial", "full", "1", "2", "3", "auto")),
-    Group("tables of stars",
+    shared.Group("tables of stars",
         Option("--fitted CAMERA", "camera of another table, as --camera wrote it: only the "
                "attitude is fitted, and what is left over is printed", Path),
         Option("--temperature-terms", "whether boresight and scale move with temperature "
@@ -97,7 +86,7 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Solve the images, fit one camera model to all, and repeat with that model."""
-    with as_wrong_use(ValueError, OSError):
+    with shared.as_wrong_use(ValueError, OSError):
         tables = any(calibration.is_star_table(path) for path in options.images)
     if tables:
         return _calibrate_table(options)
@@ -105,7 +94,7 @@ def command(options: argparse.Namespace) -> int:
         raise WrongUse(
             f"--distortion of images must be none, radial or full, got {options.distortion}"
         )
-    with as_wrong_use(ValueError, OSError):
+    with shared.as_wrong_use(ValueError, OSError):
         if options.fov is not None:
             within(0.01, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
@@ -131,7 +120,7 @@ def command(options: argparse.Namespace) -> int:
             spots, matches = [answer for answer, _ in answers], [answer for _, answer in answers]
             fit = calibration.calibrate(spots, matches, camera, settings)
             camera = fit.camera
-        identification = replace(identification, focal_tolerance=KNOWN)
+        identification = replace(identification, focal_tolerance=shared.KNOWN)
     if fit is None:
         return _unsolved(options, frames)
     result = _values(fit, len(frames))
@@ -279,7 +268,7 @@ def _calibrate_table(options: argparse.Namespace) -> int:
     path: Path = options.images[0]
     if options.fitted:
         return _as_fitted(options, path)
-    with as_wrong_use(ValueError, OSError):
+    with shared.as_wrong_use(ValueError, OSError):
         table = calibration.read_star_table(path, _names(options))
         columns, rows, first = _array(options, table)
         orders = calibration.orders_of(
@@ -310,7 +299,7 @@ def _as_fitted(options: argparse.Namespace, path: Path) -> int:
     if options.camera or options.distortion:
         raise WrongUse("--fitted must come without --camera and --distortion: it fits no camera")
     camera = terminal.read_camera(options.fitted)
-    with as_wrong_use(ValueError, OSError):
+    with shared.as_wrong_use(ValueError, OSError):
         table = calibration.read_star_table(path, _names(options))
         columns, rows, first = _array(options, table)
         if options.size is None:

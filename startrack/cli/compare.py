@@ -6,19 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from startrack.cli.options import (
-    SEED,
-    SET,
-    WORKERS,
-    Exit,
-    Option,
-    Options,
-    WrongUse,
-    as_wrong_use,
-    fidelity,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, WrongUse, fidelity, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -55,10 +44,10 @@ declare = Options(
     Option("second SECOND", "design file, or store of `montecarlo` (.sqlite)", Path),
     Option("--trials N", "trials of each design file; of two campaigns, all are used",
            whole(2, 10**8), 200),
-    *SET,
+    *shared.SET,
     fidelity("of the trials of design files (default: frame); see montecarlo"),
-    SEED,
-    WORKERS,
+    shared.SEED,
+    shared.WORKERS,
 )  # fmt: skip
 
 
@@ -90,14 +79,14 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _read(path: Path, changes: list[str]) -> Side:
-    with as_wrong_use():
+    with shared.as_wrong_use():
         path = found_design(path)
     if path.suffix == ".toml":
         design = read_design(path, changes)
         return Side(design.case, design.campaign, None, None)
     if changes:
         raise WrongUse(f"--set must be given with design files alone, got {path}")
-    with as_wrong_use(), Store(path) as store:
+    with shared.as_wrong_use(), Store(path) as store:
         outcomes, drawn = store.outcomes(), (store.seed, store.sampling.attitudes)
         if not len(outcomes):
             raise WrongUse(f"{path} must hold trials, but holds none")

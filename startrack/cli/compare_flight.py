@@ -6,19 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
-from startrack.cli.options import (
-    SEED,
-    SET,
-    Exit,
-    Option,
-    Options,
-    WrongUse,
-    as_wrong_use,
-    images,
-    out,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import SEED, SET, Exit, Option, Options, images, out, wanted, whole
 
 if wanted(__name__):
     from startrack import verification
@@ -65,7 +54,7 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Print what is predicted and seen; write flight.json and flight.png."""
     case = terminal.read_design(options.design, options.set).case
-    with as_wrong_use(ValueError, OSError):
+    with shared.as_wrong_use(ValueError, OSError):
         stars = _stars(options, case)
         with terminal.progress("stars", len(stars)) as advance:
             flown = verification.compare_flown(case, stars, options.devices, options.seed, advance)
@@ -93,7 +82,7 @@ def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows
     names, first = options.stars.split(",") if options.stars else (), options.images[0]
     if len(options.images) == 1 and first.suffix.lower() in TABLES:
         if options.dark_frame:
-            raise WrongUse("--dark-frame must be given with whole frames alone")
+            raise shared.WrongUse("--dark-frame must be given with whole frames alone")
         return verification.read_windows(first, names)
     count, frames = terminal.read_series(options)
     dark = terminal.image_reader(options)(options.dark_frame) if options.dark_frame else None

@@ -8,17 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.options import (
-    SEED,
-    Exit,
-    Option,
-    Options,
-    Parts,
-    WrongUse,
-    as_wrong_use,
-    out,
-    wanted,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import SEED, Exit, Option, Options, Parts, as_wrong_use, out, wanted
 
 if wanted(__name__):
     import numpy as np
@@ -206,7 +197,7 @@ def _scene_path(scene: str) -> Path:
         return shipped(f"scenes/{scene}.toml")
     if not Path(scene).exists():
         names = ", ".join(imager.cameras())
-        raise WrongUse(f"{scene} must be a scene file, or one of {names}, but there is none")
+        raise shared.WrongUse(f"{scene} must be a scene file, or one of {names}, but there is none")
     return Path(scene)
 
 

@@ -7,21 +7,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from startrack.cli.options import (
-    DESIGN,
-    SEED,
-    Exit,
-    Option,
-    Options,
-    Parts,
-    WrongUse,
-    as_wrong_use,
-    decimal,
-    out,
-    positive,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, decimal, out, positive, wanted, whole
 
 if wanted(__name__):
     from startrack import mission, onboard
@@ -34,20 +21,20 @@ if TYPE_CHECKING:
     from startrack.mission import HeadModel
 
 
-declare = Parts(
+declare = shared.Parts(
     "",
     aocs=("write the error of a design as JSON and C, for simulators of attitude control", Options(
         "Writes startrack_head.json, and startrack_head.c, .h and _data.h, C99 that needs its libm "
         "alone: errors over time with their noise, errors over the pixel and the field, bias and "
         "thermo-elastic swing; availability over the slew rate and the angles to Sun, Moon and "
         "Earth; latency; the convention of the quaternion.",
-        *DESIGN,
+        *shared.DESIGN,
         Option("--unit RANK", "whose error: that of the middle unit, of the one that 95 %% do not "
                "exceed, of the worst, or the unit as designed, without what differs between units "
                "(default: 95, at the end of life)", ("middle", "95", "worst", "designed"), "95"),
         Option("--units N", "units among which it is found", whole(1, 10000), 20),
         Option("--age YEARS", "of the unit (default: the end of its life)", decimal(0, 100)),
-        SEED,
+        shared.SEED,
         Option("--also FORM", "fmu: startrack_head.fmu (FMI 2.0, co-simulation), with a library "
                "for this platform where there is a C compiler; basilisk: startrack_basilisk.py, "
                "for its starTracker module; 42: startrack_42.txt, the block of a spacecraft file",
@@ -64,7 +51,7 @@ declare = Parts(
         "startrack_guide.c and .h: the star nearest to a direction, the stars in a cone, the "
         "triangles like a given one, and the stars of a list of directions at an unknown attitude. "
         "Directions are ICRS, seen from the barycentre. The same arguments give the same files.",
-        *DESIGN,
+        *shared.DESIGN,
         Option("--limit MAG", "magnitude of the faintest star in the band of the instrument: that "
                "of sunlike stars is their G (default: limit_g of the tracker's catalogue)",
                decimal(-2, 21)),
@@ -103,7 +90,7 @@ def _aocs(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str,
     age = None if options.age is None else options.age * YEAR
     choice = mission.UnitChoice(options.unit, options.units, options.seed, age)
     units = options.units if case.differs and options.unit != "designed" else 0
-    with as_wrong_use(), progress("units and rates", units + len(mission.SMEARS)) as step:
+    with shared.as_wrong_use(), progress("units and rates", units + len(mission.SMEARS)) as step:
         model = mission.head_model(case, name, choice, step)
     files = mission.write_model(options.out, model)
     also, notes = _also(options, case, model)
@@ -133,13 +120,13 @@ def _also(
     rate = case.instrument.motion.rate if options.rate is None else options.rate * deg
     files, notes = list[Path](), list[str]()
     if rate > model.rate[-1]:
-        raise WrongUse(
+        raise shared.WrongUse(
             f"--rate must be at most {model.rate[-1] / deg:.3g} deg/s, beyond which there is no "
             f"attitude, got {rate / deg:.3g}"
         )
     if "fmu" in options.also:
         files.append(options.out / "startrack_head.fmu")
-        with as_wrong_use(ValueError):
+        with shared.as_wrong_use(ValueError):
             if not mission.write_fmu(files[-1], model):
                 notes.append("no C compiler was found: the FMU has sources alone")
     if "basilisk" in options.also:
@@ -157,7 +144,7 @@ def _also(
 
 
 def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:
-    with as_wrong_use(ValueError, FileNotFoundError):
+    with shared.as_wrong_use(ValueError, FileNotFoundError):
         settings = onboard.GuideSettings(
             options.limit,
             options.epoch,

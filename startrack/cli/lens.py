@@ -10,17 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.options import (
-    Exit,
-    Option,
-    Options,
-    Parts,
-    WrongUse,
-    as_wrong_use,
-    images,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, WrongUse, images, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -52,7 +43,7 @@ Huygens PSFs and FITS become a file of PSFs (psf_file); catalogs/psfs/README.md 
 """
 
 
-declare = Parts(
+declare = shared.Parts(
     LENS,
     import_=("trace a prescription, or take exported PSFs", Options(
         IMPORT,
@@ -100,7 +91,7 @@ declare = Parts(
 def command(options: argparse.Namespace) -> int:
     """Trace a prescription, or print a table."""
     if options.part == "show":
-        with as_wrong_use(ValueError, OSError):
+        with shared.as_wrong_use(ValueError, OSError):
             opened = _opened(options.table)
         if isinstance(opened, optics.PsfFile):
             result = images_summary(opened)
@@ -127,13 +118,16 @@ def _measure(options: argparse.Namespace) -> int:
     if not 0 < options.saturation <= 1:
         raise WrongUse(f"--saturation must lie in (0, 1], got {options.saturation:g}")
     stars, read = [], image_reader(options)
-    with progress("reading", len(options.images)) as advance, as_wrong_use(ValueError, OSError):
+    with (
+        progress("reading", len(options.images)) as advance,
+        shared.as_wrong_use(ValueError, OSError),
+    ):
         for path in options.images:
             frame = read(path)
             spots = detect(frame, plan_detection(Detection()))
             stars.append(optics.lone_stars(frame.image, spots, options.half, options.saturation))
             advance(1)
-    with as_wrong_use(ValueError):
+    with shared.as_wrong_use(ValueError):
         measured = optics.reconstruct(optics.brightest(stars, options.stars), options.oversampling)
     optics.save_psf_file(
         options.out, optics.file_of(measured, ", ".join(path.name for path in options.images))
@@ -171,7 +165,7 @@ def _import_pages(options: argparse.Namespace) -> int:
     paths = options.files
     out = Path(options.out or paths[0].with_suffix(".fits").name)
     source = options.source or f"Zemax, {', '.join(path.name for path in paths)}"
-    with as_wrong_use(ValueError, OSError):
+    with shared.as_wrong_use(ValueError, OSError):
         if not optics.holds_wavefronts(paths):
             return _save_images(options, optics.psfs_of_pages(paths, source), out)
         if options.focal_length is None or options.f_number is None:
@@ -190,7 +184,7 @@ def _import_pages(options: argparse.Namespace) -> int:
 def _import_images(options: argparse.Namespace) -> int:
     """Check a FITS file of PSFs, and write it with checksums."""
     path = options.files[0]
-    with as_wrong_use(ValueError, OSError):
+    with shared.as_wrong_use(ValueError, OSError):
         psfs = optics.load_psf_file(path)
     if options.source:
         psfs = replace(psfs, source=options.source)
@@ -212,10 +206,10 @@ def _trace(options: argparse.Namespace) -> int:
     out = options.out or path.with_suffix(".fits").name
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the tracer and of what it compiles
-        with as_wrong_use(ValueError):
+        with shared.as_wrong_use(ValueError):
             lens = optics.read_prescription(path)
         nodes = len(tracing.temperature) * len(tracing.wavelength) * len(tracing.field)
-        with progress("tracing", nodes) as advance, as_wrong_use(ValueError, path=path):
+        with progress("tracing", nodes) as advance, shared.as_wrong_use(ValueError, path=path):
             traced = optics.trace_lens(
                 lens, options.title or path.stem, options.source or path.name, tracing, advance
             )

@@ -10,21 +10,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.options import (
-    ALLOW_CODE,
-    SEED,
-    WORKERS,
-    Exit,
-    Option,
-    Options,
-    WrongUse,
-    address,
-    as_wrong_use,
-    decimal,
-    out,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use, out, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -55,7 +42,7 @@ declare = Options(
            "folders of their names", Path, many="*"),
     Option("--set KEY=VALUE", "a value over that of the mission file, such as 'time.duration=30 "
            "d'; may be given several times", default=[], append=True),
-    ALLOW_CODE,
+    shared.ALLOW_CODE,
     Option("--every N", "steps between two rows of the table of the timeline (default: so that it "
            f"has at most {ROWS} rows)", whole(1, 10**8)),
     Option("--table", "format of the timeline (default: csv; parquet needs pyarrow)",
@@ -69,18 +56,18 @@ declare = Options(
            "with --baffle: as many as the mission has)", whole(1, 8), many="+"),
     Option("--baffle DEG", "compare baffles that keep the Sun out from such angles on instead, "
            "with their length and mass (default with --heads: the exclusion angle of the first "
-           "head)", decimal(1, 89), many="+"),
+           "head)", shared.decimal(1, 89), many="+"),
     Option("--units N", "fly so many spacecraft whose heads are drawn units, too: what 95 %% of "
            "them keep, temperatures, and what alignment in flight gains", whole(1, 10**6)),
     Option("--frames N", "render all heads at so many random instants, too (fidelity: "
            "check.fidelity): frames.csv, how far they agree with what the mission expects, and the "
            "angles between heads before and after a thermal model", whole(1, 10**6)),
     Option("--frame SECOND", "render what each head sees at this time after the begin instead: "
-           "HEAD.fits, HEAD.png", decimal(0, 1e12)),
+           "HEAD.fits, HEAD.png", shared.decimal(0, 1e12)),
     Option("--scheduler ADDRESS", "fly several missions on the workers of a Dask cluster that "
-           "share the folder of the results (tcp://host:port)", address),
-    WORKERS,
-    SEED,
+           "share the folder of the results (tcp://host:port)", shared.address),
+    shared.WORKERS,
+    shared.SEED,
     out("startrack-mission"),
 )  # fmt: skip
 

@@ -9,22 +9,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from startrack.cli.options import (
-    DESIGN,
-    SCHEDULER,
-    SEED,
-    WORKERS,
-    Exit,
-    Option,
-    Options,
-    WrongUse,
-    as_wrong_use,
-    decimal,
-    fidelity,
-    positive,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, fidelity, positive, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -54,7 +40,7 @@ declare = Options(
     "Each trial has a random attitude and independent noise. With --out it writes trials.csv, "
     "errors.png, summary.json and campaign.sqlite, for `report` and `combine`. The status is 3 if "
     "a trial has no correct attitude.",
-    *DESIGN,
+    *shared.DESIGN,
     Option("--trials N", "number of trials", whole(1, 10**9), 200),
     Option("--first K", "number of the first trial (default: 0), so that the jobs of a cluster "
            "run parts of one campaign, which `startrack merge` puts together", whole(0, 2**62),
@@ -62,8 +48,8 @@ declare = Options(
     Option("--sketch FILE.json", "keep moments, quantiles within 0.1 %% and the worst trial in a "
            "file of some 1 MB instead of all trials, from which an interrupted run continues; for "
            "up to 10^9 trials, best of fidelity covariance", Path),
-    SEED,
-    WORKERS,
+    shared.SEED,
+    shared.WORKERS,
     fidelity("frame: render whole frames (default); window: only the pixels around stars, with "
              "the same noise, in a fifth of the time; spots: draw the spots from their "
              "covariance, without an image, and identify them; covariance: draw the spots, "
@@ -85,13 +71,14 @@ declare = Options(
            "(default: campaign.sqlite in the folder of --out)", Path),
     Option("--precision FRACTION", "stop when half the width of the interval of the statistic is "
            "below this fraction of its value; --trials is then the largest number of trials",
-           decimal(1e-6, 1)),
+           shared.decimal(1e-6, 1)),
     Option("--statistic", "statistic of --precision and --log: rms across (default) or about the "
            "boresight, the angle that 99.73 %% of the errors across do not exceed, or the "
            "availability", ("across", "about", "availability", "across-99.73"), "across"),
-    Option("--confidence FRACTION", "confidence of that interval", decimal(0.5, 0.9999), 0.95),
+    Option("--confidence FRACTION", "confidence of that interval", shared.decimal(0.5, 0.9999),
+           0.95),
     Option("--seconds SECONDS", "start no trial after this time, s", positive),
-    *SCHEDULER,
+    *shared.SCHEDULER,
     Option("--log FILE", "append rate, statistic, interval and remaining time, one JSON object "
            "per line", Path),
     claims=True,
@@ -124,7 +111,7 @@ def command(options: argparse.Namespace) -> int:
     _refuse_parts(options)
     if sampling.units:
         options.trials *= options.units
-    with as_wrong_use(path=path):
+    with shared.as_wrong_use(path=path):
         require_fidelity(case, sampling.fidelity)
         conditions, refused = cases(case, campaign) if campaign else ((), ())
     workers = open_workers(options)
@@ -188,7 +175,7 @@ def _save_table(
     paths: list[Path | None] = [options.table, options.out and options.out / "trials.csv"]
     if any(paths):
         table = montecarlo.with_causes(case, outcomes, attitudes, ends)
-        with as_wrong_use(ValueError, ImportError):
+        with shared.as_wrong_use(ValueError, ImportError):
             for path in filter(None, paths):
                 montecarlo.export(path, table)
 
@@ -205,7 +192,7 @@ def _run(
     """Run the trials that the store does not hold yet."""
     began = time.perf_counter()
     numbers = range(options.first, options.first + options.trials)
-    with as_wrong_use():
+    with shared.as_wrong_use():
         opened = montecarlo.Store(where, design.case, options.seed, sampling)
     with opened as store, workers as executor:
         before = sum(
@@ -264,10 +251,12 @@ def _refuse_parts(options: argparse.Namespace) -> None:
     """Refuse what parts of a campaign, or sketches, cannot do."""
     if options.first and (options.precision or options.units):
         other = "precision" if options.precision else "units"
-        raise WrongUse(f"--first must be left out beside --{other}")
+        raise shared.WrongUse(f"--first must be left out beside --{other}")
     apart = ("out", "store", "table", "precision", "units", "control", "seconds", "log")
     for name in (name for name in apart if options.sketch and getattr(options, name)):
-        raise WrongUse(f"--{name} must be left out beside --sketch, which keeps no single trial")
+        raise shared.WrongUse(
+            f"--{name} must be left out beside --sketch, which keeps no single trial"
+        )
 
 
 def _sketch(
@@ -280,7 +269,7 @@ def _sketch(
     """Fill the file of --sketch, and print what it holds."""
     numbers = range(options.first, options.first + options.trials)
     with (
-        as_wrong_use(),
+        shared.as_wrong_use(),
         workers as executor,
         terminal.progress("trials", options.trials) as advance,
     ):
@@ -342,7 +331,7 @@ def _required(
 
 def _sampling(options: argparse.Namespace, case: Case) -> montecarlo.Sampling:
     attitudes = "sobol" if options.sobol else "random"
-    with as_wrong_use():
+    with shared.as_wrong_use():
         units = None
         if options.units:
             require_units(case)

@@ -8,19 +8,8 @@ from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from startrack.cli.options import (
-    DESIGN,
-    LARGEST_SEED,
-    SEED,
-    Exit,
-    Option,
-    Options,
-    as_wrong_use,
-    decimal,
-    out,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import DESIGN, Exit, Option, Options, decimal, out, wanted, whole
 
 if wanted(__name__):
     from startrack.cli.terminal import (
@@ -51,8 +40,8 @@ declare = Options(
     Option("--ra DEG", "right ascension of the boresight, ICRS, degree", decimal()),
     Option("--dec DEG", "declination of the boresight, ICRS, degree", decimal(-90, 90)),
     Option("--roll DEG", "celestial north, counter-clockwise from image up, degree", decimal()),
-    SEED,
-    Option("--trial N", "number of the trial within the seed", whole(0, LARGEST_SEED), 0),
+    shared.SEED,
+    Option("--trial N", "number of the trial within the seed", whole(0, shared.LARGEST_SEED), 0),
     Option("--pixels", "write the image also as pixels.png of 16 bits, pixels.ser or "
            "pixels-*.raw, with time and true attitude in pixels.csv", ("png", "ser", "raw")),
     out("startrack-simulate"),
@@ -80,7 +69,7 @@ def command(options: argparse.Namespace) -> int:
     write_fits(fits, record.frame, matrix, attitude, record.stars, history, begun)
     pixels: list[Path] = []
     if options.pixels:
-        with as_wrong_use():
+        with shared.as_wrong_use():
             files = FrameFiles(options.out, "pixels", options.pixels, middle)
             files.add(record.frame, 0.0, attitude)
             pixels = files.close()

@@ -10,18 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from startrack.cli.options import (
-    FIELD_AND_SKY,
-    KNOWN,
-    Exit,
-    Option,
-    Options,
-    as_wrong_use,
-    decimal,
-    images,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, as_wrong_use, images, wanted, whole
 
 if wanted(__name__):
     from startrack.cli import terminal
@@ -46,10 +36,11 @@ declare = Options(
     Option("--fov DEG", "field of view across the columns, degree, which is tried first (default: "
            "that of the file's EXIF, then a search from 1.5 to 90, and fisheyes to 180)", float),
     Option("--aspect RATIO", "width of a pixel over its height (default: 1, then those of images "
-           "that were squeezed from another shape)", decimal(0.1, 10)),
+           "that were squeezed from another shape)", shared.decimal(0.1, 10)),
     Option("--exposure S", "exposure time, second, of images whose files do not say it: gives the "
-           "rate of a camera that turned while its stars became streaks", decimal(1e-9, 1e9)),
-    *FIELD_AND_SKY,
+           "rate of a camera that turned while its stars became streaks",
+           shared.decimal(1e-9, 1e9)),
+    *shared.FIELD_AND_SKY,
     Option("--camera FILE", "calibrated camera, from `calibrate --camera`, or a design with "
            "[tracker.camera]", Path),
     Option("--tables DIR", "folder for FITS files as astrometry.net writes them: spots (.axy), "
@@ -126,7 +117,7 @@ def _opened(how: _How) -> _Opened:
         camera = terminal.read_camera(how.camera) if how.camera else None
         tolerance = how.fov_tolerance
         identification = Identification(
-            focal_tolerance=min(tolerance, KNOWN) if camera else tolerance
+            focal_tolerance=min(tolerance, shared.KNOWN) if camera else tolerance
         )
     read = terminal.image_reader(argparse.Namespace(**how._asdict()))
     stars = terminal.read_stars(how.catalog, how.epoch)

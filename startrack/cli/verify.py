@@ -5,19 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.options import (
-    SEED,
-    WORKERS,
-    Exit,
-    Option,
-    Options,
-    WrongUse,
-    as_wrong_use,
-    campaign,
-    fidelity,
-    wanted,
-    whole,
-)
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, campaign, fidelity, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -49,8 +38,8 @@ declare = Options(
     Option("--first N", "trials in each condition at the first test (default: 256, or --trials if "
            "fewer)", whole(2, 10**8), 256),
     fidelity("frame: render whole frames (default); window, spots, covariance: see montecarlo"),
-    SEED,
-    WORKERS,
+    shared.SEED,
+    shared.WORKERS,
     Option("--units N", "judge N units of the design instead, by the share that meets each "
            "requirement, at the begin and the end of life; fidelity window by default",
            whole(2, 10**5)),
@@ -64,14 +53,14 @@ def command(options: argparse.Namespace) -> int:
     path = options.campaign or terminal.example()
     design = terminal.read_design(path, options.set)
     if design.campaign is None:
-        raise WrongUse(f"{path} must have a table [campaign] with requirements")
+        raise shared.WrongUse(f"{path} must have a table [campaign] with requirements")
     campaign = design.campaign
     fidelity = Fidelity(options.fidelity or ("window" if options.units else "frame"))
-    with as_wrong_use():
+    with shared.as_wrong_use():
         looks = verification.Looks(
             min(options.first, options.trials), options.trials, 1 - campaign.requirements.confidence
         )
-    with as_wrong_use(path=path):
+    with shared.as_wrong_use(path=path):
         judged, _ = verification.cases(design.case, campaign)
         for condition in judged:
             require_fidelity(condition.case, fidelity)
