@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.linear import best_rotation, invert, largest_eigenvalue, least_squares
-from startrack.core import Floats, Refused, kernel, rotated, rotation_of, turn_by
+from startrack.core import Floats, Ints, Refused, kernel, rotated, rotation_of, turn_by
 
 EPS = 2.0**-52
 MOST_STEPS = 100  # two or three are enough, except for stars that contradict each other
@@ -43,7 +42,7 @@ class Alignment:
     covariance: Floats
     condition: Floats
     loss: Floats
-    observability: NDArray[np.int64]
+    observability: Ints
 
 
 def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:

@@ -3,13 +3,12 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.attitude.linear import best_rotation
-from startrack.core import Floats, axes_of_pair, kernel
+from startrack.core import Flags, Floats, axes_of_pair, kernel
 
 
-def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -> NDArray[np.bool_]:
+def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -> Flags:
     """Find the largest set of stars that one attitude explains.
 
     Every pair of stars whose two distances agree gives an attitude (TRIAD: Black 1964, AIAA J.
@@ -38,7 +37,7 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
 
 @kernel
 def _search(
-    observed: Floats, reference: Floats, sigma: Floats, gate: float, chosen: NDArray[np.bool_],
+    observed: Floats, reference: Floats, sigma: Floats, gate: float, chosen: Flags,
 ) -> None:  # fmt: skip
     count = len(sigma)
     trial, products = np.zeros(count, np.bool_), np.empty((3, 3))

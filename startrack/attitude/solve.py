@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 from scipy.spatial.transform import Rotation
 
@@ -12,7 +11,7 @@ from startrack.attitude.consensus import consensus
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, SharedErrors, attitude_gain, refine
 from startrack.attitude.wahba import svd
-from startrack.core import Estimate, Floats, Refused, kernel
+from startrack.core import Estimate, Floats, Ints, Refused, kernel
 
 GROUP = "attitudes"
 EXACT = 1e-6  # largest element of R R^T - 1 of what is taken for a rotation matrix
@@ -211,11 +210,7 @@ def _by_code(name: str, pixel: Floats, covariance: Floats, matches: core.Matches
 
 
 def _fit(
-    pixel: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    matches: core.Matches,
-    used: NDArray[np.int64],
-    tolerance: float,
+    pixel: Floats, covariance: Floats, matches: core.Matches, used: Ints, tolerance: float
 ) -> Refinement:
     pixel, covariance, direction = pixel[used], covariance[used], matches.direction[used]
     weight = 2 / np.trace(covariance, axis1=1, axis2=2)
@@ -223,15 +218,13 @@ def _fit(
     return refine(pixel, covariance, direction, matches.camera, start, tolerance)
 
 
-def _plane(matches: core.Matches, best: Refinement, used: NDArray[np.int64]) -> Floats:
+def _plane(matches: core.Matches, best: Refinement, used: Ints) -> Floats:
     """Places (n, 2) of the stars in the image plane, where the attitude has them."""
     direction = best.icrs_to_camera.apply(matches.direction[used])
     return np.asarray(direction[:, :2] / direction[:, 2:])
 
 
-def _agreeing(
-    pixel: NDArray[np.float64], covariance: NDArray[np.float64], matches: core.Matches, gate: float
-) -> NDArray[np.int64]:
+def _agreeing(pixel: Floats, covariance: Floats, matches: core.Matches, gate: float) -> Ints:
     """Indices of the stars that agree on one attitude; all stars where fewer than 4 agree."""
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / matches.camera.focal_length_px
     agree = consensus(matches.camera.unproject(pixel), matches.direction, sigma, gate)

@@ -4,14 +4,13 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 from scipy.stats import norm
 
 from startrack.benchmark.stage import Stage
-from startrack.core import Floats, Frame, Spots, Streams
+from startrack.core import Flags, Floats, Frame, Spots, Streams
 from startrack.detection import Detection, DetectionPlan, detect, gaussian_psf, plan_detection
 from startrack.metrics import Star, centroid_bound
 
@@ -69,7 +68,7 @@ def flux_of(snr: float, sigma: float) -> float:
     return float(brentq(lambda flux: snr_of(flux, sigma) - snr, 1.0, 1e6))
 
 
-def paired(spots: Floats, x: Floats, y: Floats) -> tuple[NDArray[np.bool_], Floats]:
+def paired(spots: Floats, x: Floats, y: Floats) -> tuple[Flags, Floats]:
     """Which stars have a spot near them, and its error, (m, 2)."""
     if not len(spots):
         return np.zeros(len(x), bool), np.empty((0, 2))

@@ -7,13 +7,12 @@ from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import align, davenport, foam, quest, svd
 from startrack.benchmark.stage import Stage
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Floats, Spots, Stars, deg
+from startrack.core import Camera, Floats, Ints, Spots, Stars, deg
 from startrack.identification import Identification, PatternIndex, build_index, identify
 
 LIMIT_G = {8: 6.5, 12: 6.0, 20: 5.0}  # field, degree: faintest detected star
@@ -38,7 +37,7 @@ class Seen:
     """The spots of one random attitude, and the truth."""
 
     spots: Spots
-    star: NDArray[np.int64]  # index into the catalogue, -1 for none
+    star: Ints  # index into the catalogue, -1 for none
     icrs_to_camera: Rotation
     believed: Camera
 
@@ -81,9 +80,7 @@ def sky(rng: np.random.Generator, regime: Regime) -> Seen:
     return Seen(spots_at(pixel[order], flux, regime.noise), star[order], icrs_to_camera, believed)
 
 
-def blended(
-    pixel: Floats, star: NDArray[np.int64], magnitude: Floats
-) -> tuple[NDArray[np.int64], Floats]:
+def blended(pixel: Floats, star: Ints, magnitude: Floats) -> tuple[Ints, Floats]:
     """Only the brightest of stars that are too close to be resolved."""
     order = np.argsort(magnitude, kind="stable")
     apart = np.linalg.norm(pixel[order, None] - pixel[order], axis=2)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.benchmark.stage import Stage
 from startrack.core import Floats, arcsec, deg
@@ -38,13 +37,13 @@ def montecarlo() -> Stage:
     """All fidelities on the same skies; answers are angles across the boresight, radian."""
     case = example()
 
-    def angles(fidelity: Fidelity) -> NDArray[np.float64]:
+    def angles(fidelity: Fidelity) -> Floats:
         outcomes = run_trials(case, SEED, range(TRIALS), fidelity)
         return np.where(
             outcomes["solved"], np.hypot(outcomes["error_x"], outcomes["error_y"]), np.nan
         )
 
-    def judge(angle: NDArray[np.float64]) -> float:
+    def judge(angle: Floats) -> float:
         correct = angle[np.isfinite(angle) & (angle < FALSE)]
         return float(np.sqrt(np.mean(correct**2) / 2)) / arcsec if len(correct) else math.nan
 

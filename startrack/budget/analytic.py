@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from startrack import trial
@@ -24,7 +23,7 @@ from startrack.budget.fields import (
 )
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
 from startrack.budget.left_out import of_false_spots, of_the_case, of_the_sky
-from startrack.core import Floats, Refused, Streams
+from startrack.core import Flags, Floats, Refused, Streams
 from startrack.design import Case
 
 FINE = 0.05  # magnitude between two entries
@@ -343,7 +342,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     return FieldBudget(budget, found, counted)
 
 
-def _typical(shift: Floats, good: NDArray[np.bool_], chance: float) -> Floats:
+def _typical(shift: Floats, good: Flags, chance: float) -> Floats:
     """Median error (m,) of stars over that by noise, at least 1; shifts (m, k, 2) in sigmas."""
     noise = Streams(0, 0)("noise of stars near hot pixels").standard_normal(shift.shape)
     square = ((shift + noise) ** 2).sum(axis=-1)

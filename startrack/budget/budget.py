@@ -6,10 +6,9 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from startrack.core import Floats, Refused, arcsec, html_table, short_text
+from startrack.core import Floats, Refused, Rows, arcsec, html_table, short_text
 from startrack.design import Case
 from startrack.metrics import Interpretation, level
 from startrack.trial import METHOD, READ, SHOT, Effect, Term, present
@@ -174,7 +173,7 @@ class Budget(Generic[S]):
     refused: float = 0.0
 
     @property
-    def table(self) -> NDArray[np.void]:
+    def table(self) -> Rows:
         """A row for each line and for the whole: cause, term, rms across and about in radian."""
         kind = [("cause", "U64"), ("term", "U32"), ("across", float), ("about", float)]
         rows = [

@@ -1,7 +1,6 @@
 """Case -> its error over the sky and over slew rate, by analysis and by trials, and of stars."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ from startrack.budget.budget import Budget
 from startrack.budget.fields import boresights, fields
 from startrack.budget.left_out import Check, check
 from startrack.budget.single_stars import Residuals, residuals
-from startrack.core import Floats, Refused
+from startrack.core import Advance, Floats, Refused
 from startrack.design import Case
 from startrack.metrics import Interval, summarise
 from startrack.montecarlo import Serial, run
@@ -89,9 +88,7 @@ def slew_rates(case: Case, longest: float = math.inf) -> Floats:
     return smears * pixel / instrument.detector.exposure
 
 
-def analytic_curve(
-    case: Case, rates: Floats, advance: Callable[[int], None] | None = None
-) -> Curve:
+def analytic_curve(case: Case, rates: Floats, advance: Advance | None = None) -> Curve:
     """The analytic budget at some slew rates, of which `advance` is called after each."""
     found = []
     for rate in rates:
@@ -130,7 +127,7 @@ class Slew(NamedTuple):
     fraction: Interval
 
 
-def slews(case: Case, seed: int, trials: int, progress: Callable[[int], None]) -> list[Slew]:
+def slews(case: Case, seed: int, trials: int, progress: Advance) -> list[Slew]:
     """The same trials at other slew rates, about x, all else as in the design."""
     result = []
     for smear, rate in zip(SMEARS, slew_rates(case).tolist(), strict=True):
@@ -162,7 +159,7 @@ class ErrorCurves(NamedTuple):
 
 
 def error_curves(
-    case: Case, seed: int, trials: int = TRIALS, advance: Callable[[int], None] | None = None
+    case: Case, seed: int, trials: int = TRIALS, advance: Advance | None = None
 ) -> ErrorCurves:
     """The error over slew rate, and that of single stars.
 

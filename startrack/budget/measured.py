@@ -1,7 +1,6 @@
 """Case -> Budget by trials, with each cause switched off; the standard's indices by sequences."""
 
 import math
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
 from enum import Enum
@@ -14,7 +13,7 @@ from startrack.attitude import Mounting, solve
 from startrack.budget import budget
 from startrack.budget.budget import Line, Sample
 from startrack.catalog import open_sky
-from startrack.core import Floats, Frame, Ints, Refused, Spots, Streams, whole
+from startrack.core import Advance, Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument
 from startrack.detection import Candidates, calibrated, centroid
 from startrack.detector import electron_rate, frame_of, shot
@@ -59,7 +58,7 @@ def measured(
     executor: Executor,
     times: int = 1,
     workers: int = 1,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
 ) -> budget.Budget[budget.Sample]:
     """Error budget from trials.
 
@@ -322,7 +321,7 @@ def indices_of(
     seed: int,
     window: float,
     executor: Executor,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
 ) -> dict[str, Line[Sample]]:
     """The indices of the attitudes of single frames, over sequences of random attitudes.
 

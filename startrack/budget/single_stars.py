@@ -1,6 +1,6 @@
 """Case -> errors of single stars: by formula, in boxes, and in trials over the field."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.budget.analytic import HOT, response
 from startrack.catalog import open_sky
-from startrack.core import Floats, Ints, Streams
+from startrack.core import Advance, Floats, Ints, Streams
 from startrack.design import Case
 from startrack.motion import stability
 from startrack.trial import (
@@ -107,11 +107,7 @@ class StarErrors(NamedTuple):
 
 
 def star_errors(
-    case: Case,
-    seed: int,
-    numbers: Sequence[int],
-    icrs_to_camera: Rotation,
-    progress: Callable[[int], None],
+    case: Case, seed: int, numbers: Sequence[int], icrs_to_camera: Rotation, progress: Advance
 ) -> StarErrors:
     """Repeat trials, and keep what `Outcome` does not: the error of each star.
 

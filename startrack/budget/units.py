@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from startrack.budget.analytic import of_fields
 from startrack.budget.budget import Law, Line, Term, causes_among
 from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
-from startrack.core import Floats, Refused, whole
+from startrack.core import Advance, Floats, Refused, whole
 from startrack.design import Case, Moment, Scope, turning, unchecked
 from startrack.metrics import Interpretation
 from startrack.population import middle_of, of_places, placed, unit_of
@@ -125,7 +125,7 @@ def unit_budgets(
     age: float = 0.0,
     environments: int = ENVIRONMENTS,
     count_fields: int = FIELDS,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
     first: int = 0,
     apart: bool = True,
 ) -> UnitBudgets:

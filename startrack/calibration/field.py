@@ -1,18 +1,17 @@
 """Table of stars -> the cameras of several orders that fit it, and which order the stars bear."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.attitude import UNKNOWNS, camera_slopes, huber_weights, moved_camera, typical_square
 from startrack.calibration.star_table import StarTable, angles_of
-from startrack.core import Floats, Ints, Refused
+from startrack.core import Advance, Flags, Floats, Ints, Refused
 
 # What each model adds to a pinhole; for a digit the polynomial of that order.
 OPENCV = {"none": (), "radial": ("k1",), "full": ("k1", "k2", "p1", "p2")}
@@ -83,7 +82,7 @@ class FieldFit:
     weight: Floats
 
     @property
-    def used(self) -> NDArray[np.bool_]:
+    def used(self) -> Flags:
         """Which stars are no outliers."""
         return self.weight > 0
 
@@ -102,7 +101,7 @@ class Unseen(NamedTuple):
     order: Order
     angle: Floats
     pixel: Floats
-    inlier: NDArray[np.bool_]
+    inlier: Flags
     mean_square: float
     standard_error: float
 
@@ -215,7 +214,7 @@ def cross_validate(
 def cross_validate_all(
     table: StarTable, orders: Sequence[Order], columns: int, rows: int,
     first: tuple[float, float], folds: int = FOLDS,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
 ) -> tuple[Unseen, ...]:  # fmt: skip
     """`cross_validate` of several orders, those with too many unknowns for the stars left out."""
     least = len(table) - math.ceil(len(table) / min(folds, len(table)))

@@ -7,9 +7,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import GALACTIC_POLE, Floats, Ints, Refused, Streams, arcsec, deg, finite
+from startrack.core import GALACTIC_POLE, Flags, Floats, Ints, Refused, Streams, arcsec, deg, finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class Catalog:
     epoch: float
     pm_ra: Floats
     pm_dec: Floats
-    proper_motion_known: NDArray[np.bool_]
+    proper_motion_known: Flags
     parallax: Floats
     magnitude_g: Floats
     colour: Floats
@@ -50,7 +49,7 @@ class Catalog:
     def __len__(self) -> int:
         return len(self.identifier)
 
-    def __getitem__(self, choice: slice | Ints | NDArray[np.bool_]) -> Catalog:
+    def __getitem__(self, choice: slice | Ints | Flags) -> Catalog:
         chosen = {name: getattr(self, name)[choice] for name in _columns()}
         return Catalog(epoch=self.epoch, **chosen)
 

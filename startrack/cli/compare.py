@@ -11,9 +11,9 @@ from startrack.cli.options import Exit, Option, Options, WrongUse, fidelity, wan
 
 if wanted(__name__):
     import numpy as np
-    from numpy.typing import NDArray
 
     from startrack.cli.terminal import found_design, print_result, progress, read_design
+    from startrack.core import Rows
     from startrack.design import Campaign, Case, Fidelity
     from startrack.io import aligned, to_table
     from startrack.metrics import ARCSEC, PERCENT, STATED_ALONE, Column, Table
@@ -32,7 +32,7 @@ class Side(NamedTuple):
 
     case: Case
     campaign: Campaign | None
-    outcomes: NDArray[np.void] | None
+    outcomes: Rows | None
     drawn: tuple[int, str] | None
 
 
@@ -93,9 +93,7 @@ def _read(path: Path, changes: list[str]) -> Side:
         return Side(store.case, store.campaign, outcomes, drawn)
 
 
-def _trials(
-    first: Side, second: Side, options: argparse.Namespace
-) -> tuple[NDArray[np.void], NDArray[np.void]]:
+def _trials(first: Side, second: Side, options: argparse.Namespace) -> tuple[Rows, Rows]:
     """The same trials of two designs."""
     fidelity, made = Fidelity(options.fidelity), []
     for side in (first, second):
@@ -109,7 +107,7 @@ def _trials(
     return made[0], made[1]
 
 
-def _common(first: Side, second: Side, paired: bool) -> tuple[NDArray[np.void], NDArray[np.void]]:
+def _common(first: Side, second: Side, paired: bool) -> tuple[Rows, Rows]:
     """The trials of two campaigns; those of the same numbers where they are paired."""
     assert first.outcomes is not None
     assert second.outcomes is not None

@@ -15,12 +15,11 @@ from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use,
 
 if wanted(__name__):
     import numpy as np
-    from numpy.typing import NDArray
 
     from startrack import metrics, mission, report
     from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
-    from startrack.core import Refused, Streams, arcsec, deg, utc
+    from startrack.core import Refused, Rows, Streams, arcsec, deg, utc
     from startrack.io import celestial, save_json, save_text, shipped, write_fits
     from startrack.metrics import ARCSEC, Column, Unit
     from startrack.montecarlo import cluster, export, pool
@@ -452,7 +451,7 @@ def _which(plan: mission.Plan) -> str:
     return f"{units or 'perfect and drawn units'}{', ' if ages else ''}{ages}"
 
 
-def _frames(plan: mission.Plan, table: NDArray[np.void]) -> tuple[dict[str, Any], list[str]]:
+def _frames(plan: mission.Plan, table: Rows) -> tuple[dict[str, Any], list[str]]:
     """Agreement of rendered heads with the mission, and angles between them: values and lines."""
     heads, lines, values = range(len(plan.heads)), list[str](), dict[str, Any]()
     values["heads"] = []

@@ -13,8 +13,6 @@ from startrack.cli import options as shared
 from startrack.cli.options import Exit, Option, Options, fidelity, positive, wanted, whole
 
 if wanted(__name__):
-    import numpy as np
-    from numpy.typing import NDArray
     from scipy.spatial.transform import Rotation
 
     from startrack import metrics, montecarlo
@@ -23,7 +21,7 @@ if wanted(__name__):
     from startrack.cli.campaign import open_workers
     from startrack.cli.merge import sketch_rows
     from startrack.cli.units import require_units, trials_of
-    from startrack.core import arcsec, parse
+    from startrack.core import Rows, arcsec, parse
     from startrack.design import Case, Design, Fidelity, Requirements
     from startrack.io import save_json
     from startrack.metrics import ARCSEC, Row
@@ -88,7 +86,7 @@ declare = Options(
 class Trials(NamedTuple):
     """The trials of a campaign, blocks of trials that failed, and trials per second."""
 
-    outcomes: NDArray[np.void]
+    outcomes: Rows
     failures: list[tuple[range, str]]
     rate: float
 
@@ -167,7 +165,7 @@ def command(options: argparse.Namespace) -> int:
 def _save_table(
     options: argparse.Namespace,
     case: Case,
-    outcomes: NDArray[np.void],
+    outcomes: Rows,
     attitudes: Rotation,
     ends: montecarlo.Endings,
 ) -> None:
@@ -221,7 +219,7 @@ def _run(
 def _details(
     options: argparse.Namespace,
     sampling: montecarlo.Sampling,
-    outcomes: NDArray[np.void],
+    outcomes: Rows,
     ends: montecarlo.Endings,
     precision: montecarlo.Precision | None,
 ) -> tuple[dict[str, Any], list[str]]:
@@ -293,11 +291,7 @@ def _precision(
 
 
 def _required(
-    needs: Requirements,
-    outcomes: NDArray[np.void],
-    sampling: montecarlo.Sampling,
-    seed: int,
-    others: list[str],
+    needs: Requirements, outcomes: Rows, sampling: montecarlo.Sampling, seed: int, others: list[str]
 ) -> tuple[dict[str, Any], list[str]]:
     """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`.
 
@@ -342,7 +336,7 @@ def _sampling(options: argparse.Namespace, case: Case) -> montecarlo.Sampling:
         return montecarlo.Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
 
 
-def _reduced_variance(outcomes: NDArray[np.void], sobol: bool) -> list[Row]:
+def _reduced_variance(outcomes: Rows, sobol: bool) -> list[Row]:
     """The errors with Sobol points and controls, and the factor of trials that these save."""
     rows = []
     for name, about in (("across", False), ("about", True)):

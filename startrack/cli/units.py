@@ -10,12 +10,11 @@ from startrack.cli.options import wanted
 
 if wanted(__name__):
     import numpy as np
-    from numpy.typing import NDArray
 
     from startrack.budget import Term, UnitBudgets, unit_budgets
     from startrack.cli.options import as_wrong_use
     from startrack.cli.terminal import progress
-    from startrack.core import arcsec
+    from startrack.core import Rows, arcsec
     from startrack.design import YEAR, Accuracy, Campaign, Case, Fidelity, Objective, Requirements
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
@@ -153,11 +152,7 @@ def _costs(needs: Requirements, case: Case) -> dict[str, float]:
 
 
 def trials_of(
-    case: Case,
-    seed: int,
-    sampling: Sampling,
-    outcomes: NDArray[np.void],
-    required: tuple[Accuracy, ...],
+    case: Case, seed: int, sampling: Sampling, outcomes: Rows, required: tuple[Accuracy, ...]
 ) -> tuple[dict[str, Any], list[str]]:
     """What trials of units say: their errors, the yield of each accuracy, and the worst unit."""
     units, fidelity = sampling.units, sampling.fidelity

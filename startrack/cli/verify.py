@@ -9,14 +9,12 @@ from startrack.cli import options as shared
 from startrack.cli.options import Exit, Option, Options, campaign, fidelity, wanted, whole
 
 if wanted(__name__):
-    import numpy as np
-    from numpy.typing import NDArray
-
     from startrack import verification
     from startrack.budget import noise_only
     from startrack.cli import terminal
     from startrack.cli.campaign import LEDGER
     from startrack.cli.units import require_units
+    from startrack.core import Rows
     from startrack.design import Case, Fidelity
     from startrack.io import save_json, save_text
     from startrack.montecarlo import Sampling, pool, warm
@@ -79,10 +77,10 @@ def command(options: argparse.Namespace) -> int:
     ):
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
 
-        def trials(case: Case, number: int) -> NDArray[np.void]:
+        def trials(case: Case, number: int) -> Rows:
             return runner.run(case, number, fidelity, VERIFYING, advance)
 
-        def of_units(case: Case, how: Units) -> NDArray[np.void]:
+        def of_units(case: Case, how: Units) -> Rows:
             first, number = VERIFYING_UNIT * how.trials, options.units * how.trials
             return runner.run(case, number, fidelity, first, advance, how)
 

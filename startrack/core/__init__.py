@@ -1,7 +1,7 @@
 """What all rooms share: units, values, camera, rotations, random streams, checks.
 
 units      Units as SI floats, constants with their source; `"50 mm"` and dates at the border.
-arrays     Types of arrays, and within kernels order, median and place of values.
+arrays     Types of arrays and of a progress; within kernels order, median and place of values.
 kernel     A function enters; compiled code leaves, kept in a folder named by a hash of all sources.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value;
            Refused, a value that breaks a rule, which is no fault of the program.
@@ -25,7 +25,18 @@ field_psf  FieldPsf: the images of points over a frame and over colour, as sums 
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
 
-from startrack.core.arrays import Floats, Ints, first_not_below, median, order, read_only
+from startrack.core.arrays import (
+    Advance,
+    Flags,
+    Floats,
+    Ints,
+    Rows,
+    Singles,
+    first_not_below,
+    median,
+    order,
+    read_only,
+)
 from startrack.core.camera import Camera, FieldPolynomial, distort, monomials, plane_slopes
 from startrack.core.checks import (
     LARGEST_NUMBER,

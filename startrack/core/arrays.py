@@ -1,8 +1,9 @@
-"""Types of arrays, and within kernels order, median and place of values.
+"""Types of arrays and of a progress, and within kernels order, median and place of values.
 
 NumPy's own of these are compiled anew for each kind of array, which takes seconds.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,11 @@ from numpy.typing import NDArray
 from startrack.core.kernel import kernel
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Advance = Callable[[int], None]  # called with the number of steps that were just done
+Rows = NDArray[np.void]  # structured: a table with names and types of columns
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

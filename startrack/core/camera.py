@@ -8,9 +8,8 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core.arrays import Floats
+from startrack.core.arrays import Flags, Floats
 from startrack.core.checks import Refused, finite
 from startrack.core.declared import FINITE, POSITIVE, Parameters, Range
 from startrack.core.interpolation import Displacement
@@ -285,7 +284,7 @@ class Camera(Parameters):
                 break
         return np.column_stack([x, y])
 
-    def holds(self, pixel: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
+    def holds(self, pixel: Floats, margin: float = 0.0) -> Flags:
         """Which pixels (n, 2) lie on the array, or at most `margin` pixel outside."""
         x, y = np.asarray(pixel, float).T
         return (

@@ -19,8 +19,8 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core.arrays import Floats
 from startrack.core.checks import Refused, refusal, shown
 
 WITHOUT_RESULTS = {"benchmark", "cli", "plots", "report"}  # rooms that change no trial
@@ -312,7 +312,7 @@ def call_code(group: str, name: str, given: Any) -> Any:
 
 def returned(
     group: str, name: str, value: Any, shape: tuple[int | tuple[int, ...], ...], finite: bool = True
-) -> NDArray[np.float64]:
+) -> Floats:
     """What code returned, as an array of floats.
 
     shape   lengths; several where one of them is asked for, -1 for any

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.checks import Refused, positive, within
@@ -61,7 +60,7 @@ class Curve:
         if any(b <= a for a, b in zip(self.wavelength, self.wavelength[1:], strict=False)):
             raise Refused(f"wavelength must rise, got {self.wavelength}")
 
-    def __call__(self, wavelength: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, wavelength: Floats) -> Floats:
         """The curve at wavelengths in metre."""
         if not self.wavelength:
             return np.full(np.shape(wavelength), self.value[0])

@@ -14,7 +14,7 @@ from weakref import WeakSet
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from startrack.core.arrays import Ints
+from startrack.core.arrays import Ints, Singles
 from startrack.core.kernel import kernel
 from startrack.core.memory import memory_limit, release_with, require_memory
 
@@ -140,7 +140,7 @@ def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
         yield from _arrays(vars(value), seen)
 
 
-Image = NDArray[np.float32]
+Image = Singles
 
 
 class Workspace(threading.local):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core.arrays import Floats, Ints
+from startrack.core.arrays import Flags, Floats, Ints, Singles
 from startrack.core.camera import Camera
 
 Rows = Iterable[tuple[str, ...]]
@@ -62,7 +62,7 @@ class Stars:
     def __len__(self) -> int:
         return len(self.identifier)
 
-    def find(self, identifier: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+    def find(self, identifier: Ints) -> tuple[Ints, Flags]:
         """Indices (m,) of the stars with these identifiers (m,), and whether each is there.
 
         The index of a star that is not there is any.
@@ -72,7 +72,7 @@ class Stars:
         index = order[np.minimum(at, len(self) - 1)]
         return index, self.identifier[index] == identifier
 
-    def __getitem__(self, choice: slice | Ints | NDArray[np.bool_]) -> Stars:
+    def __getitem__(self, choice: slice | Ints | Flags) -> Stars:
         return Stars(
             self.identifier[choice],
             self.direction[choice],
@@ -152,7 +152,7 @@ class PsfTable(NamedTuple):
     """
 
     strides: Floats
-    several: NDArray[np.float32]
+    several: Singles
     bend: Floats
     line: Floats
     column: Floats

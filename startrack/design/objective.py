@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused, one_of
+from startrack.core import Floats, Refused, Rows, one_of
 from startrack.metrics import Interval
 
 AXES = {"across": [0, 1], "about": [2], "both": [0, 1, 2]}
@@ -72,7 +71,7 @@ class Objective:
         """Whether it is of the length of the error over all its axes."""
         return self.kind == "radial" if self.kind else self.fraction is not None
 
-    def squares(self, outcomes: NDArray[np.void]) -> Floats:
+    def squares(self, outcomes: Rows) -> Floats:
         """Radian^2 of each trial, NaN where there is no attitude or a false one.
 
         Returns  (n,), their mean over the axes; (n, axes) for a level per axis of several

@@ -8,9 +8,8 @@ from itertools import product
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import FINITE, Parameters, Range, Refused
+from startrack.core import FINITE, Floats, Parameters, Range, Refused
 from startrack.design.case import Case
 from startrack.design.parameter import find, label, number, quantity, replaced_all, text, unchecked
 from startrack.design.products import with_product
@@ -114,11 +113,11 @@ class DesignSpace:
         return len(self.variables)
 
     @property
-    def start(self) -> NDArray[np.float64]:
+    def start(self) -> Floats:
         """Unit-cube coordinates (n,) of the case itself."""
         return self.coordinates(self.case)
 
-    def coordinates(self, case: Case) -> NDArray[np.float64]:
+    def coordinates(self, case: Case) -> Floats:
         """Unit-cube coordinates (n,) of a design."""
         result = np.empty(len(self))
         for i, (variable, (low, high)) in enumerate(zip(self.variables, self._bounds, strict=True)):
@@ -128,7 +127,7 @@ class DesignSpace:
             result[i] = (value - low) / (high - low)
         return result
 
-    def values(self, coordinates: NDArray[np.float64]) -> dict[str, float]:
+    def values(self, coordinates: Floats) -> dict[str, float]:
         """The values (SI) of the variables at unit-cube coordinates (n,)."""
         result = {}
         for u, variable, (low, high) in zip(coordinates, self.variables, self._bounds, strict=True):
@@ -138,7 +137,7 @@ class DesignSpace:
             result[variable.name] = min(max(value, low), high)
         return result
 
-    def design(self, coordinates: NDArray[np.float64]) -> Case:
+    def design(self, coordinates: Floats) -> Case:
         """The case at unit-cube coordinates (n,).
 
         Raises  ValueError where the parameters, or `adapt`, refuse it.
@@ -146,7 +145,7 @@ class DesignSpace:
         case = self._replaced(coordinates)
         return self.adapt(case) if self.adapt else case
 
-    def _replaced(self, coordinates: NDArray[np.float64]) -> Case:
+    def _replaced(self, coordinates: Floats) -> Case:
         values = self.values(coordinates)
         for link in self.links:
             # What a link follows may be computed from variables, and is then not yet checked.

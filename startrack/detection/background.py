@@ -4,13 +4,12 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import kernel
+from startrack.core import Singles, kernel
 from startrack.detection.matched import KURTOSIS_RATIO, MILD_SKEWNESS
 from startrack.detection.robust import plane
 
-Image = NDArray[np.float32]
+Image = Singles
 MOST_SKEWNESS = 1.5
 STRIDE = 4  # pixel; the filtered image is smooth, so few rows and columns tell most of it
 TAIL = 5.0  # sigma; what is farther out is a star, and no part of the noise's tail

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import POSITIVE, Floats, Ints, Parameters, Range, Refused, Unit, arcsec
+from startrack.core import POSITIVE, Flags, Floats, Ints, Parameters, Refused, Singles, arcsec
 from startrack.detection.pixels import Gain, corrected, gain_of
 from startrack.detection.plan import DetectionPlan
 
@@ -47,19 +47,19 @@ class Box(Parameters):
     averaged is assumed.
     """
 
-    half_width: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
+    half_width: Annotated[float, core.Unit("rad", "arcsec"), POSITIVE,
         "half side of a box"] = 120 * arcsec  # fmt: skip
     size: Annotated[int, "pixel, side of an image: 4, 6 (without its corners) or 8"] = 6
-    background: Annotated[str, Range(choices=BACKGROUNDS),
+    background: Annotated[str, core.Range(choices=BACKGROUNDS),
         '"dynamic": middle half of eight pixels at the corners of 8 x 8; "none": 0'
     ] = "dynamic"  # fmt: skip
     fainter: Annotated[float, POSITIVE, APPARENT] = 1.5
     brighter: Annotated[float, POSITIVE, APPARENT] = 1.5
-    moves: Annotated[float, Range(0.4, 2.0),
+    moves: Annotated[float, core.Range(0.4, 2.0),
         "pixel, of the moment from the middle, from which on an image moves"] = 0.53  # fmt: skip
-    stars: Annotated[int, Range(2, 1000),
+    stars: Annotated[int, core.Range(2, 1000),
         "boxes, about the brightest stars of the catalogue in the field"] = 8  # fmt: skip
-    prior: Annotated[float, Unit("rad", "arcsec"), POSITIVE,
+    prior: Annotated[float, core.Unit("rad", "arcsec"), POSITIVE,
         "radian rms per axis, error of the attitude that a single trial expects the stars by; "
         "in a sequence it is that of the filter"] = 4 * arcsec  # fmt: skip
 
@@ -89,7 +89,7 @@ class Taken(NamedTuple):
     corner: Ints
 
     @property
-    def found(self) -> NDArray[np.bool_]:
+    def found(self) -> Flags:
         """Whether there was something (m,)."""
         return np.isfinite(self.x)
 
@@ -159,7 +159,7 @@ def follow(frame: core.Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Ta
     return take(frame, place, np.ones(len(corner)), 1.0, box, plan, corner)
 
 
-def _corrected(frame: core.Frame, plan: DetectionPlan) -> NDArray[np.float32]:
+def _corrected(frame: core.Frame, plan: DetectionPlan) -> Singles:
     image = np.asarray(frame.image, np.float32)
     if plan.correction is None:
         return image
@@ -238,7 +238,7 @@ def _moment(light: Floats) -> Floats:
 
 
 def _search(
-    image: NDArray[np.float32], at: Floats, flux: float, reach: float, box: Box,
+    image: Singles, at: Floats, flux: float, reach: float, box: Box,
     expected: StarImage, offset: float,
 ) -> tuple[int, int] | None:  # fmt: skip
     """Column and row of the pixel right below the middle of the image that is taken."""
@@ -265,7 +265,7 @@ def _search(
     return int(low[0] + column), int(low[1] + row)
 
 
-def _core(window: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+def _core(window: Singles, size: int) -> Singles:
     """Sums of images whose upper middle pixel is each one of a window without its border."""
     half, side = IMAGE // 2, size // 2
     # Of an even kernel, the anchor is the pixel right below the middle.
@@ -274,7 +274,7 @@ def _core(window: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     return np.asarray(sums[half:-half, half:-half], np.float32)
 
 
-def _background(window: NDArray[np.float32], box: Box, offset: float) -> NDArray[np.float32]:
+def _background(window: Singles, box: Box, offset: float) -> Singles:
     """Of each pixel of a window without its border."""
     half = IMAGE // 2
     rows, columns = window.shape[0] - 2 * half, window.shape[1] - 2 * half
@@ -285,7 +285,7 @@ def _background(window: NDArray[np.float32], box: Box, offset: float) -> NDArray
 
 
 def _settled(
-    image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
+    image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
 ) -> tuple[float, ...]:
     """As `_measure`, of an image that is moved until its moment lies in its middle."""
     measured: tuple[float, ...] = NOTHING
@@ -299,7 +299,7 @@ def _settled(
 
 
 def _measure(
-    image: NDArray[np.float32], corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
+    image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
 ) -> tuple[float, ...]:
     """Place, flux, covariance (xx, xy, yy), sigma of the flux, and the next corner of an image."""
     rows, columns = image.shape

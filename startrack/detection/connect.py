@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Ints, kernel
+from startrack.core import Ints, Singles, kernel
 from startrack.detection.background import Sky, between
 
-Image = NDArray[np.float32]
+Image = Singles
 
 
 class Peaks(NamedTuple):
@@ -169,7 +169,7 @@ def split(image: Image, merged: Peaks, sky: Sky, noise: float, shot: float, bord
 
 @kernel
 def _maxima(
-    image: NDArray[np.float32], x: int, y: int, level: float, sigma: float, shot: float,
+    image: Singles, x: int, y: int, level: float, sigma: float, shot: float,
     border: int, near_x: Ints, near_y: Ints,
 ) -> int:  # fmt: skip
     """Write the brightest maxima about a pixel between which the image dips; how many."""

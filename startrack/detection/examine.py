@@ -5,12 +5,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Streams, kernel
+from startrack.core import Flags, Floats, Ints, Singles, Streams, kernel
 from startrack.detection.background import Sky, between
 from startrack.detection.matched import highest_between
 from startrack.detection.robust import around, around_among
 
-Image = NDArray[np.float32]
+Image = Singles
 # The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.
 # A ring that differs by less than this may do so by chance, and the tile knows better.
 UNEVEN = 1.5
@@ -30,7 +30,7 @@ def stands_out(
     sigmas: Image,
     sky: Sky,
     floor: float,
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Whether peaks stand out of their tile, and out of the ring around them where it is uneven.
 
     The edge of a tree, of the limb or of a bright star's halo passes the tile's level, but its
@@ -140,7 +140,7 @@ def chance_to_pass(
 
 def _without_doubt(
     core: Floats, spread: Floats, largest: float, noise: float, fraction: float
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Flags]:
     """Which peaks, (3, 3, n) above the level, `_is_sharp` judges alike with any pattern of noise.
 
     What it compares with zero are sums of pixels by weights, which noise of that length changes by

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Ints, kernel
+from startrack.core import Flags, Floats, Frame, Ints, Singles, kernel
 from startrack.detection import matched
 from startrack.detection.detect import measured, placed, sample
 from startrack.detection.examine import chance_to_pass, largest_fraction
@@ -20,7 +19,7 @@ from startrack.detection.pixels import Gain, Pixels, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 
-Image = NDArray[np.float32]
+Image = Singles
 
 
 class Expectation(NamedTuple):
@@ -162,7 +161,7 @@ class Response(NamedTuple):
     corner: Ints
     slope: Floats
 
-    def of(self, which: Ints | NDArray[np.bool_]) -> Response:
+    def of(self, which: Ints | Flags) -> Response:
         """That of some of the stars."""
         return Response._make(array[which] for array in self)
 
@@ -184,7 +183,7 @@ def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan)
     Accuracy  numerical: a secant over two sigma, exact where the centroid is quadratic there. What
               a pixel of the ring does to the background is left out.
     """
-    nothing: NDArray[np.int64] = np.ones(len(x), np.int64)
+    nothing: Ints = np.ones(len(x), np.int64)
     # Frames are whole numbers, though their expectation is not.
     stars = sample(frame, calibrated(frame, plan), Candidates(x, y, nothing), plan.settings)
     stars = stars._replace(floor=1 / math.sqrt(12))

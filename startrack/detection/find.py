@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import POINTS, Floats, Ints, Psf, call_code, is_code, kernel, returned
+from startrack import core
+from startrack.core import Flags, Floats, Ints, Singles, kernel
 from startrack.detection.background import Sky, sky, with_gain_noise
 from startrack.detection.connect import lit, peaks, split
 from startrack.detection.examine import has_dead_pixel, is_hot, largest_fraction, stands_out
@@ -34,11 +35,11 @@ class DetectionInput:
     the centroid of the design measures them. Those nearer to the border than `border` are left out
     """
 
-    value: NDArray[np.float32]
-    dead: NDArray[np.bool_]
+    value: Singles
+    dead: Flags
     electrons_per_dn: float
     read_noise: float
-    psf: Psf
+    psf: core.Psf
     border: int
 
 
@@ -55,17 +56,17 @@ def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
     given = DetectionInput(
         value, dead, gain.electrons_per_dn, gain.read_noise, plan.star.psf, border
     )
-    answer = call_code(GROUP, name, given)
-    places = returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
+    answer = core.call_code(GROUP, name, given)
+    places = core.returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
     inside = ((places >= 0) & (places < [columns, rows])).all()
     if not inside or (places != np.rint(places)).any():
-        raise ValueError(f"{POINTS[GROUP]} {name} must return columns and rows of pixels")
+        raise ValueError(f"{core.POINTS[GROUP]} {name} must return columns and rows of pixels")
     x, y = np.unique(places.astype(np.int64), axis=0).T
     good = (np.minimum(x, columns - 1 - x) >= border) & (np.minimum(y, rows - 1 - y) >= border)
     return x[good], y[good]
 
 
-Image = NDArray[np.float32]
+Image = Singles
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
 EXAMINED = np.float32(0.75)  # of the threshold
 KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to matter
@@ -87,7 +88,7 @@ def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Candid
     mesh  pixel, side of the tiles where it is not that of the settings
     """
     settings, kernel = plan.settings, plan.kernel
-    if is_code(settings.search):
+    if core.is_code(settings.search):
         x, y = peaks_by_code(pixels, plan)
         return Candidates(x, y, np.ones(len(x), np.int64))
     # In the same memory again: new pages take a tenth of a millisecond a megapixel.
@@ -220,7 +221,7 @@ def ring_half(settings: Detection, kernel: Kernel) -> int:
 
 
 @kernel
-def _inside(x: Ints, y: Ints, regions: Ints) -> NDArray[np.bool_]:
+def _inside(x: Ints, y: Ints, regions: Ints) -> Flags:
     """Which pixels lie in one of the regions."""
     verdict = np.zeros(len(x), np.bool_)
     for i in range(len(x)):

@@ -4,9 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, kernel
+from startrack.core import Flags, Floats, Ints, kernel
 from startrack.detection.robust import around
 from startrack.detection.sample import (
     COLUMNS,
@@ -278,7 +277,7 @@ def fitted(sample: Sample, model: Model) -> Floats:
 
 
 @kernel
-def _touching(sample: Sample, model: Model, first: int, waiting: NDArray[np.bool_]) -> Ints:
+def _touching(sample: Sample, model: Model, first: int, waiting: Flags) -> Ints:
     """The stars that wait no more from here on: one, and what touches it or what it touches."""
     group = np.empty(MOST, np.int64)
     group[0], size, done = first, 1, 0

@@ -10,12 +10,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Psf, kernel
+from startrack.core import Floats, Psf, Singles, kernel
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Gain
 from startrack.detection.star_model import expected
 
-Image = NDArray[np.float32]
+Image = Singles
 FAINTEST = 0.01  # of the peak; what is fainter hardly helps the filter
 REACH = 1.9  # sigma; half a pixel more of it holds all but a hundredth of the SNR
 SEPARABLE = 1e-3  # of the largest singular value: a kernel is a line times a column

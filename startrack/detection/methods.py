@@ -7,9 +7,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Psf, call_code, is_code, returned
+from startrack.core import Flags, Floats, Ints, Psf, call_code, is_code, returned
 from startrack.detection.fit import gaussian, likelihood
 from startrack.detection.gravity import gravity, weighted
 from startrack.detection.robust import around_each
@@ -116,7 +115,7 @@ class CentroidInput:
     signal: Floats
     noise: Floats
     shot: Floats
-    unknown: NDArray[np.bool_]
+    unknown: Flags
     kernel_sigma: float
     psf: Psf
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import POSITIVE, Floats, Ints, Parameters, Range, Refused, kernel
+from startrack.core import Flags, Floats, Ints, Parameters, Refused, Singles, kernel
 from startrack.detection.robust import clipped
 
-Image = NDArray[np.float32]
+Image = Singles
 # Dark frames of a map, at most: of more the mean has less than 3 % of the noise of a frame, and a
 # frame of 1024 x 1024 pixels takes 0.1 s.
 LONGEST_MEAN = 1024
@@ -28,11 +28,13 @@ class DarkMap(Parameters):
     own number, because its shot noise cannot be subtracted.
     """
 
-    frames: Annotated[int, Range(1, LONGEST_MEAN),
+    frames: Annotated[int, core.Range(1, LONGEST_MEAN),
         "dark frames with the exposure and temperature of the flight, whose mean it is"
     ] = 64  # fmt: skip
-    step: Annotated[float, POSITIVE, "digital number, to whose multiples the map is rounded"] = 1.0
-    hot: Annotated[float, POSITIVE,
+    step: Annotated[
+        float, core.POSITIVE, "digital number, to whose multiples the map is rounded"
+    ] = 1.0
+    hot: Annotated[float, core.POSITIVE,
         "sigma of a pixel's noise by which the dark signal of a hot pixel exceeds the median"
     ] = 5.0  # fmt: skip
     subtracted: Annotated[bool,
@@ -243,7 +245,7 @@ def _narrow(image: NDArray[np.number]) -> tuple[Image, float]:
         return np.ascontiguousarray(image.astype(np.float64) - pivot, np.float32), pivot
 
 
-def _filled(value: Image, dead: NDArray[np.bool_]) -> Image:
+def _filled(value: Image, dead: Flags) -> Image:
     """Dead pixels replaced by the mean of their living neighbours, or else by the median."""
     alive = (~dead).astype(np.float32)
     light = np.where(dead, np.float32(0), value)

@@ -3,11 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, instead_of, kernel, median
+from startrack.core import Floats, Ints, Singles, instead_of, kernel, median
 
-Values = NDArray[np.float32]
+Values = Singles
 
 CLIP = 3.0  # sigma
 ROUNDS = 6

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Ints, kernel
+from startrack.core import Ints, Singles, kernel
 
-Image = NDArray[np.float32]
+Image = Singles
 # Columns of the table (n, COLUMNS) in which each centroid method writes a row per star: position,
 # flux and its sigma, covariance of the position, and the pixel that the window is centred on.
 X, Y, FLUX, FLUX_SIGMA, XX, XY, YY, WINDOW_X, WINDOW_Y = range(9)

@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Ints, Psf, Spots, kernel
+from startrack.core import Floats, Frame, Ints, Psf, Singles, Spots, kernel
 from startrack.detection.background import Sky, between
 from startrack.detection.connect import any_above
 from startrack.detection.detect import centroid
@@ -16,7 +15,7 @@ from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, corrected_within, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 
-Image = NDArray[np.float32]
+Image = Singles
 RING = 3  # pixel, from a window to the far side of the ring about it
 
 

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from startrack.core import (
     GOLDEN,
     Floats,
+    Ints,
+    Singles,
     Streams,
     bits,
     instead_of,
@@ -66,12 +68,7 @@ def shot(electrons: Floats, streams: Streams) -> Floats:
 
 
 def digitise_hit(
-    image: Image,
-    electrons: Floats,
-    pixel: NDArray[np.int64],
-    extra: Floats,
-    law: Law,
-    streams: Streams,
+    image: Image, electrons: Floats, pixel: Ints, extra: Floats, law: Law, streams: Streams
 ) -> None:
     """Replace some pixels of an image, in place, by their numbers with extra electrons.
 
@@ -261,7 +258,7 @@ def _random_bits(shot, pixel):  # type: ignore[no-untyped-def]
 
 @kernel
 def _cells_of_levels(
-    mean: NDArray[np.float32], random: NDArray[np.uint32], tables: Tables, at: NDArray[np.uint32]
+    mean: Singles, random: NDArray[np.uint32], tables: Tables, at: NDArray[np.uint32]
 ) -> None:
     """The cell of each pixel in one of the two levels about its expectation, or none.
 

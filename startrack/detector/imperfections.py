@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Ints, Parameters, Range, Unit
 
 ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
 
@@ -81,7 +80,7 @@ class Hits(Parameters):
 
 def tracks(
     hits: Hits, shape: tuple[int, int], pitch: float, exposure: float, streams: core.Streams
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[Ints, Floats]:
     """The pixels that particles hit in one exposure, and their charge.
 
         electrons = charge * length of the track in the pixel

@@ -189,7 +189,7 @@ def lowest_mean(low: float, middle: float, noise: float) -> float:
     return max(low, (middle + noise**2) / 4 - noise**2, 0.0)
 
 
-def tables_for(mean: NDArray[np.float64], law: Law, wings: float = 0.1) -> Tables:
+def tables_for(mean: Floats, law: Law, wings: float = 0.1) -> Tables:
     """The tables for most pixels of a frame; empty where they would cost more than they save.
 
     They depend on the frame alone, so that a frame does not depend on those before it.

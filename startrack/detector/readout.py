@@ -1,9 +1,8 @@
 """Expected electrons -> digital numbers with all effects: charge, signal, image."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Streams
+from startrack.core import Floats, Ints, Streams
 from startrack.detector import pixel_effects
 from startrack.detector.digitise import digitise, digitise_hit, normals, shot
 from startrack.detector.imperfections import offsets, tracks
@@ -79,9 +78,7 @@ def _signal(charge: Floats, law: Law, detector: Detector, streams: Streams) -> F
     return pixel_effects.changed("signal", level, detector, streams)
 
 
-def _tracks(
-    electrons: Floats, detector: Detector, streams: Streams
-) -> tuple[NDArray[np.int64], Floats]:
+def _tracks(electrons: Floats, detector: Detector, streams: Streams) -> tuple[Ints, Floats]:
     assert detector.hits
     shape = (electrons.shape[0], electrons.shape[1])
     return tracks(detector.hits, shape, detector.pitch, detector.exposure, streams)

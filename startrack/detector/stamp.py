@@ -3,16 +3,21 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import LEAST, FieldPsf, Floats, Psf, PsfTable, instead_of, kernel, read_only
+from startrack import core
+from startrack.core import LEAST, Flags, Floats, Ints, PsfTable, Singles, instead_of, kernel
 
-UNIT_GAIN = read_only(np.ones((1, 1)))
+UNIT_GAIN = core.read_only(np.ones((1, 1)))
 TAPS = 6
 
 
 def stamp(
-    image: Floats, psf: Psf, x: Floats, y: Floats, electrons: Floats, gain: Floats | None = None
+    image: Floats,
+    psf: core.Psf,
+    x: Floats,
+    y: Floats,
+    electrons: Floats,
+    gain: Floats | None = None,
 ) -> None:
     """Add the images of points to `image`, in place.
 
@@ -30,7 +35,7 @@ def stamp(
 
 def stamp_paths(
     image: Floats,
-    psf: Psf | FieldPsf,
+    psf: core.Psf | core.FieldPsf,
     weight: Floats,
     x: Floats,
     y: Floats,
@@ -44,7 +49,7 @@ def stamp_paths(
     electrons  (n, k) electron of each table of the PSF
     Accuracy   numerical: as `stamp`
     """
-    even = UNIT_GAIN if gain is None else read_only(gain)
+    even = UNIT_GAIN if gain is None else core.read_only(gain)
     # One layout: the kernel is compiled anew for each.
     x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
     _stamp(image, psf.arranged, weight, x, y, electrons, even)
@@ -65,16 +70,16 @@ class Work(NamedTuple):
     star           (k,) electron
     """
 
-    about: NDArray[np.int64]
-    start: NDArray[np.int64]
+    about: Ints
+    start: Ints
     part: Floats
     across: Floats
     down: Floats
-    done: NDArray[np.bool_]
+    done: Flags
     box: Floats
-    begin: NDArray[np.int64]
+    begin: Ints
     share: Floats
-    short: NDArray[np.float32]
+    short: Singles
     star: Floats
 
 

@@ -18,9 +18,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Streams, bits, kernel, uniform
+from startrack.core import Flags, Floats, Ints, Singles, Streams, bits, kernel, uniform
 from startrack.detector.collect import background
 from startrack.detector.law import BITS, build, law_of, level_spacing, lowest_mean
 from startrack.detector.parameters import Detector
@@ -41,7 +40,7 @@ class NumberDistributions(NamedTuple):
     """
 
     probability: Floats
-    place: NDArray[np.float32]
+    place: Singles
     lowest: int
 
 
@@ -90,12 +89,12 @@ class TiltedLaw(NamedTuple):
 
     theta: float
     most: Floats
-    among: NDArray[np.float32]
+    among: Singles
     weight: Floats
     kind: Ints
     sums: Floats
-    whole: NDArray[np.bool_]
-    shift: NDArray[np.float32]
+    whole: Flags
+    shift: Singles
 
 
 NO_SHIFT = np.zeros((1, 1), np.float32)
@@ -107,7 +106,7 @@ def tilted_law(
     level: float,
     mesh: int,
     border: int,
-    shift: NDArray[np.float32] = NO_SHIFT,
+    shift: Singles = NO_SHIFT,
 ) -> TiltedLaw:
     """The theta whose mean is the level, and K of each pixel with its neighbours.
 
@@ -132,7 +131,7 @@ def tilted_law(
     return TiltedLaw(theta, most, tiles.astype(np.float32), weight, kind, sums, whole, shift)
 
 
-def _whole(place: NDArray[np.float32], weight: Floats) -> NDArray[np.bool_]:
+def _whole(place: Singles, weight: Floats) -> Flags:
     rows, columns = place.shape
     down, across = weight.shape[0] // 2, weight.shape[1] // 2
     whole = np.zeros(place.shape, bool)
@@ -232,7 +231,7 @@ def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _folded_weights(weight: Floats, x: int, y: int, place: NDArray[np.float32]) -> Floats:
+def _folded_weights(weight: Floats, x: int, y: int, place: Singles) -> Floats:
     """The weights around a pixel of the pixels whose numbers it has.
 
     Those beyond the border are added to the mirrored pixels, those of a replaced pixel to its
@@ -257,7 +256,7 @@ def _folded_weights(weight: Floats, x: int, y: int, place: NDArray[np.float32]) 
 
 @kernel
 def _give_to_neighbours(
-    folded: Floats, j: int, i: int, top: int, left: int, place: NDArray[np.float32]
+    folded: Floats, j: int, i: int, top: int, left: int, place: Singles
 ) -> None:
     """Spread the weight of a replaced pixel evenly over those about it that are not replaced.
 
@@ -279,8 +278,8 @@ def _give_to_neighbours(
 
 @kernel
 def _cumulants(
-    probability: Floats, place: NDArray[np.float32], theta: float, weight: Floats, kind: Ints,
-    sums: Floats, whole: NDArray[np.bool_], shift: NDArray[np.float32], mesh: int, border: int,
+    probability: Floats, place: Singles, theta: float, weight: Floats, kind: Ints,
+    sums: Floats, whole: Flags, shift: Singles, mesh: int, border: int,
 ) -> Floats:  # fmt: skip
     """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn."""
     rows, columns = place.shape
@@ -334,7 +333,7 @@ def _folded_cumulant(probability, place, x, y, tilts):  # type: ignore[no-untype
 @kernel
 def _propose(
     pixel: Ints, drawn: Ints, start: np.uint64, rates: ProposalRates, mesh: int, border: int,
-    regions: Ints, tilt: TiltedLaw, probability: Floats, place: NDArray[np.float32],
+    regions: Ints, tilt: TiltedLaw, probability: Floats, place: Singles,
 ) -> int:  # fmt: skip
     """Write the accepted proposals; returns their number."""
     size = np.uint64(3 + tilt.weight.size)
@@ -389,9 +388,7 @@ def _places(
 
 
 @kernel
-def _levels_about(
-    x: Ints, y: Ints, tilt: TiltedLaw, place: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _levels_about(x: Ints, y: Ints, tilt: TiltedLaw, place: Singles) -> Singles:
     """Levels (n, 2 m + 1, 2 n + 1) of the pixels about those whose filter is not folded."""
     levels = np.empty((len(x), *tilt.weight.shape), np.float32)
     down, aside = tilt.weight.shape[0] // 2, tilt.weight.shape[1] // 2
@@ -434,7 +431,7 @@ def _shift(shift, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _draw_by_sums(
-    numbers: Ints, start: np.uint64, at: np.uint64, levels: NDArray[np.float32], tilt: TiltedLaw
+    numbers: Ints, start: np.uint64, at: np.uint64, levels: Singles, tilt: TiltedLaw
 ) -> float:
     """As `_draw`, by the sums computed before, for weights that are not folded.
 
@@ -468,7 +465,7 @@ def _draw_by_sums(
 @kernel
 def _draw(
     numbers: Ints, start: np.uint64, at: np.uint64, x: int, y: int, theta: float,
-    folded: Floats, probability: Floats, place: NDArray[np.float32],
+    folded: Floats, probability: Floats, place: Singles,
 ) -> float:  # fmt: skip
     """Write numbers of the tilted law around a pixel; returns the filtered number."""
     rows, columns = place.shape

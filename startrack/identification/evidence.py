@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel, median, order
+from startrack.core import Floats, Ints, kernel, median, order
 from startrack.identification.fit import cholesky
 
 # Priors, chosen by hand; experiments/identification.py shows the success and the false solutions
@@ -21,8 +20,8 @@ def log_brightness(
     spot_blur: Floats,
     expected: Floats,
     star_blur: Floats,
-    spot: NDArray[np.int64],
-    star: NDArray[np.int64],
+    spot: Ints,
+    star: Ints,
 ) -> float:  # pragma: no cover
     """ln of the likelihood ratio of the brightness of matched spots, match over chance.
 
@@ -101,7 +100,7 @@ LOG_ATTITUDES = math.log(8 * math.pi**2)  # volume of all rotations, radian^3
 def log_evidence(
     square: Floats,
     variance: Floats,
-    brighter: NDArray[np.int64],
+    brighter: Ints,
     rows: Floats,
     prior: Floats,
     log_prior: float,
@@ -176,9 +175,7 @@ def _log_mean(logarithm: Floats) -> float:  # pragma: no cover
 
 
 @kernel
-def _log_seen(
-    brighter: NDArray[np.int64], depth: int, spots: int, stars: int
-) -> float:  # pragma: no cover
+def _log_seen(brighter: Ints, depth: int, spots: int, stars: int) -> float:  # pragma: no cover
     """ln of the factors of L for which stars are detected, given the depth of the camera."""
     bright = min(stars, depth)
     faint = min(stars, 2 * depth) - bright

@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, axes_of_pair, kernel, plane_slopes, rotated, turn_by
+from startrack.core import Floats, Ints, axes_of_pair, kernel, plane_slopes, rotated, turn_by
 
 
 @kernel
@@ -34,8 +33,8 @@ def fit(
     plane: Floats,
     weight: Floats,
     direction: Floats,
-    spot: NDArray[np.int64],
-    star: NDArray[np.int64],
+    spot: Ints,
+    star: Ints,
     rotation: Floats,
     scale: float,
     focal: float,

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, Ints, kernel
 
 Indices = NDArray[np.int32]
-Cubes = NDArray[np.int64]
+Cubes = Ints
 
 MOST_CUBES = 80  # along an axis: the table of cubes takes 2 MB; chosen by hand for its memory
 

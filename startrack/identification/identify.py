@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import core
@@ -80,7 +79,7 @@ def identify(
 @kernel
 def _identify(
     seen: Seen,
-    choices: NDArray[np.int64],
+    choices: Ints,
     table: CodeTable,
     voters: VerificationStars,
     faint: SkyGrid,
@@ -153,5 +152,5 @@ def _not_accepted(log_p: float, matches: int, spots: int, tried: int, camera: Ca
 
 
 def _unsolved(status: Status, reason: str, camera: Camera, chance: float = 1.0) -> Matches:
-    none: NDArray[np.int64] = np.empty(0, np.int64)
+    none: Ints = np.empty(0, np.int64)
     return Matches(status, reason, none, none, np.empty((0, 3)), camera, None, chance)

@@ -16,7 +16,7 @@ MAGNITUDE = 0.4 * np.log(10)  # ln of the flux per magnitude
 
 
 def merged(
-    stars: core.Stars, resolution: float, pairs: NDArray[np.int64] | None = None
+    stars: core.Stars, resolution: float, pairs: Ints | None = None
 ) -> tuple[core.Stars, Ints]:
     """Merge stars closer than the resolution, at the centre of their light.
 
@@ -47,7 +47,7 @@ def merged(
     return left, names
 
 
-def _takers(count: int, pairs: NDArray[np.int64]) -> Ints:
+def _takers(count: int, pairs: Ints) -> Ints:
     """The star (count,) that each one is merged into, or itself; stars are brightest first."""
     taker = np.arange(count)
     pairs = np.sort(pairs, axis=1)

@@ -6,9 +6,8 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, Ints, kernel
 from startrack.identification.grids import VerificationStars, spot_grid
 from startrack.identification.index import (
     CELLS_BASE,
@@ -40,7 +39,7 @@ EXPECTED = 0.7
 
 
 @lru_cache(maxsize=128)
-def breadth_first(spots: int, bright: int) -> NDArray[np.int64]:
+def breadth_first(spots: int, bright: int) -> Ints:
     """Choices (k, 3) of three of the brightest spots, in the order of the sum of their ranks.
 
     In this order one bright false spot delays the search only a little. Choices of the fainter
@@ -53,7 +52,7 @@ def breadth_first(spots: int, bright: int) -> NDArray[np.int64]:
     return np.concatenate([first, _choices(bright, spots)]) if spots > bright + 2 else first
 
 
-def _choices(start: int, stop: int) -> NDArray[np.int64]:
+def _choices(start: int, stop: int) -> Ints:
     choices = np.array(list(combinations(range(start, stop), 3)), np.int64).reshape(-1, 3)
     return choices[np.lexsort((choices[:, 2], choices.sum(axis=1)))]
 
@@ -77,11 +76,7 @@ class Limits(NamedTuple):
 
 @kernel
 def search(
-    seen: Seen,
-    choices: NDArray[np.int64],
-    table: CodeTable,
-    voters: VerificationStars,
-    limits: Limits,
+    seen: Seen, choices: Ints, table: CodeTable, voters: VerificationStars, limits: Limits
 ) -> tuple[Verdict, int]:  # pragma: no cover
     """Look up one triangle after the other until a hypothesis is accepted.
 
@@ -138,9 +133,7 @@ def search(
 
 
 @kernel
-def _measure(
-    seen: Seen, choice: NDArray[np.int64]
-) -> tuple[float, float, float]:  # pragma: no cover
+def _measure(seen: Seen, choice: Ints) -> tuple[float, float, float]:  # pragma: no cover
     """Base (radian), noise of the code, and the largest tan^2 of the angle off the axis."""
     base, sigma, off_axis = 0.0, 0.0, 0.0
     for i in range(3):
@@ -154,12 +147,7 @@ def _measure(
 
 @kernel
 def _namings(
-    direction: Floats,
-    choice: NDArray[np.int64],
-    longest: float,
-    error: float,
-    names: NDArray[np.int64],
-    codes: Floats,
+    direction: Floats, choice: Ints, longest: float, error: float, names: Ints, codes: Floats
 ) -> int:  # pragma: no cover
     """All orders A, B, C of three spots that are canonical, or may be so within the error.
 

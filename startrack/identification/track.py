@@ -4,10 +4,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Matches, Refused, Spots, Stars, is_code, kernel, rotated
+from startrack import core
+from startrack.core import Floats, Ints, Refused, kernel, rotated
 from startrack.identification.agree import Agreed
 from startrack.identification.fit import derivatives, fit
 from startrack.identification.grids import VerificationStars
@@ -84,7 +84,7 @@ def follow(
 @kernel
 def _chain(
     seen: Seen, spot: int, first: int, place: Floats, rows: Floats, covariance: Floats
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # pragma: no cover
+) -> tuple[Ints, Ints]:  # pragma: no cover
     """Spots and stars of the chain that begins with one pair."""
     state, spread = _update(seen, spot, place[first], rows[first], np.zeros(3), covariance)
     taken = np.zeros(len(seen.plane), np.bool_)
@@ -175,14 +175,14 @@ EDGE = 3.0  # sigma of the prediction, margin about the image; chosen by hand: t
 
 
 def track(
-    spots: Spots,
-    camera: Camera,
-    stars: Stars,
+    spots: core.Spots,
+    camera: core.Camera,
+    stars: core.Stars,
     index: PatternIndex,
     predicted: Rotation,
     covariance: Floats,
     settings: Identification,
-) -> Matches:
+) -> core.Matches:
     """Find which spot is which star near a predicted attitude. Two stars may be enough.
 
     The evidence is that of `identify`, except that the prior of the attitude is the prediction's
@@ -203,7 +203,7 @@ def track(
         raise Refused(f"covariance must be (3, 3) and positive definite, got {covariance}")
     believed = replace(settings, focal_tolerance=0.0)
     finite = usable(spots)
-    if is_code(settings.method):
+    if core.is_code(settings.method):
         return matches_by_code(spots, finite, camera, stars, settings, predicted, covariance)
     if len(finite) >= FEWEST:
         seen = keep_brightest(see(spots, finite, camera, believed), settings.verify_spots)

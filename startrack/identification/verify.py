@@ -4,9 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel, order
+from startrack.core import Floats, Ints, kernel, order
 from startrack.identification.agree import Agreed, agree
 from startrack.identification.evidence import LOG_ATTITUDES, log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives
@@ -38,7 +37,7 @@ class Verdict(NamedTuple):
 
 @kernel
 def attempt_attitude(
-    seen: Seen, spots: NDArray[np.int64], a: Floats, b: Floats
+    seen: Seen, spots: Ints, a: Floats, b: Floats
 ) -> tuple[Floats, float]:  # pragma: no cover
     """Attitude and scale that take two stars (3,) to the first two of these spots."""
     u, v = seen.direction[spots[0]], seen.direction[spots[1]]
@@ -123,7 +122,7 @@ def leave_one_out(
 
 @kernel
 def _verdict(
-    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], agreed: Agreed, fewest: int
+    seen: Seen, voters: VerificationStars, star: Ints, agreed: Agreed, fewest: int
 ) -> Verdict:  # pragma: no cover
     """The verdict on what `agree` found; refused where it is too little or the scale is off."""
     matches = len(agreed.spot)
@@ -150,7 +149,7 @@ def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
 
 @kernel
 def log_evidence_of_match(
-    seen: Seen, voters: VerificationStars, star: NDArray[np.int64], match: Agreed
+    seen: Seen, voters: VerificationStars, star: Ints, match: Agreed
 ) -> float:  # pragma: no cover
     """ln of the evidence for a match, all attitudes being equally likely a priori.
 
@@ -170,7 +169,7 @@ def log_evidence_of_match(
 def log_evidence_with_prior(
     seen: Seen,
     voters: VerificationStars,
-    star: NDArray[np.int64],
+    star: Ints,
     match: Agreed,
     prior: Floats,
     log_prior: float,

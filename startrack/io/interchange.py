@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core import Rows
+
 # Units by the names of columns, of all tables of results; other columns have none.
 UNITS = (
     (r"(error|sigma|filtered)_.+|across(_.+)?|about(_.+)?|single(_.+)?", "rad"),
@@ -39,7 +41,7 @@ def aligned(rows: Sequence[Sequence[str]], words: Collection[int] | None = None)
     ]
 
 
-def table_of(results: Any) -> NDArray[np.void]:
+def table_of(results: Any) -> Rows:
     """The structured array of results: itself, or that which they have as `table`.
 
     Raises  TypeError where they are no table.
@@ -96,11 +98,11 @@ def to_qtable(results: Any) -> Any:
     return QTable({name: _column(table, name) for name in names}, units=units)
 
 
-def _units(table: NDArray[np.void]) -> dict[str, str]:
+def _units(table: Rows) -> dict[str, str]:
     return {name: unit for name in table.dtype.names or () if (unit := unit_of_column(name))}
 
 
-def _column(table: NDArray[np.void], name: str) -> NDArray[Any]:
+def _column(table: Rows, name: str) -> NDArray[Any]:
     return np.ascontiguousarray(table[name])
 
 

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Parameters, Range, one_of, require_memory, whole
+from startrack.core import Parameters, Range, Singles, one_of, require_memory, whole
 from startrack.io.reading import regular_file
 
 PATTERNS = ("RGGB", "GRBG", "GBRG", "BGGR")
@@ -74,7 +74,7 @@ class Layout(Parameters):
         return debayer(image, pattern, self.colour)
 
 
-def debayer(image: NDArray[Any], pattern: str, colour: str) -> NDArray[np.float32]:
+def debayer(image: NDArray[Any], pattern: str, colour: str) -> Singles:
     """A mosaic (rows, columns) as an image of half the size.
 
     Accuracy  a star's flux is the sum over its pixels of the chosen colours; of "red" or "blue" a

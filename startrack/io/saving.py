@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Floats
 from startrack.io.reading import kind_of, regular_file
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def _titles(artist: Artist) -> Iterator[Text]:
 
 def save_netcdf(
     path: Path,
-    maps: Mapping[str, NDArray[np.float64]],
+    maps: Mapping[str, Floats],
     about: Mapping[str, tuple[str, str]],
     axes: tuple[str, ...],
 ) -> None:

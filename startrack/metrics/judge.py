@@ -4,10 +4,9 @@ import typing
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Estimate, Status, deg
+from startrack.core import Estimate, Flags, Floats, Ints, Rows, Status, deg
 
 # An attitude farther from the truth is false. Chosen by hand: far above all noise, far below the
 # error of a false match, so that its size hardly matters.
@@ -58,7 +57,7 @@ class Outcome(NamedTuple):
     false: bool
 
 
-def correct(outcomes: NDArray[np.void], limits: Limits = STATED_ALONE) -> NDArray[np.bool_]:
+def correct(outcomes: Rows, limits: Limits = STATED_ALONE) -> Flags:
     """Which trials have a correct attitude.
 
         across: hypot(x, y) <= required,   or hypot(x / sigma_x, y / sigma_y) <= 5 where nothing is
@@ -107,13 +106,8 @@ def judge(estimate: Estimate, truth: Rotation, spots: int) -> Outcome:
 
 
 def judge_all(
-    estimate: Rotation,
-    covariance: NDArray[np.float64],
-    truth: Rotation,
-    stars: NDArray[np.int64],
-    spots: NDArray[np.int64],
-    solved: NDArray[np.bool_],
-) -> NDArray[np.void]:
+    estimate: Rotation, covariance: Floats, truth: Rotation, stars: Ints, spots: Ints, solved: Flags
+) -> Rows:
     """`judge` of many trials.
 
     estimate, truth  m rotations each

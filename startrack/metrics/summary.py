@@ -4,10 +4,9 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import arcsec, html_table, short_text
+from startrack.core import Floats, Rows, arcsec, html_table, short_text
 from startrack.metrics.judge import STATED_ALONE, Limits, correct
 
 
@@ -57,7 +56,7 @@ class Summary:
     inaccurate: Interval
 
     @property
-    def table(self) -> NDArray[np.void]:
+    def table(self) -> Rows:
         """One row: each field, and the ends of its interval as NAME_low and NAME_high."""
         return interval_table(self)
 
@@ -109,7 +108,7 @@ class Summary:
         return f"covariance not trustworthy: {' and '.join(reasons)}" if reasons else ""
 
 
-def interval_table(statistics: Any) -> NDArray[np.void]:
+def interval_table(statistics: Any) -> Rows:
     """One row of a dataclass of statistics: each field, and NAME_low and NAME_high of intervals."""
     columns = dict[str, float]()
     for field in fields(statistics):
@@ -125,7 +124,7 @@ def interval_table(statistics: Any) -> NDArray[np.void]:
     return np.array([tuple(columns.values())], kind)
 
 
-def summarise(outcomes: NDArray[np.void], limits: Limits = STATED_ALONE) -> Summary:
+def summarise(outcomes: Rows, limits: Limits = STATED_ALONE) -> Summary:
     """Statistics of a structured array with the fields of `Outcome`.
 
     Errors, `nees` and `stars` are taken over all solved trials that are not false: those that are
@@ -149,7 +148,7 @@ def summarise(outcomes: NDArray[np.void], limits: Limits = STATED_ALONE) -> Summ
     )
 
 
-def _beyond(solved: NDArray[np.void]) -> int:
+def _beyond(solved: Rows) -> int:
     """`Summary.beyond`, of the trials with an attitude."""
     error, sigma = (
         np.column_stack([solved[f"{of}_{axis}"] for axis in "xyz"]) for of in ("error", "sigma")
@@ -157,7 +156,7 @@ def _beyond(solved: NDArray[np.void]) -> int:
     return int((np.abs(error) > BEYOND * sigma).any(axis=1).sum())
 
 
-def rms_interval(squares: NDArray[np.float64], confidence: float = 0.95) -> Interval:
+def rms_interval(squares: Floats, confidence: float = 0.95) -> Interval:
     """Root mean square, with the interval of a normal distribution of the mean of the squares.
 
     squares  (n,) squared errors

@@ -1,7 +1,7 @@
 """Mission -> Flown: what blinds each head at every step, and the error of the fused attitude."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused, require_memory
+from startrack.core import Advance, Flags, Floats, Refused, require_memory
 from startrack.mission.fusion import fused_variance
 from startrack.mission.heads import (
     Mounted,
@@ -60,9 +60,7 @@ class Plan:
     stray: tuple[StrayLight | None, ...] = ()
 
 
-def plan_of(
-    loaded: Loaded, errors: bool = True, advance: Callable[[int], None] = lambda _: None
-) -> Plan:
+def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: None) -> Plan:
     """The plan of a mission.
 
     advance called with 1 when a head is done
@@ -178,7 +176,7 @@ class Flown:
 
     step: float
     blind: NDArray[np.uint8]
-    eclipse: NDArray[np.bool_]
+    eclipse: Flags
     closest: Floats
     planets: Floats
     rate: Floats
@@ -261,7 +259,7 @@ def conditions_of(
     )
 
 
-def fly(plan: Plan, advance: Callable[[int], None] = lambda _: None) -> Flown:
+def fly(plan: Plan, advance: Advance = lambda _: None) -> Flown:
     """All steps of a mission.
 
     advance  called with the number of steps after each part

@@ -22,7 +22,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from startrack.budget import Term, analytic, caveats, unit_budgets
-from startrack.core import Floats, Refused, arcsec, deg, whole
+from startrack.core import Advance, Floats, Refused, arcsec, deg, whole
 from startrack.design import YEAR, Case, Moment, turning
 from startrack.io import save_json, save_text
 from startrack.io import whole as whole_file
@@ -127,10 +127,7 @@ class UnitChoice:
 
 
 def head_model(
-    case: Case,
-    name: str,
-    choice: UnitChoice | None = None,
-    progress: Callable[[int], None] | None = None,
+    case: Case, name: str, choice: UnitChoice | None = None, progress: Advance | None = None
 ) -> HeadModel:
     """The error model of one unit of a design, by its analytic budget at each rate.
 
@@ -192,7 +189,7 @@ class _Unit(NamedTuple):
     begin: Classes
 
 
-def _unit_of(rest: Case, choice: UnitChoice, step: Callable[[int], None]) -> _Unit:
+def _unit_of(rest: Case, choice: UnitChoice, step: Advance) -> _Unit:
     if choice.rank not in RANKS:
         raise Refused(f"unit must be one of {', '.join(RANKS)}, got {choice.rank!r}")
     if not rest.differs or choice.rank == "designed":
@@ -238,7 +235,7 @@ def _classes(terms: Mapping[Term, Floats], available: float) -> Classes:
 
 
 def _over_rates(
-    case: Case, classes: Callable[[Case], Classes], step: Callable[[int], None]
+    case: Case, classes: Callable[[Case], Classes], step: Advance
 ) -> tuple[list[float], list[Classes]]:
     """The rates of the table, up to the last at which half of the sky has an attitude."""
     pixel = 1 / case.instrument.camera.focal_length_px / case.instrument.detector.exposure

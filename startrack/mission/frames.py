@@ -1,14 +1,12 @@
 """Plan of a mission -> trials of all heads at its instants, and the angles between the heads."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Refused, Streams, whole
+from startrack.core import Advance, Floats, Refused, Rows, Streams, whole
 from startrack.design import Fidelity
 from startrack.mission.engine import Plan, at
 from startrack.mission.fusion import relative_alignment
@@ -38,8 +36,8 @@ FRAMES: np.dtype[np.void] = np.dtype(
 
 def frames_of(
     plan: Plan, count: int, seed: int, fidelity: Fidelity,
-    advance: Callable[[int], None] = lambda _: None,
-) -> NDArray[np.void]:  # fmt: skip
+    advance: Advance = lambda _: None,
+) -> Rows:  # fmt: skip
     """Trials of all heads of a mission together, at random instants of it.
 
     A head that is blind is not tried. What the structure of a head turns it by, at the
@@ -111,7 +109,7 @@ class Agreement:
     about: tuple[float, float]
 
 
-def agreement(table: NDArray[np.void], head: int) -> Agreement:
+def agreement(table: Rows, head: int) -> Agreement:
     """How far the frames of a head are from what its mission expects of them.
 
     table  of `frames_of`
@@ -146,7 +144,7 @@ class Between:
     after: float
 
 
-def between(plan: Plan, table: NDArray[np.void], first: int, second: int) -> Between:
+def between(plan: Plan, table: Rows, first: int, second: int) -> Between:
     """The angle between two heads as their attitudes give it, before and after a thermal model.
 
     The model is `relative_alignment`, of a constant, sine and cosine of the place of the orbit and,

@@ -4,17 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Refused
+from startrack.core import Flags, Floats, Refused
 
 
 def fused_variance(
     boresights: Sequence[Floats],
     across: Sequence[Floats],
     about: Sequence[Floats],
-    valid: Sequence[NDArray[np.bool_]],
+    valid: Sequence[Flags],
     common: Floats,
 ) -> Floats:
     """Variance of the fused attitude about the body's axes at n instants.

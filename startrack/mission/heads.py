@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.attitude import Mounting
 from startrack.budget import exclusions
-from startrack.core import Floats, Refused, deg
+from startrack.core import Flags, Floats, Refused, deg
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import Head, HeadTemperature, Obstacle, Radiation
@@ -323,8 +323,8 @@ class Shadow:
     faces      of the spacecraft's own structure, of `faces_of`
     """
 
-    sun: NDArray[np.bool_]
-    moon: NDArray[np.bool_]
+    sun: Flags
+    moon: Flags
     earth: EarthSeen
     faces: Sequence[Floats] = ()
 
@@ -339,7 +339,7 @@ def shadow_of(instants: Instants, structure: Sequence[Obstacle] = ()) -> Shadow:
     return Shadow(hidden[0], hidden[1], earth, faces_of(structure, instants))
 
 
-def in_anomaly(radiation: Radiation, instants: Instants) -> NDArray[np.bool_] | None:
+def in_anomaly(radiation: Radiation, instants: Instants) -> Flags | None:
     """(n,) whether the South Atlantic anomaly, a box, blinds all heads; None: nowhere."""
     if radiation.saa != "blind":
         return None
@@ -349,7 +349,7 @@ def in_anomaly(radiation: Radiation, instants: Instants) -> NDArray[np.bool_] | 
     return np.asarray(between & (longitude < east - west))
 
 
-def look(head: Mounted, instants: Instants, shadow: Shadow, saa: NDArray[np.bool_] | None) -> Seen:
+def look(head: Mounted, instants: Instants, shadow: Shadow, saa: Flags | None) -> Seen:
     """The angles of one head, and why it is blind.
 
     saa  (n,) where the anomaly blinds it; None: nowhere

@@ -1,16 +1,15 @@
 """Plan of a mission -> mountings of its heads that meet its requirements best."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.budget import exclusions
-from startrack.core import Floats, Refused, arcsec, deg
+from startrack.core import Advance, Flags, Floats, Refused, arcsec, deg
 from startrack.design import Case, Requirements, replaced_all
 from startrack.mission.engine import Plan
 from startrack.mission.fusion import fused_variance
@@ -66,7 +65,7 @@ class Samples:
     windows: int
     instants: Instants
     shadow: Shadow
-    saa: NDArray[np.bool_] | None
+    saa: Flags | None
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ def sample(plan: Plan) -> Samples:
     return Samples(step, windows, instants, shadow_of(instants, mission.structure), saa)
 
 
-def blind_at(samples: Samples, head: Mounted, boresight: Floats) -> NDArray[np.bool_]:
+def blind_at(samples: Samples, head: Mounted, boresight: Floats) -> Flags:
     """(n,) whether a head is blind at the samples, with a boresight (3,) in body axes."""
     axes = np.column_stack([np.zeros((3, 2)), boresight])
     moved = replace(head, axes=axes)
@@ -144,7 +143,7 @@ def blind_at(samples: Samples, head: Mounted, boresight: Floats) -> NDArray[np.b
 def quality_of(
     samples: Samples,
     boresights: Sequence[Floats],
-    blind: Sequence[NDArray[np.bool_]],
+    blind: Sequence[Flags],
     variances: Sequence[tuple[float, float]],
     keep_out: Sequence[KeepClear] = (),
     common: Floats | None = None,
@@ -178,7 +177,7 @@ def quality_of(
     )
 
 
-def _longest(holds: NDArray[np.bool_], windows: int) -> int:
+def _longest(holds: Flags, windows: int) -> int:
     """Most steps in a row that hold within one window."""
     rows = np.pad(holds.reshape(windows, -1), ((0, 0), (1, 1))).astype(np.int8).ravel()
     edge = np.flatnonzero(np.diff(rows))
@@ -204,7 +203,7 @@ class Placement:
 
 def place(
     plan: Plan,
-    advance: Callable[[int], None] = lambda _: None,
+    advance: Advance = lambda _: None,
     grid_step: float | None = None,
     evaluations: int | None = None,
 ) -> Placement:
@@ -227,13 +226,13 @@ def place(
     around = _Around(plan, samples, lines)
     tried = 0
 
-    def worth(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> Quality:
+    def worth(lines: Sequence[Floats], blind: Sequence[Flags]) -> Quality:
         nonlocal tried
         tried += 1
         advance(1)
         return around.worth(lines, blind)
 
-    def score(lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> float:
+    def score(lines: Sequence[Floats], blind: Sequence[Flags]) -> float:
         return worth(lines, blind).score(needs, samples.step)
 
     blind = around.blind(lines)
@@ -295,10 +294,7 @@ class Trade:
 
 
 def trades(
-    plan: Plan,
-    counts: Sequence[int],
-    angles: Sequence[float],
-    advance: Callable[[int], None] = lambda _: None,
+    plan: Plan, counts: Sequence[int], angles: Sequence[float], advance: Advance = lambda _: None
 ) -> list[Trade]:
     """Each number of heads with each angle of the baffle, at the mountings that a search finds.
 
@@ -348,7 +344,7 @@ def lightest(
     plan: Plan,
     counts: Sequence[int],
     angles: tuple[float, float],
-    advance: Callable[[int], None] = lambda _: None,
+    advance: Advance = lambda _: None,
     evaluations: int = EVALUATIONS,
 ) -> list[tuple[Trade, Placement]]:
     """The lightest heads and baffles, of each number of heads, that meet the requirements.
@@ -446,7 +442,7 @@ class _Around:
         ]
         return [line / np.linalg.norm(line) for line in turned]
 
-    def blind(self, lines: Sequence[Floats], sun: float | None = None) -> list[NDArray[np.bool_]]:
+    def blind(self, lines: Sequence[Floats], sun: float | None = None) -> list[Flags]:
         """When heads along some directions are blind, behind baffles with an exclusion angle of the
         Sun (radian); None: each with its own."""
         heads = self.plan.heads
@@ -454,7 +450,7 @@ class _Around:
             heads = _mounted_behind(self.plan, sun)
         return [blind_at(self.samples, *pair) for pair in zip(heads, lines, strict=True)]
 
-    def worth(self, lines: Sequence[Floats], blind: Sequence[NDArray[np.bool_]]) -> Quality:
+    def worth(self, lines: Sequence[Floats], blind: Sequence[Flags]) -> Quality:
         """What heads along some directions are worth, blind at some samples."""
         mission = self.plan.loaded.mission
         return quality_of(
@@ -638,9 +634,9 @@ def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats
 
 def _masks(
     samples: Samples, heads: Sequence[Mounted], grid: Floats
-) -> list[NDArray[np.bool_]]:  # fmt: skip
+) -> list[Flags]:  # fmt: skip
     """(directions, n) whether each head is blind there; once for heads with the same limits."""
-    masks = dict[tuple[float, ...], NDArray[np.bool_]]()
+    masks = dict[tuple[float, ...], Flags]()
     keys = [
         (
             *(getattr(head_.limits, field.name) for field in fields(head_.limits)),

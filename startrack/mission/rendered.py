@@ -1,13 +1,13 @@
 """Plan of a mission -> trials at its instants: what each head sees, and its errors checked."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Ints, Refused, Streams
+from startrack.core import Advance, Floats, Ints, Refused, Streams
 from startrack.design import Case, replaced_all
 from startrack.detector import Hits
 from startrack.mission.engine import Chunk, Plan, at, conditions_of, groups_of
@@ -115,9 +115,7 @@ class Checked:
     corrected_about: tuple[float, float]
 
 
-def checked(
-    plan: Plan, advance: Callable[[int], None] = lambda _: None
-) -> tuple[Plan, tuple[Checked, ...]]:
+def checked(plan: Plan, advance: Advance = lambda _: None) -> tuple[Plan, tuple[Checked, ...]]:
     """The plan with its surrogates corrected by trials, and how far they were off.
 
     The trials of a design lie at instants of the mission that are spread evenly over the rate, the
@@ -143,7 +141,7 @@ def checked(
 
 
 def _checked(
-    plan: Plan, chunk: Chunk, group: Sequence[int], count: int, advance: Callable[[int], None]
+    plan: Plan, chunk: Chunk, group: Sequence[int], count: int, advance: Advance
 ) -> tuple[Correction, Checked]:
     names = ", ".join(plan.heads[h].name for h in group)
     places, values = _places(plan, chunk, group, count)

@@ -3,14 +3,13 @@
 import hashlib
 import io
 import json
-from collections.abc import Callable
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from startrack.core import file_digest, inputs_of, software
+from startrack.core import Advance, file_digest, inputs_of, software
 from startrack.io import Database, FileKind, to_table
 from startrack.mission.engine import Flown, Plan, fly_part, merged, parts_of
 from startrack.mission.files import clock_of
@@ -48,7 +47,7 @@ def key_of(loaded: Loaded) -> bytes:
 
 
 def flown_from(
-    plan: Plan, path: Path | None, advance: Callable[[int], None] = lambda _: None
+    plan: Plan, path: Path | None, advance: Advance = lambda _: None
 ) -> tuple[Plan, tuple[Checked, ...], Flown]:
     """Check a plan by the trials that its mission asks for, and fly all of its steps.
 
@@ -83,7 +82,7 @@ def flown_from(
 
 
 def _checked(
-    plan: Plan, database: Database, key: bytes, held: bytes | None, advance: Callable[[int], None]
+    plan: Plan, database: Database, key: bytes, held: bytes | None, advance: Advance
 ) -> tuple[Plan, tuple[Checked, ...]]:
     if held is None:
         plan, checks = checked(plan, advance)

@@ -1,16 +1,15 @@
 """Flown -> availability, times without an attitude, reacquisition, verdicts; table of steps."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Ints, arcsec, deg
+from startrack.core import Advance, Flags, Floats, Ints, Rows, arcsec, deg
 from startrack.design import Case
 from startrack.io import save_netcdf
 from startrack.mission import files
@@ -48,7 +47,7 @@ class Spells:
         return [(float(self.begin[k]), float(self.length[k])) for k in order]
 
 
-def spells(holds: NDArray[np.bool_], step: float) -> Spells:
+def spells(holds: Flags, step: float) -> Spells:
     """The times in which (m,) steps hold."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(np.int8)))
     begin, end = edge[::2], edge[1::2]
@@ -224,9 +223,7 @@ def verdicts(
 DECIMALS = 5  # of a degree: 0.04 arcsec
 
 
-def timeline(
-    plan: Plan, every: int = 1, advance: Callable[[int], None] = lambda _: None
-) -> NDArray[np.void]:
+def timeline(plan: Plan, every: int = 1, advance: Advance = lambda _: None) -> Rows:
     """A row for each step, or for each of so many; angles in degrees.
 
     Errors are rms, in arcseconds, with the alignment of each head; infinite without an attitude.
@@ -262,7 +259,7 @@ def write_kernels(plan: Plan, every: int, orbit: Path, attitude: Path) -> None:
 UNITS = {"deg": "degree", "arcsec": "arcsec", "second": "s"}
 
 
-def save_timeline(path: Path, table: NDArray[np.void]) -> None:
+def save_timeline(path: Path, table: Rows) -> None:
     """Write a timeline as NetCDF (classic format), which xarray, MATLAB and IDL read.
 
     Each column is a variable over the dimension `time`, with its unit; `blind` is a number.
@@ -280,7 +277,7 @@ def save_timeline(path: Path, table: NDArray[np.void]) -> None:
     )
 
 
-def _rows(plan: Plan, chunk: Chunk) -> NDArray[np.void]:
+def _rows(plan: Plan, chunk: Chunk) -> Rows:
     own = chunk.instants
     columns = {
         "second": own.second,

@@ -1,14 +1,12 @@
 """Plan of a mission -> temperatures on board, and errors of spacecraft whose heads are units."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.budget import UnitBudgets, analytic, unit_budgets
-from startrack.core import Floats, Refused, utc, whole
+from startrack.core import Advance, Flags, Floats, Refused, utc, whole
 from startrack.design import TURNS, Case
 from startrack.metrics import Interval, level_interval
 from startrack.mission.engine import CHUNK, Chunk, Plan, at, groups_of
@@ -55,9 +53,7 @@ class Temperatures:
         )
 
 
-def temperatures_of(
-    plan: Plan, heat: Heat, advance: Callable[[int], None] = lambda _: None
-) -> Temperatures:
+def temperatures_of(plan: Plan, heat: Heat, advance: Advance = lambda _: None) -> Temperatures:
     """Temperatures of a platform and its heads along a mission.
 
     Sun, albedo and infrared of the Earth fall on the six faces of the box in its attitude, and on
@@ -135,9 +131,7 @@ class Fleet:
         return level_interval((self.aligned if aligned else self.rms).max(axis=1), fraction)
 
 
-def fly_units(
-    plan: Plan, count: int, seed: int, advance: Callable[[int], None] = lambda _: None
-) -> Fleet:
+def fly_units(plan: Plan, count: int, seed: int, advance: Advance = lambda _: None) -> Fleet:
     """The errors of spacecraft whose heads are drawn units, at all steps of a mission.
 
         e_h = b_h + A_h l(t) + N(0, V_h + U_h),   x = P sum_h V_h^-1 e_h,   P = (sum_h V_h^-1)^-1
@@ -255,9 +249,7 @@ def turned_by_heat(
     return np.asarray(-turns @ instrument.structure.loads(instrument.optics, place, *given))
 
 
-def _gains(
-    plan: Plan, chunk: Chunk, weight: Floats, valid: NDArray[np.bool_]
-) -> tuple[list[Floats], Floats]:
+def _gains(plan: Plan, chunk: Chunk, weight: Floats, valid: Flags) -> tuple[list[Floats], Floats]:
     """Fused error about the body's axes (n, 3, 3) by each head's in its camera axes; its noise.
 
     weight   (h, 3) radian^2, which the tracker adds to the variances of the surrogate
@@ -280,7 +272,7 @@ def _gains(
 
 
 def _add_alone(
-    total: Floats, errors: tuple[Floats, Floats, Floats], turned: Floats, valid: NDArray[np.bool_]
+    total: Floats, errors: tuple[Floats, Floats, Floats], turned: Floats, valid: Flags
 ) -> None:
     """Add a head's steps: squares of its turn, its noise on the diagonal beyond, their number."""
     across, about, _ = errors

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Floats, Ints, Parameters, Range, Refused, Streams
@@ -84,7 +83,7 @@ def towards(boresight: Floats, roll: Floats) -> Rotation:
     return Rotation.from_euler("ZYZ", turn).inv()
 
 
-def _points(seed: int, replicate: int, index: NDArray[np.int64]) -> Floats:
+def _points(seed: int, replicate: int, index: Ints) -> Floats:
     """Some points (n, 3) of one scramble."""
     engine = scipy.stats.qmc.Sobol(3, rng=Streams(seed, replicate)("sobol"))
     first = int(index.min())

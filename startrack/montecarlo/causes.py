@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, arcsec, deg
+from startrack.core import Floats, Rows, arcsec, deg
 from startrack.design import Case, KeepOut
 from startrack.io import celestials
 from startrack.metrics import STATED, STATED_ALONE, Limits, correct
@@ -58,7 +57,7 @@ class Endings:
 def endings(
     case: Case,
     seed: int,
-    outcomes: NDArray[np.void],
+    outcomes: Rows,
     icrs_to_camera: Rotation,
     limits: Limits = STATED_ALONE,
     keep_out: KeepOut | None = None,
@@ -126,9 +125,7 @@ def _blinding(case: Case, around: Mapping[str, float], keep_out: KeepOut | None)
 COLUMNS = ("ra_deg", "dec_deg", "roll_deg", "rate_deg_per_s", "sun_deg", "moon_deg", "limb_deg")
 
 
-def with_causes(
-    case: Case, outcomes: NDArray[np.void], icrs_to_camera: Rotation, ends: Endings
-) -> NDArray[np.void]:
+def with_causes(case: Case, outcomes: Rows, icrs_to_camera: Rotation, ends: Endings) -> Rows:
     """The table of outcomes with where each looked, how it ended, and why.
 
     Returns  (n,) structured array: the fields of the outcomes; right ascension and declination of

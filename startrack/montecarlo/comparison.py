@@ -2,15 +2,14 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from startrack import metrics
-from startrack.core import Floats, Refused
+from startrack.core import Advance, Flags, Floats, Ints, Refused, Rows
 from startrack.design import Case, Fidelity, Objective
 from startrack.trial import run_trials
 
@@ -39,8 +38,8 @@ class Difference(NamedTuple):
 
 
 def differences(
-    first: NDArray[np.void],
-    second: NDArray[np.void],
+    first: Rows,
+    second: Rows,
     seed: int = 0,
     limits: tuple[metrics.Limits, metrics.Limits] = (metrics.STATED_ALONE, metrics.STATED_ALONE),
     paired: bool = True,
@@ -65,9 +64,7 @@ def differences(
     ]
 
 
-def _errors(
-    first: NDArray[np.void], second: NDArray[np.void], seed: int, paired: bool
-) -> Iterator[Difference]:
+def _errors(first: Rows, second: Rows, seed: int, paired: bool) -> Iterator[Difference]:
     rng = np.random.default_rng(np.random.SeedSequence((seed, PAIRS)))
     solved = [outcomes["solved"] & ~outcomes["false"] for outcomes in (first, second)]
     if paired:
@@ -88,13 +85,13 @@ def _errors(
         yield Difference(str(objective), before, after, metrics.Interval(after - before, low, high))
 
 
-def _in_parts(objective: Objective, squares: Floats, chosen: NDArray[np.int64]) -> Floats:
+def _in_parts(objective: Objective, squares: Floats, chosen: Ints) -> Floats:
     """The statistic of each resample; few at a time, for the memory."""
     parts = np.array_split(chosen, max(1, chosen.size // 2_000_000))
     return np.concatenate([objective.of(squares[part]) for part in parts])
 
 
-def _availability(first: NDArray[np.bool_], second: NDArray[np.bool_], paired: bool) -> Difference:
+def _availability(first: Flags, second: Flags, paired: bool) -> Difference:
     before, after = float(first.mean()), float(second.mean())
     if paired:
         n = len(first) + 2
@@ -138,11 +135,11 @@ class FidelityResult(NamedTuple):
 
 
 def fidelity_comparison(
-    case: Case, seed: int, numbers: Sequence[int], advance: Callable[[int], None]
+    case: Case, seed: int, numbers: Sequence[int], advance: Advance
 ) -> list[FidelityResult]:
     """Every fidelity on the same trials; `frame`, the reference, is the first."""
     made: list[FidelityResult] = []
-    frames: NDArray[np.void] | None = None
+    frames: Rows | None = None
     for fidelity in Fidelity:
         try:
             run_trials(case, seed, numbers[:1], fidelity)

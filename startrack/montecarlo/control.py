@@ -5,11 +5,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import attitude_gain, refine
-from startrack.core import Camera, Floats, Frame, Ints, Refused, Stars
+from startrack.core import Camera, Flags, Floats, Frame, Ints, Refused, Stars
 from startrack.design import Case
 from startrack.detection import Response, half_of, joined, peak_border, response
 from startrack.detector import Detector, law_of, require_independent_pixels
@@ -94,9 +93,7 @@ def control(
     return Control(middle + slope @ noise, middle, slope**2 @ variance.ravel()[place])
 
 
-def _apart(
-    pixel: Floats, distance: float, answer: Callable[[NDArray[np.bool_]], Response]
-) -> Response:
+def _apart(pixel: Floats, distance: float, answer: Callable[[Flags], Response]) -> Response:
     """Responses of stars in groups, so that none responds to changes in the pixels of another."""
     near = np.tril(np.abs(pixel[:, None] - pixel).max(axis=2) < distance, -1)
     parts, left = [], np.ones(len(pixel), bool)
@@ -112,7 +109,7 @@ def _apart(
 
 def _agreeing(
     place: Floats, covariance: Floats, direction: Floats, start: Rotation, case: Case
-) -> NDArray[np.int64]:
+) -> Ints:
     """The stars within the tracker's gate; the worst is removed first."""
     camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
     kept = np.arange(len(place))
@@ -125,13 +122,13 @@ def _agreeing(
     return kept
 
 
-def _merged(place: Floats) -> NDArray[np.bool_]:
+def _merged(place: Floats) -> Flags:
     """Which stars share the spot of a brighter one, which precedes them."""
     distance = np.abs(place[:, None] - place).max(axis=2)
     return np.asarray(np.tril(distance < SAME, -1).any(axis=1))
 
 
-def _by_pixel(answer: Response, gain: Floats, columns: int) -> tuple[NDArray[np.int64], Floats]:
+def _by_pixel(answer: Response, gain: Floats, columns: int) -> tuple[Ints, Floats]:
     """Pixels (m,) as indices of the flat image, and the slope of the attitude by each, (3, m)."""
     slope = np.einsum("kna,naji->knji", gain, answer.slope).reshape(3, -1)
     step = np.arange(answer.slope.shape[-1])

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import Floats, Refused
+from startrack.core import Flags, Floats, Ints, Refused, Rows
 from startrack.design import Fidelity
 from startrack.metrics import Interval
 from startrack.montecarlo.attitudes import REPLICATES
@@ -52,7 +51,7 @@ def plain(values: Floats) -> Mean:
     return Mean(float(values.mean()), float(values.std(ddof=1)) / math.sqrt(n), n - 1)
 
 
-def replicated(values: Floats, replicate: NDArray[np.int64]) -> Mean:
+def replicated(values: Floats, replicate: Ints) -> Mean:
     """Mean of values that are independent only between replicates (n,), all equally many.
 
     The scatter of the replicates' means is valid however their points depend on each other.
@@ -108,7 +107,7 @@ def two_levels(fine: Floats, coarse: Floats, rest: Mean, controls: Floats | None
     return Mean(first.value, error, freedom)
 
 
-def probability(happened: NDArray[np.bool_], weight: Floats) -> Mean:
+def probability(happened: Flags, weight: Floats) -> Mean:
     """Probability of the event with its error, from trials with weights."""
     return plain(happened * weight)
 
@@ -118,7 +117,7 @@ def _slope(values: Floats, controls: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(centred, values - values.mean(), rcond=None)[0], float)
 
 
-Outcomes = NDArray[np.void]
+Outcomes = Rows
 
 FEWEST = 2 * FOLDS  # trials that a level needs
 
@@ -211,7 +210,7 @@ def _rest(outcomes: Outcomes, ratio: float, about: bool) -> Floats:
     return squares(outcomes, about) - ratio * _correct(outcomes)
 
 
-def _correct(outcomes: Outcomes) -> NDArray[np.bool_]:
+def _correct(outcomes: Outcomes) -> Flags:
     return np.asarray(outcomes["solved"] & ~outcomes["false"])
 
 

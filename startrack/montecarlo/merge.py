@@ -1,14 +1,13 @@
 """Stores of parts of a campaign -> one store, with the same bytes in any order of the parts."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Refused
+from startrack.core import Advance, Refused, Rows
 from startrack.io import Database
 from startrack.io import whole as whole_file
 from startrack.montecarlo.sampling import BLOCK
@@ -43,9 +42,7 @@ class _Part(NamedTuple):
     done: list[range]
 
 
-def merge_stores(
-    parts: list[Path], path: Path, progress: Callable[[int], None] | None = None
-) -> Merged:
+def merge_stores(parts: list[Path], path: Path, progress: Advance | None = None) -> Merged:
     """Write one store of all trials of several.
 
     Blocks are cut anew where the numbers of trials divide by BLOCK, sessions are in order of time.
@@ -133,9 +130,9 @@ def _touching(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
     return found
 
 
-def _blocks(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[NDArray[np.void]]:
+def _blocks(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[Rows]:
     """All trials in order, in blocks that end where the numbers divide by BLOCK, or at a gap."""
-    waiting: NDArray[np.void] | None = None
+    waiting: Rows | None = None
     for table in _runs(parts, repeated):
         if waiting is not None:
             if table["trial"][0] == waiting["trial"][-1] + 1:
@@ -153,12 +150,12 @@ def _blocks(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[NDA
         yield waiting
 
 
-def _runs(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[NDArray[np.void]]:
+def _runs(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[Rows]:
     """Outcomes of blocks in order of trial, without those that came before."""
     order = sorted(
         (numbers.start, numbers.stop, n) for n, part in enumerate(parts) for numbers in part.done
     )
-    before: NDArray[np.void] | None = None  # what trials that come again are compared with
+    before: Rows | None = None  # what trials that come again are compared with
     end, opened = 0, {}
     for first, stop, number in order:
         if number not in opened:

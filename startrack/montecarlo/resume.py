@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack import metrics
-from startrack.core import Parameters, Range, Refused, arcsec, positive, whole
+from startrack import core, metrics
+from startrack.core import Floats, Parameters, Range, Refused, Rows, arcsec, positive, whole
 from startrack.montecarlo.estimate import mean_square
 from startrack.montecarlo.run import BLOCKS_PER_WORKER, blocks
 from startrack.montecarlo.store import Store
@@ -49,7 +48,7 @@ class Precision(Parameters):
     sobol: bool = False
     limits: metrics.Limits = metrics.STATED_ALONE
 
-    def interval(self, outcomes: NDArray[np.void]) -> metrics.Interval:
+    def interval(self, outcomes: Rows) -> metrics.Interval:
         """The statistic of structured outcomes; errors over solved trials that are not false.
 
         An rms uses the controls of its trials, where they have them.
@@ -68,11 +67,11 @@ class Precision(Parameters):
             solved["error_z"] ** 2 if about else squares / 2, self.confidence
         )
 
-    def reached(self, outcomes: NDArray[np.void]) -> bool:
+    def reached(self, outcomes: Rows) -> bool:
         """Whether the interval is narrow enough."""
         return half_width(self.interval(outcomes)) <= self.relative
 
-    def next_size(self, outcomes: NDArray[np.void], trials: int) -> int:
+    def next_size(self, outcomes: Rows, trials: int) -> int:
         """Number of trials at the next test of the interval, after one at the outcomes of `trials`.
 
         A function of outcomes alone, so that a campaign stops at the same trial however it was
@@ -92,7 +91,7 @@ def half_width(interval: metrics.Interval) -> float:
 
 
 def quantile_interval(
-    values: NDArray[np.float64], fraction: float, confidence: float = 0.95
+    values: Floats, fraction: float, confidence: float = 0.95
 ) -> metrics.Interval:
     """A quantile of values that are not negative, with the interval of `level_interval`.
 
@@ -123,10 +122,10 @@ def resume(
     trials: int,
     precision: Precision | None = None,
     seconds: float | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: core.Advance | None = None,
     block: int | None = None,
     first: int = 0,
-) -> NDArray[np.void]:
+) -> Rows:
     """The outcomes of the first trials of a store, after doing those that it lacks.
 
     trials     how many; with `precision` at most
@@ -178,7 +177,7 @@ def _fill(
     plan: Iterable[range],
     executor: Executor,
     workers: int,
-    progress: Callable[[int], None] | None,
+    progress: core.Advance | None,
 ) -> None:
     done = blocks(store.case, store.seed, plan, executor, workers, sampling=store.sampling)
     for numbers, result in done:

@@ -1,14 +1,13 @@
 """Many trials of one case over workers: the same numbers for any number of them."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Refused, whole
+from startrack.core import Advance, Refused, Rows, whole
 from startrack.design import Case, Fidelity
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.workers import Serial, one_thread, pool
@@ -49,10 +48,10 @@ def run(
     executor: Executor,
     first: int = 0,
     workers: int = 1,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
     units: Units | None = None,
-) -> NDArray[np.void]:
+) -> Rows:
     """The outcomes of trials first ... first + trials - 1.
 
     progress  called with the number of trials that just ended

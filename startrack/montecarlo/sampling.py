@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Parameters, Range, Refused, Streams
+from startrack.core import Floats, Parameters, Range, Refused, Rows, Streams
 from startrack.design import YEAR, Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
@@ -23,7 +22,7 @@ CONTROLS = np.dtype(
 
 def sample_controlled(
     case: Case, seed: int, numbers: Sequence[int], attitudes: Rotation
-) -> tuple[NDArray[np.void], NDArray[np.void]]:
+) -> tuple[Rows, Rows]:
     """Outcomes (n,) of whole frames at chosen attitudes, and the `Control` of each.
 
     A trial without a control, for lack of bright stars, has one of zero with variance zero. The
@@ -43,7 +42,7 @@ def sample_controlled(
     return outcomes, controls
 
 
-def squares(outcomes: NDArray[np.void], about: bool = False) -> NDArray[np.float64]:
+def squares(outcomes: Rows, about: bool = False) -> Floats:
     """Radian^2, whose mean is the square of the rms across (per axis) or about the boresight.
 
     Trials without a correct attitude count as zero; divide by the availability.
@@ -53,7 +52,7 @@ def squares(outcomes: NDArray[np.void], about: bool = False) -> NDArray[np.float
     return np.where(correct, outcomes["error_z"] ** 2 if about else across, 0.0)
 
 
-def surplus(controls: NDArray[np.void], about: bool = False) -> NDArray[np.float64]:
+def surplus(controls: Rows, about: bool = False) -> Floats:
     """Radian^2, of the linearised error: its square minus the exact mean of it; zero on average.
 
     E |e0 + L|^2 = |e0|^2 + var L
@@ -120,7 +119,7 @@ class Sampling(Parameters):
         """The attitudes icrs_to_camera of some trials."""
         return (by_sobol if self.attitudes == "sobol" else at_random)(seed, numbers)
 
-    def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> NDArray[np.void]:
+    def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> Rows:
         """Outcomes (n,) of some trials, each independent of which others are run.
 
         Raises  as `startrack.run_trials` and `control`

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -17,11 +17,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from startrack import metrics
-from startrack.core import Floats, Ints, inputs_of
+from startrack.core import Advance, Floats, Ints, Rows, inputs_of
 from startrack.design import Case
 from startrack.io import read_bytes, save_text, to_table
 from startrack.montecarlo.resume import last_words, missing
@@ -204,7 +203,7 @@ class Sketching(NamedTuple):
         return sketched(self.sampling.trials(case, seed, numbers), self.limits, self.about)
 
 
-def sketched(outcomes: NDArray[np.void], limits: metrics.Limits, about: dict[str, Any]) -> Sketch:
+def sketched(outcomes: Rows, limits: metrics.Limits, about: dict[str, Any]) -> Sketch:
     """The sketch of outcomes (n,) of trials first, first + 1, ..., n > 0."""
     first = int(outcomes["trial"][0])
     judged = outcomes[outcomes["solved"] & ~outcomes["false"]]
@@ -339,7 +338,7 @@ def resume_sketch(
     executor: Executor,
     workers: int = 1,
     limits: metrics.Limits = metrics.STATED_ALONE,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
     block: int = BLOCK,
 ) -> Sketch:
     """The sketch of trials, after doing those that the file lacks.
@@ -384,7 +383,7 @@ def resume_sketch(
     return sketch
 
 
-def merge_sketches(paths: Iterable[Path], progress: Callable[[int], None] | None = None) -> Sketch:
+def merge_sketches(paths: Iterable[Path], progress: Advance | None = None) -> Sketch:
     """The sketch of all trials of several files.
 
     progress  called with the number of files that were just read

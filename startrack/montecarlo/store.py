@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Code, code_in, inputs_of, origin_of, software, whole
+from startrack.core import Code, Rows, code_in, inputs_of, origin_of, software, whole
 from startrack.design import Campaign, Case, Fidelity
 from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_table
 from startrack.io import whole as whole_file
@@ -210,7 +209,7 @@ class Store:
         """The case of the trials."""
         return self._case
 
-    def keep(self, first: int, outcomes: NDArray[np.void]) -> None:
+    def keep(self, first: int, outcomes: Rows) -> None:
         """Commit a block of trials first, first + 1, ...; it may have failed before."""
         data = outcomes.tobytes()
         with self._database.transaction() as execute:
@@ -254,7 +253,7 @@ class Store:
         with self._damage():
             return [(str(began), dict(json.loads(text))) for began, text in rows]
 
-    def outcomes(self, trials: int | None = None) -> NDArray[np.void]:
+    def outcomes(self, trials: int | None = None) -> Rows:
         """What is kept of the first `trials` trials (None: of all), in order of trial.
 
         Raises  ValueError where a block is damaged: its checksum is wrong, or what it holds is no
@@ -337,7 +336,7 @@ def fault(first: Any, trials: Any, data: Any, expected: Any, dtype: np.dtype[Any
     return impossible(table)
 
 
-def impossible(table: NDArray[np.void]) -> str:
+def impossible(table: Rows) -> str:
     """What no trial has as its outcome; empty where there is nothing of it."""
     for name in ("solved", "false"):
         if (table[name].view(np.uint8) > 1).any():
@@ -425,7 +424,7 @@ def difference(stored: Any, asked: Any, place: str = "") -> str:
     return "" if stored == asked else f"{place} is {stored!r} there, {asked!r} here"
 
 
-def export(path: Path, outcomes: NDArray[np.void]) -> None:
+def export(path: Path, outcomes: Rows) -> None:
     """Write CSV or Parquet, as the name ends.
 
     Raises  ValueError for another ending; ImportError for Parquet without pyarrow.

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack import core
 from startrack.catalog import LIMITS, Sky, csv_table, open_sky, table_numbers
-from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, deg, within
+from startrack.core import NON_NEGATIVE, Flags, Floats, Ints, Parameters, Range, deg, within
 from startrack.design import Case
 from startrack.identification import local_rank, merged
 from startrack.io import shipped
@@ -126,7 +125,7 @@ def guide_stars(
     return _with_triangles(single[thin], flags[thin], field, settings, (epoch, limit, resolution))
 
 
-def _stars(case: Case, limit: float, epoch: float) -> tuple[core.Stars, NDArray[np.bool_]]:
+def _stars(case: Case, limit: float, epoch: float) -> tuple[core.Stars, Flags]:
     """All stars that count, with magnitudes in the band; whether the motion of each is unknown."""
     believed = case.believed_catalog
     faintest = min(limit + FAINTER + 1, LIMITS.get(believed.source, 21.0))
@@ -149,7 +148,7 @@ def _stars(case: Case, limit: float, epoch: float) -> tuple[core.Stars, NDArray[
     return stars[near], still[near]
 
 
-def _variable(case: Case, stars: core.Stars, variables: list[Variable]) -> NDArray[np.bool_]:
+def _variable(case: Case, stars: core.Stars, variables: list[Variable]) -> Flags:
     """Which stars are those of the list: the brightest near each place, at J2000."""
     variable = np.zeros(len(stars), bool)
     old = open_sky(

@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.core import Floats, Ints
 from startrack.io import read_bytes, save_csv, save_text, whole
@@ -158,7 +157,7 @@ def triangle_codes(a: Floats, b: Floats, c: Floats) -> Floats:
     return np.column_stack([x, 0.5 * (c * across).sum(axis=1) * np.sqrt(width) / depth])
 
 
-def _separation(a: Floats, b: Floats) -> NDArray[np.float64]:
+def _separation(a: Floats, b: Floats) -> Floats:
     chord: Floats = np.linalg.norm(a - b, axis=-1)
     return 2 * np.arcsin(np.minimum(chord / 2, 1))
 

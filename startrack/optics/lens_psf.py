@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from startrack.core import Camera, FieldPsf, Floats, Ints, Refused
+from startrack.core import Camera, FieldPsf, Floats, Ints, Refused, Singles
 from startrack.optics import field_images, lens_table
 from startrack.optics.closed_forms import blur_transfer, pixel_transfer
 from startrack.optics.field_images import COARSE, NODES, Band, band_of
@@ -221,7 +221,7 @@ class _Star:
 
         return self._over_square(coordinate, degree + MORE_NODES, path)
 
-    def light_over_square(self, coordinate: NDArray[np.float32]) -> NDArray[np.float32]:
+    def light_over_square(self, coordinate: Singles) -> Singles:
         """`light` over the pupil's square, (n, n)."""
         return self._over_square(coordinate, len(self.amplitude), self.light)
 
@@ -241,9 +241,7 @@ class _Star:
         at_nodes, weight = at_nodes.astype(coordinate.dtype), weight.astype(coordinate.dtype)
         return np.asarray(weight @ at_nodes @ weight.T)
 
-    def open_pupil(
-        self, coordinate: NDArray[np.float32], cell: float
-    ) -> tuple[NDArray[np.float32], Ints]:
+    def open_pupil(self, coordinate: Singles, cell: float) -> tuple[Singles, Ints]:
         """How far points are open, softly at the rim, where any light passes; the points' indices.
 
         coordinate, cell  of a square, as those of `path_over_square`; their spacing
@@ -662,7 +660,7 @@ class _Plan:
         ])  # fmt: skip
         return np.array(tables, float), centre
 
-    def _irradiance(self, star: _Star, u: float, v: float) -> NDArray[np.float32]:
+    def _irradiance(self, star: _Star, u: float, v: float) -> Singles:
         """Of one wavelength about a place (metre, along the radius and across it).
 
         Its integral is one. A fast transform of the pupil, whose samples are so far apart that the
@@ -707,7 +705,7 @@ class _Plan:
         more = math.ceil((self.side_of_pixel / 2 + 6 * self.blur) / self.spacing)
         return int(fft.next_fast_len(self.count + more, real=True))
 
-    def _pixels(self, shift: float) -> NDArray[np.float32]:
+    def _pixels(self, shift: float) -> Singles:
         """Weights (m, n) of the points of an image along an axis for the samples of its table.
 
         shift  points, by which the image is moved

@@ -3,14 +3,14 @@
 import copy
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import ZERO_CELSIUS, Floats, Refused, nm
+from startrack.core import ZERO_CELSIUS, Advance, Floats, Refused, nm
 from startrack.optics.lens_table import LensTable, rim_harmonics
 from startrack.optics.pupil import noll_to_nm, zernike
 from startrack.optics.surfaces import Surfaces
@@ -92,11 +92,7 @@ def _tracer() -> Any:
 
 
 def trace_lens(
-    lens: Any,
-    name: str,
-    source: str,
-    tracing: Tracing,
-    progress: Callable[[int], None] = lambda count: None,
+    lens: Any, name: str, source: str, tracing: Tracing, progress: Advance = lambda count: None
 ) -> Traced:
     """Trace a lens of revolution at all nodes.
 

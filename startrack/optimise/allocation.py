@@ -1,6 +1,6 @@
 """Case, units -> what each tolerance and each lever of a design buys, by budgets of its units."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from startrack import design
 from startrack.budget import unit_budgets
-from startrack.core import Floats, Refused
+from startrack.core import Advance, Floats, Refused
 from startrack.metrics import Interval, quantile_of_few
 from startrack.verification import units_expected
 
@@ -73,7 +73,7 @@ def allocation(
     seed: int,
     count: int,
     changes: Sequence[Change],
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
 ) -> Allocation:
     """Make each change in turn, on the same draws of the same units.
 

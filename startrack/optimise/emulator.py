@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
-from startrack.core import Floats
+from startrack.core import Flags, Floats
 
 # Of the logarithms of the lengths, normal: a cube of one or two bends along each axis.
 TYPICAL_LENGTH, LENGTH_SPREAD = 1.0, 1.5
@@ -81,7 +80,7 @@ class Emulator:
         doubt = np.append(self.doubt, 0.0)
         return _of(np.vstack([self.points, point]), values, self.length, self.noise, doubt)
 
-    def of_some(self, kept: NDArray[np.bool_]) -> Emulator:
+    def of_some(self, kept: Flags) -> Emulator:
         """The process through some of its points (n,), of the same lengths and noise."""
         doubt = self.doubt[kept]
         return _of(self.points[kept], self._values[kept], self.length, self.noise, doubt)

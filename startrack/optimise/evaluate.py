@@ -10,9 +10,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused, arcsec
+from startrack.core import Floats, Refused, Rows, arcsec
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, Judged, Objective
 from startrack.metrics import Summary, summarise
 from startrack.optimise import forecast
@@ -136,7 +135,7 @@ def evaluate(
     return Evaluation(tuple(coordinates), values, error, expected, score, margins, summary, "")
 
 
-def try_out(one: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -> NDArray[np.void]:
+def try_out(one: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
     """The outcomes of the first trials of a case, over its units where it is judged over these."""
     if one.units is None:
         return runner.run(one.case, trials, fidelity)
@@ -148,7 +147,7 @@ def try_out(one: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -
 
 def combined(
     judged: Sequence[Judged],
-    tried: Mapping[str, NDArray[np.void]],
+    tried: Mapping[str, Rows],
     objective: Objective,
     foreseen: Mapping[str, Forecast],
 ) -> float:
@@ -286,7 +285,7 @@ def _log_arcsec(angle: float) -> float:
 
 
 def measured(
-    one: Judged, outcomes: NDArray[np.void], seed: int, found: Forecast | None = None
+    one: Judged, outcomes: Rows, seed: int, found: Forecast | None = None
 ) -> dict[str, float]:
     """The margins that need trials, as these found them, without regard to their interval.
 

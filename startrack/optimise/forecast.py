@@ -6,12 +6,9 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from startrack import verification
 from startrack.budget import Budget, Law, UnitBudgets, analytic, joined, unit_budgets
-from startrack.core import Refused
+from startrack.core import Refused, Rows
 from startrack.design import NOMINAL, Campaign, Case, Judged, Objective, Requirements
 from startrack.metrics import quantile_of_few
 from startrack.optics import COARSE
@@ -107,9 +104,7 @@ def level_over_units(objective: Objective, units: UnitBudgets, fraction: float) 
     return float(quantile_of_few(verification.units_expected(objective, units), fraction))
 
 
-def over_units(
-    one: Judged, outcomes: NDArray[np.void], objective: Objective, found: Forecast
-) -> float:
+def over_units(one: Judged, outcomes: Rows, objective: Objective, found: Forecast) -> float:
     """The level over units over the error of all those together that were tried, by the budgets."""
     if one.units is None or not found.over:
         return 1.0

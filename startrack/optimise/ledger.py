@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from startrack.core import Rows
 from startrack.io import Database, FileKind
 from startrack.trial import OUTCOMES
 
@@ -29,7 +29,7 @@ class Ledger:
         self.path = path
         self._database = Database(path, LEDGER)
 
-    def held(self, key: bytes) -> NDArray[np.void]:
+    def held(self, key: bytes) -> Rows:
         """The outcomes kept under a key, in the order in which they came.
 
         Raises  ValueError, with file and row, where they are not as they were written.
@@ -45,7 +45,7 @@ class Ledger:
             done += len(data) // OUTCOMES.itemsize
         return np.frombuffer(b"".join(blocks), OUTCOMES)
 
-    def keep(self, key: bytes, first: int, outcomes: NDArray[np.void]) -> None:
+    def keep(self, key: bytes, first: int, outcomes: Rows) -> None:
         """Keep outcomes after the `first` ones that the key already has."""
         self._database.keep(key, first, outcomes.tobytes())
 

@@ -7,10 +7,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack import design
-from startrack.core import Refused
+from startrack.core import Advance, Refused, Rows
 from startrack.design import Campaign
 from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise import steps
@@ -247,13 +246,13 @@ def _verify(
     finalists: Sequence[Evaluation],
     campaign: Campaign,
     runner: TrialRunner,
-    watch: Callable[[int], None] | None,
-) -> tuple[Evaluation, dict[str, NDArray[np.void]], _Shown]:
+    watch: Advance | None,
+) -> tuple[Evaluation, dict[str, Rows], _Shown]:
     """The first finalist that meets the requirements on fresh trials, else the first.
 
     Returns  it, its outcomes on fresh frames in each condition that has a weight, what they show
     """
-    results = list[tuple[Evaluation, dict[str, NDArray[np.void]], _Shown]]()
+    results = list[tuple[Evaluation, dict[str, Rows], _Shown]]()
     for one in finalists:
         judged = campaign.judged(space.design(np.array(one.coordinates)))
         fresh = _fresh(judged, campaign, runner, watch)
@@ -269,8 +268,8 @@ def _shown(
     judged: Sequence[design.Judged],
     campaign: Campaign,
     runner: TrialRunner,
-    fresh: Mapping[str, NDArray[np.void]],
-    watch: Callable[[int], None] | None,
+    fresh: Mapping[str, Rows],
+    watch: Advance | None,
 ) -> _Shown:
     """The margins that need trials, from fresh ones; of the bound that must hold."""
     margins, fraction = dict[str, float](), Interval(math.nan, 0.0, 1.0)
@@ -298,11 +297,8 @@ def _shown(
 
 
 def _fresh(
-    judged: Sequence[design.Judged],
-    campaign: Campaign,
-    runner: TrialRunner,
-    watch: Callable[[int], None] | None,
-) -> dict[str, NDArray[np.void]]:
+    judged: Sequence[design.Judged], campaign: Campaign, runner: TrialRunner, watch: Advance | None
+) -> dict[str, Rows]:
     """Outcomes on frames that no tuning used, in each condition that has a weight.
 
     Empty where the design cannot be built.

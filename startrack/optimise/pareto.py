@@ -5,9 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused, arcsec, one_of, whole
+from startrack.core import Flags, Floats, Refused, Rows, arcsec, one_of, whole
 from startrack.design import Campaign, DesignSpace, Judged, Objective, fewest_trials_beyond
 from startrack.metrics import Interval
 from startrack.optimise.emulator import emulator
@@ -184,7 +183,7 @@ class _Search:
             values = foresee_all(self._space, other, points, self._runner, enough=-math.inf)
         return np.array([value.expected for value in values])
 
-    def _met(self, pairs: Floats) -> NDArray[np.bool_]:
+    def _met(self, pairs: Floats) -> Flags:
         short = np.array([missed(value.margins) for value in self.explorer.values])
         return (short == 0) & np.isfinite(pairs).all(axis=1)
 
@@ -282,7 +281,7 @@ def _measured(
 
 def _over_units(
     judged: Sequence[Judged],
-    tried: Mapping[str, NDArray[np.void]],
+    tried: Mapping[str, Rows],
     objective: Objective,
     campaign: Campaign,
     runner: TrialRunner,
@@ -295,7 +294,7 @@ def _over_units(
 
 
 def _interval(
-    judged: Sequence[Judged], tried: Mapping[str, NDArray[np.void]], objective: Objective, seed: int
+    judged: Sequence[Judged], tried: Mapping[str, Rows], objective: Objective, seed: int
 ) -> Interval:
     """Arcsec, the objective over the trials of all conditions that have a weight."""
     counted = [one for one in judged if one.name in tried]

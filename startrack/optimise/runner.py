@@ -8,9 +8,8 @@ from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Refused, inputs_of, software
+from startrack.core import Advance, Refused, Rows, inputs_of, software
 from startrack.design import Campaign, Case, Fidelity
 from startrack.detection import STREAK
 from startrack.montecarlo import Serial, run
@@ -68,9 +67,9 @@ class TrialRunner:
         trials: int,
         fidelity: Fidelity = Fidelity.FRAME,
         first: int = 0,
-        progress: Callable[[int], None] | None = None,
+        progress: Advance | None = None,
         units: Units | None = None,
-    ) -> NDArray[np.void]:
+    ) -> Rows:
         """The outcomes of trials first ... first + trials - 1 of a design.
 
         units     how these go over its units; None: all are of the unit as designed

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from startrack import verification
-from startrack.core import Floats, Refused, arcsec
+from startrack.core import Floats, Refused, Rows, arcsec
 from startrack.design import Campaign, DesignSpace, Judged, Requirements
 from startrack.metrics import Interval
 from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed
@@ -289,7 +288,7 @@ UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of
 
 
 def confirm_requirements(
-    one: Judged, campaign: Campaign, runner: TrialRunner, outcomes: NDArray[np.void]
+    one: Judged, campaign: Campaign, runner: TrialRunner, outcomes: Rows
 ) -> dict[str, Confirmed]:
     """The errors that are limited, and the availability, with bounds for their requirements.
 

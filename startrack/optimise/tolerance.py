@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from scipy import special
 
-from startrack.core import Floats, Refused
+from startrack.core import Advance, Floats, Refused
 from startrack.design import Campaign, Case, DesignSpace
 from startrack.optimise.ensemble import Chains, draw, thinned
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all
@@ -107,7 +107,7 @@ class Tolerance:
 
 
 def sample(
-    case: Case, campaign: Campaign, runner: TrialRunner, watch: Callable[[int], None] | None = None
+    case: Case, campaign: Campaign, runner: TrialRunner, watch: Advance | None = None
 ) -> Tolerance:
     """Sample the tolerance region around a design.
 

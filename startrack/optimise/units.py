@@ -1,16 +1,15 @@
 """Fresh units of a design -> the level that a fraction of them keeps, and their yields."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import polygamma
 
 from startrack.budget import UnitBudgets, joined
-from startrack.core import Floats
+from startrack.core import Advance, Floats, Ints, Rows
 from startrack.design import Accuracy, Campaign, Case, Judged, Objective, OverUnits
 from startrack.metrics import Interval, fraction_interval, quantile_of_few
 from startrack.optimise.forecast import budgets_of_units
@@ -35,8 +34,8 @@ def fresh_units(
     runner: TrialRunner,
     count: int | None = None,
     done: int = 0,
-    watch: Callable[[int], None] | None = None,
-) -> NDArray[np.void]:
+    watch: Advance | None = None,
+) -> Rows:
     """The outcomes of trials of units that no tuning used, in the campaign's fidelity.
 
     one    which is judged over units
@@ -52,17 +51,13 @@ def fresh_units(
     )
 
 
-def errors_of(
-    objective: Objective, outcomes: NDArray[np.void], units: OverUnits, campaign: Campaign
-) -> Floats:
+def errors_of(objective: Objective, outcomes: Rows, units: OverUnits, campaign: Campaign) -> Floats:
     """The objective (n,) of each fresh unit, radian; infinite where no trial is solved."""
     found = unit_errors(objective, outcomes, outcomes["trial"] // how(units, campaign).trials)
     return np.where(np.isnan(found), np.inf, found)
 
 
-def noise_of(
-    objective: Objective, outcomes: NDArray[np.void], units: OverUnits, campaign: Campaign
-) -> float:
+def noise_of(objective: Objective, outcomes: Rows, units: OverUnits, campaign: Campaign) -> float:
     """Variance of ln(error) of a fresh unit, in the mean over these, by how few its trials are.
 
         x = sum over environments (sum of its (q_i - q))^2 / (n q)^2 g / (g - 1)
@@ -126,8 +121,8 @@ class ComparedUnits:
 
 def compare_units(
     campaign: Campaign,
-    start: tuple[Sequence[Judged], Sequence[NDArray[np.void]]],
-    best: tuple[Sequence[Judged], Sequence[NDArray[np.void]]],
+    start: tuple[Sequence[Judged], Sequence[Rows]],
+    best: tuple[Sequence[Judged], Sequence[Rows]],
     predicted: float,
     runner: TrialRunner,
 ) -> ComparedUnits | None:
@@ -179,7 +174,7 @@ class MeasuredUnits(NamedTuple):
     expected: Floats
     noise: float
 
-    def freed(self, chosen: NDArray[np.int64]) -> Floats:
+    def freed(self, chosen: Ints) -> Floats:
         """`without_noise` of some choices (..., n) of units."""
         return without_noise(self.error[chosen], self.expected[chosen], self.noise)
 
@@ -187,7 +182,7 @@ class MeasuredUnits(NamedTuple):
 def level_interval_of_units(
     objective: Objective,
     judged: Sequence[Judged],
-    outcomes: Sequence[NDArray[np.void]],
+    outcomes: Sequence[Rows],
     campaign: Campaign,
     runner: TrialRunner,
 ) -> Interval:
@@ -203,11 +198,7 @@ def level_interval_of_units(
 
 
 def likely_errors(
-    objective: Objective,
-    one: Judged,
-    outcomes: NDArray[np.void],
-    campaign: Campaign,
-    runner: TrialRunner,
+    objective: Objective, one: Judged, outcomes: Rows, campaign: Campaign, runner: TrialRunner
 ) -> Floats:
     """The objective (n,) of each fresh unit, radian, as spread as many trials would show.
 
@@ -228,7 +219,7 @@ def likely_errors(
 def _measured(
     objective: Objective,
     judged: Sequence[Judged],
-    outcomes: Sequence[NDArray[np.void]],
+    outcomes: Sequence[Rows],
     campaign: Campaign,
     runner: TrialRunner,
 ) -> list[MeasuredUnits]:
@@ -244,11 +235,7 @@ def _measured(
 
 
 def _expected(
-    objective: Objective,
-    one: Judged,
-    outcomes: NDArray[np.void],
-    campaign: Campaign,
-    runner: TrialRunner,
+    objective: Objective, one: Judged, outcomes: Rows, campaign: Campaign, runner: TrialRunner
 ) -> Floats:
     """The objective (n,) that budgets expect of each unit; ones where each would take long."""
     assert one.units is not None
@@ -274,17 +261,14 @@ def _budgets(block: Block) -> UnitBudgets | None:
     return budgets_of_units(*block)
 
 
-def _choices(count: int, seed: int) -> NDArray[np.int64]:
+def _choices(count: int, seed: int) -> Ints:
     """(1 + RESAMPLES, n) all units, then units with repetition."""
     rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))
     return np.vstack([np.arange(count), rng.integers(0, count, (RESAMPLES, count))])
 
 
 def _levels(
-    found: Sequence[MeasuredUnits],
-    weights: Sequence[float],
-    fraction: float,
-    chosen: NDArray[np.int64],
+    found: Sequence[MeasuredUnits], weights: Sequence[float], fraction: float, chosen: Ints
 ) -> Floats:
     """The level of each choice of units; NaN where a condition has no trials."""
     if len(found) < len(weights):

@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
-from numpy.typing import NDArray
 
-from startrack.core import Floats, arcsec, deg
+from startrack.core import Floats, Rows, arcsec, deg
 from startrack.metrics import Interval, summarise
 from startrack.plots import style
 from startrack.sequence import Mode
@@ -18,7 +17,7 @@ BINS = 41
 
 
 @style.styled
-def draw_errors(path: Path | None, outcomes: NDArray[np.void], title: str) -> Figure:
+def draw_errors(path: Path | None, outcomes: Rows, title: str) -> Figure:
     """The errors of many trials: across the boresight as points, about it as a histogram.
 
     Axes hold eight times the typical error. Larger ones stand at the edge, and are counted.
@@ -110,7 +109,7 @@ TYPICAL = 8.0  # median errors up to which the axis is linear
 
 
 @style.styled
-def draw_sequence(path: Path | None, table: NDArray[np.void], title: str) -> Figure:
+def draw_sequence(path: Path | None, table: Rows, title: str) -> Figure:
     """Rate and mode, and the error about each axis: of each frame alone and of the filter."""
     figure = style.picture(10.5, title)
     rate, *panels = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1.6, 1.6, 1.6))
@@ -133,7 +132,7 @@ def draw_sequence(path: Path | None, table: NDArray[np.void], title: str) -> Fig
     return style.save_picture(path, figure)
 
 
-def _over_time(axes: Axes, table: NDArray[np.void], axis: str, label: str) -> None:
+def _over_time(axes: Axes, table: Rows, axis: str, label: str) -> None:
     time = table["time"]
     filtered, sigma = (table[name + axis] / arcsec for name in ("filtered_", "filtered_sigma_"))
     alone, wrong = table[f"error_{axis}"] / arcsec, table["false"]

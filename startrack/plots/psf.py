@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-from startrack.core import Psf
+from startrack.core import Floats, Psf
 from startrack.plots import style
 
-Curves = dict[str, NDArray[np.float64]]
+Curves = dict[str, Floats]
 
 FAINTEST = -5.0  # decades below the peak
 ALIKE = 1e-3  # of the modulation, by which curves along x and y may differ and be drawn as one
@@ -26,7 +25,7 @@ LOOKS = {
 
 @style.styled
 def draw_psf(
-    path: Path, image: Psf, frequency: NDArray[np.float64], curves: Sequence[Curves], title: str
+    path: Path, image: Psf, frequency: Floats, curves: Sequence[Curves], title: str
 ) -> None:
     """Write the picture.
 
@@ -61,7 +60,7 @@ def _spot(axes: Axes, image: Psf) -> None:
     bar.set_ticks(ticks.tolist(), labels=[style.plain(10.0**tick) for tick in ticks])
 
 
-def _modulation(axes: Axes, frequency: NDArray[np.float64], curves: Sequence[Curves]) -> None:
+def _modulation(axes: Axes, frequency: Floats, curves: Sequence[Curves]) -> None:
     along_x, along_y = curves
     alike = all(np.abs(along_x[name] - along_y[name]).max() < ALIKE for name in along_x)
     every = max(1, len(frequency) // 8)

@@ -6,10 +6,9 @@ from itertools import groupby
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, whole
+from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Rows, whole
 from startrack.design import Case, Fidelity, Moment, Objective, Scope
 from startrack.metrics import Interval, fraction_interval
 from startrack.population.nodes import unit_plans
@@ -60,7 +59,7 @@ def unit_trials(
     units: Units,
     fidelity: Fidelity = Fidelity.COVARIANCE,
     icrs_to_camera: Rotation | None = None,
-) -> NDArray[np.void]:
+) -> Rows:
     """The outcomes of some trials of a seed, each of a unit drawn from the design's variations.
 
     icrs_to_camera  a true attitude for each; None: random ones
@@ -106,7 +105,7 @@ class PerUnit(NamedTuple):
             return None
         return int(self.unit[np.nanargmax(self.across)])
 
-    def meets(self, table: NDArray[np.void], objective: Objective, limit: float) -> Interval:
+    def meets(self, table: Rows, objective: Objective, limit: float) -> Interval:
         """Yield: share of the units whose objective is at most a limit, with its 95 % interval.
 
         table  of the trials of these units
@@ -118,7 +117,7 @@ class PerUnit(NamedTuple):
         return fraction_interval(int((found <= limit).sum()), len(found))
 
 
-def unit_errors(objective: Objective, outcomes: NDArray[np.void], unit: Ints) -> Floats:
+def unit_errors(objective: Objective, outcomes: Rows, unit: Ints) -> Floats:
     """The objective of each unit over its trials, radian; NaN where none is solved.
 
     unit     (n,) of each trial
@@ -130,7 +129,7 @@ def unit_errors(objective: Objective, outcomes: NDArray[np.void], unit: Ints) ->
     return np.array([float(objective.of(one)) for one in parts])
 
 
-def per_unit(table: NDArray[np.void]) -> PerUnit:
+def per_unit(table: Rows) -> PerUnit:
     """The errors of each unit in a table of `unit_trials`."""
     unit = table["unit"]
     across, about = (unit_errors(Objective(axes), table, unit) for axes in ("across", "about"))

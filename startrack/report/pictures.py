@@ -13,11 +13,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from startrack import plots
 from startrack.budget import Curve, Slew, StarErrors
-from startrack.core import Floats, arcsec, deg
+from startrack.core import Floats, Ints, Rows, arcsec, deg
 from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import Regions, quantile_interval
 from startrack.report.page import HIGH, WIDE, Picture
@@ -27,7 +26,7 @@ POINTS = 300  # of a curve
 FAR = 20.0  # median errors, from which on the axis is logarithmic
 
 
-def sizes(outcomes: NDArray[np.void]) -> tuple[Floats, Floats]:
+def sizes(outcomes: Rows) -> tuple[Floats, Floats]:
     """Radian, of the solved trials that are not false: angle across, size about the boresight."""
     correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
     return np.hypot(correct["error_x"], correct["error_y"]), np.abs(correct["error_z"])
@@ -38,7 +37,7 @@ def quantiles(size: Floats) -> list[Interval]:
     return [quantile_interval(size, fraction) for fraction in FRACTIONS]
 
 
-def exceedance(outcomes: NDArray[np.void]) -> list[Picture]:
+def exceedance(outcomes: Rows) -> list[Picture]:
     """Fraction of trials that exceed an error, with its interval, and the normal distribution."""
     across, about = sizes(outcomes)
     return [
@@ -103,7 +102,7 @@ FINE = 12  # pieces along each border of a region
 
 
 @plots.styled
-def sky_map(boresight: Floats, outcomes: NDArray[np.void]) -> list[Picture]:
+def sky_map(boresight: Floats, outcomes: Rows) -> list[Picture]:
     """The error of each trial at its boresight, and its rms over regions of equal area.
 
     As many regions as the trials bear; none where they are too few for eight.
@@ -163,7 +162,7 @@ def _plane(direction: Floats) -> tuple[Floats, Floats]:
     return -np.arctan2(y, x), np.arcsin(np.clip(z, -1, 1))
 
 
-def _cell_rms(regions: Regions, cell: NDArray[np.int64], square: Floats) -> Floats:
+def _cell_rms(regions: Regions, cell: Ints, square: Floats) -> Floats:
     count = np.bincount(cell, minlength=len(regions))
     total = np.bincount(cell, square, minlength=len(regions))
     mean = np.divide(total, count, out=np.full(len(regions), np.nan), where=count >= FEWEST)

@@ -3,7 +3,6 @@
 import base64
 import math
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from html import escape
@@ -12,13 +11,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import verification
 from startrack.budget import Budget, Line, Sample, analytic, caveats, differences, measured
 from startrack.catalog import open_sky
-from startrack.core import Floats, Refused, Streams, arcsec, deg, mm, um
+from startrack.core import Advance, Floats, Ints, Refused, Rows, Streams, arcsec, deg, mm, um
 from startrack.design import YEAR, Case, Fidelity, Objective
 from startrack.io import celestial
 from startrack.metrics import STATED_ALONE, Summary, bracketed, fraction_interval, rms_interval
@@ -63,9 +61,7 @@ def design(case: Case) -> page.Section:
     return page.Section("Design", table("The design in ten lines", ["part", "value"], rows))
 
 
-def verdict(
-    store: Store, outcomes: NDArray[np.void], trials: int, advance: Callable[[int], None]
-) -> page.Section:
+def verdict(store: Store, outcomes: Rows, trials: int, advance: Advance) -> page.Section:
     """Each requirement of the campaign, by analysis and by trials.
 
     trials  in each condition but the design's own, whose trials are those of the store
@@ -78,7 +74,7 @@ def verdict(
             "Verdict", page.paragraph("A verdict needs trials at random attitudes.")
         )
 
-    def of(case: Case, number: int) -> NDArray[np.void]:
+    def of(case: Case, number: int) -> Rows:
         if case == store.case:
             return outcomes
         fidelity = store.sampling.fidelity
@@ -123,7 +119,7 @@ def other_conditions(store: Store) -> int:
     return len(verification.cases(store.case, campaign)[0]) - 1 if campaign else 0
 
 
-def lost(store: Store, outcomes: NDArray[np.void]) -> page.Section:
+def lost(store: Store, outcomes: Rows) -> page.Section:
     """How trials ended, with counts."""
     needs = campaign.requirements if (campaign := store.campaign) else None
     attitudes = store.sampling.attitudes_of(store.seed, outcomes["trial"].tolist())
@@ -149,9 +145,7 @@ def lost(store: Store, outcomes: NDArray[np.void]) -> page.Section:
 TITLE = "Error budget"
 
 
-def budget(
-    case: Case, seed: int, members: int, summary: Summary, advance: Callable[[int], None]
-) -> page.Section:
+def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advance) -> page.Section:
     """Each cause in the terms of ECSS-E-ST-60-20C, analytic and measured; or why there is none.
 
     summary  of the campaign's trials, with which the formulas are compared
@@ -218,7 +212,7 @@ def _sum(budget: Budget[Any]) -> list[str]:
 SHOWN = 6  # numbers that changed the worst unit most
 
 
-def units(store: Store, outcomes: NDArray[np.void]) -> list[page.Section]:
+def units(store: Store, outcomes: Rows) -> list[page.Section]:
     """The section on units; none where all trials are of the unit as designed."""
     how = store.sampling.units
     if how is None:
@@ -301,7 +295,7 @@ def _worst(store: Store, by_unit: PerUnit) -> str:
     return table(f"The worst unit, {worst}: {rms:.3g} arcsec rms across", head, rows)
 
 
-def worst(outcomes: NDArray[np.void], count: int) -> NDArray[np.int64]:
+def worst(outcomes: Rows, count: int) -> Ints:
     """Numbers of the worst trials: false attitudes, then none, then the largest errors."""
     size = np.hypot(outcomes["error_x"], outcomes["error_y"])
     badness = np.where(outcomes["solved"], size, math.pi)

@@ -2,16 +2,13 @@
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 
 from startrack import budget, metrics
-from startrack.core import Parameters, Range, arcsec, deg
+from startrack.core import Advance, Parameters, Range, Rows, arcsec, deg
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
 from startrack.montecarlo import Sampling, Store, fidelity_comparison, origin
@@ -54,11 +51,7 @@ def repeated(store: Store, depth: Depth) -> int:
 
 
 def write_report(
-    store: Store,
-    title: str,
-    depth: Depth,
-    progress: Callable[[int], None] | None = None,
-    author: str = "",
+    store: Store, title: str, depth: Depth, progress: Advance | None = None, author: str = ""
 ) -> str:
     """The page as HTML.
 
@@ -106,7 +99,7 @@ def write_report(
     return page(title, lead, shown)
 
 
-def _summary(store: Store, outcomes: NDArray[np.void]) -> Section:
+def _summary(store: Store, outcomes: Rows) -> Section:
     campaign = store.campaign
     limits = campaign.requirements.limits if campaign else metrics.STATED_ALONE
     summary = metrics.summarise(outcomes, limits)
@@ -141,7 +134,7 @@ def _verdict(summary: metrics.Summary) -> str:
     )
 
 
-def _distributions(outcomes: NDArray[np.void]) -> Section:
+def _distributions(outcomes: Rows) -> Section:
     across, about = pictures.sizes(outcomes)
     rows = [
         [f"{100 * fraction:g} %", *_cells(first, arcsec), *_cells(second, arcsec)]
@@ -158,7 +151,7 @@ def _distributions(outcomes: NDArray[np.void]) -> Section:
     )
 
 
-def _sky(outcomes: NDArray[np.void], sampling: Sampling, seed: int) -> Section:
+def _sky(outcomes: Rows, sampling: Sampling, seed: int) -> Section:
     shown = outcomes[:MOST_POINTS]
     attitudes = sampling.attitudes_of(seed, shown["trial"].tolist())
     boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
@@ -173,9 +166,7 @@ def _sky(outcomes: NDArray[np.void], sampling: Sampling, seed: int) -> Section:
     )
 
 
-def _closer(
-    store: Store, outcomes: NDArray[np.void], depth: Depth, advance: Callable[[int], None]
-) -> list[Section]:
+def _closer(store: Store, outcomes: Rows, depth: Depth, advance: Advance) -> list[Section]:
     case, seed = store.case, store.seed
     numbers = outcomes["trial"][: depth.stars].tolist()
     seen = budget.star_errors(
@@ -213,9 +204,7 @@ def _closer(
     ]
 
 
-def _worst(
-    store: Store, outcomes: NDArray[np.void], depth: Depth, advance: Callable[[int], None]
-) -> Section:
+def _worst(store: Store, outcomes: Rows, depth: Depth, advance: Advance) -> Section:
     shown = []
     for number in sections.worst(outcomes, depth.worst).tolist():
         look_at = store.sampling.attitudes_of(store.seed, [number])[0]
@@ -232,7 +221,7 @@ def _case_of(store: Store, number: int) -> Case:
     return unit_of(store.case, store.seed, units.moment(store.case, number))
 
 
-def _fidelities(case: Case, seed: int, depth: Depth, advance: Callable[[int], None]) -> Section:
+def _fidelities(case: Case, seed: int, depth: Depth, advance: Advance) -> Section:
     rows = []
     for result in fidelity_comparison(case, seed, range(depth.fidelity_comparison), advance):
         if result.refusal:

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused, StrayLightSource, deg
+from startrack.core import Flags, Floats, Refused, StrayLightSource, deg
 from startrack.scene.ephemeris import Observer
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_irradiance
 from startrack.space import AU, EARTH_RADIUS, Body
@@ -40,7 +39,7 @@ class Disc:
     photon_irradiance: Floats
     sun: Floats | None = None
 
-    def covers(self, direction: Floats) -> NDArray[np.bool_]:
+    def covers(self, direction: Floats) -> Flags:
         """Which of (n, 3) directions it hides, (n,)."""
         return direction @ self.direction > math.cos(self.radius)
 

@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Refused, Streams
+from startrack.core import Floats, Ints, Refused, Streams
 from startrack.design import Instrument
 from startrack.motion import MotionRealisation, realise_motion
 from startrack.sequence.parameters import Gyro, Leg, Sequence
@@ -44,7 +43,7 @@ def _rates(legs: tuple[Leg, ...]) -> Floats:
     return np.array([[leg.rate_x, leg.rate_y, leg.rate_z] for leg in legs])
 
 
-def _leg_of(begin: Floats, time: Floats) -> NDArray[np.int64]:
+def _leg_of(begin: Floats, time: Floats) -> Ints:
     return np.maximum(np.searchsorted(begin, time, side="right") - 1, 0)
 
 

@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import attitude, core, trial
 from startrack.attitude import start
 from startrack.catalog import open_sky
-from startrack.core import Floats, Refused
+from startrack.core import Advance, Floats, Refused, Rows
 from startrack.design import Case, Fidelity
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, flickering, frame_of
@@ -227,10 +226,10 @@ def fly_sequences(
     sequences: int,
     seed: int,
     executor: Executor,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
     recording: Recording | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
-) -> NDArray[np.void]:
+) -> Rows:
     """Many sequences over workers, one after the other in the table, as `run`.
 
     progress   called with 1 for each sequence that ended
@@ -271,7 +270,7 @@ def run(
     number: int,
     recording: Recording | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
-) -> NDArray[np.void]:
+) -> Rows:
     """One sequence from a random attitude, by a tracker without an attitude at its start.
 
     recording  what is kept of the frames, and where; None: nothing

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from startrack.core import Flags, Floats, Rows
 from startrack.metrics import FALSE_ANGLE, Interval, fraction_interval, interval_table, rms_interval
 from startrack.sequence.run import Mode
 
@@ -43,12 +43,12 @@ class Tracking:
     sequences: int
 
     @property
-    def table(self) -> NDArray[np.void]:
+    def table(self) -> Rows:
         """One row: each field, and the ends of its interval as NAME_low and NAME_high."""
         return interval_table(self)
 
 
-def summarise_sequences(table: NDArray[np.void]) -> Tracking:
+def summarise_sequences(table: Rows) -> Tracking:
     """Statistics of a table as `run` and `fly_sequences` make it."""
     apart = [table[table["sequence"] == number] for number in np.unique(table["sequence"])]
     hours = sum(float(_span(sequence)) for sequence in apart) / 3600
@@ -69,24 +69,24 @@ def summarise_sequences(table: NDArray[np.void]) -> Tracking:
     )
 
 
-Choice = Callable[[NDArray[np.void]], NDArray[np.bool_]]
+Choice = Callable[[Rows], Flags]
 
 
-def _measured(sequence: NDArray[np.void]) -> NDArray[np.bool_]:
+def _measured(sequence: Rows) -> Flags:
     seen = np.isin(sequence["mode"], (Mode.ACQUIRED, Mode.TRACKED))
     return np.asarray(seen & _known(sequence) & ~sequence["false"])
 
 
-def _coasted(sequence: NDArray[np.void]) -> NDArray[np.bool_]:
+def _coasted(sequence: Rows) -> Flags:
     return np.asarray(sequence["mode"] == Mode.COASTED)
 
 
-def _error(table: NDArray[np.void]) -> NDArray[np.float64]:
+def _error(table: Rows) -> Floats:
     """(frames,) radian, of the filter about all axes; NaN without an attitude."""
     return np.asarray(np.sqrt(sum(table[f"filtered_{axis}"] ** 2 for axis in "xyz")))
 
 
-def _means(apart: list[NDArray[np.void]], choice: Choice, *names: str) -> NDArray[np.float64]:
+def _means(apart: list[Rows], choice: Choice, *names: str) -> Floats:
     """Mean square over the chosen frames of each sequence that has any."""
     squares = []
     for sequence in apart:
@@ -97,13 +97,13 @@ def _means(apart: list[NDArray[np.void]], choice: Choice, *names: str) -> NDArra
     return np.array(squares)
 
 
-def _span(sequence: NDArray[np.void]) -> float:
+def _span(sequence: Rows) -> float:
     """Second that a sequence lasts, its last frame as long as the others."""
     time = sequence["time"]
     return float((time[-1] - time[0]) * len(time) / max(len(time) - 1, 1))
 
 
-def _losses(sequence: NDArray[np.void]) -> list[float]:
+def _losses(sequence: Rows) -> list[float]:
     """For each loss of a known attitude, the time to the next one; infinite where none comes."""
     waits, mode, time = [], sequence["mode"], sequence["time"]
     for k in range(1, len(mode)):
@@ -116,7 +116,7 @@ def _losses(sequence: NDArray[np.void]) -> list[float]:
     return waits
 
 
-def _known_fraction(apart: list[NDArray[np.void]]) -> Interval:
+def _known_fraction(apart: list[Rows]) -> Interval:
     """Mean fraction of frames after which the attitude is known."""
     good = np.array([float(_known(sequence).mean()) for sequence in apart])
     if good.min() == 1 or good.max() == 0:  # no scatter to estimate from: count the sequences
@@ -124,11 +124,11 @@ def _known_fraction(apart: list[NDArray[np.void]]) -> Interval:
     return _mean(good)
 
 
-def _known(sequence: NDArray[np.void]) -> NDArray[np.bool_]:
+def _known(sequence: Rows) -> Flags:
     return np.asarray(_error(sequence) <= FALSE_ANGLE)  # NaN without an attitude
 
 
-def _mean(values: NDArray[np.float64]) -> Interval:
+def _mean(values: Floats) -> Interval:
     """Mean with Student's interval; unbounded for fewer than two values."""
     if len(values) < 2:
         value = float(values[0]) if len(values) else float("nan")

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.attitude import SharedErrors, solve
 from startrack.catalog import Selection, open_sky
-from startrack.core import Estimate, Floats, Frame, Matches, Spots, Streams
+from startrack.core import Estimate, Floats, Frame, Matches, Rows, Spots, Streams
 from startrack.design import Case, Fidelity, Tracker
 from startrack.detection import corrected, detect
 from startrack.detector import expose
@@ -59,7 +58,7 @@ def run_trials(
     numbers: Sequence[int],
     fidelity: Fidelity = Fidelity.FRAME,
     icrs_to_camera: Rotation | None = None,
-) -> NDArray[np.void]:
+) -> Rows:
     """The outcomes of some trials of a seed, each independent of which others are run.
 
     icrs_to_camera  a true attitude for each; None: the random ones of `run_random_trial`

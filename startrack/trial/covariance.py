@@ -9,7 +9,7 @@ from scipy import special
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Alignment, Observability, align, attitude_gain, scale_unknown
-from startrack.core import Floats, Ints, Streams, kernel
+from startrack.core import Flags, Floats, Ints, Rows, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial.effects import require_least_squares
@@ -22,12 +22,7 @@ SURPRISE = 1e-3  # probability below which noise alone does not explain the resi
 
 
 def fitted(
-    case: Case,
-    matrix: Floats,
-    seen: Floats,
-    reference: Floats,
-    noise: Floats,
-    there: NDArray[np.bool_],
+    case: Case, matrix: Floats, seen: Floats, reference: Floats, noise: Floats, there: Flags
 ) -> tuple[Alignment, Floats]:
     """Attitudes of m trials with up to n stars each, and the covariances that the tracker states.
 
@@ -81,7 +76,7 @@ def _turned(matrix, direction):  # type: ignore[no-untyped-def]
 
 @kernel
 def _scales(
-    seen: Floats, predicted: Floats, noise: Floats, there: NDArray[np.bool_], tolerance: float
+    seen: Floats, predicted: Floats, noise: Floats, there: Flags, tolerance: float
 ) -> Floats:
     """Relative error of the focal length that the identification fits, (m,) 1.
 
@@ -118,7 +113,7 @@ def outcomes(
     numbers: Sequence[int],
     icrs_to_camera: Rotation | None = None,
     plan: Plan | None = None,
-) -> NDArray[np.void]:
+) -> Rows:
     """The outcomes of some trials, with identification assumed to be perfect.
 
         centroid = projection + bias + root N(0, 1),   found with the probability kept Phi(above)
@@ -172,9 +167,7 @@ def _empty(many: int, most: int) -> Drawn:
     return Drawn(pixel, np.empty((many, most), np.int64), variance, matched, spots)
 
 
-def _tried(
-    case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: Rotation
-) -> NDArray[np.void]:
+def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: Rotation) -> Rows:
     """Draw, solve and judge a block of trials."""
     many, streams = len(numbers), [Streams(seed, number) for number in numbers]
     instrument, motion = case.instrument, case.instrument.motion

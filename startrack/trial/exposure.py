@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Light, LineOfSight, Spots, Stars, Streams
@@ -106,7 +105,7 @@ def _lines(detector: Detector) -> tuple[Detector, tuple[Line, ...]]:
 
 def expected_electrons(
     case: Case, stars: Stars, path: LineOfSight, icrs_to_camera: Rotation, streams: Streams
-) -> NDArray[np.float64]:
+) -> Floats:
     """The expected electrons (rows, columns) of a trial's frame.
 
     path  as `line_of_sight` gives it

@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Camera, FieldPsf, Psf, kept
+from startrack.core import Camera, FieldPsf, Floats, Psf, kept
 from startrack.design import Case, Instrument
 from startrack.optics import Optics, cube_psf, field_psf, open_optics, pixel_psf
 from startrack.scene import SUN, WAVELENGTH
@@ -113,6 +112,6 @@ def sunlike_colour(instrument: Instrument) -> float:
     return float(spectrum @ WAVELENGTH / spectrum.sum())
 
 
-def detected_spectrum(instrument: Instrument) -> NDArray[np.float64]:
+def detected_spectrum(instrument: Instrument) -> Floats:
     """Electrons per second of a sunlike star in each spectral bin, on an arbitrary scale."""
     return instrument.detected_spectra(np.array([SUN]))[0]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack import identification
-from startrack.core import Camera, Estimate, Frame, Matches, Spots, deg, within
+from startrack.core import Camera, Estimate, Flags, Frame, Matches, Spots, deg, within
 from startrack.detection import Detection, detect, plan_detection, refined, streak_of
 from startrack.identification import cameras
 from startrack.trial.belief import with_smear
@@ -463,7 +463,7 @@ class _Looks:
         return self._reduced[scale]
 
 
-def _chosen(spots: Spots, which: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Spots:
+def _chosen(spots: Spots, which: slice | NDArray[np.integer] | Flags) -> Spots:
     return Spots(*(values[which] for values in vars(spots).values()))
 
 

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import LineOfSight, Streams
+from startrack.core import Floats, LineOfSight, Streams
 from startrack.design import Case, Instrument
 from startrack.detector import MotionFunction
 from startrack.motion import MotionRealisation, realise_motion, sample_jitter, trace
@@ -24,7 +23,7 @@ def random_attitudes(seed: int, numbers: Sequence[int]) -> Rotation:
     return Rotation.from_quat([_quaternion(Streams(seed, number)) for number in numbers])
 
 
-def rotations_from_cube(cube: NDArray[np.float64]) -> Rotation:
+def rotations_from_cube(cube: Floats) -> Rotation:
     """Rotations of points (n, 3) in the unit cube, which are distributed as evenly as the points.
 
     Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
@@ -35,7 +34,7 @@ def rotations_from_cube(cube: NDArray[np.float64]) -> Rotation:
     return Rotation.from_quat(np.column_stack([x, y, z, w]))
 
 
-def _quaternion(streams: Streams) -> NDArray[np.float64]:
+def _quaternion(streams: Streams) -> Floats:
     return streams("attitude").standard_normal(4)
 
 

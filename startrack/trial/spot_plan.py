@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Floats, Ints, Light, Refused, kept
+from startrack.core import Camera, Flags, Floats, Ints, Light, Refused, kept
 from startrack.design import Case, Fidelity
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import arriving, require_independent_pixels
@@ -45,7 +45,7 @@ class Field(NamedTuple):
 
     direction: Floats
     believed: Floats
-    known: NDArray[np.bool_]
+    known: Flags
     flux: Floats
     number: NDArray[np.uint64]
     systematic: Floats

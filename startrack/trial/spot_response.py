@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Psf, Streams
+from startrack.core import Flags, Floats, Psf, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
@@ -162,7 +161,7 @@ def _mirrored(response: Response, mirror: Floats) -> Response:
     return Response(response.first, bias, root, light, above, kept, response.star_at_threshold)
 
 
-def _at_threshold(seen: Expectation, good: NDArray[np.bool_]) -> Floats:
+def _at_threshold(seen: Expectation, good: Flags) -> Floats:
     """`Response.star_at_threshold`: interpolated over flux, the median of all positions."""
     xx, xy, yy = (seen.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
     values = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import belt
 from startrack.core import (
     Floats,
+    Rows,
     Spots,
     Streams,
     bits,
@@ -44,7 +45,7 @@ SIGHT = np.dtype([
 
 
 @kernel
-def sights(a: Floats, key: np.uint64, plan: Plan) -> NDArray[np.void]:
+def sights(a: Floats, key: np.uint64, plan: Plan) -> Rows:
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
     response, pull, field, companions, view, _, _, through, hot = plan
     near = in_view(a, field.direction, view)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -71,7 +70,7 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
     return stray_light(light, instrument.stray, optics, icrs_to_camera, camera)
 
 
-def throughput(instrument: Instrument) -> NDArray[np.float64]:
+def throughput(instrument: Instrument) -> Floats:
     """Area of the aperture times transmission, square metre in each spectral bin."""
     return instrument.optics.area * instrument.optics.transmission(WAVELENGTH)
 

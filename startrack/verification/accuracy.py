@@ -7,12 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy import special
 
 from startrack.budget import Budget, Law, UnitBudgets, attitudes
 from startrack.catalog import FAINTEST_G, LIMITS, Selection, Sky, open_sky
-from startrack.core import Camera, Floats, Stars
+from startrack.core import Camera, Floats, Rows, Stars
 from startrack.design import AXES, Accuracy, Case, Objective, Requirements
 from startrack.detection import threshold_of
 from startrack.detector import electron_rate
@@ -122,9 +121,7 @@ def expected_availability(needs: Requirements, budget: Budget[Law]) -> float:
     return budget.availability * float(law.weight @ within)
 
 
-def measured_over(
-    objective: Objective, outcomes: NDArray[np.void], boresight: Floats, sky: str
-) -> float:
+def measured_over(objective: Objective, outcomes: Rows, boresight: Floats, sky: str) -> float:
     """The statistic of the errors of trials, over the whole sky or in the worst of its regions.
 
     boresight  (n, 3) unit vectors of the outcomes, ICRS axes

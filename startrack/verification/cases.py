@@ -4,10 +4,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.budget import added, stray_light_levels
-from startrack.core import Floats, deg
+from startrack.core import Floats, Rows, deg
 from startrack.design import Campaign, Case, Judged, KeepOut, Requirements
 from startrack.montecarlo import at_random
 from startrack.scene import BODIES, body_angles
@@ -53,16 +52,14 @@ def lit_by(case: Case, keep_out: KeepOut, body: str) -> Case:
     return replace(case, scene=replace(case.scene, background_g=level))
 
 
-def boresights(seed: int, outcomes: NDArray[np.void]) -> Floats:
+def boresights(seed: int, outcomes: Rows) -> Floats:
     """(n, 3) directions of the boresights of the trials of a seed, ICRS axes."""
     if not len(outcomes):
         return np.empty((0, 3))
     return at_random(seed, outcomes["trial"].tolist()).inv().apply([0.0, 0.0, 1.0])
 
 
-def counted(
-    needs: Requirements, case: Case, seed: int, outcomes: NDArray[np.void]
-) -> NDArray[np.void]:
+def counted(needs: Requirements, case: Case, seed: int, outcomes: Rows) -> Rows:
     """The outcomes that count in errors and availability.
 
     All; or, where blinded trials are left out, those in which no light of the scene among Sun, Moon

@@ -8,9 +8,8 @@ from typing import Annotated
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Parameters, Range, whole
+from startrack.core import Flags, Floats, Parameters, Range, Rows, whole
 from startrack.design import Accuracy, Requirements
 from startrack.metrics import Interval, Limits, correct, fraction_interval, level_ranks
 from startrack.verification.accuracy import REGIONS, measured_over
@@ -95,9 +94,7 @@ class Claim:
         """Radian, or a fraction."""
         return self.accuracy.most if self.accuracy else self.least
 
-    def bounds(
-        self, outcomes: NDArray[np.void], boresight: Floats, passing: float, failing: float
-    ) -> Interval:
+    def bounds(self, outcomes: Rows, boresight: Floats, passing: float, failing: float) -> Interval:
         """Its value by trials; the bound that can pass it, and the one that can fail it.
 
         passing, failing  probabilities that each bound does not hold
@@ -134,7 +131,7 @@ class Claim:
         return 1 - value / self.limit if self.accuracy else value - self.limit
 
     def needed(
-        self, outcomes: NDArray[np.void], boresight: Floats, passing: float, failing: float
+        self, outcomes: Rows, boresight: Floats, passing: float, failing: float
     ) -> int | None:
         """Number of trials that would decide it, if further ones are like these.
 
@@ -179,7 +176,7 @@ class YieldClaim:
 
     least: float
 
-    def bounds(self, met: NDArray[np.bool_], passing: float, failing: float) -> Interval:
+    def bounds(self, met: Flags, passing: float, failing: float) -> Interval:
         """The yield of n units, the bound that can pass it, and the one that can fail it.
 
         met               (n,) whether each unit keeps the limit
@@ -216,7 +213,7 @@ def _square(accuracy: Accuracy) -> float:
 
 
 def _error_bounds(
-    accuracy: Accuracy, outcomes: NDArray[np.void], passing: float, failing: float
+    accuracy: Accuracy, outcomes: Rows, passing: float, failing: float
 ) -> tuple[float, float]:
     """Lower bound, which fails, and upper bound, which passes; radian."""
     objective = accuracy.objective

@@ -7,7 +7,7 @@ the same stars on the same paths, on detectors of other pixels.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,11 +16,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
-from startrack import detection
-from startrack.core import Floats, Frame, Ints, Parameters, Psf, Refused, Spots, Streams, whole
+from startrack import core, detection
+from startrack.core import Advance, Flags, Floats, Ints, Parameters, Psf, Refused, Streams, whole
 from startrack.design import Case
 from startrack.detector import Detector, dark, dark_frames, flickering, frame_of, response, stamp
 from startrack.metrics import Interval
@@ -75,7 +74,7 @@ class Windows(Parameters):
     corner: Ints
     background: Floats | None = None
     magnitude: float = math.nan
-    acquired: NDArray[np.bool_] | None = None
+    acquired: Flags | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -168,8 +167,8 @@ def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
 
 
 def windows_of_frames(
-    frames: Iterable[Frame], case: Case, progress: Callable[[int], None] | None = None,
-    dark_frame: Frame | None = None,
+    frames: Iterable[core.Frame], case: Case, progress: Advance | None = None,
+    dark_frame: core.Frame | None = None,
 ) -> list[Windows]:  # fmt: skip
     """Windows of 8 x 8 pixels of the brightest stars of whole frames, in the order of time.
 
@@ -253,7 +252,7 @@ def _require_rising(name: str, time: Floats) -> None:
         )
 
 
-def _first_corners(spots: Spots, size: tuple[int, int]) -> Ints:
+def _first_corners(spots: core.Spots, size: tuple[int, int]) -> Ints:
     """Middles (m, 2) of the images of the brightest spots, which are no neighbours."""
     place = np.column_stack([spots.x, spots.y])
     inside = ((place > APART) & (place < np.array(size[::-1]) - APART)).all(axis=1)
@@ -265,7 +264,7 @@ def _first_corners(spots: Spots, size: tuple[int, int]) -> Ints:
     return np.rint(place[chosen] + 0.5).astype(np.int64).reshape(-1, 2)
 
 
-def _acquired(spots: Spots, place: Floats) -> NDArray[np.bool_]:
+def _acquired(spots: core.Spots, place: Floats) -> Flags:
     """Whether a spot lies near each place (m, 2), in an image's middle half."""
     away = np.abs(np.column_stack([spots.x, spots.y]) - place[:, None])
     return np.asarray(np.any(np.all(away < NEAR, axis=2), axis=1))
@@ -520,7 +519,7 @@ def _fitted(image: Floats, start: Floats, spread: Floats, psf: Psf) -> Floats:
 
 def simulate(
     case: Case, stars: Sequence[Windows], devices: int, seed: int,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
 ) -> list[list[Windows]]:  # fmt: skip
     """Images that the design makes of the same stars on the same paths.
 
@@ -648,7 +647,7 @@ class Flown(NamedTuple):
 
 def compare_flown(
     case: Case, stars: Sequence[Windows], devices: int = 16, seed: int = 0,
-    progress: Callable[[int], None] | None = None,
+    progress: Advance | None = None,
 ) -> Flown:  # fmt: skip
     """Measure images in flight and those that the design predicts, by the same code."""
     box, psf = case.tracker.box, psf_of(case.instrument)

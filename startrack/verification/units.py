@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, arcsec
+from startrack.core import Flags, Floats, Rows, arcsec
 from startrack.design import YEAR, Campaign, Case, Judged
 from startrack.io import aligned
 from startrack.metrics import Interval, bracketed, correct
@@ -15,7 +14,7 @@ from startrack.population import Units, unit_errors
 from startrack.verification.cases import cases, counted
 from startrack.verification.decide import Answer, YieldClaim
 
-UnitTrials = Callable[[Case, Units], NDArray[np.void]]
+UnitTrials = Callable[[Case, Units], Rows]
 USUAL = 0.95  # of the units, where a campaign does not say how many must be good
 ENVIRONMENTS = 4  # of each unit; chosen by hand: time against the rms of a unit
 
@@ -73,7 +72,7 @@ class StatedErrors:
     without: Floats
 
 
-def _stated(outcomes: NDArray[np.void], how: Units) -> StatedErrors:
+def _stated(outcomes: Rows, how: Units) -> StatedErrors:
     used = outcomes[outcomes["solved"] & ~outcomes["false"]]
     errors = np.column_stack([used[f"error_{axis}"] for axis in "xyz"])
     _, place, count = np.unique(
@@ -168,11 +167,7 @@ def verify_units(
 
 
 def _at(
-    condition: Judged,
-    outcomes: NDArray[np.void],
-    how: Units,
-    least: float,
-    tails: tuple[float, float],
+    condition: Judged, outcomes: Rows, how: Units, least: float, tails: tuple[float, float]
 ) -> Iterator[tuple[str, YieldVerdict]]:
     unit, claim = outcomes["trial"] // how.trials, YieldClaim(least)
     met = {
@@ -186,9 +181,7 @@ def _at(
         yield name, _verdict(claim, meets, how.age, tails)
 
 
-def _verdict(
-    claim: YieldClaim, met: NDArray[np.bool_], age: float, tails: tuple[float, float]
-) -> YieldVerdict:
+def _verdict(claim: YieldClaim, met: Flags, age: float, tails: tuple[float, float]) -> YieldVerdict:
     bounds = claim.bounds(met, *tails)
     answer = claim.answer(bounds)
     needed = claim.needed(bounds.value, *tails) if answer is Answer.NOT_SHOWN else None

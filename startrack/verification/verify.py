@@ -5,18 +5,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from startrack.budget import analytic
-from startrack.core import Refused, arcsec
+from startrack.core import Refused, Rows, arcsec
 from startrack.design import Campaign, Case, Judged
 from startrack.metrics import Column, Interval, Table
 from startrack.verification.accuracy import expected_availability, expected_over, margins
 from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Claim, Looks, claims_of
 
-Trials = Callable[[Case, int], NDArray[np.void]]
+Trials = Callable[[Case, int], Rows]
 FORMULA = "formula"
 
 

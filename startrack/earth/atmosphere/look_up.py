@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from startrack.core import Floats, deg, kernel, read_only
+from startrack.core import Floats, Singles, deg, kernel, read_only
 from startrack.earth.atmosphere.table import BandTable
 
-Singles = NDArray[np.float32]
 Reals = NDArray[np.floating[Any]]
 
 STEP = 1 * deg  # of the fine table in the zenith angles

@@ -7,16 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats
-from startrack.earth.atmosphere.look_up import (
-    FineTable,
-    Reach,
-    Reals,
-    Sight,
-    Singles,
-    look_up,
-    refine,
-)
+from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats, Singles
+from startrack.earth.atmosphere.look_up import FineTable, Reach, Reals, Sight, look_up, refine
 from startrack.earth.atmosphere.table import BandTable
 from startrack.earth.terrain import Ground, up
 

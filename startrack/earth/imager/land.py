@@ -7,10 +7,9 @@ from itertools import pairwise
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Ints, Parameters, Range, Unit
 from startrack.earth.imager import brdf
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
@@ -189,7 +188,7 @@ def burning_fraction(spot: HotSpot, ground: Ground, spread: float) -> Floats:
     return np.where(ground.hit, np.minimum(fraction, 1.0), 0.0)
 
 
-def _cover(land: Land, ground: Ground) -> NDArray[np.int64]:
+def _cover(land: Land, ground: Ground) -> Ints:
     heights = np.array([cover.above for cover in land.covers])
     number = np.searchsorted(heights, np.nan_to_num(ground.height, nan=DEPTHS), side="right") - 1
     return np.maximum(number, 0)

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 
-from startrack.core import Camera, Displacement, FieldPsf, Floats, Psf, node_places
+from startrack.core import Camera, Displacement, FieldPsf, Floats, Psf, Singles, node_places
 from startrack.earth.geometry import Sensor, inside_pixel
 from startrack.earth.imager.parameters import Channel
 from startrack.optics import (
@@ -24,8 +23,6 @@ from startrack.optics import (
     open_psf_file,
     pixel_psf,
 )
-
-Singles = NDArray[np.float32]
 
 FAINT = 1e-3  # of the light beyond the weights, at most; less costs time; chosen by hand
 SMEARED = 16  # instants of an exposure over which smear is averaged; chosen by hand

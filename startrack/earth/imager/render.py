@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Camera, FieldPsf, Floats, Psf, Streams, deg, lagrange_weights, um
+from startrack import core
+from startrack.core import Advance, Floats, Singles, deg, um
 from startrack.detector import Detector, dark, read_out, response
 from startrack.earth import geometry
 from startrack.earth.atmosphere import Terms
@@ -86,11 +87,11 @@ class Setting(NamedTuple):
     period: float
     exposure: float
     smear: float
-    psf: Psf | FieldPsf
+    psf: core.Psf | core.FieldPsf
     band: Band
     surroundings: float
     electrons: float
-    camera: Camera
+    camera: core.Camera
     light: Floats | None = None
     smile: tuple[tuple[Band, Floats], ...] = ()
     clouds: tuple[Deck, ...] = ()
@@ -160,7 +161,7 @@ def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float
     place = (np.arange(channel.columns) - middle) / (survey.whole(channel).columns / 2)
     shift = spectrometer.smile * place**2
     nodes = np.unique(np.linspace(shift.min(), shift.max(), SMILES))
-    share = lagrange_weights(nodes, np.asarray(shift, float)).T
+    share = core.lagrange_weights(nodes, np.asarray(shift, float)).T
     bands = [
         band_of(channel.shifted(node), survey.air, above, survey.sun_distance)
         for node in nodes.tolist()
@@ -172,7 +173,7 @@ def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float
 
 def render(
     survey: Survey, channel: Channel, folder: Path, seed: int, picture: Picture,
-    advance: Callable[[int], None] = lambda lines: None,
+    advance: Advance = lambda lines: None,
 ) -> Setting:  # fmt: skip
     """Fill in the picture of one channel, some lines at a time.
 
@@ -199,7 +200,7 @@ def render(
     first, offset = 0, names.index(channel.name) * MOST_LINES
     for light in _blurred(survey, channel, setting, strips):
         electrons = pixel_electrons(channel, setting, light, first)
-        streams = Streams(seed, offset + first)
+        streams = core.Streams(seed, offset + first)
         numbers = read_out(electrons, as_matrix(channel, len(light)), streams)
         picture.numbers[first : first + len(light)] = numbers
         first += len(light)
@@ -207,12 +208,12 @@ def render(
 
 
 def _blurred(
-    survey: Survey, channel: Channel, setting: Setting, strips: Iterator[NDArray[np.float32]]
-) -> Iterator[NDArray[np.float32]]:
+    survey: Survey, channel: Channel, setting: Setting, strips: Iterator[Singles]
+) -> Iterator[Singles]:
     """Strips of rays as strips of pixels."""
     across = channel.detector.columns / channel.columns
     along, drift = _lines_apart(channel, setting), setting.smear
-    if isinstance(setting.psf, Psf):
+    if isinstance(setting.psf, core.Psf):
         return blur_strips(strips, blur_weights(setting.psf, survey.rays, across, along, drift))
     columns, rows = image_pixels(channel, survey.scene(channel).sensor)
     blur = field_blur(setting.psf, columns, rows, survey.rays, across, along, drift)
@@ -228,7 +229,7 @@ def turn_of(survey: Survey, seed: int) -> geometry.Jitter | None:
         (scene.sensor.lines - 1) * scene.sensor.dating(scene.carrier).period for scene in scenes
     )
     exposures = [channel.detector.exposure for channel in survey.channels]
-    return realise_motion(survey.motion, max(longest, *exposures), Streams(seed, 0)).at
+    return realise_motion(survey.motion, max(longest, *exposures), core.Streams(seed, 0)).at
 
 
 def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float, float]:
@@ -286,8 +287,8 @@ def pixel_electrons(
 
 def _strips(
     survey: Survey, channel: Channel, folder: Path, setting: Setting, picture: Picture,
-    advance: Callable[[int], None], turn: geometry.Jitter | None,
-) -> Iterator[NDArray[np.float32]]:  # fmt: skip
+    advance: Advance, turn: geometry.Jitter | None,
+) -> Iterator[Singles]:  # fmt: skip
     """Radiance (lines, columns, rays), before the lens; also fills in the picture's terms."""
     scene = survey.scene(channel)
     spread = channel.detector.pitch / channel.optics.image_distance / survey.rays

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from startrack.core import POSITIVE, Floats, Parameters, Range, Unit, require_memory
+from startrack.core import POSITIVE, Flags, Floats, Parameters, Range, Unit, require_memory
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
 from startrack.earth.product import ortho, retrieval
@@ -54,7 +54,7 @@ class Product(NamedTuple):
     """
 
     image: dict[str, Floats]
-    saturated: NDArray[np.bool_]
+    saturated: Flags
     grid: ortho.MapGrid
     layers: dict[str, Floats]
     quality: ortho.Bytes

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import map_coordinates, maximum_filter
 
-from startrack.core import LIGHT_SPEED, Camera, Floats, deg, one_of, positive
+from startrack.core import LIGHT_SPEED, Camera, Flags, Floats, deg, one_of, positive
 from startrack.earth.geometry import EarthScene, Elements, fly
 from startrack.earth.imager import Sheet
 from startrack.earth.terrain import (
@@ -294,7 +294,7 @@ def resample(values: Floats, pixel: Floats, method: str) -> Floats:
     return out
 
 
-def touched(flags: NDArray[np.bool_], pixel: Floats) -> NDArray[np.bool_]:
+def touched(flags: Flags, pixel: Floats) -> Flags:
     """Which places (..., 2) of line and column have a flagged pixel among the four around."""
     out = np.zeros(pixel.shape[:-1], np.bool_)
     known = np.isfinite(pixel).all(-1)

@@ -1,14 +1,13 @@
 """Calibration frames; raw numbers -> radiance -> reflectance or temperature of the ground."""
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from startrack.core import Floats, Streams, um, whole
+from startrack.core import Advance, Floats, Streams, um, whole
 from startrack.detector import read_out
 from startrack.earth import imager
 from startrack.earth.terrain import Ground
@@ -53,7 +52,7 @@ def calibrate(
     setting: imager.Setting,
     seed: int,
     count: int | None = None,
-    advance: Callable[[int], None] = lambda frames: None,
+    advance: Advance = lambda frames: None,
 ) -> Calibration:
     """Simulate dark frames, and flat frames of known radiance, with the detector's own noise.
 

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, Singles, kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
 from startrack.earth.terrain.march import Segment, above, entry_and_exit, segment_from
 from startrack.earth.terrain.path import Path, Ray, path_at
-from startrack.earth.terrain.surface import Lattice, Singles
+from startrack.earth.terrain.surface import Lattice
 
 POLISHED = 1e-9  # metre, change at the next step of Newton's method
 NEAR = (

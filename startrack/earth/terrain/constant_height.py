@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, finite, kernel
+from startrack.core import Flags, Floats, finite, kernel
 from startrack.earth.terrain.ellipsoid import shell, vertical
-from startrack.earth.terrain.ground import Flags, Levels, Rays
+from startrack.earth.terrain.ground import Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
 from startrack.earth.terrain.trace import Hits, no_hits
 

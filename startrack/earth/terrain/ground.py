@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Flags, Floats
 from startrack.earth.terrain.ellipsoid import up
 
-Flags = NDArray[np.bool_]
 Levels = NDArray[np.int8]  # of a pyramid of terrain, 0 the finest
 
 

@@ -4,9 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, Singles
 from startrack.earth.terrain.ellipsoid import cartesian, geodetic
 from startrack.earth.terrain.ground import Rays
 from startrack.earth.terrain.surface import FULL_TURN, Horizon, Surface
@@ -127,7 +126,7 @@ def _slopes(surface: Surface, direction: Floats) -> _Slopes | None:
     return _Slopes(by_rows, sign, shear, SLACK * float(np.abs(slope - shear).max()), least)
 
 
-def _maxima(surface: Surface, level: int) -> NDArray[np.float32]:
+def _maxima(surface: Surface, level: int) -> Singles:
     """Maxima of all blocks of a level, (blocks down, blocks across); bounds of absent tiles."""
     side = CELLS >> level
     first = BLOCKS - (4 ** (SIZE + 1 - level) - 1) // 3

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, Singles, kernel
 from startrack.earth.terrain.ellipsoid import shell
 from startrack.earth.terrain.path import Path, Ray, crossing, path_at, reach
-from startrack.earth.terrain.surface import Horizon, Lattice, Singles, Surface, corners
+from startrack.earth.terrain.surface import Horizon, Lattice, Surface, corners
 from startrack.earth.terrain.tile import CELLS, PATCH, SIZE, block, patch
 
 MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray needs a tile that is not in memory

@@ -7,12 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats
+from startrack.core import Floats, Singles
 from startrack.earth.terrain.sources import Source
 from startrack.earth.terrain.surface import FULL_TURN, SEAM, Grid
 from startrack.earth.terrain.tile import CELLS, VERTICES
-
-Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

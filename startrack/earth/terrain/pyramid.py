@@ -3,12 +3,11 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import finite
+from startrack.core import Flags, Singles, finite
 from startrack.earth.terrain.constant_height import ConstantHeight, meet_constant_height
 from startrack.earth.terrain.ellipsoid import EQUATORIAL
-from startrack.earth.terrain.ground import Flags, Levels, Rays
+from startrack.earth.terrain.ground import Levels, Rays
 from startrack.earth.terrain.horizon import with_horizon
 from startrack.earth.terrain.march import ABSENT
 from startrack.earth.terrain.mosaic import Mosaic
@@ -16,8 +15,6 @@ from startrack.earth.terrain.sources import Source
 from startrack.earth.terrain.surface import Surface, covered
 from startrack.earth.terrain.tile import CELLS, Cache
 from startrack.earth.terrain.trace import Hits, go_on, no_hits, waiting
-
-Singles = NDArray[np.float32]
 
 
 def beside(surface: Surface, sea: float | None, rays: Rays, hits: Hits) -> Hits:

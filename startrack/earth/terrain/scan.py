@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, kernel
+from startrack.core import Flags, Floats, kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL, vertical
-from startrack.earth.terrain.ground import Flags, Levels, Rays
+from startrack.earth.terrain.ground import Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
 from startrack.earth.terrain.surface import FULL_TURN, Grid, index
 from startrack.earth.terrain.trace import Hits, describe_all, no_hits

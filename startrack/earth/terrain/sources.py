@@ -7,13 +7,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Streams, positive, require_memory, whole, within
+from startrack.core import Floats, Singles, Streams, positive, require_memory, whole, within
 from startrack.earth.terrain.surface import FULL_TURN, Grid
 from startrack.io import regular_file
-
-Singles = NDArray[np.float32]
 
 GEOGRAPHIC = "EPSG:4326"  # longitude and latitude in degree on WGS84
 FRACTAL_BYTES = 40  # of a height while terrain is made; measured: 36
@@ -244,7 +241,7 @@ def bilinear(
 
 def fractal(
     rows: int, columns: int, streams: Streams, relief: float, roughness: float = 2.0
-) -> NDArray[np.float32]:
+) -> Singles:
     """Heights with the spectrum of a fractal surface.
 
         amplitude(k) ~ |k|^-roughness, phases uniform

@@ -11,11 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, finite, kernel, positive, whole
+from startrack.core import Floats, Singles, finite, kernel, positive, whole
 from startrack.earth.terrain.ellipsoid import angle, vertical
 from startrack.earth.terrain.tile import BLOCKS, CELLS, PATCHES, VERTICES, cut, fill
-
-Singles = NDArray[np.float32]
 
 FULL_TURN = 2 * math.pi
 SEAM = 1e-6  # of a step, within which a grid closes around the Earth or reaches a pole

@@ -9,16 +9,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import GOLDEN_ANGLE, Floats, positive, whole
+from startrack.core import GOLDEN_ANGLE, Flags, Floats, Singles, positive, whole
 from startrack.earth.terrain.constant_height import tangent_height
-from startrack.earth.terrain.ground import Flags, Ground, Levels, Rays, between
+from startrack.earth.terrain.ground import Ground, Levels, Rays, between
 from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import bilinear
 from startrack.earth.terrain.surface import FULL_TURN
 from startrack.earth.terrain.tile import CELLS
 from startrack.earth.terrain.trace import Hits
 
-Singles = NDArray[np.float32]
 LIFT = 1e-3  # metre towards the light, so that a point does not shade itself; chosen by hand
 
 

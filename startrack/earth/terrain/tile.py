@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import kernel, whole
+from startrack.core import Singles, kernel, whole
 
 SIZE = 9  # a tile is a block of level 9
 CELLS = 1 << SIZE  # of a tile, along each side
@@ -106,7 +106,7 @@ def _fill_maxima(tile, maxima):  # type: ignore[no-untyped-def]
     return lowest, highest
 
 
-def cut(heights: NDArray[np.float32], j: int, i: int) -> NDArray[np.float32]:
+def cut(heights: Singles, j: int, i: int) -> Singles:
     """One tile of an array, NaN beyond its edges.
 
     heights  (rows, columns) metre
@@ -119,7 +119,6 @@ def cut(heights: NDArray[np.float32], j: int, i: int) -> NDArray[np.float32]:
     return tile
 
 
-Singles = NDArray[np.float32]
 Key = tuple[int, int, int]  # level, row and column of a tile
 
 

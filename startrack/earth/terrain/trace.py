@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, kernel
+from startrack.core import Flags, Floats, Ints, kernel
 from startrack.earth.terrain import bundle as of
 from startrack.earth.terrain.bundle import (
     WIDTH,
@@ -39,17 +39,17 @@ class Hits(NamedTuple):
     """
 
     @property
-    def hit(self) -> NDArray[np.bool_]:
+    def hit(self) -> Flags:
         """Which rays meet the surface."""
         return self.status == HIT
 
-    def put(self, choice: NDArray[np.intp] | NDArray[np.bool_], other: Hits) -> None:
+    def put(self, choice: NDArray[np.intp] | Flags, other: Hits) -> None:
         """Take the rays of `choice` from other hits, in their order."""
         self.status[choice], self.distance[choice] = other.status, other.distance
         self.place[choice], self.normal[choice] = other.place, other.normal
         self.tile[choice] = other.tile
 
-    def of(self, choice: NDArray[np.intp] | NDArray[np.bool_]) -> Hits:
+    def of(self, choice: NDArray[np.intp] | Flags) -> Hits:
         """The hits of some rays."""
         return Hits(
             self.status[choice],
@@ -229,7 +229,7 @@ def _describe(
     )
 
 
-def blocked(surface: Surface, rays: Rays, start: float) -> NDArray[np.bool_]:
+def blocked(surface: Surface, rays: Rays, start: float) -> Flags:
     """Whether each ray meets a surface in memory at all, beyond the distance `start` in metres."""
     hits = waiting(len(rays), start)
     go_on(with_horizon(surface, rays), rays.origin, rays.direction, hits, False)
