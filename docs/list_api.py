@@ -42,9 +42,11 @@ A class that a function returns, and that nobody makes, stands below the functio
 its attributes are public, the place that it is imported from is not. \
 All else may change without notice: the files inside a package, and modules that are not named \
 here. Type checkers read the same list, `startrack/__init__.pyi` and \
-`py.typed`. Units are SI; `Floats` and `Ints` are NumPy arrays of float64 and int64. Each name's \
-equation, source, shapes and errors are in its docstring; `docs/build_api.py` makes pages of \
-them. `python docs/list_api.py` writes this list.
+`py.typed`. Units are SI; `Floats`, `Singles`, `Ints`, `Flags` and `Rows` are NumPy arrays of \
+float64, float32, int64, bool and of a structured type, `Advance` a function of the steps that \
+were just done, for a progress. Each name's equation, source, shapes and errors are in its \
+docstring; `docs/build_api.py` makes pages of them. `python docs/list_api.py` writes this \
+list.
 """
 
 
