@@ -46,7 +46,7 @@ from startrack.benchmark.optics import (
 )
 from startrack.detector.stamp import stamp
 from startrack.optics import pixel_psf
-from startrack.optics.closed_forms import airy
+from startrack.optics.diffraction import airy
 
 ROOT = Path(__file__).parents[1]
 

@@ -2,9 +2,8 @@
 
 parameters    Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF.
 pupil         Shape of the aperture, and the Zernike polynomials of wavefront errors in it.
-closed_forms  Closed forms: irradiance, energy and transfer functions of an ideal lens, a Gaussian,
-              a pixel.
-diffraction   Fraunhofer and Fresnel diffraction of any pupil, by fast transforms.
+diffraction   Diffraction of any pupil by fast transforms; closed forms of an ideal lens, a blur, a
+              pixel.
 choose        Optics -> the complex pupil of each diffraction model; the cheapest within a
               tolerance.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
@@ -31,8 +30,14 @@ tube          Geometry of a baffle with vanes -> its point-source transmittance,
 
 from startrack.optics.baffle import Baffle, stray_light
 from startrack.optics.choose import Choice, choose
-from startrack.optics.closed_forms import airy, blur_transfer, pixel_transfer, pupil_transfer
-from startrack.optics.diffraction import intensity, pupil_samples
+from startrack.optics.diffraction import (
+    airy,
+    blur_transfer,
+    intensity,
+    pixel_transfer,
+    pupil_samples,
+    pupil_transfer,
+)
 from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf
 from startrack.optics.ghosts import Ghosts, add_ghosts, lens_surfaces, save_ghosts
 from startrack.optics.lens_family import element_count, family_surfaces

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.core import Floats, is_code
-from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
+from startrack.optics.diffraction import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.parameters import MODELS, Optics
 from startrack.optics.pupil import area_weights, pupil_grid, zernike
 

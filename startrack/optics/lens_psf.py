@@ -12,7 +12,7 @@ from scipy import fft
 
 from startrack.core import Camera, FieldPsf, Floats, Ints, Refused, Singles
 from startrack.optics import field_images, lens_table
-from startrack.optics.closed_forms import blur_transfer, pixel_transfer
+from startrack.optics.diffraction import blur_transfer, pixel_transfer
 from startrack.optics.field_images import COARSE, NODES, Band, band_of
 from startrack.optics.lens_family import family_table
 from startrack.optics.parameters import Optics

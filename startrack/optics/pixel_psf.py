@@ -27,8 +27,13 @@ from startrack.core import (
     within,
 )
 from startrack.optics.choose import AIRY_SIGMA, choose, steepest_slope, wavefront
-from startrack.optics.closed_forms import blur_transfer, pixel_transfer, pupil_transfer
-from startrack.optics.diffraction import intensity, pupil_samples
+from startrack.optics.diffraction import (
+    blur_transfer,
+    intensity,
+    pixel_transfer,
+    pupil_samples,
+    pupil_transfer,
+)
 from startrack.optics.parameters import Optics
 from startrack.optics.psf_file import open_psf_file, psf_of_file
 from startrack.optics.pupil import Aberration, nm_to_noll, noll_to_nm

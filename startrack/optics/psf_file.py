@@ -10,7 +10,7 @@ from scipy import fft, ndimage
 
 from startrack.core import Floats, Psf, Refused, kept, non_negative, positive, within
 from startrack.io import open_checked, whole
-from startrack.optics.closed_forms import blur_transfer, pixel_transfer
+from startrack.optics.diffraction import blur_transfer, pixel_transfer
 from startrack.optics.lens_table import WIDEST, catalogued
 
 FORMAT = 1

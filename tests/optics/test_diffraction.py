@@ -8,8 +8,7 @@ from krutz_2011 import ThinLens, fresnel, gaussian, profile
 from scipy import special
 
 from startrack.optics import Aberration, Optics, Pupil, Segment
-from startrack.optics.closed_forms import airy, jinc
-from startrack.optics.diffraction import intensity, pupil_samples
+from startrack.optics.diffraction import airy, intensity, jinc, pupil_samples
 from startrack.optics.pixel_psf import gauss_band, irradiance
 from startrack.optics.pupil import area_weights, pupil_grid, zernike
 from tests.optics.closed import airy_encircled, fresnel_peak

@@ -7,7 +7,7 @@ import pytest
 from krutz_2011 import ThinLens, _equal_phase, on_axis, point, profile
 from scipy import integrate, special
 
-from startrack.optics.closed_forms import airy
+from startrack.optics.diffraction import airy
 
 GREEN = 550e-9
 

@@ -6,7 +6,7 @@ from scipy import special
 
 from startrack.detector.stamp import stamp
 from startrack.optics import POINT, Aberration, Optics, Pupil, modulation, pixel_psf, quality
-from startrack.optics.closed_forms import airy, blur_transfer, pupil_transfer
+from startrack.optics.diffraction import airy, blur_transfer, pupil_transfer
 from startrack.optics.quality import encircled
 from tests.optics.closed import airy_encircled
 
