@@ -45,10 +45,8 @@ EVALUATIONS = 400
 MISSED = 10.0  # weight of a requirement that is missed, to one that is met; chosen by hand
 MET = 0.1  # weight of a requirement that is met, to the error; chosen by hand
 FORBIDDEN = 1e3  # score for each radian inside a keep-out cone
-TUBE_LENGTH, LENGTHS = (
-    "instrument.tube.length",
-    9,
-)  # of tubes, between which the search interpolates
+TUBE_LENGTH = "instrument.tube.length"
+LENGTHS = 9  # of tubes, between which the search interpolates
 FINE: Floats = np.arange(0.2, 90.0, 0.2) * deg  # at which their exclusion angles are sought
 
 
