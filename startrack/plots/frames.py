@@ -339,28 +339,31 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
     finite = reduced[np.isfinite(reduced)]
     if not len(finite):
         return Stretch(reduced, block, False, 0.0, 1.0, 1.0, limit, saturated)
-    median, above, tail = np.percentile(finite, [50, 84, 99])
-    largest = float(finite.max())
-    # Of a constant frame, one digital number.
-    noise = max(float(above - median), 1e-3 * (largest - float(median))) or 1.0
-    # Where the noise is less than a digital number, or of hot pixels, its tail counts.
-    noise = max(noise, float(tail - median) / TAIL)
-    black = float(median) + DARK * noise
+    median, noise = _ground(finite)
+    black = median + DARK * noise
     if saturated:
         black = min(black, limit - RANGE * noise)
-    white = max(min(largest, limit), black + RANGE * noise)
+    white = max(min(float(finite.max()), limit), black + RANGE * noise)
     wider = max(reduced.shape) > FEW_CELLS
     if wider:
         bright = values > median + BRIGHT * noise
         if block < 3:
             # A star shines into the eight pixels around; a hot pixel does not, and stays small.
-            low, middle = np.percentile(values[np.isfinite(values)], [16, 50])
+            middle, of_pixels = _ground(values[np.isfinite(values)])
             known = np.where(np.isfinite(values), values, middle)
             around = (9 * uniform_filter(known, 3) - known) / 8
-            bright &= around > middle + AROUND * (middle - low) / math.sqrt(8)
-        bright = _largest(np.where(bright, values, -np.inf), block)
-        reduced = np.maximum(reduced, maximum_filter(bright, 3, mode="nearest"))
+            bright &= around > middle + AROUND * of_pixels / math.sqrt(8)
+        wide = _largest(np.where(bright, values, -np.inf), block)
+        reduced = np.maximum(reduced, maximum_filter(wide, 3, mode="nearest"))
     return Stretch(reduced, block, wider, black, noise, white, limit, saturated)
+
+
+def _ground(values: Floats) -> tuple[float, float]:
+    """The median of finite values, and their noise; of a constant frame, one digital number."""
+    median, above, tail = np.percentile(values, [50, 84, 99])
+    # Where the noise is less than a digital number, or of hot pixels, its tail counts.
+    noise = max(above - median, (tail - median) / TAIL, 1e-3 * (values.max() - median))
+    return float(median), float(noise) or 1.0
 
 
 def _largest(image: Floats, block: int) -> Floats:

@@ -135,6 +135,29 @@ def test_faint_stars_are_seen_on_a_phone(drawn, size):
     assert ground < 40
 
 
+@pytest.mark.parametrize("noise", [0.4, 5.0])
+@pytest.mark.parametrize("size", [512, 1024])
+def test_stars_are_drawn_wider_than_hot_pixels(size, noise):
+    """Peaks of twenty times the noise, in whole numbers whose noise may be less than one."""
+    line = np.arange(48, size - 48, 48)
+    x, y = (values.ravel() for values in np.meshgrid(line, line))
+    hot = np.arange(len(x)) % 2 == 0
+    image = np.random.default_rng(1).normal(100, noise, (size, size))
+    near = np.arange(-3, 4)
+    star = np.exp(-(near**2 + near[:, None] ** 2) / 2 / 0.8**2)
+    for column, row, spot in zip(x, y, ~hot, strict=True):
+        image[row - 3 : row + 4, column - 3 : column + 4] += spot * 20 * noise * star
+    image[y[hot], x[hot]] += 20 * noise
+    image[7::48, 7::48] += 20 * noise  # more of them, with none beside
+    shown = stretch(np.round(image).astype(np.int32), 1e9)
+    columns, rows = x // shown.block, y // shown.block
+    sides = [shown.image[rows, columns + side] for side in (-1, 1)]
+    wide = np.minimum(*sides) > 100 + 10 * noise
+    assert shown.wider
+    assert wide[~hot].mean() > 0.9
+    assert wide[hot].mean() < 0.03
+
+
 def test_a_stretch_and_its_inverse_agree():
     shown = stretch(starry(64, 64, [500.0])[0].image)
     numbers = np.array([shown.black - 20, shown.black, shown.black + 3, shown.white])
