@@ -6,7 +6,7 @@ import numpy as np
 
 from startrack import Refused
 from startrack.metrics import Star
-from startrack.metrics.bounds import PHASES, _profile
+from startrack.metrics.bounds import PHASES, profile
 
 
 def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
@@ -26,11 +26,11 @@ def centre_of_gravity_error(star: Star, window: int) -> tuple[float, float]:
     phases = (np.arange(4 * PHASES) + 0.5) / (4 * PHASES) - 0.5
     noise = bias = 0.0
     for x in phases:
-        fraction_x = _profile(x, star.sigma, 0.0, window // 2)[0]
+        fraction_x = profile(x, star.sigma, 0.0, window // 2)[0]
         measured = float((pixel * fraction_x).sum() / fraction_x.sum())
         bias += (measured - x) ** 2
         for y in phases[::4]:
-            fraction = np.outer(_profile(y, star.sigma, 0.0, window // 2)[0], fraction_x)
+            fraction = np.outer(profile(y, star.sigma, 0.0, window // 2)[0], fraction_x)
             variance = star.flux * fraction + star.background + star.read_noise**2
             moments = (pixel - measured) ** 2 * variance
             noise += float(moments.sum()) / float(star.flux * fraction.sum()) ** 2

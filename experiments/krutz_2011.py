@@ -28,9 +28,7 @@ Complex = NDArray[np.complex128]
 
 NODE, WEIGHT = np.polynomial.legendre.leggauss(16)
 PANEL = 2 * math.pi  # radian of phase in one panel of 16 nodes: error 1e-13
-MOST_EVALUATIONS = (
-    400_000_000  # evaluations of the integrand that one call may take: some ten seconds
-)
+MOST_EVALUATIONS = 400_000_000  # of the integrand, that one call may take: some ten seconds
 
 
 @dataclass(frozen=True)

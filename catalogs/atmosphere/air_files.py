@@ -48,7 +48,7 @@ def save_table(path: Path, table: AirTable) -> None:
 def save_infrared(path: Path, table: InfraredTable) -> None:
     """Write a table as FITS in single precision, with checksums; `path` is written by name."""
     cards = {"INFRARED": (infrared.FORMAT, "format of this table of the air")}
-    save_checked(path, cards, {name: getattr(table, name) for name in infrared._ARRAYS})
+    save_checked(path, cards, {name: getattr(table, name) for name in infrared.ARRAYS})
 
 
 def save_limb(path: Path, limb: limbs.Limb) -> None:
@@ -58,5 +58,5 @@ def save_limb(path: Path, limb: limbs.Limb) -> None:
     first = fits.PrimaryHDU(limb.radiance.astype(np.float32))
     first.header["LIMB"] = (limbs.FORMAT, "format of this table of the limb")
     first.header["ALBEDO"] = limb.albedo
-    axes = [fits.ImageHDU(getattr(limb, name), name=name) for name in limbs._AXES]
+    axes = [fits.ImageHDU(getattr(limb, name), name=name) for name in limbs.AXES]
     fits.HDUList([first, *axes]).writeto(path, checksum=True)

@@ -51,8 +51,8 @@ def centroid_bound(star: Star) -> tuple[float, float]:
     reach = math.ceil(REACH * star.sigma + star.smear / 2) + 2
     total = np.zeros(2)
     phases = (np.arange(PHASES) + 0.5) / PHASES - 0.5
-    across = [_profile(phase, star.sigma, 0.0, reach) for phase in phases]
-    along = [_profile(phase, star.sigma, star.smear, reach) for phase in phases]
+    across = [profile(phase, star.sigma, 0.0, reach) for phase in phases]
+    along = [profile(phase, star.sigma, star.smear, reach) for phase in phases]
     for fraction_x, slope_x in along:
         for fraction_y, slope_y in across:
             fractions = np.outer(fraction_y, fraction_x)
@@ -71,7 +71,7 @@ def centroid_bound(star: Star) -> tuple[float, float]:
     return x, y
 
 
-def _profile(centre: float, sigma: float, smear: float, reach: int) -> tuple[Floats, Floats]:
+def profile(centre: float, sigma: float, smear: float, reach: int) -> tuple[Floats, Floats]:
     """Fraction of the light in each pixel from -reach to reach; its derivative by the centre."""
     edge = np.asarray(np.arange(-reach, reach + 2) - 0.5 - centre, np.float64)
     if smear == 0:

@@ -551,9 +551,9 @@ def _tubes(case: Case, altitude: float) -> tuple[Floats, Floats]:
     for metre in length:
         try:
             tube = replaced_all(case, {TUBE_LENGTH: float(metre)})
-            found.append([one.least() for one in exclusions(tube, FINE, altitude).values()])
         except Refused:  # a wall that is given is narrower than the entrance of so long a tube
             break
+        found.append([one.least() for one in exclusions(tube, FINE, altitude).values()])
     half = case.instrument.camera.half_diagonal
     field = np.array([[half + SUN_RADIUS], [half + MOON_RADIUS], [half]])
     angles = np.maximum(np.minimum.accumulate(np.array(found).T, axis=1), field)

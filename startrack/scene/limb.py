@@ -93,13 +93,13 @@ def load_limb(path: Path) -> Limb:
     Raises  FileNotFoundError; ValueError where the file is no table of the limb or damaged.
     """
     with open_checked(path, "LIMB", FORMAT, "a table of the limb") as parts:
-        axes = [parts[name].data.astype(np.float64) for name in _AXES]
+        axes = [parts[name].data.astype(np.float64) for name in AXES]
         wavelength, tangent, sun, azimuth = axes
         radiance = parts[0].data.astype(np.float64)
         return Limb(parts[0].header["ALBEDO"], wavelength, tangent, sun, azimuth, radiance)
 
 
-_AXES = tuple(field.name for field in fields(Limb) if field.name not in ("albedo", "radiance"))
+AXES = tuple(field.name for field in fields(Limb) if field.name not in ("albedo", "radiance"))
 
 
 def limb_light(

@@ -103,7 +103,7 @@ def load_infrared(path: Path) -> InfraredTable:
     Raises  FileNotFoundError; ValueError where the file is no such table or damaged.
     """
     with open_checked(path, "INFRARED", FORMAT, "an infrared table of the air") as parts:
-        return InfraredTable(*(parts[name].data.astype(np.float64) for name in _ARRAYS))
+        return InfraredTable(*(parts[name].data.astype(np.float64) for name in ARRAYS))
 
 
 def _above(table: InfraredTable, ground: float, sensor: float, angle: Floats) -> tuple[Floats, ...]:
@@ -140,4 +140,4 @@ def _fraction_above(table: InfraredTable, ground: float) -> Floats:
     return (1 - _above(table, ground, top, angle)[0][0]) / np.maximum(emissivity, 1e-12)
 
 
-_ARRAYS = tuple(field.name for field in fields(InfraredTable))
+ARRAYS = tuple(field.name for field in fields(InfraredTable))
