@@ -165,11 +165,7 @@ def _checked(
         )
     ratio = np.array(ratios)
     kept = {name: value[used] for name, value in values.items()}
-    half, left = np.arange(len(used)) % 2 == 0, ratio.copy()
-    for here in (half, ~half):
-        other = fitted(ratio[~here], {name: value[~here] for name, value in kept.items()})
-        features = other.features({name: value[here] for name, value in kept.items()})
-        left[here] /= np.exp(features @ other.coefficient.T)
+    left = judged_by_the_other_half(ratio, kept)
     return fitted(ratio, kept), Checked(
         tuple(group),
         count,
@@ -178,6 +174,16 @@ def _checked(
         *(root_of_mean(ratio[:, k]) for k in (0, 1)),
         *(root_of_mean(left[:, k]) for k in (0, 1)),
     )
+
+
+def judged_by_the_other_half(ratio: Floats, values: dict[str, Floats]) -> Floats:
+    """Ratios (n, 2) over their correction, which the other half of them fits; even and odd rows."""
+    half, left = np.arange(len(ratio)) % 2 == 0, ratio.copy()
+    for here in (half, ~half):
+        other = fitted(ratio[~here], {name: value[~here] for name, value in values.items()})
+        features = other.features({name: value[here] for name, value in values.items()})
+        left[here] /= np.exp(features @ other.coefficient.T)
+    return left
 
 
 def root_of_mean(square: Floats) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from startrack.design import KeepOut
 from startrack.detector import Age, Thermal
 from startrack.mission import load_mission, plan_of, surrogate, timeline
 from startrack.mission.parameters import Check, HeadTemperature, MissionRequirements
-from startrack.mission.rendered import checked, fitted, scenes_at
+from startrack.mission.rendered import checked, fitted, judged_by_the_other_half, scenes_at
 from startrack.mission.surrogate import cell_of, middles
 from startrack.optics import Baffle
 
@@ -68,6 +68,21 @@ def test_a_correction_finds_what_trials_differ_by():
         spread = found[0].spread[k]
         assert np.abs(got.mean(axis=0) - true).max() < 5 * spread.max() / np.sqrt(100) + 0.08
         assert got.std(axis=0) == pytest.approx(spread, rel=0.3)
+
+
+def test_each_half_is_judged_with_what_the_other_half_says():
+    """A factor that both halves have is taken off; one that differs is taken off the wrong way."""
+    draw = np.random.default_rng(4)
+    values = {"stars": draw.uniform(2, 5, 4000), "rate": draw.uniform(0, 1e-3, 4000)}
+    noise = draw.exponential(size=(4000, 2))
+    steep = np.exp(0.6 * (values["stars"] - 3.5))[:, None]
+    left = judged_by_the_other_half(steep * noise, values)
+    assert np.cov(np.log(steep).T, left[:, 0])[0, 1] == pytest.approx(0, abs=0.05)
+    assert left.mean() == pytest.approx(1, abs=0.06)
+    apart = np.where(np.arange(4000) % 2 == 0, 1.5, 0.7)[:, None]
+    left = judged_by_the_other_half(apart * noise, values)
+    assert left[::2].mean() == pytest.approx(1.5 / 0.7, rel=0.06)
+    assert left[1::2].mean() == pytest.approx(0.7 / 1.5, rel=0.06)
 
 
 def old_and_warm(trials):
