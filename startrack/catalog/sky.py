@@ -61,7 +61,7 @@ class Selection(Parameters):
         "columns of a FITS, VOTable, ECSV or CSV table in no such format, such as "
         '["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further ones: '
         "identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax"] = ()  # fmt: skip
-    _file: tuple[str, int, int] | None = field(init=False, repr=False, default=None)
+    _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -88,8 +88,6 @@ class Selection(Parameters):
         self._check_velocity()
         if self.aberration or self.parallax:
             within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.year})
-        if self.source not in ("bright", "deep"):
-            object.__setattr__(self, "_file", _state(Path(self.source)))
 
     @property
     def faintest_g(self) -> float:
@@ -128,15 +126,6 @@ class Selection(Parameters):
     def whole(cls, source: str, epoch: float) -> Selection:
         """Every star of a source: what an image of unknown depth may show."""
         return cls(source, limit_g=LIMITS.get(source, FAINTEST_G), epoch=epoch)
-
-
-def _state(path: Path) -> tuple[str, int, int] | None:
-    """Place, time of the last change and size of a file: what is kept of an older one is no use."""
-    try:
-        status = path.stat()
-    except (OSError, ValueError):
-        return None
-    return str(path.absolute()), status.st_mtime_ns, status.st_size
 
 
 SLACK = 1e-12  # of a height, so that rounding leaves no star out

@@ -58,6 +58,7 @@ from startrack.core.declared import (
     POSITIVE,
     CarriesCode,
     Field,
+    FileState,
     Parameters,
     Range,
     bare,

@@ -8,6 +8,7 @@ A field is declared once, and what checks, reads, writes or explains it reads th
 
 import dataclasses
 import math
+import os
 import types
 import typing
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -20,6 +21,7 @@ from startrack.core.checks import finite, non_negative, one_of, positive, refusa
 from startrack.core.units import Unit
 
 NUMBER_OR_TEXT = float | str
+FileState = tuple[str, int, int] | None
 
 
 class Range(NamedTuple):
@@ -166,7 +168,9 @@ class Parameters:
     """A frozen dataclass that checks its fields, as they are declared, where it is built.
 
     A name of code by an entry point becomes its module:function. A class with rules between fields
-    has a `__post_init__` of its own, which calls this one first.
+    has a `__post_init__` of its own, which calls this one first. A class whose fields name files
+    has a field `_files`, which says how they are: what is kept of an object whose file had another
+    content is not that of an equal one.
     """
 
     def __post_init__(self) -> None:
@@ -180,6 +184,20 @@ class Parameters:
                 object.__setattr__(self, rule.name, value)
             for item in value if rule.several else (value,):
                 rule.range.check(rule.name, item, rule.integer)
+        if "_files" in kind.__dataclass_fields__:
+            named = (getattr(self, rule.name) for rule in _rules(kind) if rule.range.file)
+            object.__setattr__(self, "_files", tuple(map(_state, named)))
+
+
+def _state(file: Any) -> FileState:
+    """Place, time of the last change and size of a file; None where there is none of that name."""
+    if not isinstance(file, str):
+        return None
+    try:
+        status = os.stat(file)
+    except (OSError, ValueError):
+        return None
+    return os.path.abspath(file), status.st_mtime_ns, status.st_size
 
 
 def _with_full_names(rule: _Rule, value: Any) -> Any:

@@ -4,7 +4,7 @@ import cmath
 import csv
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -200,6 +200,8 @@ class Structure(Parameters):
     focus: Annotated[bool,
         "whether the defocus changes, too: images are then those of each environment, in several "
         "times the time"] = False  # fmt: skip
+
+    _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -117,6 +117,7 @@ class Attitude(Parameters):
         "the body; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc; extra "
         "`spice`)"] = None  # fmt: skip
     scan: Annotated[Scan | None, "a rotation on top of the law; None: none"] = None
+    _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -99,6 +99,8 @@ class Optics(Parameters):
         "distortion over the field besides, as `calibrate` fits it to a table of stars"
     ] = None  # fmt: skip
 
+    _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
+
     def __post_init__(self) -> None:
         super().__post_init__()
         self._refuse_places()

@@ -1,12 +1,23 @@
 """A parameter that is declared once is checked, and may name code where its declaration says so."""
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field, is_dataclass
+from importlib import import_module
 from typing import Annotated
 
 import pytest
 
 from startrack import Refused
-from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Unit, fields_of
+from startrack.core import (
+    FILE,
+    NON_NEGATIVE,
+    POSITIVE,
+    FileState,
+    Parameters,
+    Range,
+    Unit,
+    fields_of,
+)
 
 
 @dataclass(frozen=True)
@@ -54,3 +65,39 @@ def test_a_declaration_has_unit_range_meaning_and_default():
     assert (field.kind, field.unit) == (float, Unit("m", "mm"))
     assert (field.range, field.meaning, field.required) == (POSITIVE, "of the lens", True)
     assert fields_of(Lens)["blur"].default is None
+
+
+@dataclass(frozen=True)
+class Scanned(Parameters):
+    """An object with files."""
+
+    table: Annotated[str, FILE] = ""
+    beside: Annotated[str | None, FILE] = None
+    _files: tuple[FileState, ...] = field(init=False, repr=False, default=())
+
+
+def test_objects_whose_file_has_changed_are_not_equal(tmp_path):
+    """In length, in time, or as there is none any more; nothing else of them differs."""
+    file = tmp_path / "a.csv"
+    assert Scanned(str(file)) == Scanned(str(file))
+    seen = [Scanned(str(file))]
+    for content, time in (("1", 10**9), ("1, 2", 10**9), ("3, 4", 2 * 10**9)):
+        file.write_text(content)
+        os.utime(file, ns=(time, time))
+        assert Scanned(str(file)) == Scanned(str(file))
+        seen.append(Scanned(str(file)))
+    assert len(set(seen)) == 4
+    assert len({repr(one) for one in seen}) == 1
+    assert Scanned("") == Scanned()
+
+
+def kinds(of):
+    return {of, *(kind for sub in of.__subclasses__() for kind in kinds(sub))}
+
+
+def test_every_class_that_names_files_says_how_they_are():
+    for room in ("design", "sequence", "mission", "earth.imager"):
+        import_module(f"startrack.{room}")
+    for kind in filter(is_dataclass, kinds(Parameters)):
+        files = [one for one in fields_of(kind).values() if one.range and one.range.file]
+        assert bool(files) == ("_files" in kind.__dataclass_fields__), kind

@@ -27,6 +27,21 @@ def behind_the_petzval(case=CASE, **tracker):
     return dataclasses.replace(case, instrument=instrument, tracker=believed)
 
 
+def test_a_lens_file_that_is_replaced_is_another_lens(tmp_path):
+    """In one process, under the same name: nothing that is kept is of the lens before."""
+    file = tmp_path / "lens.fits"
+    optics = dataclasses.replace(
+        CASE.instrument.optics, psf="auto", focal_length=0.05, f_number=4.0, lens_file=""
+    )
+    cameras = []
+    for lens in ("double_gauss", "triplet", "double_gauss"):
+        file.write_bytes(shipped(f"lenses/{lens}.fits").read_bytes())
+        behind = dataclasses.replace(optics, lens_file=str(file))
+        cameras.append(dataclasses.replace(CASE.instrument, optics=behind).camera)
+    assert cameras[0].k1 != cameras[1].k1
+    assert cameras[0].k1 == cameras[2].k1
+
+
 def test_temperature_moves_the_image_as_the_traced_chief_rays(tmp_path):
     """The focal length of the fitted camera follows the places of the table's own nodes."""
     warm = behind_the_petzval()

@@ -319,6 +319,7 @@ def test_trials_of_another_content_of_a_file_are_not_mixed(path, case, tmp_path,
     ledger = runner._key(case, Fidelity.FRAME, 0)
     Store(path, case, 3).close()
     Store(path, case, 3).close()
+    assert replaced(case, key, str(file)) == case
     if key in FILES:
         with fits.open(file, mode="update", checksum=True) as parts:
             parts[0].header["NOTE"] = "another"
@@ -330,6 +331,7 @@ def test_trials_of_another_content_of_a_file_are_not_mixed(path, case, tmp_path,
     with pytest.raises(ValueError, match=rf"another campaign: inputs\.{key} .*input.fits is"):
         Sketch(sketch).add(Sketch(other))
     assert runner._key(case, Fidelity.FRAME, 0) != ledger
+    assert replaced(case, key, str(file)) != case, "what is kept of the old content is not of it"
 
 
 def test_a_failure_that_nobody_kept_is_damage(path, case, outcomes):
