@@ -32,7 +32,8 @@ hundred_units_s           CPU time of that year for 100 spacecraft of three draw
 units_level_ratio         error across that 95 % of these heads keep, over that of trials of units
 aligned_gain              error that 95 % of these spacecraft keep, over that with heads aligned to
                           each other in flight
-dose_ratio                orbit at 550 km and aluminium: dose over that of SPENVIS
+dose_ratio                orbit and aluminium: dose over that of SPENVIS (550 km), or over that of
+                          its spectra of AP-8 (530, 825 km)
 late_availability_z       attitudes of a tracker eight years old, less those of its error budget, in
                           standard deviations
 late_available            fraction of these trials with an attitude
@@ -43,6 +44,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 import math
 import shutil
 import subprocess
@@ -91,6 +93,7 @@ from startrack.optics import Baffle
 from startrack.population import Units, per_unit, unit_trials
 from startrack.sequence import Leg, Sequence, fly_sequences
 from startrack.space import trapped_protons
+from startrack.space.radiation import Protons
 from startrack.trial import run_trial, run_trials
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -545,8 +548,13 @@ def late(trials: int) -> dict[str, float]:
 
 
 def doses(quick: bool) -> dict[str, float]:
-    """Yearly dose of trapped protons over that of SPENVIS; empty without radbelt."""
+    """Yearly dose of trapped protons over that of SPENVIS; empty without radbelt.
+
+    At 550 km over its doses, by SHIELDOSE-2; in other orbits over those of its spectra of AP-8,
+    behind the same shield by the same way.
+    """
     year, found = 365.25 * 86400, dict[str, float]()
+    oracle = Path(__file__).parents[1] / "tests/oracle/spenvis_protons.json"
     for inclination in (90,) if quick else (15, 30, 45, 60, 90):
         try:
             protons = trapped_protons(550e3, inclination * deg)
@@ -556,6 +564,13 @@ def doses(quick: bool) -> dict[str, float]:
             rad = year * protons.behind(thick)[1]
             name = f"{inclination} deg, {1e3 * thick:g} mm"
             found[name] = rad / proton_dose(inclination * deg, thick)
+    for orbit in json.loads(oracle.read_text())["orbits"]:
+        height, tilt = orbit["altitude_km"], orbit["inclination_deg"]
+        spectrum = Protons(*np.array(orbit["above"]).T)
+        own = trapped_protons(1e3 * height, tilt * deg)
+        for thick in (1e-3, 5e-3, 20e-3):
+            name = f"{height} km, {tilt} deg, {1e3 * thick:g} mm"
+            found[name] = own.behind(thick)[1] / spectrum.behind(thick)[1]
     return found
 
 

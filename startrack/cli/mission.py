@@ -399,6 +399,7 @@ def _values(
         "heads": [_head_values(plan, flown, available, h) for h in range(len(plan.heads))],
         "requirements": report.verdict_table(_verdicts(plan, flown, available)).json(),
         "by_beta": report.beta_table(flown).json(),
+        "left_out": _left_out(plan),
         "fused_rms_arcsec": [float(rms / arcsec) for rms in flown.rms],
         "worst_moments": [
             {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
@@ -534,6 +535,16 @@ def _fleet_text(plan: mission.Plan, fleet: mission.Fleet) -> str:
     return "\n".join(lines)
 
 
+def _left_out(plan: mission.Plan) -> list[str]:
+    """What availability and errors do not know of the mission."""
+    if plan.loaded.mission.radiation.hits is None:
+        return []
+    return [
+        "hits of protons (radiation.hits), in the availability and the errors; rendered frames "
+        "have them (--frames)"
+    ]
+
+
 def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availability) -> str:
     time = plan.loaded.mission.time
     lines = [
@@ -572,6 +583,7 @@ def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availabil
             f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / 86400:.2f} d "
             "after the begin"
         )
+    lines += [f"left out: {reason}" for reason in _left_out(plan)]
     if met := _verdicts(plan, flown, available):
         lines += report.verdict_table(met).text((0, 3))
     return "\n".join(lines)

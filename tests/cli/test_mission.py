@@ -89,6 +89,7 @@ def test_the_lightest_heads_are_searched(capsys, tmp_path, monkeypatch):
 def test_a_mission_is_flown(flown):
     out, result = flown
     assert result["steps"] == 8640
+    assert result["left_out"] == []
     assert sum(result["availability"]["exactly"]) == pytest.approx(1)
     assert not all(one["met"] for one in result["requirements"])
     assert cv2.imread(str(out / "mission.png")) is not None
@@ -189,13 +190,16 @@ def test_several_missions_over_workers(capsys, tmp_path):
     files = []
     for name, step in (("a", "60 s"), ("b", "120 s")):
         files.append(tmp_path / f"{name}.toml")
-        files[-1].write_text(text.replace('"365 d"', '"1 d"').replace('"10 s"', f'"{step}"'))
+        text_here = text.replace('"365 d"', '"1 d"').replace('"10 s"', f'"{step}"')
+        files[-1].write_text(text_here + '\n[radiation]\nhits = "5 mm"\n' * (name == "b"))
     found = []
     for workers in ("1", "2"):
         out = ["--out", str(tmp_path / workers), "--workers", workers, "--json"]
         assert main(["mission", *map(str, files), *out]) == 3
         lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
         assert [one["steps"] for one in lines] == [1440, 720]
+        assert not lines[0]["left_out"]
+        assert "hits of protons (radiation.hits)" in lines[1]["left_out"][0]
         found.append([{**one, "out": ""} for one in lines])
         assert (tmp_path / workers / "b" / "report.html").exists()
     assert found[0] == found[1]
