@@ -154,6 +154,7 @@ TAILS = {"chandra-aca": CHANDRA_ACA}
 FAMILIES = ("interactions", *TAILS)
 HIGHEST = 1e6  # electron / s, of the tables of tails
 TABLE = 4000  # entries of these tables
+MANY = 1e4  # mean number of events, beyond which no table has their probabilities
 
 
 @dataclass(frozen=True)
@@ -383,9 +384,22 @@ def damage(
     expected = mean_rate / single
     current = np.zeros(shape)
     hit = number > math.exp(-expected)  # the quantile of no event; most pixels have none
-    events = np.ceil(special.pdtrik(number[hit], expected)) if expected else number[hit]
-    current[hit] = single * special.gammaincinv(np.maximum(events, 1.0), size[hit])
+    events = np.maximum(_poisson_quantile(number[hit], expected), 1.0)
+    amount = -np.log1p(-size[hit])  # of one event
+    several = events > 1
+    amount[several] = special.gammaincinv(events[several], size[hit][several])
+    current[hit] = single * amount
     return current
+
+
+def _poisson_quantile(chance: Floats, mean: float) -> Floats:
+    """The least number of events (n,) whose cumulative probability is not below a chance (n,)."""
+    if not (mean and len(chance)):
+        return np.zeros(len(chance))
+    if mean > MANY:  # too many numbers for a table
+        return np.ceil(special.pdtrik(chance, mean))
+    most = math.ceil(special.pdtrik(chance.max(), mean))
+    return np.searchsorted(special.pdtr(np.arange(most), mean), chance).astype(float)
 
 
 def mean_damage(age: Age, area: float, kelvin: float) -> float:

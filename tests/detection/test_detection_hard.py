@@ -221,6 +221,21 @@ def test_hot_pixels_rows_and_columns_are_no_stars(sky):
     assert len(spots) <= 3
 
 
+def test_a_high_threshold_finds_stars_among_warm_pixels_and_faint_stars(sky):
+    """The law of a few brighter pixels says nothing of noise that nobody has ever seen."""
+    draw = Streams(6, 0)("a warm sky")
+    x, y = draw.uniform(10, SIDE - 10, (2, 320))
+    flux = np.full(320, 60.0)
+    flux[:20] = 300.0  # twenty sigma of the noise of 2, filtered
+    x[:20], y[:20] = np.divmod(np.arange(20), 5) * np.array([[50], [40]]) + 40.3
+    image = 70 + sky((SIDE, SIDE), x, y, flux, 0.6) + 2 * draw.standard_normal((SIDE, SIDE))
+    warm = draw.random((SIDE, SIDE)) < 0.03
+    image[warm] += draw.exponential(10.0, warm.sum())
+    spots = detect(Frame(np.rint(image).astype(np.uint16)), Detection(threshold=12.0))
+    assert sum(near(spots, *place, 0.5) for place in zip(x[:20], y[:20], strict=True)) >= 18
+    assert len(spots) <= 22
+
+
 def test_large_blobs_are_no_stars(sky):
     image = noisy(
         sky((SIDE, SIDE), np.array([100.0, 200.0]), 80.0, np.array([4e6, 5e3]), 12.0) + 10
