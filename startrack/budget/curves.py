@@ -159,28 +159,29 @@ class ErrorCurves(NamedTuple):
 
 
 def error_curves(
-    case: Case, seed: int, trials: int = TRIALS, advance: Advance | None = None
+    case: Case, seed: int, trials: int = TRIALS, advance: Advance = lambda _: None
 ) -> ErrorCurves:
     """The error over slew rate, and that of single stars.
 
     seed, trials  of the frames whose stars are evaluated
-    advance       called after each of `rates_computed`
+    advance       called after each of `curve_steps`
     """
     rates = slew_rates(case, LONGEST)
     curve = analytic_curve(case, between(rates), advance)
-    tried = tuple(
-        (float(rate), check(slewing(case, float(rate)), budget, seed))
-        for rate, budget in zip(rates, curve.budgets[:: BETWEEN + 1], strict=True)
-        if budget
-    )
-    seen = residuals(case, seed, trials)
+    tried = list[tuple[float, Check]]()
+    for rate, budget in zip(rates.tolist(), curve.budgets[:: BETWEEN + 1], strict=True):
+        if budget:
+            tried.append((rate, check(slewing(case, rate), budget, seed)))
+        advance(1)
+    seen = residuals(case, seed, trials, advance)
     in_boxes = boxed_stars(case) if boxed(case) else None
-    return ErrorCurves(curve, BETWEEN + 1, tried, errors(case), in_boxes, seen, trials)
+    return ErrorCurves(curve, BETWEEN + 1, tuple(tried), errors(case), in_boxes, seen, trials)
 
 
-def rates_computed(case: Case) -> int:
-    """Number of slew rates of the formula."""
-    return len(between(slew_rates(case, LONGEST)))
+def curve_steps(case: Case, trials: int = TRIALS) -> int:
+    """Steps of `error_curves`: rates of the formula, those of the trials, and frames of stars."""
+    rates = slew_rates(case, LONGEST)
+    return len(between(rates)) + len(rates) + trials
 
 
 DIRECTIONS = 3072

@@ -72,8 +72,11 @@ class Residuals(NamedTuple):
     error: Floats
 
 
-def residuals(case: Case, seed: int, trials: int) -> Residuals:
-    """Measured positions of stars minus those by the true attitude and camera."""
+def residuals(case: Case, seed: int, trials: int, progress: Advance = lambda _: None) -> Residuals:
+    """Measured positions of stars minus those by the true attitude and camera.
+
+    progress  called after each trial
+    """
     stars, believed = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
     true, _ = stars.find(believed.identifier)
     faint = colour_correction(case, stars.colour)
@@ -88,6 +91,7 @@ def residuals(case: Case, seed: int, trials: int) -> Residuals:
         found = np.column_stack([spots.x, spots.y])[matches.spot]
         magnitude = stars.magnitude_g[star] + faint[star]
         parts.append(Residuals(np.full(len(star), number), pixel, magnitude, found - pixel))
+        progress(1)
     return Residuals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

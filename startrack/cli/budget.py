@@ -27,10 +27,10 @@ if wanted(__name__):
         analytic,
         caveats,
         check,
+        curve_steps,
         error_curves,
         indices_of,
         measured,
-        rates_computed,
         single_stars,
         survey,
         unseen,
@@ -147,7 +147,7 @@ def command(options: argparse.Namespace) -> int:
         draw_budget(picture, expected, by_trials, Path(path).stem, required, units)
         with terminal.stage("the sky"):
             draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
-        with terminal.progress("slew rates", rates_computed(case)) as advance:
+        with terminal.progress("slew rates and stars", curve_steps(case)) as advance:
             curves = error_curves(case, options.seed, advance=advance)
         draw_curves(options.out / "curves.png", curves, case, Path(path).stem)
         save_json(options.out / "budget.json", terminal.finite(result))

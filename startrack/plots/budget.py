@@ -242,7 +242,9 @@ def draw_curves(path: Path | None, curves: ErrorCurves, case: Case, title: str) 
     _over_rate(rates, curves, case)
     good = np.hypot(*curves.seen.error.T) < 1.0
     seen = Residuals(*(column[good] for column in curves.seen))
-    _over_magnitude(stars, curves.stars, curves.boxed, seen)
+    budget = curves.curve.budgets[0]
+    causes = [line.name for line in budget.lines if line.across > 0] if budget else []
+    _over_magnitude(stars, curves.stars, curves.boxed, seen, causes)
     _over_field((place, count), curves, case, seen)
     if not good.all():
         stars.plot([], [], " ", label=f"{(~good).sum()} stars off by a pixel or more left out")
@@ -304,12 +306,16 @@ def _shade_rates(axes: Axes, curve: Curve) -> None:
 
 
 def _over_magnitude(
-    axes: Axes, star: Errors, in_boxes: SingleStars | None, seen: Residuals
+    axes: Axes, star: Errors, in_boxes: SingleStars | None, seen: Residuals, causes: Sequence[str]
 ) -> None:
+    """causes: of the error of an attitude, which those of the formula of a star are a part of."""
+    text = "error of a star over its magnitude"
     if in_boxes:
         _in_boxes(axes, in_boxes)
     else:
         _by_formula(axes, star)
+        if more := [cause for cause in causes if cause not in star.random]:
+            text += f"; trials have {', '.join(more)} beyond these lines"
     at, sizes = [], []
     edges = in_boxes.magnitude if in_boxes else star.magnitude
     for low in np.arange(np.floor(edges[0]), edges[-1], 0.5):
@@ -322,11 +328,11 @@ def _over_magnitude(
         value, lowest, highest = np.array(sizes).T
         bars = [value - lowest, np.where(np.isfinite(highest), highest - value, 0)]
         axes.errorbar(at, value, yerr=bars, fmt="o", ms=4.5, mfc="white", color=style.BLACK,
-                      label="trials: median size over 0.6745, 95 %")  # fmt: skip
+                      label="trials: median / 0.6745, 95 %")  # fmt: skip
     axes.set(
         yscale="log", xlabel="magnitude G of a solar-type star", ylabel="error (pixel per axis)"
     )
-    style.panel_title(axes, "error of a star over its magnitude")
+    style.panel_title(axes, text)
     style.legend_below(axes, 2)
 
 
@@ -351,7 +357,7 @@ def _by_formula(axes: Axes, star: Errors) -> None:
     ):
         own = np.sqrt(_variance(covariance))
         drawn = np.where(own >= floor, own, np.nan)
-        part = "" if (own >= floor).all() else f", where above {style.number(floor)} pixel"
+        part = "" if (own >= floor).all() else f" (above {style.number(floor)})"
         axes.plot(star.magnitude, drawn, ls=line, color=colour, lw=1.2, label=name + part)
     axes.plot(star.magnitude, total, "-", color=style.BLACK, lw=1.8, label="all, analytic")
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.budget import Survey, analytic, curves, error_curves
+from startrack.budget import Survey, analytic, curve_steps, curves, error_curves
 from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
-from startrack.design import YEAR, Accuracy, Objective
+from startrack.design import YEAR, Accuracy, Objective, replaced
 from startrack.metrics import Interval
+from startrack.motion import Tone
 from startrack.optimise import Goals, Optimum, Point, Sensitivity
 from startrack.optimise.evaluate import Evaluation
 from startrack.plots import (
@@ -298,6 +299,28 @@ def test_effects_that_a_formula_leaves_out_are_named(drawn, small, monkeypatch):
     assert any("trials each" in one for one in labels)
     shaded = next(one for one in labels if one.startswith("shaded: analytic without"))
     assert "residual charge" in shaded
+
+
+def test_what_moves_stars_beyond_the_causes_that_are_drawn_is_named(drawn, small, monkeypatch):
+    """Jitter moves all stars of a frame alike; the names of small causes have room, too."""
+    monkeypatch.setattr(curves, "SMEARS", (0.0, 1.0))
+    monkeypatch.setattr(curves, "BETWEEN", 0)
+    shaken = replaced(small.case, "instrument.motion.tones", (Tone(20.0, 1e-5, 1e-5),))
+    steps = []
+    found = error_curves(shaken, 1, trials=12, advance=steps.append)
+    assert sum(steps) == curve_steps(shaken, 12)
+    random = dict(found.stars.random)
+    total = sum(random.values())
+    random["centroid method"] = total * np.geomspace(1e-6, 1e-3, len(total))[:, None, None]
+    figure, _ = drawn(
+        draw_curves, found._replace(stars=found.stars._replace(random=random)), shaken, "s"
+    )
+    title = figure.axes[1].get_title(loc="left")
+    assert "trials have" in title
+    assert "jitter" in title
+    assert "shot noise" not in title
+    labels = figure.axes[1].get_legend_handles_labels()[1]
+    assert any(one.startswith("centroid method (above") for one in labels)
 
 
 def optimum(count):
