@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +33,8 @@ if wanted(__name__):
     from startrack.verification import cases, claims_of, counted
 
 STORE = "campaign.sqlite"
+SHOWN = 0.95  # confidence of the intervals of a summary
+HALL = "Hall's transformation of Student's t, for skew squares"
 UNREACHED = 1e-6  # without --precision: one that no campaign reaches
 
 
@@ -113,7 +117,8 @@ def command(options: argparse.Namespace) -> int:
         require_fidelity(case, sampling.fidelity)
         conditions, refused = cases(case, campaign) if campaign else ((), ())
     workers = open_workers(options)
-    montecarlo.warm(case, sampling)  # what no trial can do is refused before the first
+    with terminal.stage("first trial, and what all need"):
+        montecarlo.warm(case, sampling)  # what no trial can do is refused before the first
     if options.sketch:
         return _sketch(options, case, sampling, limits, workers)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
@@ -126,15 +131,14 @@ def command(options: argparse.Namespace) -> int:
     if needs and sampling.attitudes == "random":
         judged = counted(needs, case, options.seed, outcomes)
     summary = metrics.summarise(judged, limits)
-    rows = metrics.summary_rows(summary, limits)
-    result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
-    result |= metrics.to_json(rows) | {"trials_per_s": trials.rate}
-    text = [*([summary.doubt] if summary.doubt else []), *metrics.to_lines(rows)]
+    shown, verdicts = dict[str, Any](), list[str]()
     if needs and needs.accuracy:
         others = [*(condition.name for condition in conditions[1:]), *refused]
-        more, lines = _required(needs, judged, sampling, options.seed, others)
-        result |= more
-        text += lines
+        summary, shown, verdicts = _required(needs, judged, sampling, options.seed, others, summary)
+    rows = metrics.summary_rows(summary, limits)
+    result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
+    result |= metrics.to_json(rows) | {"trials_per_s": trials.rate} | shown
+    text = [*([summary.doubt] if summary.doubt else []), *metrics.to_lines(rows), *verdicts]
     if sampling.units:
         required = needs.accuracy if needs else ()
         result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)
@@ -291,9 +295,16 @@ def _precision(
 
 
 def _required(
-    needs: Requirements, outcomes: Rows, sampling: montecarlo.Sampling, seed: int, others: list[str]
-) -> tuple[dict[str, Any], list[str]]:
+    needs: Requirements,
+    outcomes: Rows,
+    sampling: montecarlo.Sampling,
+    seed: int,
+    others: list[str],
+    summary: metrics.Summary,
+) -> tuple[metrics.Summary, dict[str, Any], list[str]]:
     """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`.
+
+    An rms of the summary that is limited gets these bounds, for they hold for skew squares, too.
 
     others  conditions that were not run
     """
@@ -305,6 +316,11 @@ def _required(
             continue
         bounds = claim.bounds(outcomes, boresight, tail, tail)
         in_arcsec = metrics.bounds_json(bounds, ARCSEC)
+        about, shown = claim.accuracy.name == "about", metrics.bracketed(bounds, ".3f", arcsec)
+        before = (summary.about if about else summary.across).value
+        if needs.confidence == SHOWN and math.isfinite(bounds.high) and bounds.value == before:
+            summary = replace(summary, about=bounds) if about else replace(summary, across=bounds)
+            shown = f"{bounds.value / arcsec:.3f} with the interval above ({HALL})"
         required[claim.name] = {
             "statistic": str(claim.accuracy.objective),
             "limit_arcsec": claim.limit / arcsec,
@@ -312,15 +328,14 @@ def _required(
         }
         lines.append(
             f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
-            f"{metrics.bracketed(bounds, '.3f', arcsec)}: {claim.answer(bounds).value} with "
-            f"{100 * needs.confidence:g} %"
+            f"{shown}: {claim.answer(bounds).value} with {100 * needs.confidence:g} %"
         )
     if others:
         lines.append(
             "this is the design's own condition alone; `startrack verify` also judges: "
             + "; ".join(others)
         )
-    return {"required": required, "conditions_not_run": others}, lines
+    return summary, {"required": required, "conditions_not_run": others}, lines
 
 
 def _sampling(options: argparse.Namespace, case: Case) -> montecarlo.Sampling:

@@ -15,7 +15,16 @@ if wanted(__name__):
     from startrack.cli.options import as_wrong_use
     from startrack.cli.terminal import progress
     from startrack.core import Rows, arcsec
-    from startrack.design import YEAR, Accuracy, Campaign, Case, Fidelity, Objective, Requirements
+    from startrack.design import (
+        YEAR,
+        Accuracy,
+        Campaign,
+        Case,
+        Fidelity,
+        Objective,
+        Requirements,
+        fewest_trials_beyond,
+    )
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
@@ -168,11 +177,19 @@ def trials_of(
             f"of {len(by_unit.unit)} units at {years:g} yr, rms {name}: {middle:.3f} arcsec in the "
             f"median, {high:.3f} in 95 %"
         )
+    fewest = {limit: fewest_trials_beyond(limit.objective) for limit in required}
     values["yields"] = [
         _yield_values(limit, by_unit.meets(outcomes, limit.objective, limit.most))
         for limit in required
+        if units.trials >= fewest[limit]
     ]
     lines += [f"{_yield_name(share)}: {_yield_share(share)}" for share in values["yields"]]
+    lines += [
+        f"no yield of {limit.objective} at most {limit.most / arcsec:g} arcsec: it needs "
+        f"--trials {fewest[limit]} of each unit, of which one is beyond that level"
+        for limit in required
+        if units.trials < fewest[limit]
+    ]
     worst = by_unit.worst
     if worst is not None and fidelity is Fidelity.COVARIANCE:
         parts = explain(case, seed, units, worst)

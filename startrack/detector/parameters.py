@@ -220,11 +220,13 @@ class Detector(Parameters):
     def _check_rate(self, rate: float) -> None:
         if self.scan:
             raise Refused("frame_rate must be left out where lines scan")
-        most = 1 / max(self.exposure, self.rows * self.columns / self.pixel_rate)
+        read = self.rows * self.columns / self.pixel_rate
+        most = 1 / max(self.exposure, read)
         if rate > most * (1 + 1e-9):
             raise Refused(
-                f"frame_rate must be at most {most:.4g} Hz, by exposure and pixel_rate, got "
-                f"{rate:g} Hz"
+                f"frame_rate must be at most {most:.4g} Hz, by an exposure of "
+                f"{1e3 * self.exposure:.4g} ms and a read-out of {1e3 * read:.4g} ms (pixel_rate), "
+                f"got {rate:g} Hz"
             )
 
     def _check_scan(self, scan: Scan) -> None:

@@ -36,7 +36,8 @@ SMEARS: tuple[float, ...] = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
 LEAST = 0.5  # availability below which the table of rates ends
 # Stars' errors over a pixel repeat with it, and are unlike after a fraction of it; chosen by hand.
 PIXEL_LENGTH = 0.5  # pixel
-ENVIRONMENTS = 24  # of a unit: the rms of its swing is within 15 %
+ENVIRONMENTS = 24  # of a unit
+SWING_KNOWN = (2 * ENVIRONMENTS) ** -0.5  # relative sigma of the rms of so many normal draws
 RANKS = {"middle": 0.5, "95": 0.95, "worst": 1.0, "designed": math.nan}
 CLASSES = {  # of the model, by those of ECSS-E-ST-60-20C
     "noise": (Term.NOISE,),
@@ -153,7 +154,10 @@ def head_model(
     expected = analytic(one.case)
     left_out = caveats(case, expected.left_out, expected.refused)
     if one.begin:
-        left_out.append("the phase of the swing in the orbit is drawn")
+        left_out.append(
+            "the phase of the swing in the orbit is drawn, and its rms is that of "
+            f"{ENVIRONMENTS} drawn environments, known to {100 * SWING_KNOWN:.0f} % (1 sigma)"
+        )
     period, latency = timing_of(case)
     return HeadModel(
         name,

@@ -222,7 +222,8 @@ def combined_forecasts(
 
 def without_units(case: Case) -> Case:
     """The unit as designed, whose budget does not name as left out what units differ by."""
-    return replace(case.without_units, instrument=replace(case.instrument, residual=None))
+    alone = case.without_units
+    return replace(alone, instrument=replace(alone.instrument, residual=None))
 
 
 def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], dict[str, float]]:

@@ -54,6 +54,16 @@ def test_units_have_a_yield_and_the_worst_is_explained(design, tmp_path, capsys)
     assert (table["environment"] == np.arange(60) % 10 // 5).all()
 
 
+def test_a_yield_of_a_level_needs_trials_beyond_it(design, capsys):
+    command = ["montecarlo", str(design), "--units", "2", "--fidelity", "covariance"]
+    command += ["--workers", "1", "--environments", "1"]
+    command += ["--set", "campaign.requirements.level=90 %", "--trials"]
+    main([*command, "9"])
+    assert "it needs --trials 10 of each unit" in capsys.readouterr().out
+    main([*command, "10", "--json"])
+    assert len(json.loads(capsys.readouterr().out)["units"]["yields"]) == 1
+
+
 def test_trials_of_the_unit_as_designed_say_what_they_leave_out(design, capsys):
     main(["montecarlo", str(design), "--trials", "4", "--fidelity", "covariance", "--workers", "1"])
     assert "noise only" in capsys.readouterr().out

@@ -92,6 +92,8 @@ def test_rates_of_a_matrix():
     assert replace(one, frame_rate=4.0).data_rate == pytest.approx(60_000 * 12 * 4)
     with pytest.raises(ValueError, match=r"frame_rate must be at most 10 Hz, .* got 10\.5 Hz"):
         replace(one, frame_rate=10.5)
+    with pytest.raises(ValueError, match=r"at most 5 Hz, .* read-out of 200 ms"):
+        replace(one, pixel_rate=3e5, frame_rate=6.0)
 
 
 def test_rates_of_lines():

@@ -125,6 +125,7 @@ def test_a_model_of_units_has_their_bias_and_swing(worst):
     assert model.swing[0] / per_axis * 8 == pytest.approx(1, abs=0.35)  # of 24 draws: 15 % rms
     assert model.bias[1] == pytest.approx(0, abs=1e-9)
     assert model.begin["bias"] == pytest.approx(model.bias)
+    assert "known to 14 % (1 sigma)" in " ".join(model.left_out)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(exports, "SMEARS", exports.SMEARS[:1])
         designed = head_model(case, "designed", UnitChoice("designed"))

@@ -32,8 +32,9 @@ from startrack.optimise import (
     halved,
     optimize,
 )
+from startrack.optimise.forecast import without_units
 from startrack.optimise.units import compare_units, without_noise
-from startrack.trial import OUTCOMES
+from startrack.trial import OUTCOMES, left_out
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 TURNED = replace(
@@ -51,6 +52,15 @@ def test_the_quantile_of_few_is_that_of_harrell_and_davis(count):
     for fraction in (0.5, 0.95):
         expected = [float(hdquantiles(row, [fraction])[0]) for row in values]
         assert quantile_of_few(values, fraction) == pytest.approx(expected)
+
+
+def test_what_units_differ_by_is_not_called_left_out_where_units_are_judged():
+    """Neither what a file names, nor what follows from its structure."""
+    case = load_design(shipped("designs/nanosatellite.toml")).case
+    assert case.varying
+    alone = without_units(case)
+    assert not alone.varying
+    assert not [one for one in left_out(alone) if "unit" in one or "structure" in one]
 
 
 def test_the_level_over_units_is_that_of_their_misalignments():
