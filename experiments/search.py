@@ -16,9 +16,11 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -307,10 +309,11 @@ def _cma(score: Score, count: int, most: int, seed: int) -> None:
     cma.fmin2(score, np.full(count, 0.5), 0.3, options, restarts=9)
 
 
-def _optuna(score: Score, count: int, most: int, seed: int) -> None:
-    """Optuna's TPE sampler."""
+def _optuna(score: Score, count: int, most: int, seed: int, sampler: str = "TPESampler") -> None:
+    """Optuna's sampler of a name."""
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+    warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+    study = optuna.create_study(sampler=getattr(optuna.samplers, sampler)(seed=seed))
 
     def objective(trial: Any) -> float:
         return score(np.array([trial.suggest_float(str(k), 0, 1) for k in range(count)]))
@@ -323,6 +326,11 @@ PEERS: dict[str, Callable[[Score, int, int, int], None]] = {
     "differential evolution": _evolution,
     **({"CMA-ES": _cma} if cma else {}),
     **({"TPE": _optuna} if optuna else {}),
+    **(
+        {"GP": partial(_optuna, sampler="GPSampler")}
+        if optuna and importlib.util.find_spec("torch")
+        else {}
+    ),
 }
 
 

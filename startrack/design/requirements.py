@@ -157,7 +157,7 @@ class Requirements(core.CarriesCode):
     """Limits, and the coefficients of the cost models behind them.
 
         mass   = mass_fixed + mass_per_volume * aperture^3 + shield,   or with a density
-        mass   = density * volume + shield
+        mass   = density * volume + shield,   where the volume is without a tube
         volume = volume_fixed + pi / 4 aperture^2 * length_ratio * focal length + baffle
         baffle = pi / 12 L (aperture^2 + aperture D + D^2),   L = aperture / (tan a - tan w),
                  D = aperture + 2 L tan w
@@ -297,15 +297,16 @@ class Requirements(core.CarriesCode):
 
     def mass(self, case: Case) -> float:
         """Kilogram."""
-        shield = 0.0
-        if self.shielding:
-            shield = ALUMINIUM * self.shielding * 6 * self.volume(case) ** (2 / 3)
-        if self.density is not None:
-            return self.density * self.volume(case) + shield
         optics, structure = case.instrument.optics, case.instrument.structure
-        fixed = self.mass_fixed + shield + (structure.mass(optics) if structure else 0.0)
+        added = 0.0
+        if self.shielding:
+            added = ALUMINIUM * self.shielding * 6 * self.volume(case) ** (2 / 3)
         if tube := case.instrument.tube:
-            fixed += tube.mass(optics.aperture, case.instrument.camera.half_diagonal)
+            added += tube.mass(optics.aperture, case.instrument.camera.half_diagonal)
+        if self.density is not None:
+            hollow = self._baffle(case) if tube else 0.0
+            return self.density * (self.volume(case) - hollow) + added
+        fixed = self.mass_fixed + added + (structure.mass(optics) if structure else 0.0)
         lens = lens_cost(optics)
         return fixed + (lens.mass if lens else self.mass_per_volume * optics.aperture**3)
 

@@ -131,6 +131,8 @@ def test_a_design_with_a_tube_has_its_curve_its_mass_and_its_volume():
     needs = Requirements(density=None)
     field, lens = case.instrument.camera.half_diagonal, case.instrument.optics.aperture
     assert needs.mass(with_tube) - needs.mass(case) == pytest.approx(TUBE.mass(lens, field))
+    dense = replace(needs, density=1500.0)  # of the camera; the tube is hollow
+    assert dense.mass(with_tube) - dense.mass(case) == pytest.approx(TUBE.mass(lens, field))
     assert needs.volume(with_tube) - needs.volume(case) == pytest.approx(TUBE.volume(lens, field))
     assert with_tube.instrument.stray(np.array([80 * deg])) < 1e-8
     with pytest.raises(Refused, match=r"requirements\.baffle_angle must be left out"):
