@@ -19,19 +19,16 @@ from typing import Any
 import one_thread  # noqa: F401  # isort: skip
 import command
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack import OUTCOMES, Case, Fidelity, Streams, load_design, run_trials, shipped
-from startrack.core import Floats, Ints
+from startrack.core import Floats, Ints, Rows
 from startrack.montecarlo import Regions, Sampling, combined, mean_square
 from startrack.montecarlo.attitudes import REPLICATES, towards
 from startrack.montecarlo.estimate import Mean, plain
 from startrack.montecarlo.sampling import squares
 from startrack.montecarlo.workers import one_thread as one_opencv_thread
-
-Outcomes = NDArray[np.void]
 
 FRAME, DRAWN = Fidelity.FRAME, Fidelity.COVARIANCE
 SEED = 3
@@ -181,7 +178,7 @@ def told(mean: Mean, n: int, alone: Mean, cost: float) -> dict[str, float]:
 
 
 def coverage(
-    frames: Outcomes, windows: Outcomes, drawn: Outcomes, about: bool, repetitions: int
+    frames: Rows, windows: Rows, drawn: Rows, about: bool, repetitions: int
 ) -> dict[str, Any]:
     """How often the intervals of small samples from these trials hold the mean of all of them.
 
@@ -219,7 +216,7 @@ def coverage(
     }
 
 
-def renumbered(outcomes: Outcomes) -> Outcomes:
+def renumbered(outcomes: Rows) -> Rows:
     """Trials that were drawn, as trials of their own."""
     table = outcomes.copy()
     table["trial"] = np.arange(len(table))

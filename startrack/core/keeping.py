@@ -140,9 +140,6 @@ def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
         yield from _arrays(vars(value), seen)
 
 
-Image = Singles
-
-
 class Workspace(threading.local):
     """Arrays by name, separate for each thread; whoever makes it decides who may share them.
 
@@ -152,7 +149,7 @@ class Workspace(threading.local):
 
     def __init__(self) -> None:
         self._arrays = dict[str, NDArray[Any]]()
-        self._canvases = dict[str, tuple[Image, float, Ints]]()
+        self._canvases = dict[str, tuple[Singles, float, Ints]]()
 
     def array(self, name: str, shape: tuple[int, ...], kind: DTypeLike) -> NDArray[Any]:
         """The array of that name as the last call left it; zeros at first."""
@@ -163,7 +160,7 @@ class Workspace(threading.local):
             array = self._arrays[name] = np.zeros(shape, kind)
         return array
 
-    def canvas(self, name: str, shape: tuple[int, int], level: float, windows: Ints) -> Image:
+    def canvas(self, name: str, shape: tuple[int, int], level: float, windows: Ints) -> Singles:
         """The float32 image of that name, one level everywhere except in the windows of this call.
 
         Only the windows of the last call are filled with the level again.

@@ -9,7 +9,6 @@ from startrack.core import Singles, kernel
 from startrack.detection.matched import KURTOSIS_RATIO, MILD_SKEWNESS
 from startrack.detection.robust import plane
 
-Image = Singles
 MOST_SKEWNESS = 1.5
 STRIDE = 4  # pixel; the filtered image is smooth, so few rows and columns tell most of it
 TAIL = 5.0  # sigma; what is farther out is a star, and no part of the noise's tail
@@ -34,14 +33,14 @@ class Sky(NamedTuple):
     mesh      pixel, side of a tile
     """
 
-    mean: Image
-    rms: Image
-    skewness: Image
-    kurtosis: Image
+    mean: Singles
+    rms: Singles
+    skewness: Singles
+    kurtosis: Singles
     mesh: int
 
 
-def sky(filtered: Image, mesh: int, floor: float) -> Sky:
+def sky(filtered: Singles, mesh: int, floor: float) -> Sky:
     """Measure the background and the noise of an image that was filtered.
 
     A plane and the noise about it are measured on the filtered image itself, in tiles. So haze,
@@ -71,7 +70,7 @@ def sky(filtered: Image, mesh: int, floor: float) -> Sky:
     return Sky(mean, noise, skewness, np.float32(KURTOSIS_RATIO) * skewness**2, mesh)
 
 
-def with_gain_noise(ground: Sky, model: tuple[Image, Image, Image]) -> Sky:
+def with_gain_noise(ground: Sky, model: tuple[Singles, Singles, Singles]) -> Sky:
     """The law that the gain model tells, where the tiles show no more noise than that."""
     rms, skewness, kurtosis = model
     kept = ground.rms <= MORE_THAN_MODEL * rms
@@ -84,14 +83,14 @@ def with_gain_noise(ground: Sky, model: tuple[Image, Image, Image]) -> Sky:
     )
 
 
-def _wider(grid: Image) -> Image:
+def _wider(grid: Singles) -> Singles:
     """One more tile on each side, like its neighbour."""
     border = cv2.copyMakeBorder(grid.astype(np.float32), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     return np.asarray(border, np.float32)
 
 
 @kernel
-def between(grid: Image, mesh: int, x: float, y: float) -> float:
+def between(grid: Singles, mesh: int, x: float, y: float) -> float:
     """Bilinear interpolation of a Sky's grid at a pixel."""
     u, v = (x + 0.5) / mesh + 0.5, (y + 0.5) / mesh + 0.5
     i, j = int(v), int(u)
@@ -102,7 +101,7 @@ def between(grid: Image, mesh: int, x: float, y: float) -> float:
 
 
 @kernel
-def _tiles(image: Image, mesh: int, floor: float) -> tuple[Image, Image, Image]:
+def _tiles(image: Singles, mesh: int, floor: float) -> tuple[Singles, Singles, Singles]:
     """Background, noise and skewness of square tiles.
 
     Returns  background at the centres of the tiles and of one more tile on each side, by the
@@ -135,7 +134,7 @@ def _tiles(image: Image, mesh: int, floor: float) -> tuple[Image, Image, Image]:
 
 
 @kernel
-def _places(width: int, height: int) -> tuple[Image, Image]:
+def _places(width: int, height: int) -> tuple[Singles, Singles]:
     """Where the pixels that are looked at lie from the middle of a tile, (n,) pixel."""
     across, down = np.arange(0, width, STRIDE), np.arange(0, height, STRIDE)
     dx = np.empty(len(across) * len(down), np.float32)
@@ -148,7 +147,7 @@ def _places(width: int, height: int) -> tuple[Image, Image]:
 
 
 @kernel
-def _gather(tile: Image, values: Image) -> None:
+def _gather(tile: Singles, values: Singles) -> None:
     """Copy the pixels of a tile that are looked at."""
     rows, columns = tile.shape
     count = 0
@@ -159,7 +158,7 @@ def _gather(tile: Image, values: Image) -> None:
 
 
 @kernel(fastmath={"reassoc", "nsz", "contract"})
-def _skewness(values: Image, mean: float, rms: float) -> float:
+def _skewness(values: Singles, mean: float, rms: float) -> float:
     """Third standardised moment of the values that are noise; 0 where there is none."""
     if rms == 0:
         return 0.0

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from startrack.core import Ints, Singles, kernel
 from startrack.detection.background import Sky, between
 
-Image = Singles
-
 
 class Peaks(NamedTuple):
     """(n,) column, row, and size of the connected component that holds it, pixel."""
@@ -21,7 +19,7 @@ class Peaks(NamedTuple):
 
 
 @kernel
-def lit(image: Image, level: Image, mesh: int) -> Ints:
+def lit(image: Singles, level: Singles, mesh: int) -> Ints:
     """Which pixels exceed a level that is given on the grid of a Sky.
 
     A row, and then its part in a tile, that lies below the lowest level around it is done with
@@ -50,7 +48,7 @@ def lit(image: Image, level: Image, mesh: int) -> Ints:
 
 
 @kernel
-def any_above(values: Image, level: float) -> bool:
+def any_above(values: Singles, level: float) -> bool:
     """Whether a value exceeds the level; without a branch, so that the loop is vectorised."""
     above = False
     for k in range(len(values)):
@@ -60,7 +58,7 @@ def any_above(values: Image, level: float) -> bool:
 
 @kernel
 def peaks(
-    image: Image,
+    image: Singles,
     pixels: Ints,
     waiting: NDArray[np.uint8],
     min_area: int,
@@ -119,7 +117,7 @@ def _component(waiting: NDArray[np.uint8], x: int, y: int, member_x: Ints, membe
 
 
 @kernel
-def highest(image: Image, x: int, y: int, reach: int) -> bool:
+def highest(image: Singles, x: int, y: int, reach: int) -> bool:
     """Whether no pixel around is higher; of equals the first counts as the highest."""
     here = image[y, x]
     rows, columns = image.shape
@@ -138,7 +136,7 @@ MOST = 4  # stars for one peak
 
 
 @kernel
-def split(image: Image, merged: Peaks, sky: Sky, noise: float, shot: float, border: int) -> Peaks:
+def split(image: Singles, merged: Peaks, sky: Sky, noise: float, shot: float, border: int) -> Peaks:
     """Take the peaks apart that the filter has merged.
 
     Two maxima of the image itself are two stars where the image dips between them by more than

@@ -10,7 +10,6 @@ from startrack.detection.background import Sky, between
 from startrack.detection.matched import highest_between
 from startrack.detection.robust import around, around_among
 
-Image = Singles
 # The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.
 # A ring that differs by less than this may do so by chance, and the tile knows better.
 UNEVEN = 1.5
@@ -21,13 +20,13 @@ SURE = 0.5  # sigma, chosen by hand: more lets hot columns pass, and finds no mo
 
 @kernel
 def stands_out(
-    image: Image,
-    filtered: Image,
+    image: Singles,
+    filtered: Singles,
     filters: Floats,
     x: Ints,
     y: Ints,
     reach: int,
-    sigmas: Image,
+    sigmas: Singles,
     sky: Sky,
     floor: float,
 ) -> Flags:
@@ -64,7 +63,7 @@ def stands_out(
 
 @kernel
 def _stands_out(
-    image: Image, filtered: Image, filters: Floats, x: int, y: int, level: float, height: float
+    image: Singles, filtered: Singles, filters: Floats, x: int, y: int, level: float, height: float
 ) -> bool:
     """Bright stars show it on the pixel; only the faint ones are looked at between the pixels."""
     if filtered[y, x] - level > height:
@@ -73,7 +72,7 @@ def _stands_out(
 
 
 @kernel
-def is_hot(image: Image, x: int, y: int, reach: int, fraction: float) -> bool:
+def is_hot(image: Singles, x: int, y: int, reach: int, fraction: float) -> bool:
     """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
     The four neighbours of a hot pixel hold less than the sharpest star puts there; a hot row's
@@ -115,7 +114,7 @@ def _passed(core, spread, patterns, noise, fraction):  # type: ignore[no-untyped
 
 
 def chance_to_pass(
-    image: Image, x: Ints, y: Ints, level: float, noise: float, shot: float, fraction: float
+    image: Singles, x: Ints, y: Ints, level: float, noise: float, shot: float, fraction: float
 ) -> Floats:
     """Probability that `is_hot` does not take peaks for hot pixels, rows or columns, (n,) 1.
 

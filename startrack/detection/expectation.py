@@ -19,8 +19,6 @@ from startrack.detection.pixels import Gain, Pixels, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 
-Image = Singles
-
 
 class Expectation(NamedTuple):
     """What is to be expected of stars; NaN where no centroid comes of them.
@@ -103,7 +101,7 @@ def chance_kept(frame: Frame, place: Floats, level: float, plan: DetectionPlan) 
 
 
 def _kept(
-    image: Image, x: Ints, y: Ints, level: float, dark: float, gain: Gain, settings: Detection
+    image: Singles, x: Ints, y: Ints, level: float, dark: float, gain: Gain, settings: Detection
 ) -> Floats:
     """`Expectation.kept` of peaks; `dark` is the noise of an empty pixel, digital number."""
     if not settings.sharpest_sigma > 0:

@@ -66,7 +66,6 @@ def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
     return x[good], y[good]
 
 
-Image = Singles
 # A star between the pixels shows less of its peak, so pixels are looked at from here on.
 EXAMINED = np.float32(0.75)  # of the threshold
 KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to matter
@@ -100,7 +99,7 @@ def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Candid
     return choose(pixels, image, bright, ground, far, plan)
 
 
-def ground_of(pixels: Pixels, image: Image, kernel: Kernel, mesh: int) -> Sky:
+def ground_of(pixels: Pixels, image: Singles, kernel: Kernel, mesh: int) -> Sky:
     """Background and noise of the filtered image; its noise by the gain model where that holds."""
     ground = sky(image, mesh, rounding(pixels, kernel))
     if not pixels.gain.known:
@@ -108,7 +107,7 @@ def ground_of(pixels: Pixels, image: Image, kernel: Kernel, mesh: int) -> Sky:
     return with_gain_noise(ground, noise_from_gain(ground.mean, pixels.gain, pixels.step, kernel))
 
 
-def threshold_grid(ground: Sky, threshold: float) -> Image:
+def threshold_grid(ground: Sky, threshold: float) -> Singles:
     """How many sigma a star must exceed the background by, on the Sky's grid.
 
     threshold  sigma of normal noise
@@ -116,17 +115,17 @@ def threshold_grid(ground: Sky, threshold: float) -> Image:
     return equivalent_sigmas(threshold, ground.skewness, ground.kurtosis)
 
 
-def examination_level(ground: Sky, far: Image) -> Image:
+def examination_level(ground: Sky, far: Singles) -> Singles:
     """The level from which on pixels are looked at, on the grid of the Sky, digital number."""
     return np.asarray(ground.mean + EXAMINED * far * ground.rms, np.float32)
 
 
 def choose(
     pixels: Pixels,
-    image: Image,
+    image: Singles,
     bright: Ints,
     ground: Sky,
-    far: Image,
+    far: Singles,
     plan: DetectionPlan,
     regions: Ints | None = None,
 ) -> Candidates:
@@ -185,8 +184,9 @@ class _Rules(NamedTuple):
 
 @kernel
 def _choose(
-    value: Image, dead: NDArray[np.uint8], image: Image, bright: Ints, waiting: NDArray[np.uint8],
-    ground: Sky, far: Image, filters: Floats, regions: Ints, rules: _Rules,
+    value: Singles, dead: NDArray[np.uint8], image: Singles, bright: Ints,
+    waiting: NDArray[np.uint8], ground: Sky, far: Singles, filters: Floats, regions: Ints,
+    rules: _Rules,
 ) -> tuple[Ints, Ints, Ints]:  # fmt: skip
     """Columns, rows and areas of the peaks that `choose` keeps."""
     merged = peaks(

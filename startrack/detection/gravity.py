@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, kernel
+from startrack.core import Floats, Singles, kernel
 from startrack.detection.robust import around
 from startrack.detection.sample import (
     COLUMNS,
@@ -16,7 +16,6 @@ from startrack.detection.sample import (
     XX,
     XY,
     YY,
-    Image,
     Sample,
     X,
     Y,
@@ -128,7 +127,7 @@ def _gravity(sample: Sample, uncut: bool) -> Floats:
 
 @kernel
 def moments(
-    image: Image, u: int, v: int, half: int, background: float, slope_x: float, slope_y: float
+    image: Singles, u: int, v: int, half: int, background: float, slope_x: float, slope_y: float
 ) -> Moments:
     """Moments in the window about (u, v), above a background plane."""
     flux, sx, sy, sxx, syy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -210,7 +209,7 @@ def _derivatives(
 
 @kernel
 def _errors(
-    image: Image,
+    image: Singles,
     u: int,
     v: int,
     half: int,

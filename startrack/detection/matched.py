@@ -15,7 +15,6 @@ from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Gain
 from startrack.detection.star_model import expected
 
-Image = Singles
 FAINTEST = 0.01  # of the peak; what is fainter hardly helps the filter
 REACH = 1.9  # sigma; half a pixel more of it holds all but a hundredth of the SNR
 SEPARABLE = 1e-3  # of the largest singular value: a kernel is a line times a column
@@ -29,9 +28,9 @@ class Kernel:
     line    (2 n + 1, 1), column (2 m + 1, 1): their product is `whole`; None where there is none
     """
 
-    whole: Image
-    line: Image | None
-    column: Image | None
+    whole: Singles
+    line: Singles | None
+    column: Singles | None
 
     @cached_property
     def half(self) -> int:
@@ -55,7 +54,7 @@ class Kernel:
         return float(np.sum(self.whole**2))
 
 
-def filtered(image: Image, kernel: Kernel, out: Image | None = None) -> Image:
+def filtered(image: Singles, kernel: Kernel, out: Singles | None = None) -> Singles:
     """The image filtered for stars: at each pixel the best guess of the light of a star there.
 
     Source: Turin (1960): in white noise no linear filter makes a known shape stand out more.
@@ -182,7 +181,7 @@ def offset_filters(psf: Psf, kernel: Kernel) -> Floats:
 
 
 @kernel
-def highest_between(image: Image, x: int, y: int, level: float, filters: Floats) -> float:
+def highest_between(image: Singles, x: int, y: int, level: float, filters: Floats) -> float:
     """Largest response of the filters at a peak, above a level; zero beyond the border."""
     height, width, count = filters.shape
     rows, columns = image.shape

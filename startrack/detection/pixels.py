@@ -13,7 +13,6 @@ from startrack import core
 from startrack.core import Flags, Floats, Ints, Parameters, Refused, Singles, kernel
 from startrack.detection.robust import clipped
 
-Image = Singles
 # Dark frames of a map, at most: of more the mean has less than 3 % of the noise of a frame, and a
 # frame of 1024 x 1024 pixels takes 0.1 s.
 LONGEST_MEAN = 1024
@@ -64,7 +63,7 @@ class Correction(NamedTuple):
     marks     (rows, columns) not 0 on hot pixels
     """
 
-    offset: Image
+    offset: Singles
     hot: Ints
     marks: NDArray[np.uint8]
 
@@ -79,8 +78,8 @@ def correction_of(settings: DarkMap, dark: DarkFrames) -> Correction:
 
 
 def corrected(
-    value: Image, correction: Correction, saturation: float | None, pivot: float = 0.0
-) -> Image:
+    value: Singles, correction: Correction, saturation: float | None, pivot: float = 0.0
+) -> Singles:
     """An image without its dark signal; saturated pixels keep their numbers.
 
     value, saturation  digital number, the first less the pivot
@@ -98,27 +97,27 @@ def corrected(
 
 
 def corrected_within(
-    value: Image,
+    value: Singles,
     windows: Ints,
     level: float,
     correction: Correction,
     saturation: float | None,
     workspace: core.Workspace,
-) -> Image:
+) -> Singles:
     """As `corrected` in windows (w, 4), whose outermost pixels may be wrong; a level elsewhere."""
     out = workspace.canvas("without dark signal", value.shape, level, windows)
     _correct(value, windows, *_maps(correction, saturation, 0.0), out)
     return out
 
 
-def correction_image(correction: Correction) -> Image:
+def correction_image(correction: Correction) -> Singles:
     """What an image loses by the correction, digital number: hot pixels as their neighbours."""
     return -corrected(np.zeros_like(correction.offset), correction, None)
 
 
 def _maps(
     correction: Correction, saturation: float | None, pivot: float
-) -> tuple[Image, NDArray[np.uint8], float]:
+) -> tuple[Singles, NDArray[np.uint8], float]:
     limit = math.inf if saturation is None else saturation - pivot
     return correction.offset, correction.marks, limit
 
@@ -138,7 +137,7 @@ def _correct(value, windows, offset, marks, saturation, out):  # type: ignore[no
 
 
 @kernel
-def _mean_beside(image: Image, marks: NDArray[np.uint8], x: int, y: int) -> float:
+def _mean_beside(image: Singles, marks: NDArray[np.uint8], x: int, y: int) -> float:
     """Mean of the nearest pixels that are not hot, in the smallest square that holds one."""
     rows, columns = image.shape
     for reach in range(1, max(rows, columns)):
@@ -188,7 +187,7 @@ class Pixels(NamedTuple):
     gain    of its pixels
     """
 
-    value: Image
+    value: Singles
     pivot: float
     step: float
     dead: NDArray[np.uint8] | None
@@ -235,7 +234,7 @@ def gain_of(frame: core.Frame, pivot: float) -> Gain:
     return Gain(electrons, frame.offset - pivot, frame.read_noise / electrons)
 
 
-def _narrow(image: NDArray[np.number]) -> tuple[Image, float]:
+def _narrow(image: NDArray[np.number]) -> tuple[Singles, float]:
     """The image as native float32, less its median where float32 alone would lose digits."""
     if image.dtype.itemsize <= (4 if image.dtype.kind == "f" else 2):
         return np.ascontiguousarray(image, np.float32), 0.0
@@ -245,7 +244,7 @@ def _narrow(image: NDArray[np.number]) -> tuple[Image, float]:
         return np.ascontiguousarray(image.astype(np.float64) - pivot, np.float32), pivot
 
 
-def _filled(value: Image, dead: Flags) -> Image:
+def _filled(value: Singles, dead: Flags) -> Singles:
     """Dead pixels replaced by the mean of their living neighbours, or else by the median."""
     alive = (~dead).astype(np.float32)
     light = np.where(dead, np.float32(0), value)

@@ -6,8 +6,6 @@ import numpy as np
 
 from startrack.core import Floats, Ints, Singles, instead_of, kernel, median
 
-Values = Singles
-
 CLIP = 3.0  # sigma
 ROUNDS = 6
 SAMPLE = 27  # pixels that the first guess is made from: 3^3
@@ -24,7 +22,7 @@ MOST_LEFT_OUT = 0.85  # of a ring; where more spots crowd, it is their light tha
 
 # Sums may be taken in any order, which lets the processor add several pixels at once.
 @kernel(fastmath={"reassoc", "nsz", "contract"})
-def clipped(values: Values, floor: float) -> tuple[float, float]:
+def clipped(values: Singles, floor: float) -> tuple[float, float]:
     """Mean and standard deviation of the values that lie within 3 sigma of the mean.
 
     The first guess is a median and the mean deviation from it, which lead there while stars or
@@ -68,7 +66,7 @@ def clipped(values: Values, floor: float) -> tuple[float, float]:
 
 
 @instead_of(clipped)
-def _clipped_of_arrays(values: Values, floor: float) -> tuple[float, float]:
+def _clipped_of_arrays(values: Singles, floor: float) -> tuple[float, float]:
     sample = values[:: max(1, len(values) // SAMPLE)]
     mean = np.float32(_median(sample))
     deviation = float(np.abs(sample - mean).sum())
@@ -92,7 +90,7 @@ def _clipped_of_arrays(values: Values, floor: float) -> tuple[float, float]:
 
 
 @kernel
-def _median(values: Values) -> float:
+def _median(values: Singles) -> float:
     """A median; of 27 values and more the median of medians of medians of three.
 
     Source: Rousseeuw and Bassett (1990), the remedian. It has no branches for random numbers to
@@ -120,7 +118,7 @@ def _middle(a, b, c):  # type: ignore[no-untyped-def]
 
 @kernel
 def plane(
-    values: Values, dx: Values, dy: Values, floor: float
+    values: Singles, dx: Singles, dy: Singles, floor: float
 ) -> tuple[float, float, float, float]:
     """Level, slopes and noise of pixels on a gradient; `values` lose the slopes in place.
 
@@ -146,7 +144,7 @@ def plane(
 
 @kernel(fastmath={"reassoc", "nsz", "contract"})
 def _slopes(
-    values: Values, dx: Values, dy: Values, mean: float, rms: float
+    values: Singles, dx: Singles, dy: Singles, mean: float, rms: float
 ) -> tuple[float, float, float]:
     """Least-squares slopes of the values within 3 sigma, and the fraction of variance they hold."""
     reach, level = np.float32(CLIP * rms), np.float32(mean)
@@ -170,7 +168,7 @@ def _slopes(
 
 @instead_of(_slopes)
 def _slopes_of_arrays(
-    values: Values, dx: Values, dy: Values, mean: float, rms: float
+    values: Singles, dx: Singles, dy: Singles, mean: float, rms: float
 ) -> tuple[float, float, float]:
     offset = values - np.float32(mean)
     inside = np.abs(offset) <= np.float32(CLIP * rms)
@@ -186,7 +184,7 @@ def _slopes_of_arrays(
 
 @kernel
 def around(
-    image: Values, x: int, y: int, half: int, floor: float
+    image: Singles, x: int, y: int, half: int, floor: float
 ) -> tuple[float, float, float, float, int]:
     """Background about a spot, from the square ring that a window of that half side leaves.
 
@@ -198,7 +196,7 @@ def around(
 
 
 @kernel
-def around_each(image: Values, x: Ints, y: Ints, half: int, floor: float) -> Floats:
+def around_each(image: Singles, x: Ints, y: Ints, half: int, floor: float) -> Floats:
     """As `around`, of many spots at pixels (n,): level, slopes and noise, (n, 4)."""
     grounds = np.empty((len(x), 4))
     for i in range(len(x)):
@@ -209,7 +207,7 @@ def around_each(image: Values, x: Ints, y: Ints, half: int, floor: float) -> Flo
 
 @kernel
 def around_among(
-    image: Values, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
+    image: Singles, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
 ) -> tuple[float, float, float, float, int]:
     """As `around`, without the squares about other spots, as long as most of the ring is left."""
     rows, columns = image.shape
@@ -241,7 +239,7 @@ def around_among(
 
 @instead_of(around_among)
 def _around_among_of_arrays(
-    image: Values, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
+    image: Singles, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
 ) -> tuple[float, float, float, float, int]:
     rows, columns = image.shape
     inner, outer = half + 2, half + 3

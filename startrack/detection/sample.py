@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from startrack.core import Ints, Singles, kernel
 
-Image = Singles
 # Columns of the table (n, COLUMNS) in which each centroid method writes a row per star: position,
 # flux and its sigma, covariance of the position, and the pixel that the window is centred on.
 X, Y, FLUX, FLUX_SIGMA, XX, XY, YY, WINDOW_X, WINDOW_Y = range(9)
@@ -30,7 +29,7 @@ class Sample(NamedTuple):
     saturation        from which on a pixel's light is unknown
     """
 
-    image: Image
+    image: Singles
     dead: NDArray[np.uint8]
     x: Ints
     y: Ints

@@ -15,7 +15,6 @@ from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, corrected_within, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 
-Image = Singles
 RING = 3  # pixel, from a window to the far side of the ring about it
 
 
@@ -30,8 +29,8 @@ class Ground(NamedTuple):
     """
 
     sky: Sky
-    far: Image
-    look: Image
+    far: Singles
+    look: Singles
     lowest: Floats
     noise: float
 
@@ -119,7 +118,7 @@ def grown_mask(regions: Ints, by: int, columns: int, rows: int) -> Ints:
 
 @kernel
 def _filter(
-    value: Image, windows: Ints, kernel: Image, image: Image, level: Image, mesh: int
+    value: Singles, windows: Ints, kernel: Singles, image: Singles, level: Singles, mesh: int
 ) -> Ints:
     """`matched.filtered` in windows, and which pixels there exceed a level, as `connect.lit`.
 

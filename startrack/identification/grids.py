@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from startrack.core import Floats, Ints, kernel
 
 Indices = NDArray[np.int32]
-Cubes = Ints
 
 MOST_CUBES = 80  # along an axis: the table of cubes takes 2 MB; chosen by hand for its memory
 
@@ -67,7 +66,7 @@ def cubes(spacing: float) -> int:
 @kernel
 def cubes_around(
     grid: SkyGrid, axis: Floats, radius: float
-) -> tuple[Cubes, Cubes]:  # pragma: no cover
+) -> tuple[Ints, Ints]:  # pragma: no cover
     """First and last cubes (3,) along each axis that a cone can touch."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for k in range(3):
@@ -77,7 +76,7 @@ def cubes_around(
 
 
 @kernel
-def most_within(grid: SkyGrid, low: Cubes, high: Cubes) -> int:  # pragma: no cover
+def most_within(grid: SkyGrid, low: Ints, high: Ints) -> int:  # pragma: no cover
     """Number of stars in these cubes."""
     most = 0
     for i in range(low[0], high[0] + 1):

@@ -117,12 +117,10 @@ def _slope(values: Floats, controls: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(centred, values - values.mean(), rcond=None)[0], float)
 
 
-Outcomes = Rows
-
 FEWEST = 2 * FOLDS  # trials that a level needs
 
 
-def mean_square(outcomes: Outcomes, about: bool = False, sobol: bool = False) -> Mean:
+def mean_square(outcomes: Rows, about: bool = False, sobol: bool = False) -> Mean:
     """Radian^2, over trials with a correct attitude: across the boresight per axis, or about it.
 
         q = sum S / sum A,   error(q) = error(S - q A) / mean A
@@ -151,7 +149,7 @@ def mean_square(outcomes: Outcomes, about: bool = False, sobol: bool = False) ->
     return Mean(ratio + mean.value / fraction, mean.error / fraction, mean.freedom)
 
 
-def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -> Mean:
+def combined(levels: Sequence[tuple[Rows, Fidelity]], about: bool = False) -> Mean:
     """`mean_square` of the first level, with the faster ones that follow, each of more trials.
 
         mean(S0 - b S1) + b (mean(S1 - c S2) + c mean(S2))
@@ -174,7 +172,7 @@ def combined(levels: Sequence[tuple[Outcomes, Fidelity]], about: bool = False) -
     return Mean(ratio + mean.value / fraction, mean.error / fraction, mean.freedom)
 
 
-def _telescope(levels: Sequence[tuple[Outcomes, Fidelity]], ratio: float, about: bool) -> Mean:
+def _telescope(levels: Sequence[tuple[Rows, Fidelity]], ratio: float, about: bool) -> Mean:
     (fine, kind), *others = levels
     if len(fine) < FEWEST:
         raise Refused(f"{kind} must have at least {FEWEST} separate trials, got {len(fine)}")
@@ -198,7 +196,7 @@ def _telescope(levels: Sequence[tuple[Outcomes, Fidelity]], ratio: float, about:
     )
 
 
-def _value(outcomes: Outcomes, fidelity: Fidelity, ratio: float, about: bool) -> Floats:
+def _value(outcomes: Rows, fidelity: Fidelity, ratio: float, about: bool) -> Floats:
     if fidelity in (Fidelity.FRAME, Fidelity.WINDOW):
         return _rest(outcomes, ratio, about)
     axes = "z" if about else "xy"
@@ -206,15 +204,15 @@ def _value(outcomes: Outcomes, fidelity: Fidelity, ratio: float, about: bool) ->
     return np.where(_correct(outcomes), stated - ratio, 0.0)
 
 
-def _rest(outcomes: Outcomes, ratio: float, about: bool) -> Floats:
+def _rest(outcomes: Rows, ratio: float, about: bool) -> Floats:
     return squares(outcomes, about) - ratio * _correct(outcomes)
 
 
-def _correct(outcomes: Outcomes) -> Flags:
+def _correct(outcomes: Rows) -> Flags:
     return np.asarray(outcomes["solved"] & ~outcomes["false"])
 
 
-def _whole_rounds(outcomes: Outcomes) -> Outcomes:
+def _whole_rounds(outcomes: Rows) -> Rows:
     """Without the points that not all scrambles have."""
     turn, points = np.unique(outcomes["trial"] // REPLICATES, return_counts=True)
     return outcomes[np.isin(outcomes["trial"] // REPLICATES, turn[points == REPLICATES])]
