@@ -15,7 +15,18 @@ from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR, apparent, earth_ob
 from startrack.catalog.catalog import FIRST_G, LAST_G, Catalog, join, random_stars
 from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G, deep, file_of, read_bright
 from startrack.catalog.readers import FORMATS, column_names, read
-from startrack.core import Floats, Ints, Parameters, Range, Refused, Unit, kept, kernel, within
+from startrack.core import (
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    first_not_below,
+    kept,
+    kernel,
+    within,
+)
 from startrack.io import shipped
 
 FAINTEST_G = 21.0  # Gaia's own limit
@@ -219,20 +230,8 @@ def belt(direction, height, radius):  # type: ignore[no-untyped-def]
     middle = math.asin(min(max(height, -1.0), 1.0))
     low = math.sin(max(middle - radius, -math.pi / 2)) - SLACK
     high = math.sin(min(middle + radius, math.pi / 2)) + SLACK
-    return _first_from(direction, low), _first_from(direction, high)
-
-
-@kernel
-def _first_from(direction, height):  # type: ignore[no-untyped-def]
-    """The place of the first direction of at least this height."""
-    low, high = 0, len(direction)
-    while low < high:
-        middle = (low + high) // 2
-        if direction[middle, 2] < height:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    rising = direction[:, 2]
+    return first_not_below(rising, low), first_not_below(rising, high)
 
 
 @kept(8)

@@ -88,6 +88,7 @@ from startrack.core.interpolation import (
     NODES,
     Curve,
     Displacement,
+    bilinear,
     lagrange_weights,
     local_weights,
     map_displacement,

@@ -11,7 +11,6 @@ import numpy as np
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.checks import Refused, positive, within
-from startrack.core.interpret import instead_of
 from startrack.core.kernel import kernel
 from startrack.core.units import Unit
 
@@ -114,7 +113,7 @@ class Displacement:
 
 @kernel
 def _displaced(pixel: Floats, table: Floats, x: Floats, y: Floats) -> Floats:  # pragma: no cover
-    """The sums (n, 2) of the 16 nodes around each place, in the order of `_displaced_by_arrays`."""
+    """The sums (n, 2) of the 16 nodes around each place."""
     last, moved = table.shape[1] - 1, np.empty((len(pixel), 2))
     across, down = np.empty(4), np.empty(4)
     for k in range(len(pixel)):
@@ -140,16 +139,14 @@ def _displaced(pixel: Floats, table: Floats, x: Floats, y: Floats) -> Floats:  #
     return moved
 
 
-@instead_of(_displaced)
-def _displaced_by_arrays(pixel, table, node_x, node_y):  # type: ignore[no-untyped-def]
-    x, y = pixel.T
-    there = np.isfinite(x + y)
-    first_x, weight_x = local_weights(node_x, np.where(there, x, 0.0))
-    first_y, weight_y = local_weights(node_y, np.where(there, y, 0.0))
-    near = np.arange(4)
-    value = table[:, (first_y[:, None] + near)[:, :, None], (first_x[:, None] + near)[:, None]]
-    moved = np.einsum("cnji,nj,ni->nc", value, weight_y, weight_x)
-    return np.where(there[:, None], moved, np.nan)
+@kernel
+def bilinear(grid: Floats, row: float, column: float) -> float:
+    """The value of a grid between its nodes, at a place within it."""
+    i, j = int(row), int(column)
+    s, t = row - i, column - j
+    upper = grid[i, j] + t * (grid[i, j + 1] - grid[i, j])
+    lower = grid[i + 1, j] + t * (grid[i + 1, j + 1] - grid[i + 1, j])
+    return upper + s * (lower - upper)
 
 
 def node_places(columns: int, rows: int) -> Floats:

@@ -12,15 +12,7 @@ from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, U
 from startrack.design.case import Case
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.metrics import Limits
-from startrack.optics import (
-    Optics,
-    Surfaces,
-    element_count,
-    family_surfaces,
-    lens_path,
-    open_lens,
-    open_surfaces,
-)
+from startrack.optics import Optics, Surfaces, element_count, full_surfaces
 
 BARREL = 3.7  # kilogram of a whole lens for one of its glass
 WALL = 1.96  # outer diameter over that of the largest clear aperture
@@ -58,19 +50,14 @@ def lens_cost(optics: Optics) -> LensCost | None:
               volume 0.5 to 1.4; price 0.5 to 3.1, of series. A lens for space costs some hundred
               times as much, so that only ratios mean something. All nine are double Gauss lenses.
     """
-    if optics.lens_family:
-        surfaces = family_surfaces(
-            optics.lens_family, optics.focal_length, optics.f_number, optics.family_field
-        )
-        elements = element_count(optics.lens_family, optics.f_number, optics.family_field)
-        return cost_of(surfaces, elements)
-    stored = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
-    if stored is None:
+    surfaces = full_surfaces(optics)  # stopped down, it is as large as before
+    if surfaces is None:
         return None
-    table = open_lens(optics.lens_file)
-    # Stopped down, it is as large as before.
-    surfaces = stored.scaled(optics.focal_length / table.focal_length)
-    return cost_of(surfaces, len(stored.elements))
+    if not optics.lens_family:
+        return cost_of(surfaces, len(surfaces.elements))
+    return cost_of(
+        surfaces, element_count(optics.lens_family, optics.f_number, optics.family_field)
+    )
 
 
 def cost_of(surfaces: Surfaces, elements: float) -> LensCost:

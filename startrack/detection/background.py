@@ -5,7 +5,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from startrack.core import Singles, kernel
+from startrack.core import Singles, bilinear, kernel
 from startrack.detection.matched import KURTOSIS_RATIO, MILD_SKEWNESS
 from startrack.detection.robust import plane
 
@@ -92,12 +92,7 @@ def _wider(grid: Singles) -> Singles:
 @kernel
 def between(grid: Singles, mesh: int, x: float, y: float) -> float:
     """Bilinear interpolation of a Sky's grid at a pixel."""
-    u, v = (x + 0.5) / mesh + 0.5, (y + 0.5) / mesh + 0.5
-    i, j = int(v), int(u)
-    s, t = v - i, u - j
-    upper = grid[i, j] + t * (grid[i, j + 1] - grid[i, j])
-    lower = grid[i + 1, j] + t * (grid[i + 1, j + 1] - grid[i + 1, j])
-    return upper + s * (lower - upper)
+    return bilinear(grid, (y + 0.5) / mesh + 0.5, (x + 0.5) / mesh + 0.5)
 
 
 @kernel

@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy import fft
 
-from startrack.core import Floats, Psf, finite, kernel
+from startrack.core import Floats, Psf, bilinear, finite, kernel
 from startrack.detection.sample import FLUX, FLUX_SIGMA, WINDOW_X, WINDOW_Y, XX, XY, YY, X, Y
 
 TAPS = 6
@@ -176,11 +176,7 @@ def _at(grid: Floats, x: float, y: float) -> float:
     """Bilinear, and beyond the grid as at its edge."""
     u = min(max((x + 1) * STEPS, 0.0), SIDE - 1.001)
     v = min(max((y + 1) * STEPS, 0.0), SIDE - 1.001)
-    i, j = int(v), int(u)
-    s, t = v - i, u - j
-    upper = grid[i, j] + t * (grid[i, j + 1] - grid[i, j])
-    lower = grid[i + 1, j] + t * (grid[i + 1, j + 1] - grid[i + 1, j])
-    return upper + s * (lower - upper)
+    return bilinear(grid, v, u)
 
 
 MARGIN = 2  # pixel, so that what wraps around is nothing

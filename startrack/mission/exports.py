@@ -549,29 +549,20 @@ def configure(sensor, dcm_cb):
 '''
 
 
-def write_42(
-    path: Path,
-    model: HeadModel,
-    field: tuple[float, float],
-    rate: float,
-    mounting: Floats | None = None,
-) -> None:
+def write_42(path: Path, model: HeadModel, field: tuple[float, float], rate: float) -> None:
     """Write the star tracker's block of a spacecraft file (SC_*.txt) of the simulator 42.
 
     42 has white noise, so that all errors that change count as such; bias and swing are left out.
 
-    field     radian, along columns and rows
-    rate      radian / second across the boresight
-    mounting  (3,) radian, angles of the sequence 321 from body to camera; None: 0
+    field  radian, along columns and rows
+    rate   radian / second across the boresight
     """
     sigma = one_process(model, rate).sigma
-    angles = np.zeros(3) if mounting is None else np.asarray(mounting)
-    x, y, z = (f"{angle / deg:.6g}" for angle in angles)
     across, about = (f"{error / arcsec:.6g}" for error in sigma)
     sun, limb, moon = (f"{limit / deg:.6g}" for limit in (model.sun, model.limb, model.moon))
     rows = (
         (f"{model.period:.6g}", "sample time, s"),
-        (f"{x}  {y}  {z}  321", "mounting angles, deg, and their sequence in the body"),
+        ("0  0  0  321", "mounting angles, deg, and their sequence in the body"),
         ("Z_AXIS", "boresight"),
         (f"{field[0] / deg:.6g}  {field[1] / deg:.6g}", "field, deg, horizontal and vertical"),
         (f"{sun}  {limb}  {moon}", "exclusion angles of Sun, Earth and Moon, deg"),

@@ -53,14 +53,13 @@ class Temperatures:
         )
 
 
-def temperatures_of(plan: Plan, heat: Heat, advance: Advance = lambda _: None) -> Temperatures:
+def temperatures_of(plan: Plan, heat: Heat) -> Temperatures:
     """Temperatures of a platform and its heads along a mission.
 
     Sun, albedo and infrared of the Earth fall on the six faces of the box in its attitude, and on
     four sides and the end of the tube of each head in its direction; the Sun's distance changes
     over the year. Before the begin, the first orbits are repeated until the platform has settled.
 
-    advance   called with the number of times after each part
     Raises    as the plan's motion
     Accuracy  model: that of `Heat`. numerical: first order in the step of a minute at most, 2 % of
               a swing for a head of 450 J / K at 0.2 W / K.
@@ -74,7 +73,6 @@ def temperatures_of(plan: Plan, heat: Heat, advance: Advance = lambda _: None) -
         part = slice(first, min(first + CHUNK, count))
         instants = plan.motion.at(first * step, step, part.stop - first)
         power[:, part], sides[:, :, part], shines = _taken(plan, heat, instants)
-        advance(part.stop - first)
     capacity = np.array([heat.capacity, *[heat.head_capacity] * heads])
     size = STEFAN * np.array(shines)
     kelvin = np.full(1 + heads, float((power.mean(axis=1).sum() / size.sum()) ** 0.25))

@@ -10,6 +10,7 @@ import numpy as np
 from startrack.core import Advance, Refused, Rows
 from startrack.io import Database
 from startrack.io import whole as whole_file
+from startrack.montecarlo.run import touching_runs
 from startrack.montecarlo.sampling import BLOCK
 from startrack.montecarlo.store import (
     STORE,
@@ -116,18 +117,7 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
             # Where several parts failed at the same trial, the first report in their order stays.
             if not any(numbers.start <= failure[0] < numbers.stop for numbers in done):
                 write_failure(execute, failure)
-    return Merged(trials, tuple(_touching(repeated)))
-
-
-def _touching(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Runs in order, those that touch or overlap as one."""
-    found: list[tuple[int, int]] = []
-    for first, end in sorted(runs):
-        if found and first <= found[-1][1]:
-            found[-1] = found[-1][0], max(end, found[-1][1])
-        else:
-            found.append((first, end))
-    return found
+    return Merged(trials, tuple(touching_runs(repeated)))
 
 
 def _blocks(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[Rows]:

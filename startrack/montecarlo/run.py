@@ -156,3 +156,14 @@ def blocks(
 def _exception(error: BaseException) -> Exception:
     """An error of a worker as an Exception, so that the main process goes on."""
     return error if isinstance(error, Exception) else RuntimeError(repr(error))
+
+
+def touching_runs(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Runs in order, those that touch or overlap as one."""
+    found: list[tuple[int, int]] = []
+    for first, end in sorted(runs):
+        if found and first <= found[-1][1]:
+            found[-1] = found[-1][0], max(end, found[-1][1])
+        else:
+            found.append((first, end))
+    return found

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from startrack.core import Advance, Floats, Ints, Rows, inputs_of
 from startrack.design import Case
 from startrack.io import read_bytes, save_text, to_table
 from startrack.montecarlo.resume import last_words, missing
-from startrack.montecarlo.run import blocks
+from startrack.montecarlo.run import blocks, touching_runs
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import difference, origin
 
@@ -258,16 +259,10 @@ def _joined(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
     Raises  ValueError where two overlap.
     """
-    found: list[tuple[int, int]] = []
-    for first, end in sorted(ranges):
-        if found and first < found[-1][1]:
-            last = min(end, found[-1][1]) - 1
-            raise ValueError(f"trials {first} to {last} are in two of them")
-        if found and first == found[-1][1]:
-            found[-1] = found[-1][0], end
-        else:
-            found.append((first, end))
-    return found
+    for (_, before), (first, end) in pairwise(sorted(ranges)):
+        if first < before:
+            raise ValueError(f"trials {first} to {min(end, before) - 1} are in two of them")
+    return touching_runs(ranges)
 
 
 def save_sketch(path: Path, sketch: Sketch) -> None:

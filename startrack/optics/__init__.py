@@ -39,7 +39,7 @@ from startrack.optics.diffraction import (
     pupil_transfer,
 )
 from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf
-from startrack.optics.ghosts import Ghosts, add_ghosts, lens_surfaces, save_ghosts
+from startrack.optics.ghosts import Ghosts, add_ghosts, full_surfaces, lens_surfaces, save_ghosts
 from startrack.optics.lens_family import element_count, family_surfaces
 from startrack.optics.lens_psf import ROOM, field_psf, fit_camera, mirrored, open_optics
 from startrack.optics.lens_table import LensTable, lens_path, load_lens, open_lens, save_lens

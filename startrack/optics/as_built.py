@@ -91,7 +91,7 @@ def _elements(surfaces: Surfaces) -> tuple[Ints, Floats]:
     Returns  kinds, and (k + 1, s, 4): shift x and y (metre), turn of the normal towards x and y
              (radian), for a step of each; the first for none
     """
-    vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])[:-1]
+    vertex = surfaces.vertex[:-1]
     groups: list[tuple[int, int]] = []
     for first, last in surfaces.elements:
         if groups and first != last and groups[-1][1] == first:
@@ -147,8 +147,7 @@ def _traced(surfaces: Surfaces, tangent: Floats, pupil: Floats, off: Floats) -> 
     ray = np.ones((3, len(tangent)))
     ray[:2] = tangent.T
     ray = np.broadcast_to((ray / np.linalg.norm(ray, axis=0))[:, None, :, None], shape)
-    vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])
-    before = np.concatenate([[1.0], surfaces.index[:-1]])
+    vertex, before = surfaces.vertex, surfaces.index_before
     with np.errstate(invalid="ignore", divide="ignore"):
         for at in range(len(surfaces)):
             x, y, p, q = off[:, at].T[:, :, None, None]

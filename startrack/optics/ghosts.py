@@ -9,12 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, DiffuseLight, Floats, Light, Parameters, Range, Refused
-from startrack.io import open_checked
-from startrack.io import whole as whole_file
 from startrack.optics.lens_family import family_surfaces
-from startrack.optics.lens_table import FORMAT, lens_path, open_lens
+from startrack.optics.lens_table import lens_path, open_lens
 from startrack.optics.parameters import Optics
-from startrack.optics.surfaces import AIR, Surfaces, meet, open_surfaces, refracted
+from startrack.optics.surfaces import AIR, Surfaces, meet, open_surfaces, refracted, replace_part
 
 PART = "GHOSTS"
 GRID = 33  # rays across the beam that are traced
@@ -59,23 +57,32 @@ class Pair(NamedTuple):
         return self.reflectance / max(self.width**2, 1e-12)
 
 
+def full_surfaces(optics: Optics) -> Surfaces | None:
+    """The surfaces of a design's lens in its size, not stopped down; None where they are unknown.
+
+    A family's has the clear apertures that its beams need at the design's f-number.
+    """
+    if optics.lens_family:
+        return family_surfaces(
+            optics.lens_family, optics.focal_length, optics.f_number, optics.family_field
+        )
+    stored = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
+    if stored is None:
+        return None
+    return stored.scaled(optics.focal_length / open_lens(optics.lens_file).focal_length)
+
+
 def lens_surfaces(optics: Optics) -> Surfaces:
     """The surfaces of a design's lens, in its size, stopped down and focused.
 
     Raises  ValueError where they are not known.
     """
-    if optics.lens_family:
-        made = family_surfaces(
-            optics.lens_family, optics.focal_length, optics.f_number, optics.family_field
-        )
-    else:
-        stored = open_surfaces(lens_path(optics.lens_file)) if optics.lens_file else None
-        if stored is None:
-            raise Refused("ghosts must be left out where no lens table has SURFACES of the lens")
-        table = open_lens(optics.lens_file)
-        made = stored.scaled(optics.focal_length / table.focal_length)
+    made = full_surfaces(optics)
+    if made is None:
+        raise Refused("ghosts must be left out where no lens table has SURFACES of the lens")
+    if not optics.lens_family:
         radius = made.radius.copy()
-        radius[made.stop] *= min(table.f_number / optics.f_number, 1.0)
+        radius[made.stop] *= min(open_lens(optics.lens_file).f_number / optics.f_number, 1.0)
         made = replace(made, radius=radius)
     if made.mirror.any():
         raise Refused("ghosts must be left out where the lens has a mirror")
@@ -89,7 +96,7 @@ def reflectances(surfaces: Surfaces, ghosts: Ghosts) -> Floats:
 
     Between two glasses that of Fresnel, ((n' - n) / (n' + n))^2; none of a diaphragm.
     """
-    before, after = np.concatenate([[1.0], surfaces.index[:-1]]), surfaces.index
+    before, after = surfaces.index_before, surfaces.index
     glasses = (before > AIR) & (after > AIR)
     bare = ((after - before) / (after + before)) ** 2
     coated = np.where(glasses, bare, ghosts.coating)
@@ -134,8 +141,7 @@ def _steps(count: int, first: int, second: int) -> list[tuple[int, bool, bool]]:
 def _folded(surfaces: Surfaces, first: int, second: int) -> Floats:
     """Matrix (2, 2) from height and slope before the lens to those on the detector."""
     count = len(surfaces)
-    before = np.concatenate([[1.0], surfaces.index[:-1]])
-    vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])
+    before, vertex = surfaces.index_before, surfaces.vertex
     curvature = np.append(surfaces.curvature, 0.0)
     matrix, at = np.eye(2), 0.0
     for surface, reflects, front in _steps(count, first, second):
@@ -175,9 +181,8 @@ def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats, rays: int = G
     Accuracy   model: spheres, the index of one wavelength, no polarisation.
     """
     count = len(surfaces)
-    vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])
-    curvature = np.append(surfaces.curvature, 0.0)
-    before = np.append(np.concatenate([[1.0], surfaces.index[:-1]]), surfaces.index[-1])
+    vertex, curvature = surfaces.vertex, np.append(surfaces.curvature, 0.0)
+    before = np.append(surfaces.index_before, surfaces.index[-1])
     after = np.append(surfaces.index, 1.0)
     size = FRONT * float(surfaces.radius[0])
     axis = np.linspace(-size, size, rays)
@@ -324,12 +329,5 @@ def save_ghosts(path: Path, surfaces: Surfaces) -> None:
     (g, 4): first and second surface, width and place of `Pair`; every pair of surfaces that differ
     in index, and the detector as the surface after the last.
     """
-    from astropy.io import fits
-
     rows = [pair[:4] for pair in pairs(surfaces, Ghosts(1.0, 1.0))]
-    with open_checked(path, "LENS", FORMAT, "a lens table") as parts:
-        kept = [part.copy() for part in parts if part.name != PART]
-    part = fits.ImageHDU(np.array(sorted(rows), float), name=PART)
-    part.header["BUNIT"] = "1, 1, 1, m"
-    with whole_file(Path(path)) as draft:
-        fits.HDUList([*kept, part]).writeto(draft, checksum=True)
+    replace_part(path, PART, np.array(sorted(rows), float), "1, 1, 1, m")

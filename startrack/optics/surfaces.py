@@ -57,6 +57,16 @@ class Surfaces:
     def __len__(self) -> int:
         return len(self.curvature)
 
+    @property
+    def vertex(self) -> Floats:
+        """Metre along the axis (s + 1,), of each surface and of the detector."""
+        return np.concatenate([[0.0], np.cumsum(self.thickness)])
+
+    @property
+    def index_before(self) -> Floats:
+        """Index (s,) before each surface."""
+        return np.concatenate([[1.0], self.index[:-1]])
+
     def heights(self) -> tuple[Floats, Floats]:
         """Paraxial heights (s,) of a ray parallel to the axis and of one through the stop's middle.
 
@@ -76,8 +86,9 @@ class Surfaces:
     def signed_index(self) -> tuple[Floats, Floats]:
         """Indices (s,) before and after each surface, negative where light runs backwards."""
         turns = np.cumsum(self.mirror > 0)
-        before = np.concatenate([[1.0], self.index[:-1]])
-        return before * (-1.0) ** (turns - (self.mirror > 0)), self.index * (-1.0) ** turns
+        return self.index_before * (-1.0) ** (turns - (self.mirror > 0)), self.index * (
+            -1.0
+        ) ** turns
 
     @property
     def elements(self) -> tuple[tuple[int, int], ...]:
@@ -108,8 +119,7 @@ class Surfaces:
 
     def length(self) -> float:
         """Metre, from the foremost vertex to the rearmost or the detector."""
-        vertex = np.concatenate([[0.0], np.cumsum(self.thickness)])
-        return float(np.ptp(vertex))
+        return float(np.ptp(self.vertex))
 
     def scaled(self, size: float, faster: float = 1.0, wider: float = 1.0) -> Surfaces:
         """The same shape in another size, with clear apertures for other beams.
@@ -170,15 +180,23 @@ def save_surfaces(path: Path, surfaces: Surfaces) -> None:
     (s, 6): curvature, thickness, index, radius of the clear aperture, whether it reflects, whether
     it is the stop.
     """
-    from astropy.io import fits
-
     stop = np.zeros(len(surfaces))
     stop[surfaces.stop] = 1
     columns = [*(getattr(surfaces, name) for name in COLUMNS), stop]
+    replace_part(path, PART, np.column_stack(columns), "1/m, m, 1, m, 1, 1")
+
+
+def replace_part(path: Path, name: str, table: Floats, units: str) -> None:
+    """Add an image of that name to the FITS file of a lens table, or replace it.
+
+    units  of the columns
+    """
+    from astropy.io import fits
+
     with open_checked(path, "LENS", FORMAT, "a lens table") as parts:
-        kept = [part.copy() for part in parts if part.name != PART]
-    part = fits.ImageHDU(np.column_stack(columns), name=PART)
-    part.header["BUNIT"] = "1/m, m, 1, m, 1, 1"
+        kept = [part.copy() for part in parts if part.name != name]
+    part = fits.ImageHDU(table, name=name)
+    part.header["BUNIT"] = units
     with whole(Path(path)) as draft:
         fits.HDUList([*kept, part]).writeto(draft, checksum=True)
 

@@ -250,14 +250,11 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], 
     return budget, margins
 
 
-def expected_objective(
-    case: Case, campaign: Campaign, text: str | None = None, seed: int = 1
-) -> float:
-    """An objective (radian) by the analytic budget, over all conditions that have a weight.
+def expected_objective(case: Case, campaign: Campaign, seed: int = 1) -> float:
+    """The objective (radian) by the analytic budget, over all conditions that have a weight.
 
-    text  the objective; None for the campaign's
     seed  of the units, where it is judged over units
     """
-    objective = Objective.read(text or campaign.objective)
+    objective = Objective.read(campaign.objective)
     judged = [one for one in campaign.judged(case) if one.weight]
     return forecasts(judged, objective, seed=seed)[0]

@@ -184,7 +184,7 @@ def optimize(
             "no design in the design space meets the requirements that need no trials",
         )
     space = spaces[label]
-    first = _fresh(campaign.judged(case), campaign, runner, progress.fresh)
+    first = _fresh_frames(campaign.judged(case), campaign, runner, progress.fresh)
     best, second, assured = _verify(space, finalists[:FINALISTS], campaign, runner, progress.fresh)
     objective, needs = design.Objective.read(campaign.objective), campaign.requirements
     winner = space.design(np.array(best.coordinates))
@@ -255,7 +255,7 @@ def _verify(
     results = list[tuple[Evaluation, dict[str, Rows], _Shown]]()
     for one in finalists:
         judged = campaign.judged(space.design(np.array(one.coordinates)))
-        fresh = _fresh(judged, campaign, runner, watch)
+        fresh = _fresh_frames(judged, campaign, runner, watch)
         shown = _shown(judged, campaign, runner, fresh, watch)
         results.append((one, fresh, shown))
         margins = one.margins | shown.margins
@@ -276,15 +276,7 @@ def _shown(
     for one in judged:
         outcomes = fresh.get(one.name)
         if outcomes is None:
-            try:
-                if one.units is not None:
-                    outcomes = fresh_units(one, campaign, runner, watch=watch)
-                else:
-                    outcomes = runner.run(
-                        one.case, campaign.fresh_trials, campaign.fidelity, FRESH, watch
-                    )
-            except Refused:
-                outcomes = np.empty(0, OUTCOMES)
+            outcomes = _fresh(one, campaign, runner, campaign.fidelity, watch)
         found = steps.confirm_requirements(one, campaign, runner, outcomes)
         summary = summarise(outcomes, one.needs.limits)
         shown = {name: each.margin for name, each in found.items()}
@@ -296,25 +288,25 @@ def _shown(
     return _Shown(margins, fraction)
 
 
-def _fresh(
+def _fresh_frames(
     judged: Sequence[design.Judged], campaign: Campaign, runner: TrialRunner, watch: Advance | None
 ) -> dict[str, Rows]:
-    """Outcomes on frames that no tuning used, in each condition that has a weight.
+    """Outcomes on frames that no tuning used, in each condition that has a weight."""
+    frame = design.Fidelity.FRAME
+    return {one.name: _fresh(one, campaign, runner, frame, watch) for one in judged if one.weight}
 
-    Empty where the design cannot be built.
-    """
-    outcomes = {}
-    for one in judged:
-        if not one.weight:
-            continue
-        try:
-            if one.units is not None:
-                made = fresh_units(one, campaign, runner, watch=watch)
-            else:
-                made = runner.run(
-                    one.case, campaign.fresh_trials, design.Fidelity.FRAME, FRESH, watch
-                )
-        except Refused:
-            made = np.empty(0, OUTCOMES)
-        outcomes[one.name] = made
-    return outcomes
+
+def _fresh(
+    judged: design.Judged,
+    campaign: Campaign,
+    runner: TrialRunner,
+    fidelity: design.Fidelity,
+    watch: Advance | None,
+) -> Rows:
+    """Outcomes of trials that no tuning used, none where the design cannot be built."""
+    try:
+        if judged.units is not None:
+            return fresh_units(judged, campaign, runner, watch=watch)
+        return runner.run(judged.case, campaign.fresh_trials, fidelity, FRESH, watch)
+    except Refused:
+        return np.empty(0, OUTCOMES)

@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from startrack.core import GOLDEN_ANGLE, Floats, positive, within
 
@@ -45,9 +46,7 @@ def stopping(energy: Floats, material: tuple[float, float] = ALUMINIUM) -> Float
 def _ranges() -> tuple[Floats, Floats]:
     """Energies (n,) MeV and ranges (n,) g / cm2 of protons in aluminium; 0 below 1 MeV."""
     energy = np.geomspace(1.0, 2000.0, 4000)
-    slow = 1 / stopping(energy)
-    steps = np.diff(energy) * (slow[1:] + slow[:-1]) / 2
-    return energy, np.concatenate([[0.0], np.cumsum(steps)])
+    return energy, scipy.integrate.cumulative_trapezoid(1 / stopping(energy), energy, initial=0)
 
 
 def left_behind(energy: Floats, shielding: float) -> Floats:

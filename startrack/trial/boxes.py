@@ -49,15 +49,13 @@ def targets(case: Case, camera: Camera, expected: Rotation) -> tuple[Ints, Float
 
 
 def take_boxes(
-    case: Case, frame: Frame, camera: Camera, expected: Rotation,
-    plan: DetectionPlan | None = None,
-) -> tuple[Spots, Matches]:  # fmt: skip
+    case: Case, frame: Frame, camera: Camera, expected: Rotation
+) -> tuple[Spots, Matches]:
     """What the tracker takes about the places where it expects stars.
 
-    plan     of the detection; None for that of the tracker
     Returns  the spots, and each as the star of its box
     """
-    return follow_boxes(case, frame, camera, expected, {}, plan)[:2]
+    return follow_boxes(case, frame, camera, expected, {})[:2]
 
 
 def follow_boxes(

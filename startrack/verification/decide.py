@@ -1,7 +1,7 @@
 """Outcomes, a requirement -> bounds of its statistic at a look, and whether they decide it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated
@@ -29,6 +29,14 @@ class Answer(StrEnum):
     def loud(self) -> str:
         """Its word, in capitals unless it is a pass."""
         return self.value if self is Answer.PASS else self.value.upper()
+
+
+def answer_of(parts: Sequence[Answer], left: object) -> Answer:
+    """Of several requirements: fail where one fails, pass where all pass and none is left."""
+    if Answer.FAIL in parts:
+        return Answer.FAIL
+    shown = not left and all(answer is Answer.PASS for answer in parts)
+    return Answer.PASS if shown else Answer.NOT_SHOWN
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from startrack.io import aligned
 from startrack.metrics import Interval, bracketed, correct
 from startrack.population import Units, unit_errors
 from startrack.verification.cases import cases, counted
-from startrack.verification.decide import Answer, YieldClaim
+from startrack.verification.decide import Answer, YieldClaim, answer_of
 
 UnitTrials = Callable[[Case, Units], Rows]
 USUAL = 0.95  # of the units, where a campaign does not say how many must be good
@@ -111,11 +111,7 @@ class UnitVerification:
 
     def at(self, number: int) -> Answer:
         """Of all requirements at one of the ages: fail where one fails, pass where all pass."""
-        answers = [row.ages[number].answer for row in self.rows]
-        if Answer.FAIL in answers:
-            return Answer.FAIL
-        shown = not self.left and all(answer is Answer.PASS for answer in answers)
-        return Answer.PASS if shown else Answer.NOT_SHOWN
+        return answer_of([row.ages[number].answer for row in self.rows], self.left)
 
     @property
     def answer(self) -> Answer:

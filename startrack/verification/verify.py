@@ -11,7 +11,7 @@ from startrack.design import Campaign, Case, Judged
 from startrack.metrics import Column, Interval, Table
 from startrack.verification.accuracy import expected_availability, expected_over, margins
 from startrack.verification.cases import boresights, cases, counted
-from startrack.verification.decide import Answer, Claim, Looks, claims_of
+from startrack.verification.decide import Answer, Claim, Looks, answer_of, claims_of
 
 Trials = Callable[[Case, int], Rows]
 FORMULA = "formula"
@@ -65,11 +65,7 @@ class Verification:
     @property
     def answer(self) -> Answer:
         """Fail where one fails, pass where all pass."""
-        answers = [verdict.answer for verdict in self.verdicts]
-        if Answer.FAIL in answers:
-            return Answer.FAIL
-        shown = not self.left and all(answer is Answer.PASS for answer in answers)
-        return Answer.PASS if shown else Answer.NOT_SHOWN
+        return answer_of([verdict.answer for verdict in self.verdicts], self.left)
 
 
 def verify(

@@ -3,6 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
+import scipy
 
 from startrack.core import Floats
 from startrack.io import open_checked, shipped
@@ -46,6 +47,6 @@ def _integral() -> tuple[Floats, Floats]:
         nodes, values = (parts[name].data.astype(np.float64) for name in ("WAVELENGTH", "VALUE"))
     parts_of_each = np.linspace(nodes[:-1], nodes[1:], PARTS, endpoint=False).T.ravel()
     fine = np.append(parts_of_each, nodes[-1])
-    height = np.interp(fine, nodes, values)
-    steps = np.diff(fine) * (height[1:] + height[:-1]) / 2
-    return fine, np.concatenate([[0.0], np.cumsum(steps)])
+    return fine, scipy.integrate.cumulative_trapezoid(
+        np.interp(fine, nodes, values), fine, initial=0
+    )
