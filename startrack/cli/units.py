@@ -118,11 +118,7 @@ def _gains(
             {
                 "lever" if lever else "tolerance": change.name,
                 "gain_arcsec": bounds_json(gain.level, ARCSEC),
-                "yields": [
-                    {"requirement": str(limit.objective), "most_arcsec": limit.most / arcsec}
-                    | asdict(share)
-                    for limit, share in zip(required, gain.yields, strict=True)
-                ],
+                "yields": list(map(_yield_values, required, gain.yields)),
             }
             | ({"change": change.text, **more} if lever else {"price": change.price})
         )

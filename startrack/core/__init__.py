@@ -45,6 +45,7 @@ from startrack.core.checks import (
     moderate,
     non_negative,
     one_of,
+    optional_package,
     positive,
     shown,
     whole,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Collection
 from typing import Any
@@ -124,6 +125,17 @@ def whole(low: int, high: int, /, **values: int) -> None:
             raise refusal(name, "must be a whole number", value, WrongType)
         if not low <= value <= high:
             raise refusal(name, f"must be a whole number in [{low}, {high}]", value)
+
+
+def optional_package(name: str, needed: str) -> Any:
+    """A package that not every installation has, or a module of it.
+
+    Raises  ImportError with the sentence `needed`.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise ImportError(needed) from None
 
 
 def one_of(choices: Collection[str], /, **values: str) -> None:

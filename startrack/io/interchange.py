@@ -1,15 +1,13 @@
 """Tables of results -> pandas, xarray and astropy, with the units of their columns; or text."""
 
-import importlib
 import re
 from collections.abc import Collection, Sequence
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Rows
+from startrack.core import Rows, optional_package
 
 # Units by the names of columns, of all tables of results; other columns have none.
 UNITS = (
@@ -106,8 +104,5 @@ def _column(table: Rows, name: str) -> NDArray[Any]:
     return np.ascontiguousarray(table[name])
 
 
-def _package(function: str, name: str) -> ModuleType:
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise ImportError(f"{function} needs {name}: python -m pip install {name}") from None
+def _package(function: str, name: str) -> Any:
+    return optional_package(name, f"{function} needs {name}: python -m pip install {name}")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from startrack.core import Floats, installed_tables, shown, utc
+from startrack.core import Floats, installed_tables, optional_package, shown, utc
 from startrack.io import read_bytes, regular_file, save_text, whole
 
 LARGEST = 2**29  # byte
@@ -184,17 +184,21 @@ def _numbers(path: Path, rows: list[list[str]], count: int) -> Floats:
 
 
 @contextmanager
+def _kernel(path: Path) -> Iterator[tuple[Any, str]]:
+    """The package, and the name of a new file that stands in the place of `path` in the end."""
+    with _spice(str(path)) as spice, whole(path) as draft:
+        draft.unlink(missing_ok=True)
+        yield spice, str(draft)
+
+
+@contextmanager
 def _spice(what: str) -> Iterator[Any]:
     """The package, with nothing loaded; its errors as sentences.
 
     Raises  ImportError without it; ValueError where it refuses a file.
     """
-    try:
-        import spiceypy
-    except ImportError:
-        raise ImportError(
-            f"{what} needs spiceypy: python -m pip install 'startrack[spice]'"
-        ) from None
+    needed = f"{what} needs spiceypy: python -m pip install 'startrack[spice]'"
+    spiceypy = optional_package("spiceypy", needed)
     spiceypy.kclear()
     try:
         yield spiceypy
@@ -228,9 +232,8 @@ def write_spk(path: Path, ephemeris: Ephemeris) -> None:
     """Write an SPK of one segment of type 9 (Lagrange), of the body -999 about the Earth."""
     times = to_ephemeris_time(ephemeris.epoch, ephemeris.scale)
     states = np.hstack([ephemeris.place, ephemeris.speed]) / 1e3
-    with _spice(str(path)) as spice, whole(path) as draft:
-        draft.unlink(missing_ok=True)
-        handle = spice.spkopn(str(draft), "startrack", 0)
+    with _kernel(path) as (spice, draft):
+        handle = spice.spkopn(draft, "startrack", 0)
         degree = min(DEGREE, len(times) - 1)
         spice.spkw09(
             handle, BODY, EARTH, FRAME, times[0], times[-1], "startrack", degree, len(times),
@@ -271,9 +274,8 @@ def write_ck(path: Path, attitudes: Attitudes) -> None:
     clock = (times - begin) * TICKS
     quaternion = np.roll(attitudes.quaternion, 1, axis=1)  # SPICE has the scalar first
     save_text(clock_of(path), _CLOCK.format(number=-BODY, begin=begin, ticks=TICKS))
-    with _spice(str(path)) as spice, whole(path) as draft:
-        draft.unlink(missing_ok=True)
-        handle = spice.ckopn(str(draft), "startrack", 0)
+    with _kernel(path) as (spice, draft):
+        handle = spice.ckopn(draft, "startrack", 0)
         spice.ckw03(
             handle, clock[0], clock[-1], BODY * 1000, FRAME, False, "startrack", len(clock),
             clock, np.ascontiguousarray(quaternion), np.zeros((len(clock), 3)), 1, clock[:1],

@@ -18,7 +18,16 @@ from typing import Any
 
 import numpy as np
 
-from startrack.core import Code, Rows, code_in, inputs_of, origin_of, software, whole
+from startrack.core import (
+    Code,
+    Rows,
+    code_in,
+    inputs_of,
+    optional_package,
+    origin_of,
+    software,
+    whole,
+)
 from startrack.design import Campaign, Case, Fidelity
 from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_table
 from startrack.io import whole as whole_file
@@ -432,11 +441,8 @@ def export(path: Path, outcomes: Rows) -> None:
     if path.suffix == ".csv":
         save_csv(path, outcomes.dtype.names or (), (row.item() for row in outcomes))
     elif path.suffix == ".parquet":
-        try:
-            import pyarrow
-            from pyarrow import parquet
-        except ImportError:
-            raise ImportError("Parquet needs pyarrow: python -m pip install pyarrow") from None
+        needed = "Parquet needs pyarrow: python -m pip install pyarrow"
+        pyarrow, parquet = (optional_package(n, needed) for n in ("pyarrow", "pyarrow.parquet"))
         names = outcomes.dtype.names or ()
         columns = {
             name: outcomes[name].tolist()

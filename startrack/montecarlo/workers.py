@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import cv2
 
-from startrack.core import begin_limited, software, whole
+from startrack.core import begin_limited, optional_package, software, whole
 
 
 class Serial(Executor):
@@ -217,21 +217,17 @@ def dask_pool(address: str, certificates: Certificates | None = None) -> Iterato
     Raises  ImportError without the extra `dask`; OSError where no scheduler answers; ValueError
             where a worker has another version of startrack, numba or NumPy.
     """
-    try:
-        from distributed import Client, Security
-    except ImportError:
-        raise ImportError(
-            "--scheduler needs Dask: python -m pip install 'startrack[dask]'"
-        ) from None
+    needed = "--scheduler needs Dask: python -m pip install 'startrack[dask]'"
+    distributed = optional_package("distributed", needed)
     security = None
     if certificates:
-        security = Security(
+        security = distributed.Security(
             tls_ca_file=str(certificates.authority),
             tls_client_cert=str(certificates.certificate),
             tls_client_key=str(certificates.key),
             require_encryption=True,
         )
-    with Client(address, security=security) as client:
+    with distributed.Client(address, security=security) as client:
         require_same_versions(client.run(versions))
         client.run(one_thread)
         # Trap: by default the executor assumes that calls are pure and merges equal ones.

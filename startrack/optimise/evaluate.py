@@ -16,6 +16,7 @@ from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, Jud
 from startrack.metrics import Summary, summarise
 from startrack.optimise import forecast
 from startrack.optimise.forecast import Forecast, forecasts, named
+from startrack.optimise.ledger import FORECAST
 from startrack.optimise.runner import TrialRunner
 from startrack.population import Units
 from startrack.verification import boresights, cost_margins, counted, margin, measured_over
@@ -236,12 +237,12 @@ def foresee_all(
     if runner is None:
         return [one(case) for case in cases]
     keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
-    held = {key: runner.ledger.forecast(key) for key in keys}
+    held = {key: runner.ledger.note(FORECAST, key) for key in keys}
     new = {key: case for key, case in zip(keys, cases, strict=True) if key and not held[key]}
     for key, found in zip(new, runner.map(one, new.values()), strict=True):
         held[key] = found.text()
         if found.lasting:
-            runner.ledger.keep_forecast(key, held[key])
+            runner.ledger.keep_note(FORECAST, key, held[key])
     return [Foresight.read(held[key]) if key else NOTHING for key in keys]
 
 

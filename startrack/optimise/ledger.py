@@ -14,6 +14,9 @@ from startrack.trial import OUTCOMES
 LEDGER = FileKind("ledger of startrack", 0x53544C47, version=1)
 
 
+REFUSED, FORECAST = b"refused", b"forecast"
+
+
 class Ledger:
     """Outcomes by key, open for one process at a time.
 
@@ -49,21 +52,16 @@ class Ledger:
         """Keep outcomes after the `first` ones that the key already has."""
         self._database.keep(key, first, outcomes.tobytes())
 
-    def refusal(self, key: bytes) -> str:
-        """Why the trials of a key cannot be run; empty where they can."""
-        return b"".join(data for _, data in self._database.kept(b"refused" + key)).decode()
+    def note(self, kind: bytes, key: bytes) -> str:
+        """The text of a kind that is kept under a key; empty where there is none.
 
-    def keep_refusal(self, key: bytes, reason: str) -> None:
-        """Keep the reason why the trials of a key cannot be run."""
-        self._database.keep(b"refused" + key, 0, reason.encode())
+        kind  REFUSED: why its trials cannot be run; FORECAST: what is expected of a design
+        """
+        return b"".join(data for _, data in self._database.kept(kind + key)).decode()
 
-    def forecast(self, key: bytes) -> str:
-        """What is expected of a design; empty where it is not known."""
-        return b"".join(data for _, data in self._database.kept(b"forecast" + key)).decode()
-
-    def keep_forecast(self, key: bytes, found: str) -> None:
-        """Keep what is expected of a design."""
-        self._database.keep(b"forecast" + key, 0, found.encode())
+    def keep_note(self, kind: bytes, key: bytes, text: str) -> None:
+        """Keep such a text."""
+        self._database.keep(kind + key, 0, text.encode())
 
     def stretch(self, key: bytes, number: int) -> bytes | None:
         """A stretch of a chain, None where it is not done yet."""

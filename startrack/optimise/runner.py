@@ -13,7 +13,7 @@ from startrack.core import Advance, Refused, Rows, inputs_of, software
 from startrack.design import Campaign, Case, Fidelity
 from startrack.detection import STREAK
 from startrack.montecarlo import Serial, run
-from startrack.optimise.ledger import Ledger
+from startrack.optimise.ledger import REFUSED, Ledger
 from startrack.population import Units
 from startrack.trial import OUTCOMES, known_smear
 
@@ -78,7 +78,7 @@ class TrialRunner:
                   any other exception is a fault, of which the ledger knows nothing.
         """
         key = self._key(case, fidelity, first, units)
-        if reason := self.ledger.refusal(key):
+        if reason := self.ledger.note(REFUSED, key):
             raise Refused(reason)
         held = self.ledger.held(key)
         lacking = trials - len(held)
@@ -99,7 +99,7 @@ class TrialRunner:
             )
         except Refused as error:
             if error.lasting:
-                self.ledger.keep_refusal(key, str(error))
+                self.ledger.keep_note(REFUSED, key, str(error))
             raise
         self._count(key, fidelity, trials)
         self.ledger.keep(key, len(held), new)

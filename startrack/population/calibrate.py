@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_slopes
+from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_slopes, camera_vector
 from startrack.core import Camera, Floats, Ints
 from startrack.design import CameraCalibration
 
@@ -56,7 +56,7 @@ def drawn(
     fit = _fit(design.ideal, settings)
     random = streams("calibration of the camera")
     free = fit.free
-    truth, start = _vector(camera), _vector(design)
+    truth, start = camera_vector(camera), camera_vector(design)
     noise = fit.noise
     shift = np.zeros(len(free))
     if camera.residual is not None:
@@ -191,19 +191,14 @@ class _Fit(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _fit(design: Camera, settings: CameraCalibration) -> _Fit:
-    priors = _priors(settings)
-    sigma = np.array([
-        priors.focal_length * design.focal_length_px, priors.principal, priors.principal,
-        priors.k1, priors.k2, priors.tangential, priors.tangential, priors.k3,
-    ])  # fmt: skip
+    sigma = _priors(settings).sigma(design)
     free = np.flatnonzero(sigma > 0)
     prior = np.diag(sigma[free] ** -2.0)
     direction = settings.direction * design.focal_length_px
     noise = max(settings.noise, LEAST_NOISE)
     if settings.place == "ground":
         noise = float(np.hypot(noise, direction))
-        camera_rows, turn_rows = _rows(design, _positions(design, settings))
-        apart = camera_rows - turn_rows @ np.linalg.lstsq(turn_rows, camera_rows, rcond=None)[0]
+        apart = _slopes(design, _positions(design, settings))
         normal = apart[:, free].T @ apart[:, free]
         gain = np.asarray(np.linalg.solve(normal + noise**2 * prior, apart[:, free].T), float)
         return _Fit(free, normal, prior, noise, gain)
@@ -211,18 +206,13 @@ def _fit(design: Camera, settings: CameraCalibration) -> _Fit:
     random, size = core.Streams(0, 0)("places of a calibration"), (design.columns, design.rows)
     normal, frames = np.zeros((len(free), len(free))), 200
     for _ in range(frames):
-        pixel = random.random((settings.stars, 2)) * size - 0.5
-        camera_rows, turn_rows = _rows(design, pixel)
-        apart = camera_rows - turn_rows @ np.linalg.lstsq(turn_rows, camera_rows, rcond=None)[0]
+        apart = _slopes(design, random.random((settings.stars, 2)) * size - 0.5)
         normal += apart[:, free].T @ apart[:, free] * (settings.frames / frames)
     return _Fit(free, normal, prior, noise, np.zeros((len(free), 0)))
 
 
-def _rows(camera: Camera, pixel: Floats) -> tuple[Floats, Floats]:
-    """Slopes of places by UNKNOWNS (2 n, 8) and by a turn (2 n, 3), x and y of each star."""
+def _slopes(camera: Camera, pixel: Floats) -> Floats:
+    """Slopes of places by UNKNOWNS (2 n, 8) beside those by a turn, x and y of each star."""
     by_camera, by_turn = camera_slopes(camera, camera.unproject(pixel))
-    return by_camera.reshape(-1, len(UNKNOWNS)), by_turn.reshape(-1, 3)
-
-
-def _vector(camera: Camera) -> Floats:
-    return np.array([getattr(camera, name) for name in UNKNOWNS], float)
+    rows, turn = by_camera.reshape(-1, len(UNKNOWNS)), by_turn.reshape(-1, 3)
+    return np.asarray(rows - turn @ np.linalg.lstsq(turn, rows, rcond=None)[0])

@@ -403,11 +403,7 @@ def asked_of(case: Case, true: Flight, streams: core.Streams) -> Rotation:
     if when.any():
         turned = [turn.at(when).mean(axis=0) for turn in true.turns]
         asked = Rotation.from_rotvec(np.array(turned)) * asked
-    mounting, believed = case.instrument.mounting, case.believed_mounting
-    if mounting != believed:
-        phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
-        asked = believed.camera_to_body().inv() * mounting.camera_to_body(phase) * asked
-    return asked
+    return trial.in_believed_axes(case, asked, streams)
 
 
 class _View(NamedTuple):

@@ -7,7 +7,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from startrack.core import Floats, Refused, installed_tables, lagrange_weights, shown, utc
+from startrack.core import (
+    Floats,
+    Refused,
+    installed_tables,
+    lagrange_weights,
+    optional_package,
+    shown,
+    utc,
+)
 from startrack.space.bodies import DAY
 from startrack.space.earth import EARTH_RADIUS, GM, J2
 
@@ -176,13 +184,8 @@ def propagate(record: Any, jd: tuple[Floats, Floats], name: str) -> tuple[Floats
 
 
 def _sgp4() -> Any:
-    try:
-        from sgp4 import api
-    except ImportError:
-        raise ImportError(
-            "sgp4 must be installed to fly an orbit: pip install 'startrack[earth]'"
-        ) from None
-    return api
+    needed = "sgp4 must be installed to fly an orbit: pip install 'startrack[earth]'"
+    return optional_package("sgp4.api", needed)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from startrack.core import GOLDEN_ANGLE, Floats, positive, within
+from startrack.core import GOLDEN_ANGLE, Floats, optional_package, positive, within
 
 ELECTRON, PROTON = 0.51099895, 938.27209  # MeV, rest energies: CODATA 2018
 BETHE = 0.307075  # MeV cm2 / mol, 4 pi N r_e^2 m c^2: Particle Data Group (2022), section 34
@@ -209,10 +209,5 @@ def _places() -> tuple[Floats, Floats]:
 
 
 def _radbelt() -> Any:
-    try:
-        import radbelt
-    except ImportError:
-        raise ImportError(
-            "radiation of an orbit needs the package radbelt: pip install 'startrack[radiation]'"
-        ) from None
-    return radbelt
+    needed = "radiation of an orbit needs the package radbelt: pip install 'startrack[radiation]'"
+    return optional_package("radbelt", needed)

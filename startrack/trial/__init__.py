@@ -60,6 +60,7 @@ from startrack.trial.exposure import at_one_time, expected_electrons
 from startrack.trial.images import detected_spectrum, images_of, psf_of
 from startrack.trial.photograph import THRESHOLDS, Photograph, View, solve_photograph
 from startrack.trial.pointing import (
+    in_believed_axes,
     line_of_sight,
     random_attitude,
     random_attitudes,

@@ -101,8 +101,13 @@ def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -
         truth = Rotation.from_rotvec(path.at(np.array([case.time_tag_error]))[0]) * truth
     if case.tracker.reference == "mean":
         truth = mean_attitude(case.instrument, truth, streams)
+    return in_believed_axes(case, truth, streams)
+
+
+def in_believed_axes(case: Case, attitude: Rotation, streams: Streams) -> Rotation:
+    """An attitude, or several, in the axes of the camera as the tracker believes it mounted."""
     mounting, believed = case.instrument.mounting, case.believed_mounting
     if mounting == believed:
-        return truth
+        return attitude
     phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
-    return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * truth
+    return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * attitude

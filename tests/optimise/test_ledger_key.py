@@ -10,7 +10,7 @@ import pytest
 from startrack.design import Fidelity, load_design
 from startrack.design.parameter import number, replaced
 from startrack.io import shipped
-from startrack.optimise.ledger import Ledger
+from startrack.optimise.ledger import REFUSED, Ledger
 from startrack.optimise.runner import TrialRunner, described
 from startrack.trial import OUTCOMES
 
@@ -82,13 +82,13 @@ def test_damage_of_a_ledger_is_no_other_result(tmp_path, damage, sentence):
     with Ledger(path) as ledger:
         ledger.keep(key, 0, np.zeros(3, OUTCOMES))
         ledger.keep(key, 3, np.ones(2, OUTCOMES))
-        ledger.keep_refusal(key, "too dark")
-        assert ledger.refusal(key) == "too dark"
+        ledger.keep_note(REFUSED, key, "too dark")
+        assert ledger.note(REFUSED, key) == "too dark"
         assert len(ledger.held(key)) == 5
     with closing(connect(path)) as base, base:
         assert base.execute(damage).rowcount
     with Ledger(path) as ledger, pytest.raises(ValueError, match="damaged: .*" + sentence):
-        ledger.held(key), ledger.refusal(key)
+        ledger.held(key), ledger.note(REFUSED, key)
 
 
 def test_a_ledger_is_no_store(tmp_path):
