@@ -260,7 +260,8 @@ def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
     """Where a budget lies outside of what trials show: by more than 15 % and than the interval."""
     trials = summary.trials
     for name in ("across", "about"):
-        formula, shown = getattr(budget, name) / arcsec, _in_arcsec(getattr(summary, name))
+        formula = getattr(budget, name) / arcsec
+        shown = Interval(*(end / arcsec for end in vars(getattr(summary, name)).values()))
         if formula < shown.low / APART or formula > shown.high * APART or not shown.value > 0:
             yield (
                 f"the error {name} the boresight is {formula:.3g} arcsec by formula and "
@@ -274,10 +275,6 @@ def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
             f"the availability is {100 * budget.availability:.1f} % by formula and "
             f"{_text(in_percent)} % by {trials} trials"
         )
-
-
-def _in_arcsec(interval: Interval) -> Interval:
-    return Interval(*(one / arcsec for one in (interval.value, interval.low, interval.high)))
 
 
 def _text(interval: Interval) -> str:

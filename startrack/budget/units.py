@@ -108,9 +108,9 @@ class UnitBudgets:
                 return float(self.levels(axes, fraction).max())
             case Interpretation.ENSEMBLE:
                 every = [
-                    Law(self.mean[:, f], self.sigma[:, f], _share(self.weight[:, f]))
+                    Law(self.mean[:, f], self.sigma[:, f], self.weight[:, f] / total)
                     for f in range(self.mean.shape[1])
-                    if self.weight[:, f].sum() > 0
+                    if (total := self.weight[:, f].sum()) > 0
                 ]
                 return max(one.level(axes, fraction, Interpretation.MIXED) for one in every)
         flat = [each.reshape(-1, 3) for each in (self.mean, self.sigma)]
@@ -348,7 +348,3 @@ def _as_measured(case: Case) -> Case:
         tracker=replace(case.tracker, mounting=mounting, delay=0.0),
         design=case.design and unchecked(case.design, {seed: 0}),  # whose pixels a dark map knows
     )
-
-
-def _share(weight: Floats) -> Floats:
-    return weight / weight.sum()

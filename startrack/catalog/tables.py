@@ -244,7 +244,9 @@ def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) ->
     values = np.full(len(records.line), np.nan)
     for i, text in enumerate(records.columns[name]):
         if text.strip():
-            pieces = text.split() if cuts is None else [text[: cuts[0]], *_split(text, cuts)]
+            pieces = text.split()
+            if cuts is not None:
+                pieces = [text[: cuts[0]], text[cuts[0] : cuts[1]], text[cuts[1] :]]
             try:
                 degree, minutes, seconds = (float(piece) for piece in pieces)
                 if not (0 <= minutes < 60 and 0 <= seconds <= 60):
@@ -257,10 +259,6 @@ def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) ->
             size = abs(degree) + minutes / 60 + seconds / 3600
             values[i] = -size if text.lstrip().startswith("-") else size
     return values
-
-
-def _split(text: str, cuts: tuple[int, int]) -> tuple[str, str]:
-    return text[cuts[0] : cuts[1]], text[cuts[1] :]
 
 
 def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:

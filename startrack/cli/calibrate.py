@@ -280,7 +280,12 @@ def _calibrate_table(options: argparse.Namespace) -> int:
             )
         chosen = calibration.borne(tried)
         fit = calibration.fit_field(table, chosen.order, columns, rows, first)
-    result = _table_values(path, table, tried, chosen, fit, first)
+    result = _fit_values(path, table, fit, first) | {
+        "chosen": _order(chosen.order),
+        "unseen_rms_px": math.sqrt(chosen.mean_square),
+        "unseen_rms_arcsec": _by_axis(table, chosen.rms),
+        "orders": [_unseen(table, unseen) for unseen in tried],
+    }
     if options.out:
         save_json(options.out, terminal.finite(result))
     if options.camera:
@@ -367,22 +372,6 @@ def _whole(number: float) -> int:
     if not (number.is_integer() and 1 <= number <= 2**20):
         raise ValueError(f"--size must be whole numbers from 1 to 1048576, got {number:g}")
     return int(number)
-
-
-def _table_values(
-    path: Path,
-    table: calibration.StarTable,
-    tried: tuple[calibration.Unseen, ...],
-    chosen: calibration.Unseen,
-    fit: calibration.FieldFit,
-    first: tuple[float, float],
-) -> dict[str, Any]:
-    return _fit_values(path, table, fit, first) | {
-        "chosen": _order(chosen.order),
-        "unseen_rms_px": math.sqrt(chosen.mean_square),
-        "unseen_rms_arcsec": _by_axis(table, chosen.rms),
-        "orders": [_unseen(table, unseen) for unseen in tried],
-    }
 
 
 def _fit_values(

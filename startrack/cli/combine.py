@@ -35,7 +35,8 @@ def command(options: argparse.Namespace) -> int:
     """Print the error of the campaign of highest fidelity, its variance reduced by the others."""
     _must_be_several(options.campaigns)
     with ExitStack() as opened:
-        stores = [opened.enter_context(_open(path)) for path in options.campaigns]
+        with as_wrong_use():
+            stores = [opened.enter_context(Store(path)) for path in options.campaigns]
         cost = tuple(Fidelity)  # most expensive first
         stores.sort(key=lambda store: cost.index(store.sampling.fidelity))
         _must_belong_together(stores)
@@ -59,11 +60,6 @@ def command(options: argparse.Namespace) -> int:
         ]
     print_rows(options, rows, f"{counted} trials; intervals: 95 % confidence")
     return Exit.DONE
-
-
-def _open(path: Path) -> Store:
-    with as_wrong_use():
-        return Store(path)
 
 
 def _must_be_several(paths: list[Path]) -> None:

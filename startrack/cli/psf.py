@@ -64,7 +64,8 @@ def command(options: argparse.Namespace) -> int:
         "design": str(path),
         "png": str(options.out / "psf.png"),
     }
-    draw_psf(options.out / "psf.png", image, frequency, curves, _title(path.stem, choice, mean))
+    title = f"{path.stem}: {choice.model}, within {choice.error:.1g} of the peak, "
+    draw_psf(options.out / "psf.png", image, frequency, curves, f"{title}{mean * 1e9:.0f} nm mean")
     save_json(options.out / "psf.json", finite(result))
     print_result(options, result, _text(judged, choice, mean, curves) + f"\nwrote {result['png']}")
     return Exit.DONE
@@ -135,9 +136,3 @@ def _text(judged: optics.Quality, choice: optics.Choice, mean: float, curves: li
     for name in curves[0]:
         lines.append(f"  {name:<17} {curves[0][name][-1]:6.3f} {curves[1][name][-1]:6.3f}")
     return "\n".join(lines)
-
-
-def _title(name: str, choice: optics.Choice, mean: float) -> str:
-    return (
-        f"{name}: {choice.model}, within {choice.error:.1g} of the peak, {mean * 1e9:.0f} nm mean"
-    )

@@ -192,7 +192,8 @@ def _import(key: str, name: str) -> _Known:
     _used.setdefault(f"{key} {name}")
     code = _known.get(name)
     if code is None or code.function is not function:
-        code = _known[name] = _Known(function, _package(module), _digest(sys.modules[_top(loaded)]))
+        top = sys.modules[loaded.__name__.partition(".")[0]]
+        code = _known[name] = _Known(function, _package(module), _digest(top))
     expected = _expected.get(module, code.digest)
     if code.digest != expected:
         raise ValueError(
@@ -201,10 +202,6 @@ def _import(key: str, name: str) -> _Known:
             "machines"
         )
     return code
-
-
-def _top(module: ModuleType) -> str:
-    return module.__name__.partition(".")[0]
 
 
 def _package(module: str) -> str:

@@ -47,7 +47,8 @@ def seen_from(scene: Scene, catalog: Selection) -> Selection:
         if velocity:
             _check_velocity(scene.orbit, velocity)
         else:
-            velocity = _velocity(scene.orbit)
+            phase = scene.orbit.phase
+            velocity = () if phase is None else tuple(orbital_velocity(scene.orbit, phase).tolist())
     return replace(catalog, epoch=epoch, orbital_velocity=velocity)
 
 
@@ -107,10 +108,6 @@ def _check_velocity(orbit: Orbit, velocity: tuple[float, ...]) -> None:
             f"catalog.orbital_velocity must be {kept} of scene.orbit, or be left out, got "
             f"{_shown(given)}"
         )
-
-
-def _velocity(orbit: Orbit) -> tuple[float, ...]:
-    return () if orbit.phase is None else tuple(orbital_velocity(orbit, orbit.phase).tolist())
 
 
 def _shown(velocity: Floats) -> str:

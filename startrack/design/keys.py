@@ -315,15 +315,12 @@ def _table(kind: type, place: str) -> Schema:
             field, range_of(field), where
         )
         if field.default is not None and not dataclasses.is_dataclass(field.kind):
-            properties[name] |= _schema_default(_meanings()[where])
+            key = _meanings()[where]
+            properties[name]["markdownDescription"] = f"{key.meaning}\n\nDefault: `{key.default}`"
     old: Mapping[str, str] = getattr(kind, "OLD_KEYS", {})
     for before, name in old.items():
         properties[before] = properties[name] | {"deprecated": True}
     return {"type": "object", "additionalProperties": False, "properties": properties}
-
-
-def _schema_default(key: Key) -> Schema:
-    return {"markdownDescription": f"{key.meaning}\n\nDefault: `{key.default}`"}
 
 
 def _value(field: Field, limits: Range, place: str) -> Schema:

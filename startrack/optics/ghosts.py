@@ -110,7 +110,7 @@ def pairs(surfaces: Surfaces, ghosts: Ghosts) -> tuple[Pair, ...]:
     backwards after the first reflection, and forwards again.
     """
     reflectance = reflectances(surfaces, ghosts)
-    entry = _entry(surfaces)
+    entry = float(surfaces.heights()[1][0])  # metre at the first vertex, of the ray of slope 1
     bright = []
     for first in range(1, len(surfaces) + 1):
         for second in range(first):
@@ -120,11 +120,6 @@ def pairs(surfaces: Surfaces, ghosts: Ghosts) -> tuple[Pair, ...]:
                 place = matrix[0, 0] * entry + matrix[0, 1]
                 bright.append(Pair(first, second, abs(matrix[0, 0]), float(place), both))
     return tuple(sorted(bright, key=lambda pair: -pair.irradiance))
-
-
-def _entry(surfaces: Surfaces) -> float:
-    """Metre at the first vertex, of the ray through the stop's middle whose slope is 1."""
-    return float(surfaces.heights()[1][0])
 
 
 def _steps(count: int, first: int, second: int) -> list[tuple[int, bool, bool]]:

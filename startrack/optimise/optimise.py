@@ -174,7 +174,8 @@ def optimize(
             explorer.watch = partial(progress.forecast, explorers)
         left = steps.explore(explorers, starts, campaign)
         label = steps.best_branch(left, campaign, runner, record)
-        finalists, ending = steps.refine(left[label], _left(campaign, tried), runner, record)
+        rest = replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
+        finalists, ending = steps.refine(left[label], rest, runner, record)
         landscape = landscape_of(left[label], np.array(finalists[0].coordinates))
     else:
         label = min(nearest, key=lambda label: nearest[label].short)
@@ -227,11 +228,6 @@ def optimize(
         units,
         landscape,
     )
-
-
-def _left(campaign: Campaign, tried: Sequence[Evaluation]) -> Campaign:
-    """The campaign with the remaining evaluations; one at least."""
-    return replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
 
 
 class _Shown(NamedTuple):

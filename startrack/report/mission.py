@@ -214,7 +214,7 @@ def _errors(plan: mission.Plan, flown: mission.Flown, checks: Sequence[mission.C
 def _blinded(plan: mission.Plan, available: mission.Availability) -> Section:
     every = {
         "no head valid": available.none,
-        **dict(zip(_names(plan), available.each, strict=True)),
+        **dict(zip([head.name for head in plan.heads], available.each, strict=True)),
     }
     head = ["", *(f"to {high:g} s" for high in mission.EDGES[1:-1]), "longer", "longest (s)"]
     rows = [
@@ -254,7 +254,3 @@ def _reacquired(plan: mission.Plan, flown: mission.Flown) -> Section:
 def _beta(flown: mission.Flown) -> Section:
     caption = "By the angle from the Sun to the plane of the orbit"
     return Section("Beta angle", records(caption, beta_table(flown)))
-
-
-def _names(plan: mission.Plan) -> list[str]:
-    return [head.name for head in plan.heads]
