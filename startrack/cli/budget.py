@@ -36,11 +36,12 @@ if wanted(__name__):
         unseen,
     )
     from startrack.cli import terminal
-    from startrack.cli.units import budgets_of, levers_of, tolerances_of
+    from startrack.cli.units import budgets_of, gains_of
     from startrack.core import arcsec
-    from startrack.design import Case
+    from startrack.design import Campaign, Case
     from startrack.io import aligned, save_json
     from startrack.montecarlo import pool
+    from startrack.optimise import halved, levers
     from startrack.plots import draw_budget, draw_curves, draw_sky
     from startrack.sequence import Sequence
     from startrack.trial import TYPICAL, SingleStars, errors, lasting
@@ -133,10 +134,12 @@ def command(options: argparse.Namespace) -> int:
         result["units"], lines, units = budgets_of(case, required, options)
         text.append(lines)
     if options.tolerances:
-        result["tolerances"], lines = tolerances_of(case, campaign, options)
+        changes = list(halved(case))
+        result["tolerances"], lines = gains_of(case, campaign or Campaign(), changes, options)
         text.append(lines)
     if options.levers:
-        result["levers"], lines = levers_of(case, campaign, options)
+        changes = list(levers(case))
+        result["levers"], lines = gains_of(case, campaign or Campaign(), changes, options)
         text.append(lines)
     if sequence:
         result["indices"] = _indices(case, sequence, options)

@@ -28,7 +28,7 @@ if wanted(__name__):
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
-    from startrack.optimise import Change, allocation, halved, levers
+    from startrack.optimise import Change, allocation
     from startrack.population import explain, per_unit
     from startrack.verification import USUAL, units_expected, yield_of
 
@@ -76,23 +76,10 @@ def budgets_of(
     return values, _text(values), budgets[-1]
 
 
-def tolerances_of(
-    case: Case, campaign: Campaign | None, options: argparse.Namespace
-) -> tuple[dict[str, Any], str]:
-    """What halving each tolerance buys: values for JSON, and a table."""
-    return _gains(case, campaign or Campaign(), list(halved(case)), options)
-
-
-def levers_of(
-    case: Case, campaign: Campaign | None, options: argparse.Namespace
-) -> tuple[dict[str, Any], str]:
-    """What a step of each lever buys, and what it costs: values for JSON, and a table."""
-    return _gains(case, campaign or Campaign(), list(levers(case)), options)
-
-
-def _gains(
+def gains_of(
     case: Case, campaign: Campaign, changes: list[Change], options: argparse.Namespace
 ) -> tuple[dict[str, Any], str]:
+    """What each change of a design buys and costs: values for JSON, and a table."""
     objective, needs = Objective.read(campaign.objective), campaign.requirements
     required, fraction = needs.accuracy, campaign.units or USUAL
     with progress("units", options.units * (1 + len(changes))) as advance:
