@@ -61,7 +61,7 @@ from startrack.detection.plan import (
     threshold_of,
 )
 from startrack.detection.star_model import gaussian_psf
-from startrack.detection.streaks import Streak, refined, streak_of
+from startrack.detection.streaks import refined, streak_of
 from startrack.detection.within import (
     Ground,
     detect_within,

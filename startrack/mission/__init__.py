@@ -33,7 +33,7 @@ from startrack.mission.exports import (
     write_fmu,
     write_model,
 )
-from startrack.mission.frames import Agreement, Between, agreement, between, frames_of
+from startrack.mission.frames import Between, agreement, between, frames_of
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import KeepClear, Loaded, Mission, load_mission, save_mission
 from startrack.mission.placement import angles_of, lightest, map_of, moved_plan, place, trades

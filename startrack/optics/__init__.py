@@ -40,7 +40,7 @@ from startrack.optics.diffraction import (
 )
 from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf
 from startrack.optics.ghosts import Ghosts, add_ghosts, full_surfaces, lens_surfaces, save_ghosts
-from startrack.optics.lens_family import element_count, family_surfaces
+from startrack.optics.lens_family import element_count
 from startrack.optics.lens_psf import ROOM, field_psf, fit_camera, mirrored, open_optics
 from startrack.optics.lens_table import LensTable, lens_path, load_lens, open_lens, save_lens
 from startrack.optics.measured_psf import brightest, file_of, lone_stars, reconstruct
@@ -51,7 +51,7 @@ from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pup
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, quality
 from startrack.optics.ray_trace import Tracing, read_prescription, surfaces_of, trace_lens
 from startrack.optics.residual import Residual
-from startrack.optics.surfaces import Surfaces, open_surfaces, save_surfaces
+from startrack.optics.surfaces import Surfaces, save_surfaces
 from startrack.optics.tube import BaffleTube, transmittance_of
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 

@@ -8,8 +8,9 @@ import pytest
 
 from startrack.core import Camera, arcsec, um
 from startrack.io import shipped
-from startrack.optics import Optics, open_surfaces
+from startrack.optics import Optics
 from startrack.optics.as_built import KINDS, SHIFT, TURN, _elements, _traced, element_slopes
+from startrack.optics.surfaces import open_surfaces
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle/as_built.json").read_text("utf-8"))
 

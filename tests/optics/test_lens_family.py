@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from startrack.optics import Optics, element_count, family_surfaces, open_lens, open_optics
-from startrack.optics.lens_family import FAMILIES, family_table, scaled_table
+from startrack.optics import Optics, element_count, open_lens, open_optics
+from startrack.optics.lens_family import FAMILIES, family_surfaces, family_table, scaled_table
 from startrack.optics.lens_psf import Lens
 from startrack.optics.pupil import zernike
 

@@ -17,7 +17,7 @@ render          An image from Survey and Channel: radiance at the sensor in five
 files           FITS that is filled while an image is rendered; GeoTIFF with ground control points.
 """
 
-from startrack.earth.imager.adjacency import Cells, Environment, Plane, leaving, surrounded
+from startrack.earth.imager.adjacency import Environment, Plane, leaving, surrounded
 from startrack.earth.imager.band import INFRARED, Band, band_of, terms_in_band
 from startrack.earth.imager.brdf import RossLi, Snow, Water
 from startrack.earth.imager.clouds import CloudLayer, Sheet, open_sheets
