@@ -1,28 +1,22 @@
 """Filtered attitude, gyroscope bias and lasting errors from attitudes and rates in time."""
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, non_negative
+from startrack.core import NON_NEGATIVE, Floats, Parameters
 
 
 @dataclass(frozen=True)
-class Gyroscope:
-    """The noise of a gyroscope's rates, the same on each axis.
+class Gyroscope(Parameters):
+    """The noise of a gyroscope's rates, the same on each axis."""
 
-    angle_random_walk  radian / sqrt(second), white noise of the rate
-    rate_random_walk   radian / second^1.5, white noise that drives the bias
-    """
-
-    angle_random_walk: float
-    rate_random_walk: float
-
-    def __post_init__(self) -> None:
-        non_negative(
-            angle_random_walk=self.angle_random_walk, rate_random_walk=self.rate_random_walk
-        )
+    angle_random_walk: Annotated[float, NON_NEGATIVE,
+        "radian / sqrt(second), white noise of the rate"]  # fmt: skip
+    rate_random_walk: Annotated[float, NON_NEGATIVE,
+        "radian / second^1.5, white noise that drives the bias"]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

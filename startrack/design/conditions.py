@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
-from startrack.core import NON_NEGATIVE, Parameters, Range, Refused, Unit, positive
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit
 from startrack.design.case import Case
 from startrack.design.parameter import find, quantity, replaced_all
 from startrack.design.requirements import Requirements
@@ -40,8 +40,8 @@ class Condition(Parameters):
         "magnitude per square arcsecond of the sky; None: as the design"] = None  # fmt: skip
     change: Annotated[tuple[Change, ...],
         "any other parameter, such as the dark current at the end of life"] = ()  # fmt: skip
-    max_across: Annotated[float | None, Unit("rad", "arcsec"), MAX_ERROR] = None
-    max_about: Annotated[float | None, Unit("rad", "arcsec"), MAX_ERROR] = None
+    max_across: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
+    max_about: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
     min_availability: Annotated[float | None, Range(0, 1),
         "limits in this condition; None: those of the requirements"] = None  # fmt: skip
 
@@ -52,9 +52,6 @@ class Condition(Parameters):
                 f"name of a condition must be given and not be {NOMINAL} or {MAX_RATE}, got "
                 f"{self.name!r}"
             )
-        for limit in ("max_across", "max_about"):
-            if getattr(self, limit) is not None:
-                positive(**{limit: getattr(self, limit)})
 
     def of(self, case: Case) -> Case:
         """The case in this condition.

@@ -176,7 +176,7 @@ class Requirements(core.CarriesCode):
         "mass of what does not grow with the aperture"] = 0.15  # fmt: skip
     mass_per_volume: Annotated[float, Unit("kg / m3"), NON_NEGATIVE,
         "mass of lens and baffle over the cube of the aperture"] = 6000.0  # fmt: skip
-    density: Annotated[float | None, Unit("kg / m3"),
+    density: Annotated[float | None, Unit("kg / m3"), POSITIVE,
         "of the whole tracker, which then has the mass of its volume; None: the mass is that of "
         "the aperture. Of seven that were built 950 kg/m3 in the median"] = None  # fmt: skip
     baffle_angle: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi / 2),
@@ -191,14 +191,14 @@ class Requirements(core.CarriesCode):
         "power of what does not grow with the data rate"] = 0.4  # fmt: skip
     energy_per_bit: Annotated[float, Unit("J / bit", "nJ / bit"), NON_NEGATIVE,
         "of reading out and processing"] = 20e-9  # fmt: skip
-    max_volume: Annotated[float | None, Unit("m3", "cm3"),
+    max_volume: Annotated[float | None, Unit("m3", "cm3"), POSITIVE,
         "None where there is no such limit"] = None  # fmt: skip
     volume_fixed: Annotated[float, Unit("m3", "cm3"), NON_NEGATIVE,
         "volume of all but the lens"] = 100e-6  # fmt: skip
     length_ratio: Annotated[float, POSITIVE, "length of the tube over the focal length"] = 2.0
-    max_data_rate: Annotated[float | None, Unit("bit / s", "Mbit / s"),
+    max_data_rate: Annotated[float | None, Unit("bit / s", "Mbit / s"), POSITIVE,
         "None where there is no such limit"] = None  # fmt: skip
-    max_cost: Annotated[float | None, "None where there is no such limit"] = None
+    max_cost: Annotated[float | None, POSITIVE, "None where there is no such limit"] = None
     cost_fixed: Annotated[float, NON_NEGATIVE, "cost of all but the lens, in any currency"] = 0.0
     cost_of_metre: Annotated[float, NON_NEGATIVE,
         "cost of a lens with an aperture of one metre"] = 20e6  # fmt: skip
@@ -217,8 +217,8 @@ class Requirements(core.CarriesCode):
         "fraction of the sky that must show `min_stars`"] = 0.99  # fmt: skip
     min_availability: Annotated[float, Range(0, 1),
         "fraction of trials with a correct attitude, see `limits`"] = 0.99  # fmt: skip
-    max_across: Annotated[float | None, Unit("rad", "arcsec"), MAX_ERROR] = None
-    max_about: Annotated[float | None, Unit("rad", "arcsec"), MAX_ERROR] = None
+    max_across: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
+    max_about: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
     level: Annotated[str,
         'of these errors: "rms", or a percentage such as "99.73 %" that they must not exceed in '
         "so many cases"] = "rms"  # fmt: skip
@@ -230,7 +230,7 @@ class Requirements(core.CarriesCode):
     ] = "whole"  # fmt: skip
     confidence: Annotated[float, Range(0.5, 0.9999),
         "with which trials must show what they show"] = 0.95  # fmt: skip
-    max_rate: Annotated[float | None, Unit("rad/s", "deg/s"),
+    max_rate: Annotated[float | None, Unit("rad/s", "deg/s"), POSITIVE,
         "slew rate at which accuracy and availability must hold, too"] = None  # fmt: skip
     min_keep_out: Annotated[KeepOut,
         "angles to Sun, Moon and Earth at which they must hold, too"
@@ -246,13 +246,7 @@ class Requirements(core.CarriesCode):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("max_across", "max_about", "max_rate"):
-            if getattr(self, name) is not None:
-                core.positive(**{name: getattr(self, name)})
         self._fraction()
-        for name in ("max_volume", "max_data_rate", "max_cost", "density"):
-            if getattr(self, name) is not None:
-                core.positive(**{name: getattr(self, name)})
 
     def _fraction(self) -> float | None:
         """The level as a fraction, None for the rms."""

@@ -218,8 +218,12 @@ class Age(Parameters):
 
     time: Annotated[float | None, Unit("s", "yr"), Range(0, 100 * YEAR),
         "second in orbit; None: from `year` and `launch`"] = None  # fmt: skip
-    year: Annotated[float | None, "calendar years, such as 2017.0 and 1999.56"] = None
-    launch: Annotated[float | None, "calendar years, such as 2017.0 and 1999.56"] = None
+    year: Annotated[
+        float | None, Range(1950, 2150), "calendar years, such as 2017.0 and 1999.56"
+    ] = None
+    launch: Annotated[
+        float | None, Range(1950, 2150), "calendar years, such as 2017.0 and 1999.56"
+    ] = None
     family: Annotated[str, Range(choices=FAMILIES),
         '"interactions" or "chandra-aca"'] = "interactions"  # fmt: skip
     fluence: Annotated[float, Unit("m-2 / s", "cm-2 / yr"), NON_NEGATIVE,
@@ -236,7 +240,8 @@ class Age(Parameters):
         "`radiation`): one in an active period of seven years was seen in 1964 to 1972"
     ] = 0.0  # fmt: skip
     shielding: Annotated[float | None, Unit("m", "mm"),
-        "of aluminium around the detector in that orbit, 1 to 20 mm"] = None  # fmt: skip
+        Range(float(THICKNESS[0]), float(THICKNESS[-1])),
+        "of aluminium around the detector in that orbit"] = None  # fmt: skip
     dose: Annotated[float | None, Unit("Gy / s", "krad / yr"), NON_NEGATIVE,
         "gray / second, ionising, of protons in silicon behind the shield, from which the "
         "fluence then follows: of any orbit, and with those of the Sun, such as SPENVIS "
@@ -262,15 +267,10 @@ class Age(Parameters):
             self.launch is None
         ):
             raise Refused("age must have either time, or year and launch")
-        if self.year is not None and self.launch is not None:
-            within(1950, 2150, year=self.year, launch=self.launch)
-            if self.year < self.launch:
-                raise Refused(f"year must not be before launch = {self.launch}, got {self.year}")
+        if self.year is not None and self.launch is not None and self.year < self.launch:
+            raise Refused(f"year must not be before launch = {self.launch}, got {self.year}")
         if (self.inclination is None) != (self.shielding is None):
             raise Refused("age must have inclination and shielding together, or neither")
-        if self.shielding is not None:
-            least, most = float(THICKNESS[0]), float(THICKNESS[-1])
-            within(least, most, shielding=self.shielding)
         if self.inclination is None and (self.altitude != ALTITUDE or self.solar_events):
             raise Refused("altitude and solar_events must be left out without inclination")
         if self.inclination is not None and self.fluence:

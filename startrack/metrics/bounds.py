@@ -2,37 +2,30 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.special import ndtr
 
-from startrack.core import Floats, Refused, non_negative, positive, whole
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Refused, positive, whole
 
 PHASES = 8  # sub-pixel positions per axis for the mean; 16 change the bound by less than 1e-3
 REACH = 6.0  # sigma, half width of the star's pixels: 2e-9 of the light lies outside
 
 
 @dataclass(frozen=True)
-class Star:
+class Star(Parameters):
     """A Gaussian star on pixels, and the noise around it.
 
-    flux        electron
-    sigma       pixel, of the Gaussian before the pixels integrate it
-    background  electron per pixel, of sky background, dark current and stray light
-    read_noise  electron rms
-    smear       pixel, length of a uniform motion along x
-    Raises      ValueError where flux or sigma is not positive, or another value is negative.
+    Raises  Refused where flux or sigma is not positive, or another value is negative.
     """
 
-    flux: float
-    sigma: float
-    background: float = 0.0
-    read_noise: float = 0.0
-    smear: float = 0.0
-
-    def __post_init__(self) -> None:
-        positive(flux=self.flux, sigma=self.sigma)
-        non_negative(background=self.background, read_noise=self.read_noise, smear=self.smear)
+    flux: Annotated[float, POSITIVE, "electron"]
+    sigma: Annotated[float, POSITIVE, "pixel, of the Gaussian before the pixels integrate it"]
+    background: Annotated[float, NON_NEGATIVE,
+        "electron per pixel, of sky background, dark current and stray light"] = 0.0  # fmt: skip
+    read_noise: Annotated[float, NON_NEGATIVE, "electron rms"] = 0.0
+    smear: Annotated[float, NON_NEGATIVE, "pixel, length of a uniform motion along x"] = 0.0
 
 
 def centroid_bound(star: Star) -> tuple[float, float]:

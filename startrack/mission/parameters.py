@@ -270,18 +270,13 @@ class MissionRequirements(Parameters):
 
     max_blind: Annotated[float | None, Unit("s"), core.NON_NEGATIVE,
         "longest time without any valid head"] = None  # fmt: skip
-    availability_one: Annotated[float | None,
+    availability_one: Annotated[float | None, Range(0, 1),
         "fraction of the time with at least one valid head"] = None  # fmt: skip
-    availability_two: Annotated[float | None, "fraction of the time with at least two"] = None
+    availability_two: Annotated[float | None, Range(0, 1),
+        "fraction of the time with at least two"] = None  # fmt: skip
     max_error: Annotated[float | None, Unit("rad", "arcsec"), core.POSITIVE,
         "rms error of the fused attitude about its worst axis, over the times with a valid head"
     ] = None  # fmt: skip
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("availability_one", "availability_two"):
-            if getattr(self, name) is not None:
-                within(0, 1, **{name: getattr(self, name)})
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
-from startrack import core
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit
 
 AXES = ("x", "y", "z")
@@ -50,8 +49,8 @@ class Broadband(Parameters):
     """
 
     axis: Annotated[str, Range(choices=AXES), "x, y or z, of the camera"]
-    frequency: Annotated[tuple[float, ...], Unit("Hz"), "increasing"]
-    density: Annotated[tuple[float, ...], Unit("rad2 / Hz", "arcsec2 / Hz"), "one-sided"]
+    frequency: Annotated[tuple[float, ...], Unit("Hz"), POSITIVE, "increasing"]
+    density: Annotated[tuple[float, ...], Unit("rad2 / Hz", "arcsec2 / Hz"), POSITIVE, "one-sided"]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,8 +59,6 @@ class Broadband(Parameters):
                 "frequency and density must have the same length of two or more, got "
                 f"{len(self.frequency)} and {len(self.density)}"
             )
-        for f, s in zip(self.frequency, self.density, strict=True):
-            core.positive(frequency=f, density=s)
         if any(low >= high for low, high in pairwise(self.frequency)):
             raise Refused(f"frequency must increase, got {self.frequency}")
 

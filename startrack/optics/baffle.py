@@ -9,14 +9,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import Floats, Light, Refused, Unit, positive, within
+from startrack.core import POSITIVE, Floats, Light, Parameters, Range, Refused, Unit
 from startrack.optics.parameters import Optics
 
 NODES = 17  # of the map of stray light along a side of the frame: 1 % between them
 
 
 @dataclass(frozen=True)
-class Baffle:
+class Baffle(Parameters):
     """Point-source transmittance (PST) of a baffle and the lens behind it.
 
     The PST is the irradiance on the detector over the irradiance of a distant source at the
@@ -24,20 +24,18 @@ class Baffle:
     to stray light and stars alike.
     """
 
-    angle: Annotated[tuple[float, ...], Unit("rad", "deg"),
+    angle: Annotated[tuple[float, ...], Unit("rad", "deg"), Range(0, math.pi),
         "radian between the source and the line of sight, increasing"]  # fmt: skip
-    transmittance: Annotated[tuple[float, ...],
+    transmittance: Annotated[tuple[float, ...], POSITIVE,
         "positive; its logarithm is linear between the angles, constant outside"]  # fmt: skip
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if len(self.angle) != len(self.transmittance) or not self.angle:
             raise Refused(
                 "angle and transmittance must have the same length of one or more, got "
                 f"{len(self.angle)} and {len(self.transmittance)}"
             )
-        for angle, value in zip(self.angle, self.transmittance, strict=True):
-            within(0, math.pi, angle=angle)
-            positive(transmittance=value)
         if any(low >= high for low, high in pairwise(self.angle)):
             raise Refused(f"angle must increase, got {self.angle}")
 

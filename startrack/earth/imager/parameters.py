@@ -260,8 +260,10 @@ class Survey(Parameters):
     tle: tuple[str, ...] = ()
     aircraft: geometry.Aircraft | None = None
     pointing: geometry.Pointing = field(default_factory=geometry.Pointing)
-    lines: Annotated[int | None, "of the image; None for those of the whole detector"] = None
-    columns: Annotated[int | None, "of the image; None for those of the whole detector"] = None
+    lines: Annotated[int | None, Range(2, 2**16),
+        "of the image; None for those of the whole detector"] = None  # fmt: skip
+    columns: Annotated[int | None, Range(2, 2**16),
+        "of the image; None for those of the whole detector"] = None  # fmt: skip
     rays: Annotated[int, Range(1, 16), "along each side of a pixel"] = 2
     sky_rays: Annotated[int, Range(0, 2**12), "from each point that sample the sky; 0 for none"] = 0
     air: Annotated[Air | None, "its state, one of the shipped tables; None: no air"] = None
@@ -280,9 +282,6 @@ class Survey(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("lines", "columns"):
-            if getattr(self, name) is not None:
-                core.whole(2, 2**16, **{name: getattr(self, name)})
         _ = self.carrier
 
     @property
