@@ -10,7 +10,8 @@ from typing import Annotated
 import numpy as np
 
 from startrack.core.arrays import Floats, Ints
-from startrack.core.checks import Refused, positive, within
+from startrack.core.checks import Refused
+from startrack.core.declared import POSITIVE, Parameters, Range
 from startrack.core.kernel import kernel
 from startrack.core.units import Unit
 
@@ -35,16 +36,18 @@ def lagrange_weights(nodes: Floats, at: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Curve:
+class Curve(Parameters):
     """Values in [0, 1] at wavelengths, straight lines between them and zero outside.
 
     A curve with one value and no wavelength is the same everywhere.
     """
 
-    wavelength: Annotated[tuple[float, ...], Unit("m", "nm"), "rising, one for each value"] = ()
-    value: Annotated[tuple[float, ...], "at each wavelength, or one for all"] = (1.0,)
+    wavelength: Annotated[tuple[float, ...], Unit("m", "nm"), POSITIVE,
+        "rising, one for each value"] = ()  # fmt: skip
+    value: Annotated[tuple[float, ...], Range(0, 1), "at each wavelength, or one for all"] = (1.0,)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.value or len(self.wavelength) != (
             len(self.value) if len(self.value) > 1 else 0
         ):
@@ -52,10 +55,6 @@ class Curve:
                 "wavelength and value must have the same length (or one value and no wavelength), "
                 f"got {len(self.wavelength)} and {len(self.value)}"
             )
-        for wavelength in self.wavelength:
-            positive(wavelength=wavelength)
-        for value in self.value:
-            within(0, 1, value=value)
         if any(b <= a for a, b in zip(self.wavelength, self.wavelength[1:], strict=False)):
             raise Refused(f"wavelength must rise, got {self.wavelength}")
 

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, NamedTuple
 from scipy import special
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, within
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit
 from startrack.design.case import Case
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.metrics import Limits
@@ -76,19 +76,18 @@ ALUMINIUM = 2700.0  # kg / m3
 SURE = 0.9973  # of the normal errors that just meet a requirement are those of correct attitudes
 
 
+HALF_TURN = Range(0, math.pi)
+CENTRE = "to the centre; None: not required"
+
+
 @dataclass(frozen=True)
 class KeepOut(Parameters):
     """Angles from the boresight from which on accuracy and availability must hold, radian."""
 
-    sun: Annotated[float | None, Unit("rad", "deg"), "to the centre; None: not required"] = None
-    moon: Annotated[float | None, Unit("rad", "deg"), "to the centre; None: not required"] = None
-    earth: Annotated[float | None, Unit("rad", "deg"), "to the limb"] = None
+    sun: Annotated[float | None, Unit("rad", "deg"), HALF_TURN, CENTRE] = None
+    moon: Annotated[float | None, Unit("rad", "deg"), HALF_TURN, CENTRE] = None
+    earth: Annotated[float | None, Unit("rad", "deg"), HALF_TURN, "to the limb"] = None
     altitude: Annotated[float, Unit("m", "km"), POSITIVE, "from which the Earth is seen"] = 600e3
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, angle in self.angles.items():
-            within(0, math.pi, **{name: angle})
 
     @property
     def angles(self) -> dict[str, float]:

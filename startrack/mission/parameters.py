@@ -26,46 +26,39 @@ UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from 
 
 
 @dataclass(frozen=True)
-class Orbit:
+class Orbit(Parameters):
     """An orbit around the Earth: exactly one of mean elements, `tle` and `oem`."""
 
-    altitude: Annotated[float | None, Unit("m", "km"),
+    altitude: Annotated[float | None, Unit("m", "km"), core.POSITIVE,
         "semi-major axis minus the Earth's equatorial radius"] = None  # fmt: skip
-    inclination: Annotated[float | None, Unit("rad", "deg"),
+    inclination: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi),
         "mean, to the true equator of date"] = None  # fmt: skip
-    node: Annotated[float, Unit("rad", "deg"),
+    node: Annotated[float, Unit("rad", "deg"), FINITE,
         "right ascension of the ascending node, from the mean equinox of date"] = 0.0  # fmt: skip
-    local_time: Annotated[float | None, Unit("s", "h", clock=True),
+    local_time: Annotated[float | None, Unit("s", "h", clock=True), Range(0, 86400),
         'mean solar time at the ascending node (LTAN), as "10.5 h" or "10:30"; it replaces '
         "`inclination` and `node` by those of a Sun-synchronous orbit"] = None  # fmt: skip
-    anomaly: Annotated[float, Unit("rad", "deg"), "mean, from the perigee"] = 0.0
-    perigee: Annotated[float, Unit("rad", "deg"), "its argument"] = 0.0
-    eccentricity: Annotated[float, "mean"] = 0.0
+    anomaly: Annotated[float, Unit("rad", "deg"), FINITE, "mean, from the perigee"] = 0.0
+    perigee: Annotated[float, Unit("rad", "deg"), FINITE, "its argument"] = 0.0
+    eccentricity: Annotated[float, Range(0, 0.9), "mean"] = 0.0
     epoch: Annotated[str | None, "UTC, of the elements; None: the begin of the mission"] = None
     tle: Annotated[tuple[str, ...], "two-line element set, moved by SGP4 (extra `earth`)"] = ()
     oem: Annotated[str | None, core.FILE,
         "file with a CCSDS orbit ephemeris message; or a SPICE kernel of one body (.bsp; extra "
         "`spice`)"] = None  # fmt: skip
+    _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.altitude is not None) + bool(self.tle) + (self.oem is not None) != 1:
             raise Refused("exactly one of altitude, tle and oem must be given")
         if self.tle:
             space.require_two_lines(self.tle)
-        if self.altitude is not None:
-            self._check_elements(self.altitude)
-
-    def _check_elements(self, altitude: float) -> None:
-        core.finite(node=self.node, anomaly=self.anomaly, perigee=self.perigee)
-        within(0, 0.9, eccentricity=self.eccentricity)
-        core.positive(altitude=altitude)
-        space.require_perigee(altitude, self.eccentricity)
+        if self.altitude is None:
+            return
+        space.require_perigee(self.altitude, self.eccentricity)
         if (self.inclination is None) == (self.local_time is None):
             raise Refused("exactly one of inclination and local_time must be given")
-        if self.inclination is not None:
-            within(0, math.pi, inclination=self.inclination)
-        if self.local_time is not None:
-            within(0, 86400, local_time=self.local_time)
         if self.epoch is not None:
             core.utc(self.epoch)
 
