@@ -109,7 +109,8 @@ def page(title: str, lead: str, sections: Sequence[Section]) -> str:
     title  plain text
     lead   plain text, one paragraph
     """
-    names = [_anchor(section.title) for section in sections]
+    titles = (section.title.lower() for section in sections)
+    names = ["".join(c if c.isalnum() else "-" for c in title) for title in titles]
     contents = "".join(
         f'<li><a href="#{name}">{escape(section.title)}</a></li>'
         for name, section in zip(names, sections, strict=True)
@@ -225,7 +226,3 @@ def _numeric(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _anchor(title: str) -> str:
-    return "".join(c if c.isalnum() else "-" for c in title.lower())

@@ -94,7 +94,7 @@ def moon_of(observer: Observer) -> Disc:
     return Disc(
         body.direction,
         math.asin(MOON_RADIUS / body.distance),
-        _reflected(moon_magnitude(body)),
+        photon_irradiance(np.array([moon_magnitude(body) + SUN_G_MINUS_V]), np.array([SUN]))[0],
         body.sun / body.sun_distance,
     )
 
@@ -104,10 +104,6 @@ def moon_magnitude(body: Body) -> float:
     phase = body.phase_angle / deg
     full = -12.73 + 0.026 * phase + 4e-9 * phase**4
     return full + 5 * math.log10(body.distance / MOON_DISTANCE * body.sun_distance / AU)
-
-
-def _reflected(magnitude_v: float) -> Floats:
-    return photon_irradiance(np.array([magnitude_v + SUN_G_MINUS_V]), np.array([SUN]))[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -162,7 +162,9 @@ class Claim:
             return None
         more = len(outcomes) / len(finite)  # trials for each error that counts
         fraction = self.accuracy.objective.fraction
-        limit = _square(self.accuracy)
+        objective = self.accuracy.objective
+        # As a mean square per axis, in which `Objective.squares` are.
+        limit = self.accuracy.most**2 / (len(objective.summed) if objective.radial else 1)
         if fraction is not None:
             enough = _needed_hits(float((finite <= limit).mean()), fraction, passing, failing)
         else:
@@ -213,11 +215,6 @@ def claims_of(needs: Requirements) -> list[Claim]:
     """What trials can show of some requirements: the errors that are limited, the availability."""
     errors = [Claim(accuracy, 0.0, needs.limits, needs.sky) for accuracy in needs.accuracy]
     return [*errors, Claim(None, needs.min_availability, needs.limits)]
-
-
-def _square(accuracy: Accuracy) -> float:
-    """The limit as a mean square per axis, in which `Objective.squares` are."""
-    return accuracy.most**2 / (len(accuracy.objective.summed) if accuracy.objective.radial else 1)
 
 
 def _error_bounds(

@@ -425,7 +425,11 @@ def cameras() -> list[str]:
 @cache
 def _imagers() -> tuple[str, ...]:
     return tuple(
-        sorted(path.stem for path in shipped("cameras").glob("*.toml") if _is_imager(path))
+        sorted(
+            path.stem
+            for path in shipped("cameras").glob("*.toml")
+            if "channels" in read_table(path, "a camera file")
+        )
     )
 
 
@@ -452,7 +456,3 @@ def _unshared(table: dict[str, Any]) -> dict[str, Any]:
             layers.lay(channel, "")
         own.append(layers.table if isinstance(channel, dict) else channel)
     return {**{key: value for key, value in table.items() if key != "shared"}, "channels": own}
-
-
-def _is_imager(path: Path) -> bool:
-    return "channels" in read_table(path, "a camera file")

@@ -111,7 +111,7 @@ def make_product(
     doubts = {
         f"{name}: {cause}": values for name, own in causes.items() for cause, values in own.items()
     }
-    cell = settings.cell or _rounded(size / (channel.columns / channel.detector.columns))
+    cell = settings.cell or float(f"{size / (channel.columns / channel.detector.columns):.2g}")
     grid = ortho.grid_of(longitude, latitude, settings.projection, cell)
     require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
     layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image | doubts}
@@ -152,11 +152,6 @@ def _layers(
         if values[0] is not None:
             image[name] = np.concatenate(values).reshape(radiance.shape)
     return image, here
-
-
-def _rounded(size: float) -> float:
-    """Two digits of a size."""
-    return float(f"{size:.2g}")
 
 
 def against_truth(product: Product, truth: Floats) -> tuple[float, float]:

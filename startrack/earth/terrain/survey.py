@@ -123,7 +123,9 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
     sun_incidence = between(hits.normal, sun)
     shadow = sun_incidence > np.pi / 2
     lit = hit & ~shadow
-    shadow[lit] = ground.stops(_towards(point[lit], sun), level[lit], LIFT)
+    towards = np.broadcast_to(sun, point[lit].shape).copy()
+    sunwards = Rays(point[lit], towards, np.zeros(len(towards)))
+    shadow[lit] = ground.stops(sunwards, level[lit], LIFT)
     sky_view = np.where(hit, 1.0, np.nan)
     if sky_rays:
         sky_view[hit] = view_sky(ground, point[hit], hits.normal[hit], level[hit], sky_rays)
@@ -167,7 +169,3 @@ def view_sky(
         )
         seen += ~ground.stops(Rays(point, direction, np.zeros(len(point))), level, LIFT)
     return seen / count
-
-
-def _towards(point: Floats, sun: Floats) -> Rays:
-    return Rays(point, np.broadcast_to(sun, point.shape).copy(), np.zeros(len(point)))
