@@ -50,6 +50,8 @@ DATASHEET = {
     "distortion": ("instrument.optics.k1", "instrument.optics.k2", "instrument.optics.k3",
                    "tracker.calibration.order"),
     "spot size": ("instrument.optics.blur", "instrument.optics.defocus"),
+    "latency": ("tracker.delay", "instrument.detector.exposure", "instrument.detector.pixel_rate"),
+    "pixel size": ("instrument.detector.pixel_pitch",),
     "alignment": ("instrument.mounting", "tracker.mounting"),
 }  # fmt: skip
 

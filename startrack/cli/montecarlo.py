@@ -53,7 +53,8 @@ declare = Options(
     shared.SEED,
     shared.WORKERS,
     fidelity("frame: render whole frames (default); window: only the pixels around stars, with "
-             "the same noise, in a fifth of the time; spots: draw the spots from their "
+             "the same noise, in a fifth of the time, but slower than frames with units behind a "
+             "lens table, each of which has a plan of its own; spots: draw the spots from their "
              "covariance, without an image, and identify them; covariance: draw the spots, "
              "identification is assumed to be perfect"),
     Option("--sobol", "use attitudes from a Sobol sequence; 16 scrambled copies give the interval"),

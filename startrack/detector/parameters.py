@@ -124,7 +124,9 @@ class Detector(Parameters):
 
     columns: Annotated[int, Range(1, 2**16), "pixel, of the image"]
     rows: Annotated[int, Range(1, 2**16), "pixel, of the image"]
-    pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "of a pixel of the array"]
+    pixel_pitch: Annotated[
+        float, Unit("m", "um"), POSITIVE, "of a pixel of the array, which is square"
+    ]
     exposure: Annotated[float, Unit("s", "ms"), POSITIVE, "in which a frame collects light"]
     quantum_efficiency: Annotated[core.Curve, "electron / photon over wavelength"] = core.ALL
     fill_factor: Annotated[float, Range(0.01, 1), "fraction of a pixel that detects"] = 1.0

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from astropy.io import fits
+from day import WORDS as DATASHEET_WORDS
 
 from startrack.benchmark import STAGES
 from startrack.cli.keys import DATASHEET
@@ -293,6 +294,8 @@ def test_keys_are_found_by_the_words_of_datasheets(call):
     for words in ("frame rate", "read noise", "full well", "quantum efficiency", "lifetime"):
         found = call("keys", *words.split(), "--json")[1]
         assert any(words.replace(" ", "_") in one["name"] for one in found), words
+    for words in DATASHEET_WORDS:
+        assert call("keys", *words.split(), "--json")[1], words
 
 
 def test_an_old_key_is_one_line_on_standard_error(capsys, tmp_path):
