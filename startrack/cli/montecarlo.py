@@ -318,6 +318,9 @@ def _required(
         bounds = claim.bounds(outcomes, boresight, tail, tail)
         in_arcsec = metrics.bounds_json(bounds, ARCSEC)
         about, shown = claim.accuracy.name == "about", metrics.bracketed(bounds, ".3f", arcsec)
+        if math.isfinite(bounds.low) and not math.isfinite(bounds.high):
+            shown = f"{bounds.value / arcsec:.3f}, at least {bounds.low / arcsec:.3f} (too few "
+            shown += "trials for an upper bound)"
         before = (summary.about if about else summary.across).value
         if needs.confidence == SHOWN and math.isfinite(bounds.high) and bounds.value == before:
             summary = replace(summary, about=bounds) if about else replace(summary, across=bounds)

@@ -37,3 +37,8 @@ def test_an_rms_that_is_limited_has_one_interval(small, tmp_path, capsys):
     [line] = [one for one in text.splitlines() if one.startswith("required")]
     assert "[" not in line
     assert "Hall" in line
+    level = ["--set", "campaign.requirements.level=99.73 %"]
+    main([*command, *level])
+    text = capsys.readouterr().out
+    assert "too few trials for an upper bound" in text
+    assert "inf]" not in text
