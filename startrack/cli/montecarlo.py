@@ -159,7 +159,7 @@ def command(options: argparse.Namespace) -> int:
         result["store"] = str(where)
     _save_table(options, case, outcomes, attitudes, ends)
     if options.out:
-        draw_errors(options.out / "errors.png", outcomes, path.stem)
+        draw_errors(options.out / "errors.png", outcomes, path.stem, summary)
         save_json(options.out / "summary.json", terminal.finite(result))
         result["out"] = str(options.out)
     terminal.print_result(options, result, *text)

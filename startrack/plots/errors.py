@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import MaxNLocator, NullLocator
 
 from startrack.core import Floats, Rows, arcsec, deg
-from startrack.metrics import Interval, summarise
+from startrack.metrics import Interval, Summary, summarise
 from startrack.plots import style
 from startrack.sequence import Mode
 from startrack.verification import Flown
@@ -17,13 +17,17 @@ BINS = 41
 
 
 @style.styled
-def draw_errors(path: Path | None, outcomes: Rows, title: str) -> Figure:
+def draw_errors(
+    path: Path | None, outcomes: Rows, title: str, summary: Summary | None = None
+) -> Figure:
     """The errors of many trials: across the boresight as points, about it as a histogram.
 
     Axes hold eight times the typical error. Larger ones stand at the edge, and are counted.
+
+    summary  of these outcomes, by what is required of them; None: nothing is
     """
     correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
-    summary = summarise(outcomes)
+    summary = summary or summarise(outcomes)
     available = summary.availability
     figure = style.picture(
         4.4,
@@ -67,6 +71,7 @@ def _across(axes: Axes, x: Floats, y: Floats, rms: Interval) -> None:
 def _about(axes: Axes, z: Floats, rms: Interval) -> None:
     style.panel_title(axes, "about the boresight", 36)
     axes.set(xlabel="error about z (arcsec)", ylabel="number of trials")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     if not len(z):
         style.say(axes, "no attitude")
         return

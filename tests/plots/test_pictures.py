@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from startrack.budget import Survey, analytic, curve_steps, curves, error_curves
 from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
 from startrack.design import YEAR, Accuracy, Objective, replaced
-from startrack.metrics import Interval
+from startrack.metrics import Interval, Limits, summarise
 from startrack.motion import Tone
 from startrack.optimise import Goals, Optimum, Point, Sensitivity
 from startrack.optimise.evaluate import Evaluation
@@ -95,6 +95,17 @@ def texts(figure):
     return " ".join(
         text.get_text() for text in figure.findobj(is_text) if text.get_visible()
     ).replace("\n", " ")
+
+
+def test_errors_have_the_availability_of_their_summary(drawn):
+    """Of attitudes that are within what is required, as the table beside the picture has."""
+    few = outcomes(40)
+    few["error_x"][:10] = 100 * arcsec
+    for axis in "xyz":
+        few[f"sigma_{axis}"] = 50 * arcsec
+    required = summarise(few, Limits(20 * arcsec, None))
+    assert "availability 75.0 %" in texts(drawn(draw_errors, few, "few", required)[0])
+    assert "availability 100.0 %" in texts(drawn(draw_errors, few, "few")[0])
 
 
 def outcomes(count, seed=1):
