@@ -158,6 +158,11 @@ def head_model(
             "the phase of the swing in the orbit is drawn, and its rms is that of "
             f"{ENVIRONMENTS} drawn environments, known to {100 * SWING_KNOWN:.0f} % (1 sigma)"
         )
+    if case.instrument.stray is None:
+        left_out.append(
+            "stray light: without instrument.baffle or tube, Sun, Moon and lit limb blind only "
+            "where they are in the field"
+        )
     period, latency = timing_of(case)
     return HeadModel(
         name,

@@ -134,7 +134,9 @@ def test_a_model_of_units_has_their_bias_and_swing(worst):
 
 
 def test_a_model_says_what_it_lacks(worst, tmp_path):
-    model = worst[1]
+    case, model = worst
+    assert case.instrument.stray is None
+    assert any(one.startswith("stray light: without") for one in model.left_out)
     write_model(tmp_path, model)
     write_basilisk(tmp_path / "b.py", model, 0.0)
     write_42(tmp_path / "42.txt", model, (0.1, 0.1), 0.0)
