@@ -23,7 +23,7 @@ from startrack.budget.fields import (
 )
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
 from startrack.budget.left_out import of_false_spots, of_the_case, of_the_sky
-from startrack.core import Flags, Floats, Refused, Streams
+from startrack.core import Flags, Floats, Ints, Refused, Streams
 from startrack.design import Case
 
 FINE = 0.05  # magnitude between two entries
@@ -331,7 +331,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     fraction = total / len(weight)
     refused = _refused(star, above, magnitude)
     wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
-    moved_rms = float(np.sqrt((wrong**2).mean())) if fixed else 0.0
+    moved_rms = float(np.sqrt((_apart(wrong, counted.first) ** 2).mean())) if fixed else 0.0
     left_out = (
         *of_the_case(case),
         *of_the_sky(case, found.stars, refused, moved_rms),
@@ -340,6 +340,14 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     stars = float(weight @ found.stars)
     budget = Budget(lines, whole_line, fraction, stars, left_out, refused)
     return FieldBudget(budget, found, counted)
+
+
+def _apart(moved: Floats, first: Ints) -> Floats:
+    """Displacements (n, 2) less their mean in each field, to which the attitude turns."""
+    count = np.diff(first)
+    field = np.repeat(np.arange(len(count)), count)
+    mean = np.stack([np.bincount(field, axis, len(count)) for axis in moved.T], axis=-1)
+    return np.asarray(moved - (mean / np.maximum(count, 1)[:, None])[field])
 
 
 def _typical(shift: Floats, good: Flags, chance: float) -> Floats:

@@ -10,6 +10,7 @@ from startrack.core.units import deg
 from startrack.design import Fidelity, design_keys, replaced
 from startrack.detector import Hits
 from startrack.scene import Scene
+from startrack.trial import run_trials
 
 
 def test_nothing_is_left_out_of_the_example_and_trials_agree(case):
@@ -37,6 +38,23 @@ def test_an_effect_that_is_not_counted_is_named(case, changes, said):
     for name, value in changes.items():
         case = replaced(case, name, value)
     assert any(said in one for one in analytic(case).left_out)
+
+
+@pytest.mark.parametrize(
+    ("change", "lost"), [({"principal_x": 20.0}, False), ({"focal_length_px": 1.02}, True)]
+)
+def test_stars_that_a_turn_of_the_attitude_does_not_bring_back_are_named(case, change, lost):
+    """As trials say: a wrong principal point keeps all matches, a wrong scale loses most."""
+    [(name, value)] = change.items()
+    camera = case.believed_camera
+    other = getattr(camera, name) * value if name == "focal_length_px" else value
+    wrong = replaced(case, "tracker.camera", replace(camera, **{name: other}))
+    said = any("match_radius" in one for one in analytic(wrong).left_out)
+    before, after = (
+        run_trials(one, 1, range(8), Fidelity.SPOTS)["stars"].mean() for one in (case, wrong)
+    )
+    assert said == lost
+    assert (after > 0.9 * before) == (not lost)
 
 
 def test_lights_are_named(case):
