@@ -116,9 +116,9 @@ def status_and_sentence(error: BaseException) -> tuple[int, str]:
     """The exit status and the sentence of what a command raised."""
     match error:
         case Stopped() if error.signal != signal.SIGINT:
-            return 128 + error.signal, f"stopped by {error}; the files on disk are complete"
+            return 128 + error.signal, f"stopped by {error}; no file is left half-written"
         case KeyboardInterrupt():
-            return Exit.INTERRUPTED, "stopped; the files on disk are complete"
+            return Exit.INTERRUPTED, "stopped; no file is left half-written"
         case WrongUse():
             return Exit.WRONG_USE, one_line(error)
         case BrokenPipeError():
@@ -131,7 +131,7 @@ def status_and_sentence(error: BaseException) -> tuple[int, str]:
         case OSError(filename=str() | bytes() as name):
             return Exit.FAILED, f"{os.fsdecode(name)}: {error.strerror}"
         case BrokenExecutor():
-            return Exit.FAILED, "a worker process died; the files on disk are complete"
+            return Exit.FAILED, "a worker process died; no file is left half-written"
         case ValueError() | ImportError() | OSError():
             return Exit.FAILED, one_line(error)
         case MemoryError():

@@ -143,7 +143,7 @@ def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
     finally:
         process.kill()
     assert process.returncode == 130
-    assert shown.strip().endswith("stopped; the files on disk are complete")
+    assert shown.strip().endswith("stopped; no file is left half-written")
     assert "Traceback" not in shown
     with Store(store) as held:
         outcomes = held.outcomes()
