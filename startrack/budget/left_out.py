@@ -11,7 +11,7 @@ from startrack import trial
 from startrack.budget.budget import Budget, Law
 from startrack.core import Floats, Psf, Refused, arcsec
 from startrack.design import Case, Fidelity
-from startrack.metrics import Interval, Summary, fraction_interval, summarise
+from startrack.metrics import Summary, bracketed, fraction_interval, summarise
 from startrack.trial import left_out
 
 # From these on an effect may change the error by more than 15 %, or the availability by more than
@@ -260,22 +260,16 @@ def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
     """Where a budget lies outside of what trials show: by more than 15 % and than the interval."""
     trials = summary.trials
     for name in ("across", "about"):
-        formula = getattr(budget, name) / arcsec
-        shown = Interval(*(end / arcsec for end in vars(getattr(summary, name)).values()))
+        formula, shown = getattr(budget, name), getattr(summary, name)
         if formula < shown.low / APART or formula > shown.high * APART or not shown.value > 0:
             yield (
-                f"the error {name} the boresight is {formula:.3g} arcsec by formula and "
-                f"{_text(shown)} arcsec by {trials} trials"
+                f"the error {name} the boresight is {formula / arcsec:.3g} arcsec by formula and "
+                f"{bracketed(shown, '.3g', arcsec)} arcsec by {trials} trials"
             )
     correct = round(trials * summary.availability.value)
     shown = fraction_interval(correct, trials, SURE)
     if not shown.low <= budget.availability <= shown.high:
-        in_percent = Interval(*(100 * one for one in (shown.value, shown.low, shown.high)))
         yield (
             f"the availability is {100 * budget.availability:.1f} % by formula and "
-            f"{_text(in_percent)} % by {trials} trials"
+            f"{bracketed(shown, '.3g', 0.01)} % by {trials} trials"
         )
-
-
-def _text(interval: Interval) -> str:
-    return f"{interval.value:.3g} [{interval.low:.3g}, {interval.high:.3g}]"

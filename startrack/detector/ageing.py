@@ -384,10 +384,10 @@ def damage(
     expected = mean_rate / single
     current = np.zeros(shape)
     hit = number > math.exp(-expected)  # the quantile of no event; most pixels have none
-    events = np.maximum(_poisson_quantile(number[hit], expected), 1.0)
-    amount = -np.log1p(-size[hit])  # of one event
+    events, chance = np.maximum(_poisson_quantile(number[hit], expected), 1.0), size[hit]
+    amount = -np.log1p(-chance)  # of one event
     several = events > 1
-    amount[several] = special.gammaincinv(events[several], size[hit][several])
+    amount[several] = special.gammaincinv(events[several], chance[several])
     current[hit] = single * amount
     return current
 

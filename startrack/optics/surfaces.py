@@ -85,10 +85,9 @@ class Surfaces:
 
     def signed_index(self) -> tuple[Floats, Floats]:
         """Indices (s,) before and after each surface, negative where light runs backwards."""
-        turns = np.cumsum(self.mirror > 0)
-        return self.index_before * (-1.0) ** (turns - (self.mirror > 0)), self.index * (
-            -1.0
-        ) ** turns
+        after = (-1.0) ** np.cumsum(self.mirror > 0)
+        before = np.where(self.mirror > 0, -after, after)
+        return self.index_before * before, self.index * after
 
     @property
     def elements(self) -> tuple[tuple[int, int], ...]:

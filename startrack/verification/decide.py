@@ -161,8 +161,8 @@ class Claim:
         if len(finite) < 2:
             return None
         more = len(outcomes) / len(finite)  # trials for each error that counts
-        fraction = self.accuracy.objective.fraction
         objective = self.accuracy.objective
+        fraction = objective.fraction
         # As a mean square per axis, in which `Objective.squares` are.
         limit = self.accuracy.most**2 / (len(objective.summed) if objective.radial else 1)
         if fraction is not None:
