@@ -59,7 +59,9 @@ def test_a_yield_of_a_level_needs_trials_beyond_it(design, capsys):
     command += ["--workers", "1", "--environments", "1"]
     command += ["--set", "campaign.requirements.level=90 %", "--trials"]
     main([*command, "9"])
-    assert "it needs --trials 10 of each unit" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "it needs --trials 10 of each unit" in shown
+    assert "yield, " not in shown
     main([*command, "10", "--json"])
     assert len(json.loads(capsys.readouterr().out)["units"]["yields"]) == 1
 
