@@ -57,8 +57,9 @@ def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
 def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampaign]:
     """Read the campaign, check its variables, open workers and the ledger of the folder.
 
-    Kernels are compiled before the workers start, so that each reads them from the cache. The
-    ledger holds the results of an interrupted run, from which the same command continues.
+    Workers import all while this process compiles the kernels, which each of them then reads from
+    the cache. The ledger holds the results of an interrupted run, from which the same command
+    continues.
     """
     path, workers = options.campaign or example(), open_workers(options)
     design, campaign = read_campaign(path, options.set)
@@ -71,13 +72,19 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
         + (f" of {options.scheduler}" if options.scheduler else "")
         + f"; results go to {options.out}"
     )
-    if options.workers > 1 and not options.scheduler:
-        for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
-            with suppress(Refused):  # a start that cannot be rendered is judged by the search
-                warm(design.case, Sampling(fidelity))
     with Ledger(options.out / LEDGER) as ledger, workers as executor:
+        if options.workers > 1 and not options.scheduler:
+            for _ in range(options.workers):
+                executor.submit(_imported)
+            for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
+                with suppress(Refused):  # a start that cannot be rendered is judged by the search
+                    warm(design.case, Sampling(fidelity))
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
         yield OpenCampaign(design.case, campaign, runner, options.out)
+
+
+def _imported() -> None:
+    """What a worker calls that imports this file."""
 
 
 def write_study(

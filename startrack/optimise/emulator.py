@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from scipy.linalg.lapack import dpotrs
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
@@ -36,7 +37,7 @@ class Emulator:
     doubt     (n,) the same of each value besides, because the process need not go through it
     mean      of the process
     size      s, its standard deviation
-    factor    (n, n) Cholesky factor of the covariance over s^2
+    factor    (n, n) Cholesky factor of the covariance over s^2, by columns as LAPACK takes it
     weight    (n,) of the points in a mean
     """
 
@@ -69,7 +70,7 @@ class Emulator:
         value, gradient = self.mean + float(near @ self.weight), slopes.T @ self.weight
         if not sigmas:
             return value, gradient
-        inner = scipy.linalg.cho_solve((self.factor, True), near, check_finite=False)
+        inner, _ = dpotrs(self.factor, near, lower=True)
         sigma = math.sqrt(max(1 - float(near @ inner), 1e-12))
         gradient = gradient - sigmas * self.size / sigma * (slopes.T @ inner)
         return value + sigmas * self.size * sigma, gradient
@@ -125,7 +126,7 @@ def emulator(
 def _of(points: Floats, values: Floats, length: Floats, noise: float, doubt: Floats) -> Emulator:
     scaled = points / length
     covariance = _matern(cdist(scaled, scaled)) + np.diag(noise + doubt)
-    factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
+    factor = np.asfortranarray(np.linalg.cholesky(covariance), np.float64)
     inverse = scipy.linalg.cho_solve(
         (factor, True), np.column_stack([values, np.ones_like(values)])
     )

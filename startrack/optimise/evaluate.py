@@ -223,6 +223,7 @@ def foresee_all(
     seed: int = 1,
     enough: float = math.inf,
     dear: float = DEAR,
+    known: Mapping[str, Forecast] | None = None,
 ) -> list[Foresight]:
     """What is expected of several designs, each computed by a worker of a runner.
 
@@ -230,10 +231,13 @@ def foresee_all(
 
     enough  score, above which a design is not forecast in conditions without a weight
     dear    amount by which costs miss their limits, above which a design is not forecast
+    known   what is expected in some conditions already, of a single design
     """
     cases = [_built(space, coordinates) for coordinates in points]
     seed = runner.seed if runner else seed
-    one = partial(_foreseen, campaign=campaign, seed=seed, enough=enough, dear=dear)
+    one = partial(
+        _foreseen, campaign=campaign, seed=seed, enough=enough, dear=dear, known=known or {}
+    )
     if runner is None:
         return [one(case) for case in cases]
     keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
@@ -255,7 +259,12 @@ def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
 
 
 def _foreseen(
-    case: Case | None, campaign: Campaign, seed: int, enough: float, dear: float
+    case: Case | None,
+    campaign: Campaign,
+    seed: int,
+    enough: float,
+    dear: float,
+    known: Mapping[str, Forecast],
 ) -> Foresight:
     """What is expected of a design; nothing for None, and where it contradicts itself."""
     if case is None:
@@ -266,19 +275,20 @@ def _foreseen(
         if missed(costs) > dear:
             return Foresight(math.nan, costs)
         margins = margins_of(campaign.requirements, case)
-        expected, found = forecasts([one for one in judged if one.weight], objective, seed=seed)
+        weighted = [one for one in judged if one.weight]
+        expected, found = forecasts(weighted, objective, seed=seed, known=known)
         log = math.log(expected / arcsec) if expected > 0 else math.nan
         for last in (False, True):
             for one in judged:
                 if one.name in found:
                     margins |= named(one.name, found[one.name].margins)
-            known = Foresight(log, margins, found)
-            if last or not known.score <= enough:
+            foreseen = Foresight(log, margins, found)
+            if last or not foreseen.score <= enough:
                 break
-            _, found = forecasts(judged, objective, seed=seed, known=found)
+            _, found = forecasts(judged, objective, seed=seed, known={**known, **found})
     except Refused as reason:
         return NOTHING._replace(lasting=reason.lasting)
-    return known
+    return foreseen
 
 
 def _log_arcsec(angle: float) -> float:

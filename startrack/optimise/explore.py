@@ -249,7 +249,7 @@ class Explorer:
     ending: str = ""
     watch: Callable[[], None] | None = None
     _emulators: tuple[int, Emulators] | None = None
-    _spanned: float = np.inf  # a score below it has spans whose ends have no forecast
+    _spanned: float = np.inf  # a score below it is so much better that its spans are others
     _in_vain: int = 0  # batches of bold designs since the last gain
 
     @cached_property
@@ -283,8 +283,9 @@ class Explorer:
             done.add(best)
             point = [self.points[best]]
             [self.values[best]] = foresee_all(
-                self.space, self.campaign, point, self.runner, self.seed
-            )
+                self.space, self.campaign, point, self.runner, self.seed,
+                known=self.values[best].conditions,
+            )  # fmt: skip
             if self._emulators:  # which know another value of it
                 self._emulators = 0, self._emulators[1]
 
@@ -362,7 +363,7 @@ class Explorer:
         """
         points = self._proposals()
         if not points and self.score < self._spanned and np.isfinite(self.score):
-            self._spanned = self.score - ENOUGH * self.campaign.precision
+            self._spanned = self.score - self.campaign.precision
             ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
             for end in ends:
                 if self.is_new(end, points):

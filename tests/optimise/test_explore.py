@@ -55,7 +55,7 @@ def explored(monkeypatch, function, count, most, seed=1):
     monkeypatch.setattr(
         explore,
         "foresee_all",
-        lambda space, campaign, points, *_: [function(one) for one in points],
+        lambda space, campaign, points, *_, **__: [function(one) for one in points],
     )
     monkeypatch.setattr(explore, "cost_margins", lambda *_: {})
     explorer = Explorer(Space(count), Campaign(), seed=seed)
@@ -202,7 +202,8 @@ def test_the_best_design_is_forecast_in_all_conditions(monkeypatch):
     campaign = Campaign()
     campaign.judged = lambda _: (Judged(), AtRest())
 
-    def foreseen(_space, _campaign, points, _runner, _seed, enough=math.inf):
+    def foreseen(_space, _campaign, points, _runner, _seed, enough=math.inf, known=None):
+        assert enough < math.inf or list(known) == ["nominal"]  # which is not forecast again
         known = {"nominal": None} | ({"rest": None} if enough == math.inf else {})
         return [
             Foresight(-x, {"across (rest)": 0.5 - x} if "rest" in known else {}, known)
