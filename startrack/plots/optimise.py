@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from startrack.core import Floats, arcsec
+from startrack.core import Floats, Ints, arcsec
 from startrack.design import YEAR, Objective
 from startrack.metrics import Interval
 from startrack.optimise import UNITS, Goals, Optimum, Point, Sensitivity, Tolerance, thinned
@@ -116,7 +116,7 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
     shown = -math.inf
     for k in [*run[:1], *steps]:
         # Numbers that would lie over each other are left out.
-        if k - shown < 0.06 * len(trials):
+        if k - shown < 0.06 * (before + len(trials)):
             continue
         shown = k
         style.note(axes, f"{trials[k]:.0f}", (before + k + 0.6, 1.0), (1, -2), color="0.3",
@@ -127,31 +127,59 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
 
 
 def draw_variables(axes: Axes, optimum: Optimum) -> None:
-    """Each variable of each evaluated design, scaled to its bounds, and its span at the end."""
+    """Each variable of the designs, of the best so far as a line, and its span at the end.
+
+    Scaled to its bounds.
+    """
     found = optimum.landscape
     points = [
         *(found.forecasts if found else ()),
         *(one.coordinates for one in optimum.evaluations),
     ]
+    number_of, best = np.arange(1, len(points) + 1), _best_numbers(optimum)
     for n, (variable, line) in enumerate(
         zip(optimum.space.variables, np.array(points).T, strict=True)
     ):
         colour = style.CYCLE[n % len(style.CYCLE)]
+        # Where colours come again, lines do not come with the same one.
+        pattern = style.LINES[(n + n // len(style.CYCLE)) % len(style.LINES)]
+        axes.plot(number_of, line, ".", ms=2.5, color=colour, alpha=0.35)
         axes.plot(
-            np.arange(1, len(line) + 1), line, lw=1.2, color=colour,
-            ls=style.LINES[n % len(style.LINES)], label=variable.name.rpartition(".")[2],
+            number_of, line[best], lw=1.4, color=colour, ls=pattern, drawstyle="steps-post",
+            label=variable.name.rpartition(".")[2],
         )  # fmt: skip
         if found:
             span, at = found.spans[variable.name], len(line) * (1.02 + 0.015 * n)
             axes.plot([at, at], [span.low, span.high], "-_", lw=2.5, color=colour, ms=5)
     axes.set(xlabel="evaluation (number)", ylabel="variable, scaled (fraction of its range)")
+    title = "dots: designs that were tried; lines: the best so far"
     if found:
-        style.panel_title(
-            axes, "bars: values that keep the objective, while the other variables follow"
-        )
+        title += "; bars: values that keep the objective, while the others follow"
+    style.panel_title(axes, title)
     axes.set_ylim(-0.03, 1.03)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     style.legend_below(axes, 3)
+
+
+def _best_numbers(optimum: Optimum) -> Ints:
+    """Of each forecast and then each evaluation, the number of the best up to it.
+
+    The best of forecasts is not compared with trials, nor one with fewer trials.
+    """
+    best, least, found = 0, math.inf, optimum.landscape
+    numbers = list[int]()
+    for value, met in zip(found.expected, found.met, strict=True) if found else ():
+        if met and value < least:
+            best, least = len(numbers), value
+        numbers.append(best)
+    trials = 0
+    for one in optimum.evaluations:
+        if one.trials not in (0, trials):
+            least, trials = math.inf, one.trials
+        if one.feasible and one.error < least:
+            best, least = len(numbers), one.error
+        numbers.append(best)
+    return np.array(numbers)
 
 
 @style.styled

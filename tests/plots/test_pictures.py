@@ -364,8 +364,39 @@ def test_the_lines_of_a_search_are_explained(drawn):
     assert any("another number of trials" in one for one in explained)
     assert any("(10)" in one for one in explained)  # the designs without an error are counted
     assert {text.get_text() for text in error.texts} == {"20", "60"}
-    looks = {(line.get_color(), line.get_linestyle()) for line in variables.lines}
-    assert len(looks) == 3
+    paths = [line for line in variables.lines if not line.get_label().startswith("_")]
+    assert len({(line.get_color(), line.get_linestyle()) for line in paths}) == 3
+
+
+def test_the_path_of_a_variable_is_that_of_the_best_so_far_and_no_two_look_alike(drawn):
+    """Forecasts 2, 1 and 3 arcsec, of which the second misses a limit and the third is worse; then
+    designs without trials, that miss a limit, of 4.9 and of 4.8 arcsec."""
+    names = [SimpleNamespace(name=f"instrument.{number}") for number in range(9)]
+    points = np.random.default_rng(2).random((8, 9))
+    landscape = SimpleNamespace(
+        forecasts=tuple(map(tuple, points[:3])), expected=tuple(np.log([2.0, 1.0, 3.0])),
+        met=(True, False, True), spans={one.name: SimpleNamespace(low=0, high=1) for one in names},
+    )  # fmt: skip
+    found = optimum(8)
+    evaluations = [
+        dataclasses.replace(
+            one, coordinates=tuple(point), error=error * arcsec, margins={"mass": margin},
+            summary=summary,
+        )
+        for one, point, error, margin, summary in zip(
+            found.evaluations, points[3:], (np.nan, 1.0, 4.9, 4.8, 5.0), (1, -1, 1, 1, 1),
+            (None, *[SimpleNamespace(trials=20)] * 4), strict=False,
+        )
+    ]  # fmt: skip
+    found = dataclasses.replace(
+        found, space=SimpleNamespace(variables=names), evaluations=tuple(evaluations),
+        landscape=landscape,
+    )  # fmt: skip
+    figure, _ = drawn(draw_convergence, found, "across")
+    paths = [line for line in figure.axes[1].lines if not line.get_label().startswith("_")]
+    assert len({(line.get_color(), str(line.get_linestyle())) for line in paths}) == 9
+    expected = points[[0, 0, 0, 0, 0, 5, 6, 6], 4]
+    assert np.array_equal(paths[4].get_ydata(), expected)
 
 
 def test_a_search_over_units_says_so_and_explains_its_bars(drawn):
