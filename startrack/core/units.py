@@ -44,6 +44,7 @@ SPELLINGS = (
     (re.compile(r"\s+rms$"), ""),
     (re.compile(r"\bke-"), "1000 electron"),
     (re.compile(r"\be-|\belectrons\b"), "electron"),
+    (re.compile(r"\b(px|pixels)\b"), "pixel"),
 )
 A_PIXEL = re.compile(r"\s*/\s*(px|pix|pixel)\b")  # of charge: "e-/px/s"
 DOSE = re.compile(r"\b([kM]?)rad(\(Si\))?")  # of radiation, where the unit is no angle
@@ -83,7 +84,8 @@ def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> 
     37800.0
 
     text      a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"; also
-              "10 e-/s", "10 e-/px/s", "20 ke-", "5 e- rms", and "3 krad(Si)" or "3 krad" of a dose
+              "10 e-/s", "10 e-/px/s", "20 ke-", "5 e- rms", "2 px", and "3 krad(Si)" or "3 krad"
+              of a dose
     unit      unit of the result
     absolute  whether degC is a unit too, for the temperature itself and no difference
     clock     whether hours:minutes and hours:minutes:seconds are a time of day, in second

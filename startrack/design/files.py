@@ -7,6 +7,7 @@ from typing import Any
 
 from startrack.core import Refused, code_in, deg, html_table, mm, require_code, short_text, um
 from startrack.core import allow_code as allowed
+from startrack.design.blur import case_of_table
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case
 from startrack.design.products import with_product
@@ -75,7 +76,7 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
     try:
         campaign = table.pop("campaign", None)
         design = Design(
-            from_table(Case, with_product(table)),
+            case_of_table(with_product(table)),
             None if campaign is None else from_table(Campaign, campaign, "campaign"),
         )
         named = list(code_in(design.case))
