@@ -64,8 +64,8 @@ declare = Options(
     Option("--units N", "N units of the design, drawn from its [[variation]] tables and "
            "calibrated, with --trials of each; the summary has the yield and explains the worst "
            "unit", whole(1, 10**6)),
-    Option("--environments N", "environments of each unit, its trials shared among them",
-           whole(1, 10**6), 10),
+    Option("--environments N", "environments of each unit, its trials shared among them, at most "
+           "one for each (default: 10, or --trials where these are fewer)", whole(1, 10**6)),
     Option("--age TIME", "age of the units, such as '5 yr' (default: the lifetime of the design)"),
     Option("--out DIR", "folder for store, table and picture", Path),
     Option("--table FILE", "table of the trials: RA, Dec, roll, rate, angles to Sun, Moon and "
@@ -349,9 +349,16 @@ def _sampling(options: argparse.Namespace, case: Case) -> montecarlo.Sampling:
         if options.units:
             require_units(case)
             age = case.end_of_life if options.age is None else parse(options.age, "s")
-            units = Units(options.trials, min(options.environments, options.trials), age)
-        elif options.age is not None:
-            raise ValueError("--age needs --units")
+            environments = options.environments or min(Units.environments, options.trials)
+            if environments > options.trials:
+                raise shared.WrongUse(
+                    f"--environments must be at most --trials, the {options.trials} trials of each "
+                    f"unit, got {environments}"
+                )
+            units = Units(options.trials, environments, age)
+        for name in ("age", "environments"):
+            if not units and getattr(options, name) is not None:
+                raise shared.WrongUse(f"--{name} needs --units")
         return montecarlo.Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
 
 

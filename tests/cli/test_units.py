@@ -154,3 +154,22 @@ def test_requirements_are_verified_by_the_yield_at_both_ends_of_life(design, tmp
 def test_tolerances_need_units(capsys):
     assert main(["budget", "--tolerances"]) == 2
     assert "--tolerances needs --units" in capsys.readouterr().err
+
+
+def test_more_environments_than_trials_of_a_unit_are_refused(design, capsys):
+    command = ["montecarlo", str(design), "--units", "2", "--trials", "4", "--workers", "1"]
+    command += ["--fidelity", "covariance", "--environments"]
+    assert main([*command, "5"]) == 2
+    shown = capsys.readouterr().err
+    assert "--environments must be at most --trials, the 4 trials of each unit, got 5" in shown
+    assert main(["montecarlo", str(design), "--trials", "4", "--environments", "2"]) == 2
+    assert "--environments needs --units" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("asked", "met"), [(["--environments", "4"], 4), ([], 4)])
+def test_units_of_few_trials_have_an_environment_for_each(asked, met, design, tmp_path):
+    """By default, too, where there are fewer trials than the usual ten environments."""
+    command = ["montecarlo", str(design), "--units", "2", "--trials", "4", "--workers", "1"]
+    main([*command, "--fidelity", "covariance", "--out", str(tmp_path / "out"), *asked])
+    with Store(tmp_path / "out" / "campaign.sqlite") as store:
+        assert len(set(store.outcomes()["environment"])) == met
