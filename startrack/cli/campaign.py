@@ -1,19 +1,27 @@
 """What the commands on campaigns share: the design, the runner of its trials, and the folder."""
 
 import argparse
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from startrack.cli.options import WrongUse, as_wrong_use
-from startrack.cli.terminal import example, finite, print_message, print_result, read_campaign
+from startrack.cli.terminal import (
+    example,
+    finite,
+    print_message,
+    print_result,
+    progress,
+    read_campaign,
+)
 from startrack.core import Refused
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
 from startrack.io import regular_file, save_json, save_text
 from startrack.montecarlo import Certificates, Sampling, cluster, pool, warm
-from startrack.optimise import Ledger, TrialRunner
+from startrack.optimise import Ledger, Stage, TrialRunner
 from startrack.trial import require_fidelity
 
 LEDGER = "ledger.sqlite"
@@ -81,6 +89,21 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
                     warm(design.case, Sampling(fidelity))
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
         yield OpenCampaign(design.case, campaign, runner, options.out)
+
+
+@contextmanager
+def stages(title: str) -> Iterator[Callable[[Stage], None]]:
+    """A bar of the stages of a search; yields what shows one."""
+    with progress(title, 100) as advance:
+        done = 0.0
+
+        def show(stage: Stage) -> None:
+            nonlocal done
+            step, done = max(100 * stage.part - done, 0.0), max(100 * stage.part, done)
+            best = f", best {stage.best:.3g} arcsec" if math.isfinite(stage.best) else ""
+            advance(step, stage.name + best)
+
+        yield show
 
 
 def _imported() -> None:

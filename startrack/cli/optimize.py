@@ -9,8 +9,7 @@ from startrack.cli.options import Exit, Options, study, wanted
 
 if wanted(__name__):
     from startrack import optimise
-    from startrack.cli.campaign import open_campaign, write_study
-    from startrack.cli.terminal import progress
+    from startrack.cli.campaign import open_campaign, stages, write_study
     from startrack.design import Campaign, Design, Objective, save_design
     from startrack.metrics import summary_rows, to_json
     from startrack.plots import draw_convergence
@@ -29,15 +28,8 @@ def command(options: argparse.Namespace) -> int:
     """Write best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
     with (
         open_campaign(options, "optimising") as (case, campaign, runner, out),
-        progress("optimising", 100) as advance,
+        stages("optimising") as show,
     ):
-        done = 0.0
-
-        def show(stage: optimise.Stage) -> None:
-            nonlocal done
-            step, done = max(100 * stage.part - done, 0.0), max(100 * stage.part, done)
-            advance(step, f"{stage.name}, best {stage.best:.3g} arcsec")
-
         optimum = optimise.optimize(case, campaign, runner, watch_stage=show)
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"

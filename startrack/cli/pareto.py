@@ -9,8 +9,7 @@ from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, wa
 if wanted(__name__):
     import numpy as np
 
-    from startrack.cli.campaign import open_campaign, write_study
-    from startrack.cli.terminal import progress
+    from startrack.cli.campaign import open_campaign, stages, write_study
     from startrack.design import DesignSpace
     from startrack.metrics import markdown
     from startrack.optimise import UNITS, Goals, front
@@ -38,12 +37,10 @@ def command(options: argparse.Namespace) -> int:
         goals = Goals(options.first, options.second)
     with (
         open_campaign(options, "trading off goals of") as (case, campaign, runner, out),
-        progress("designs", options.points) as advance,
+        stages("trading off") as show,
     ):
         space = DesignSpace(case, campaign.variables, campaign.links)
-        points = front(
-            space, campaign, goals, runner, options.points, options.method, lambda _: advance(1)
-        )
+        points = front(space, campaign, goals, runner, options.points, options.method, show)
     units = [UNITS.get(goal, "arcsec") for goal in (goals.first, goals.second)]
     head = [
         name

@@ -9,6 +9,7 @@ from startrack.cli.options import Exit, Option, Options, power_of_two, study, wa
 
 if wanted(__name__):
     from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.terminal import progress
     from startrack.design import DesignSpace, Objective
     from startrack.metrics import Column, Table
     from startrack.optimise import Sensitivity, sensitivities, units_text
@@ -34,7 +35,9 @@ def command(options: argparse.Namespace) -> int:
     """Write sensitivity.md, tornado.png and result.json, all by the analytic budget."""
     with open_campaign(options, "computing the sensitivities of") as (case, campaign, runner, out):
         space = DesignSpace(case, campaign.variables, campaign.links)
-        studied = sensitivities(space, campaign, runner, options.designs)
+        count = 4 * len(space) + (options.designs if len(space) > 1 else 0)
+        with progress("forecasts", count) as advance:
+            studied = sensitivities(space, campaign, runner, options.designs, advance)
     over = campaign.over_units(case)
     objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
     shown = _table(studied, objective, space.labels())
@@ -54,12 +57,17 @@ def _table(variables: list[Sensitivity], objective: str, labels: dict[str, str])
             Column("high_arcsec", "", lambda row: row.high),
             Column("", f"{objective} at its bounds (arcsec)",
                    lambda row: f"{_text(row.low)} to {_text(row.high)}"),
-            Column("slope", "d ln error / d ln variable", lambda row: row.slope, form="+.2f"),
+            Column("slope", "", lambda row: row.slope),
+            Column("", "d ln error / d ln variable", lambda row: _slope(row.slope)),
             Column("first", "first-order index", lambda row: row.first, form=".2f"),
             Column("total", "total index", lambda row: row.total, form=".2f"),
         ],
         variables,
     )  # fmt: skip
+
+
+def _slope(slope: float) -> str:
+    return "none at zero" if math.isnan(slope) else f"{slope:+.2f}"
 
 
 def _text(error: float) -> str:

@@ -25,11 +25,12 @@ from startrack.optimise.evaluate import Foresight, evaluate, foresee
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.ledger import Ledger
-from startrack.optimise.optimise import Optimum, Stage, optimize
+from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
+from startrack.optimise.steps import Stage
 from startrack.optimise.tables import (
     chain_text,
     chain_values,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, Refused, Rows, arcsec
+from startrack.core import Advance, Floats, Refused, Rows, arcsec
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, Judged, Objective
 from startrack.metrics import Summary, summarise
 from startrack.optimise import forecast
@@ -224,6 +224,7 @@ def foresee_all(
     enough: float = math.inf,
     dear: float = DEAR,
     known: Mapping[str, Forecast] | None = None,
+    progress: Advance | None = None,
 ) -> list[Foresight]:
     """What is expected of several designs, each computed by a worker of a runner.
 
@@ -232,6 +233,7 @@ def foresee_all(
     enough  score, above which a design is not forecast in conditions without a weight
     dear    amount by which costs miss their limits, above which a design is not forecast
     known   what is expected in some conditions already, of a single design
+    progress  called with 1 for each design that a runner computes
     """
     cases = [_built(space, coordinates) for coordinates in points]
     seed = runner.seed if runner else seed
@@ -243,7 +245,7 @@ def foresee_all(
     keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
     held = {key: runner.ledger.note(FORECAST, key) for key in keys}
     new = {key: case for key, case in zip(keys, cases, strict=True) if key and not held[key]}
-    for key, found in zip(new, runner.map(one, new.values()), strict=True):
+    for key, found in zip(new, runner.map(one, new.values(), progress), strict=True):
         held[key] = found.text()
         if found.lasting:
             runner.ledger.keep_note(FORECAST, key, held[key])

@@ -17,6 +17,7 @@ from startrack.optimise.evaluate import Evaluation, evaluate, try_out
 from startrack.optimise.explore import Explorer, Landscape, landscape_of
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import FRESH, TrialRunner
+from startrack.optimise.steps import Stage
 from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
 from startrack.trial import OUTCOMES
 
@@ -73,23 +74,9 @@ class Optimum:
         return dict(sorted(short.items(), key=lambda one: -one[1]))
 
 
-class Stage(NamedTuple):
-    """How far an optimisation has come.
-
-    name  of what it does
-    part  1, of the time that all will take, as on the nanosatellite
-    best  arcsec, the objective of the best design so far, as expected; NaN before the first
-    """
-
-    name: str
-    part: float
-    best: float
-
-
 # Of the time, until forecasts and until trials of the search have ended: on the nanosatellite.
-FORECAST, TRIED = 0.4, 0.5
+FORECAST, TRIED = 0.7, 0.75
 FRESH_SETS = 3  # of fresh trials: of the start, of the best, and of the best at rest
-USUAL = 8  # forecasts per variable, as in most searches
 
 
 class _Progress:
@@ -102,7 +89,7 @@ class _Progress:
     def forecast(self, explorers: Mapping[str, Explorer]) -> None:
         """Report that designs were forecast."""
         count = sum(len(one.points) for one in explorers.values())
-        usual = sum(USUAL * len(one.space) for one in explorers.values())
+        usual = sum(steps.USUAL * len(one.space) for one in explorers.values())
         score = min(one.score for one in explorers.values())
         if math.isfinite(score):
             self._best = math.exp(score)

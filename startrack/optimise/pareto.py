@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from startrack.optimise.evaluate import Foresight, combined, foresee_all, missed
 from startrack.optimise.explore import WIDTH, Explorer
 from startrack.optimise.forecast import Forecast
 from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.steps import explore, feasible_start
+from startrack.optimise.steps import USUAL, Stage, explore, feasible_start
 from startrack.optimise.units import fresh_units, level_interval_of_units
 
 METHODS = ("epsilon", "weighted")
@@ -66,7 +67,7 @@ def front(
     runner: TrialRunner,
     points: int = 7,
     method: str = "epsilon",
-    watch: Callable[[Point], None] | None = None,
+    watch: Callable[[Stage], None] | None = None,
 ) -> list[Point]:
     """Pareto front of both goals by the analytic budget; trials then measure each point.
 
@@ -79,10 +80,11 @@ def front(
     Emulators of both goals, through the forecasts of an `Explorer`, propose all points at once;
     their forecasts improve the emulators, until none is new.
 
+    watch    called with how far it has come
     Returns  the points that are not dominated by the budget, in order of the first
     Raises    ValueError where no design in the design space meets the requirements.
-    Accuracy  model: the budget's; `measured` shows it, over units on twice as many fresh ones as
-              the budget has.
+    Accuracy  model: the budget's; `measured` shows it, over units on as many fresh ones as the
+              budget has.
     """
     whole(2, 1000, points=points)
     one_of(METHODS, method=method)
@@ -91,19 +93,33 @@ def front(
     start = feasible_start(space, campaign.requirements)
     if start.short:
         raise Refused("no design in the design space meets the requirements that need no trials")
-    search = _Search(space, campaign, goals, runner, start.coordinates)
+    told = _told(watch, (USUAL + ROUNDS) * len(space))
+    search = _Search(space, campaign, goals, runner, start.coordinates, told)
     for _ in range(ROUNDS):
         new = search.proposals(points, method)
         if not new:
             break
         search.explorer.forecast(new)
     result = []
-    for number in search.front(points, method):
+    numbers = search.front(points, method)
+    for number in numbers:
         coordinates, pair = search.explorer.points[number], search.pairs[number]
         result.append(_measured(space, campaign, goals, runner, coordinates, pair))
         if watch:
-            watch(result[-1])
+            part = FORECAST + (1 - FORECAST) * len(result) / len(numbers)
+            watch(Stage(f"{len(result)} of {len(numbers)} points tried", part, math.nan))
     return result
+
+
+def _told(watch: Callable[[Stage], None] | None, usual: int) -> Callable[[Explorer], None]:
+    """What an explorer calls after new forecasts, of which there are so many in most fronts."""
+
+    def tell(explorer: Explorer) -> None:
+        if watch:
+            count = len(explorer.points)
+            watch(Stage(f"{count} forecasts", FORECAST * min(count / usual, 1.0), math.nan))
+
+    return tell
 
 
 def _check_levels(goals: Goals, campaign: Campaign) -> None:
@@ -143,6 +159,7 @@ def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
 
 
 ROUNDS = 4  # of proposals for all points of a front; chosen by hand
+FORECAST = 0.7  # of the time, until all forecasts are made: on the nanosatellite
 
 
 class _Search:
@@ -153,13 +170,14 @@ class _Search:
 
     def __init__(
         self, space: DesignSpace, campaign: Campaign, goals: Goals, runner: TrialRunner,
-        start: Floats,
+        start: Floats, tell: Callable[[Explorer], None],
     ) -> None:  # fmt: skip
         self._space, self._goals, self._runner = space, (goals.first, goals.second), runner
         errors = [goal for goal in self._goals if goal not in UNITS]
         self._campaign = replace(campaign, objective=(errors or [campaign.objective])[0])
         self._known = list[Floats]()
         self.explorer = Explorer(space, self._campaign, runner)
+        self.explorer.watch = partial(tell, self.explorer)
         explore({"": self.explorer}, {"": start}, self._campaign)
 
     @property
@@ -259,7 +277,7 @@ def _measured(
 ) -> Point:
     judged = campaign.judged(space.design(coordinates))
     tried = {
-        one.name: fresh_units(one, campaign, runner, 2 * one.units.count)
+        one.name: fresh_units(one, campaign, runner, one.units.count)
         if one.units is not None
         else runner.run(one.case, campaign.most_trials, campaign.fidelity, FRESH)
         for one in judged

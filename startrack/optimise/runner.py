@@ -3,7 +3,7 @@
 import hashlib
 import math
 from collections.abc import Callable, Iterable
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -108,22 +108,33 @@ class TrialRunner:
     def _count(self, key: bytes, fidelity: Fidelity, trials: int) -> None:
         self._asked[key] = fidelity, max(trials, self._asked.get(key, (fidelity, 0))[1])
 
-    def map(self, call: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    def map(
+        self, call: Callable[[Item], Result], items: Iterable[Item], progress: Advance | None = None
+    ) -> list[Result]:
         """A pure function of each item, in the workers; what a worker's end loses, in this process.
 
-        Raises  what a call raises.
+        progress  called with 1 for each result
+        Raises    what a call raises.
         """
         every = list(items)
         if isinstance(self._executor, Serial):
-            return [call(one) for one in every]
-        futures = [self._executor.submit(call, one) for one in every]
+            found: Iterable[Result] = map(call, every)
+        else:
+            futures = [self._executor.submit(call, one) for one in every]
+            found = (self._result(*each, call) for each in zip(futures, every, strict=True))
         results = []
-        for one, future in zip(every, futures, strict=True):
-            try:
-                results.append(future.result())
-            except BrokenExecutor:
-                results.append(call(one))
+        for one in found:
+            results.append(one)
+            if progress:
+                progress(1)
         return results
+
+    @staticmethod
+    def _result(future: Future[Result], item: Item, call: Callable[[Item], Result]) -> Result:
+        try:
+            return future.result()
+        except BrokenExecutor:
+            return call(item)
 
     def recall(self, call: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """As `map`, of hashable items; the last results are kept."""

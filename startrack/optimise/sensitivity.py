@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from startrack.core import Floats, Refused, Streams, whole
-from startrack.design import Campaign, DesignSpace
+from startrack.core import Advance, Floats, Refused, Streams, whole
+from startrack.design import Campaign, DesignSpace, found_at
 from startrack.metrics import Interval
 from startrack.optimise.emulator import Emulator, emulator
 from startrack.optimise.evaluate import foresee_all
@@ -28,7 +28,7 @@ class Sensitivity:
     name       path in the case
     error      arcsec, at the design
     low, high  arcsec, with this variable alone at its bound; NaN where no attitude is found
-    slope      d ln(error) / d ln(variable) at the design; 0 where the variable is 0
+    slope      d ln(error) / d ln(variable) at the design; NaN where the variable is 0
     first      first-order Sobol index with its 95 % interval: fraction of the variance of ln(error)
                over the design space that is due to this variable alone
     total      total index: the fraction that would be left if all others were known
@@ -44,7 +44,11 @@ class Sensitivity:
 
 
 def sensitivities(
-    space: DesignSpace, campaign: Campaign, runner: TrialRunner, designs: int = DESIGNS
+    space: DesignSpace,
+    campaign: Campaign,
+    runner: TrialRunner,
+    designs: int = DESIGNS,
+    progress: Advance | None = None,
 ) -> list[Sensitivity]:
     """Derivatives at the design, excursions to the bounds, and Sobol indices over the space.
 
@@ -57,6 +61,7 @@ def sensitivities(
 
     runner   whose seed is that of the points and of the units
     designs  over the space, a power of two
+    progress  called with 1 for each of these, and of four for each variable
     Returns  in order of the variables; of one alone both indices are 1
     Raises    ValueError where the budget expects no attitude at the design, or nearly nowhere.
     Accuracy  model: the budget's; designs without an attitude count with the largest error.
@@ -65,34 +70,43 @@ def sensitivities(
     if designs & (designs - 1):
         raise Refused(f"designs must be a power of two, got {designs}")
     d, centre = len(space), space.start
-    near = [np.clip(centre[i] + step, 0, 1) for i in range(d) for step in (-STEP, STEP)]
-    moved = [_moved(centre, k // 2, float(at)) for k, at in enumerate(near)]
+    moved = [point for i in range(d) for point in _beside(space, centre, i)]
     ends = [_moved(centre, i, at) for i in range(d) for at in (0.0, 1.0)]
     over = _spread(d, designs, Streams(runner.seed, 0)("designs of the indices"))
     [here] = _log_errors(space, campaign, [centre], runner)
     if not math.isfinite(here):
         raise Refused("the design must be expected to find its attitude, it is not")
-    found = _log_errors(space, campaign, [*moved, *ends, *(over if d > 1 else [])], runner)
+    every = [*moved, *ends, *(over if d > 1 else [])]
+    found = _log_errors(space, campaign, every, runner, progress)
     step, end = found[: 2 * d].reshape(d, 2), np.exp(found[2 * d : 4 * d]).reshape(d, 2)
     fractions = (
         _indices(over, _filled(found[4 * d :])) if d > 1 else [(Interval(1.0, 1.0, 1.0),) * 2]
     )
     result = []
     for i, variable in enumerate(space.variables):
-        values = [space.values(point)[variable.name] for point in moved[2 * i : 2 * i + 2]]
-        slope = float(step[i, 1] - step[i, 0]) / (values[1] - values[0])
-        slope = slope * space.values(centre)[variable.name] + 0.0  # not -0
+        values = [
+            found_at(space.design(point), variable.name) for point in moved[2 * i : 2 * i + 2]
+        ]
+        value = found_at(space.case, variable.name)
+        slope = (
+            float(step[i, 1] - step[i, 0]) / (values[1] - values[0]) * value if value else math.nan
+        )
+        slope += 0.0  # not -0
         low, high = end[i].tolist()
         result.append(Sensitivity(variable.name, math.exp(here), low, high, slope, *fractions[i]))
     return result
 
 
 def _log_errors(
-    space: DesignSpace, campaign: Campaign, points: Sequence[Floats], runner: TrialRunner
+    space: DesignSpace,
+    campaign: Campaign,
+    points: Sequence[Floats],
+    runner: TrialRunner,
+    progress: Advance | None = None,
 ) -> Floats:
     """ln(error / arcsec) of designs, whatever they cost; NaN where no attitude is expected."""
     limits = -math.inf, math.inf  # in conditions with a weight alone
-    found = foresee_all(space, campaign, points, runner, runner.seed, *limits)
+    found = foresee_all(space, campaign, points, runner, runner.seed, *limits, progress=progress)
     return np.array([one.expected for one in found])
 
 
@@ -141,6 +155,19 @@ def _saltelli_jansen(f_a: Floats, f_b: Floats, f_ab: Floats) -> tuple[Floats, Fl
     first = np.mean(f_b * (f_ab - f_a), axis=-1) / variance
     total = 0.5 * np.mean((f_a - f_ab) ** 2, axis=-1) / variance
     return first.T, total.T
+
+
+def _beside(space: DesignSpace, centre: Floats, axis: int) -> tuple[Floats, Floats]:
+    """Designs below and above one along an axis, so far away that they differ: whole numbers."""
+    name = space.variables[axis].name
+    step, low, high = STEP, centre, centre
+    while found_at(space.design(low), name) == found_at(space.design(high), name):
+        low, high = (
+            _moved(centre, axis, float(np.clip(centre[axis] + side, 0, 1)))
+            for side in (-step, step)
+        )
+        step *= 2
+    return low, high
 
 
 def _moved(coordinates: Floats, axis: int, to: float) -> Floats:

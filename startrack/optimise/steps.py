@@ -23,7 +23,21 @@ from startrack.verification import cost_margins, counted
 from startrack.verification import margins as margins_of
 
 EMULATOR = "emulator"
+USUAL = 12  # forecasts per variable, as in most searches
 RIVAL = 0.1  # of ln(error), by which budgets of branches may be wrong; chosen by hand
+
+
+class Stage(NamedTuple):
+    """How far a search has come.
+
+    name  of what it does
+    part  1, of the time that all will take, as on the nanosatellite
+    best  arcsec, the objective of the best design so far, as expected; NaN before the first
+    """
+
+    name: str
+    part: float
+    best: float
 
 
 def explore(

@@ -20,8 +20,13 @@ def test_accuracy_is_paid_for_in_mass(small, method):
         small.campaign, variables=small.campaign.variables[:2], analytic_evaluations=30
     )
     space = DesignSpace(small.case, campaign.variables)
-    points = front(space, campaign, Goals("across", "mass"), TrialRunner(1), 4, method)
+    stages = []
+    goals, runner = Goals("across", "mass"), TrialRunner(1)
+    points = front(space, campaign, goals, runner, 4, method, stages.append)
     assert len(points) >= 3
+    parts = [stage.part for stage in stages]
+    assert parts == sorted(parts)
+    assert parts[-1] == 1
     across, mass = np.transpose([one.expected for one in points])
     assert (np.diff(across) > 0).all()
     assert (np.diff(mass) < 0).all()

@@ -15,7 +15,7 @@ from startrack.optimise.sensitivity import sensitivities
 def by_law(monkeypatch, law):
     """Forecast designs by a law of their case, radian."""
 
-    def forecast(space, _, points, *__):
+    def forecast(space, _, points, *__, **___):
         return [Foresight(math.log(law(space.design(one)) / arcsec), {}) for one in points]
 
     monkeypatch.setattr(module, "foresee_all", forecast)
@@ -60,8 +60,23 @@ def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
     space = DesignSpace(quiet, (Variable(name, "0 electron", "20 electron"),))
     (one,) = sensitivities(space, small.campaign, TrialRunner(1), designs=2)
     assert one.first.value == one.total.value == 1
-    assert one.slope == 0
+    assert math.isnan(one.slope)
     assert one.low == one.error
+
+
+def test_whole_numbers_have_a_slope_between_two_of_them(small, monkeypatch):
+    """A hundredth of the range moves a number of stars by less than one."""
+    name = "tracker.detection.max_spots"
+    space = DesignSpace(small.case, (Variable(name, 95, 105),))
+    by_law(monkeypatch, lambda case: 1 / case.tracker.detection.max_spots)
+    (one,) = sensitivities(space, small.campaign, TrialRunner(1), designs=2)
+    assert one.slope == pytest.approx(-1, abs=0.05)
+
+
+def test_each_design_is_reported(small):
+    space, done = DesignSpace(small.case, small.campaign.variables[:2]), []
+    sensitivities(space, small.campaign, TrialRunner(1), 8, done.append)
+    assert sum(done) == 4 * 2 + 8
 
 
 def test_base_designs_that_are_no_power_of_two_are_refused(small):
