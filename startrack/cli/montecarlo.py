@@ -321,8 +321,8 @@ def _required(
         if math.isfinite(bounds.low) and not math.isfinite(bounds.high):
             shown = f"{bounds.value / arcsec:.3f}, at least {bounds.low / arcsec:.3f} (too few "
             shown += "trials for an upper bound)"
-        before = (summary.about if about else summary.across).value
-        if needs.confidence == SHOWN and math.isfinite(bounds.high) and bounds.value == before:
+        same = claim.accuracy.objective.rms_per_axis and claim.sky == "whole"
+        if same and needs.confidence == SHOWN and math.isfinite(bounds.high):
             summary = replace(summary, about=bounds) if about else replace(summary, across=bounds)
             shown = f"{bounds.value / arcsec:.3f} with the interval above ({HALL})"
         required[claim.name] = {

@@ -93,6 +93,11 @@ class Objective:
         """Whether it is a level of the errors about several single axes."""
         return self.fraction is not None and not self.radial and self.axes != "about"
 
+    @property
+    def rms_per_axis(self) -> bool:
+        """Whether it is the root mean square of the errors about single axes."""
+        return self.fraction is None and not (self.radial and len(self.summed) > 1)
+
     def of(self, squares: Floats) -> Floats:
         """Radian, over the last axis of squares (two for a level per axis); NaN without any."""
         axes = len(AXES[self.axes])

@@ -3,9 +3,15 @@
 import dataclasses
 import json
 
+import numpy as np
+
 from startrack.cli.main import main
+from startrack.cli.montecarlo import _required
 from startrack.core import arcsec, deg
-from startrack.design import Condition, Design, save_design
+from startrack.design import Condition, Design, Requirements, save_design
+from startrack.metrics import summarise
+from startrack.montecarlo import Sampling
+from startrack.trial import OUTCOMES
 
 
 def test_conditions_that_are_not_run_are_named_beside_the_requirement(small, tmp_path, capsys):
@@ -42,3 +48,45 @@ def test_an_rms_that_is_limited_has_one_interval(small, tmp_path, capsys):
     text = capsys.readouterr().out
     assert "too few trials for an upper bound" in text
     assert "inf]" not in text
+
+
+def _verdict(needs, x, solved):
+    """The summary and the lines of trials with errors x about the first two axes."""
+    outcomes = np.zeros(len(x), OUTCOMES)
+    outcomes["trial"], outcomes["solved"] = np.arange(len(x)), solved
+    outcomes["error_x"] = outcomes["error_y"] = outcomes["error_z"] = x
+    before = summarise(outcomes)
+    summary, _, lines = _required(needs, outcomes, Sampling(), 1, [], before)
+    return before, summary, lines
+
+
+def test_an_rms_beside_trials_without_attitude_has_the_interval_of_the_verdict():
+    """Sums with and without the failed trials differ in their last digit for many numbers."""
+    rng = np.random.default_rng(1)
+    needs = Requirements(max_across=60 * arcsec, max_about=60 * arcsec)
+    for kind in ("per axis", "radial"):
+        for _ in range(20):
+            before, summary, lines = _verdict(
+                dataclasses.replace(needs, kind=kind), rng.normal(0, 1e-5, 999),
+                rng.random(999) < 0.9,
+            )  # fmt: skip
+            assert (summary.across != before.across) == (kind == "per axis")
+            assert summary.about != before.about
+            assert ["Hall" in line for line in lines] == [kind == "per axis", True]
+
+
+def test_a_level_that_happens_to_equal_the_rms_is_none():
+    needs = Requirements(
+        max_across=60 * arcsec, max_about=60 * arcsec, level="90 %", kind="per axis"
+    )
+    before, summary, lines = _verdict(needs, np.full(100, 1e-5), np.ones(100, bool))
+    assert summary == before
+    assert not any("Hall" in line for line in lines)
+
+
+def test_an_rms_in_the_worst_region_is_not_that_of_the_summary():
+    rng = np.random.default_rng(2)
+    needs = Requirements(max_across=60 * arcsec, sky="worst")
+    before, summary, lines = _verdict(needs, rng.normal(0, 1e-5, 500), np.ones(500, bool))
+    assert summary == before
+    assert "Hall" not in lines[0]
