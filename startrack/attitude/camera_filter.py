@@ -22,16 +22,17 @@ EVERY: Ints = np.arange(COUNT)
 class CameraFilter(Parameters):
     """A calibration in flight, frame by frame: what is known before, and how the camera changes.
 
-    Random walks are of the square root of the time; slopes are by the temperature. A map of what
-    the distortion leaves has nodes that span the frame evenly, with straight lines between them.
+    Random walks are of the square root of the time; slopes are by the temperature that
+    `after_frame` is told. A map of what the distortion leaves has nodes that span the frame evenly,
+    with straight lines between them.
     """
 
     prior: Annotated[Calibration, "standard deviations at the begin"] = field(
         default_factory=Calibration
     )
-    focal_length_walk: Annotated[float, core.Unit("1/s(1/2)"), NON_NEGATIVE, "relative"] = 0.0
+    focal_length_walk: Annotated[float, core.Unit("s(-1/2)"), NON_NEGATIVE, "relative"] = 0.0
     principal_walk: Annotated[float, NON_NEGATIVE, "pixel / second^(1/2), along each axis"] = 0.0
-    focal_length_slope: Annotated[float, core.Unit("1/K"), NON_NEGATIVE,
+    focal_length_slope: Annotated[float, core.Unit("K-1"), NON_NEGATIVE,
         "relative, standard deviation at the begin"] = 0.0  # fmt: skip
     principal_slope: Annotated[float, NON_NEGATIVE,
         "pixel / kelvin along each axis, standard deviation at the begin"] = 0.0  # fmt: skip

@@ -70,6 +70,12 @@ class Sequence(Parameters):
         super().__post_init__()
         if not self.legs:
             raise Refused("legs must hold at least one leg, got none")
+        if self.camera and (self.camera.focal_length_slope or self.camera.principal_slope):
+            raise Refused(
+                "camera.focal_length_slope and camera.principal_slope must be 0 in a sequence, "
+                f"which has one temperature, got {self.camera.focal_length_slope:g} / K and "
+                f"{self.camera.principal_slope:g}"
+            )
 
     @property
     def duration(self) -> float:

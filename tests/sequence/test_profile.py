@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec, deg
 from startrack.motion import Broadband, Motion, Tone, trace
-from startrack.sequence import Gyro, Leg, Sequence
+from startrack.sequence import Gyro, Leg, Sequence, load_sequence
 from startrack.sequence.flight import attitudes, flight, gyro_rates
 
 LEGS = (Leg(2.0, 3 * deg, -1 * deg, 5 * deg), Leg(1.5, -8 * deg, 0.0, 2 * deg), Leg(4.0))
@@ -106,3 +106,18 @@ def test_the_gyroscope_integrates_to_the_turn_plus_its_noise(shaken):
 def test_impossible_sequences_are_refused(shaken, legs, period, sentence):
     with pytest.raises(ValueError, match=sentence):
         flight(shaken, Sequence(legs, period), START, Streams(1, 0))
+
+
+def test_a_camera_that_walks_is_read_and_slopes_over_temperature_are_refused(tmp_path):
+    """A unit is written as the refusal of a number without one names it."""
+    path = tmp_path / "slew.toml"
+    text = '[[legs]]\nduration = "2 s"\n[camera]\n'
+    path.write_text(text + "focal_length_walk = 1e-6\n")
+    with pytest.raises(ValueError, match=r"must have a unit, such as '1 s\(-1/2\)'"):
+        load_sequence(path)
+    path.write_text(text + 'focal_length_walk = "1e-6 s(-1/2)"\n')
+    assert load_sequence(path).camera.focal_length_walk == 1e-6
+    for slope in ('focal_length_slope = "5e-5 K-1"', "principal_slope = 0.05"):
+        path.write_text(f"{text}{slope}\n")
+        with pytest.raises(ValueError, match=r"camera\.focal_length_slope .* has one temperature"):
+            load_sequence(path)
