@@ -70,14 +70,18 @@ class CameraCalibration(Parameters):
     tangential: Annotated[bool, "whether p1 and p2 are fitted too"] = False
     map: Annotated[int, Range(0, 9),
         "nodes along each side of a table of displacements, to which what the polynomial leaves "
-        "is fitted, with straight lines between them; 0: none"] = 0  # fmt: skip
+        "is fitted, with straight lines between them; 0: none; 1, a shift of all, is none, too: "
+        "it is the principal point"] = 0  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.order not in ORDERS:
             raise Refused(f"order must be 1, 3, 5 or 7, got {self.order}")
-        if self.map == 1:
-            raise Refused("map must be 0 or at least 2, got 1")
+
+    @property
+    def nodes(self) -> int:
+        """Along each side of the map; 0 where there is none."""
+        return self.map if self.map > 1 else 0
 
 
 class Fidelity(StrEnum):

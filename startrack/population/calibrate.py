@@ -81,7 +81,7 @@ def _mapped(
 
     At the places of the calibration, measured with noise of their own.
     """
-    if not settings.map:
+    if not settings.nodes:
         return model
     random = streams("map of the camera")
     if settings.place == "ground":
@@ -92,7 +92,7 @@ def _mapped(
     turn = alignment(camera, model)
     seen = pixel + settings.noise * random.standard_normal(pixel.shape)
     left = seen - model.project(turn.apply(_shown(camera, pixel, settings, random)))
-    weight = core.map_weights(camera.columns, camera.rows, pixel, settings.map)
+    weight = core.map_weights(camera.columns, camera.rows, pixel, settings.nodes)
     normal = weight.T @ weight
     normal += FEW * np.trace(normal) / len(normal) * np.eye(len(normal))
     node: Floats = np.linalg.solve(normal, weight.T @ left).astype(np.float64)

@@ -219,14 +219,14 @@ def systematic_variance(case: Case) -> Floats:
 def _map_noise(design: Case) -> float:
     """Pixel^2, variance of a map of the camera by the noise of its calibration."""
     calibration = design.tracker.calibration
-    if calibration is None or not calibration.map:
+    if calibration is None or not calibration.nodes:
         return 0.0
     ground = calibration.place == "ground"
     places = calibration.positions if ground else calibration.frames * calibration.stars
     noise = calibration.noise**2
     if ground:
         noise += (calibration.direction * design.believed_camera.focal_length_px) ** 2
-    return noise * calibration.map**2 / places
+    return noise * calibration.nodes**2 / places
 
 
 def _residual_law(design: Case) -> Floats:
@@ -241,7 +241,7 @@ def _residual_law(design: Case) -> Floats:
         instrument.detector.pitch,
         calibration.order if calibration else 0,
         calibration.tangential if calibration else False,
-        calibration.map if calibration else 0,
+        calibration.nodes if calibration else 0,
     )
 
 

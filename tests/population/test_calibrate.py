@@ -113,7 +113,7 @@ def residuals_left(settings, residual=LENS, find=drawn, units=20):
         field = replace(residual, seed=number).field(design, optics, pitch)
         camera = replace(design, residual=field)
         left.append(left_over(camera, find(camera, design, settings, Streams(5, number))))
-    law = residual.law(design, optics, pitch, settings.order, settings.tangential, settings.map)
+    law = residual.law(design, optics, pitch, settings.order, settings.tangential, settings.nodes)
     return rms(left), float(np.sqrt((law**2).sum(axis=-1).mean()))
 
 
@@ -143,3 +143,11 @@ def test_a_map_takes_up_what_a_polynomial_leaves_run_or_drawn():
 def test_a_map_of_few_positions_is_worse_than_none():
     few = CameraCalibration(positions=16, noise=0.3)
     assert residuals_left(replace(few, map=9))[0] > residuals_left(few)[0]
+
+
+@pytest.mark.parametrize("find", [drawn, calibrated])
+def test_a_map_of_one_node_is_none(find):
+    plain = CameraCalibration(positions=50)
+    assert residuals_left(replace(plain, map=1), find=find, units=2) == residuals_left(
+        plain, find=find, units=2
+    )
