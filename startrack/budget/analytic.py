@@ -56,7 +56,8 @@ def response(case: Case) -> Measured:
     pattern = trial.dark_pattern(case) if has_hot_pixels(case) else None
     even = trial.with_uniform_dark(case) if pattern else case
     star = trial.errors(even)
-    hot = hot_stars(case, even, star) if pattern else None
+    # Where dark signal fills the converter no star is measured, and none is moved.
+    hot = hot_stars(case, even, star) if pattern and _variance(star.stated).all() else None
     search = hot and hot.search
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
     if case.instrument.optics.tabulated:

@@ -255,6 +255,16 @@ def test_a_damaged_detector_loses_stars_as_in_windows():
     assert "40 of 100 spots are hot pixels" in next(of_false_spots(case, 40.0))
 
 
+def test_dark_signal_that_fills_the_converter_leaves_no_star():
+    """20000 electron of the full well in 80 ms; a frame finds nothing either."""
+    case = hot("noise_only.toml", "instrument.detector.defects.hot=0.01",
+               "instrument.detector.defects.hot_current=1000 electron / s",
+               "instrument.detector.dark_current=250000 electron / s")  # fmt: skip
+    assert run_random_trial(case, 1, 0).stars == 0
+    with pytest.raises(ValueError, match="must see enough stars somewhere in the sky"):
+        analytic(case)
+
+
 def test_a_hot_pixel_that_a_map_subtracts_moves_no_star():
     changes = ("instrument.detector.defects.hot=0.001",
                "instrument.detector.defects.hot_current=4000 electron / s")  # fmt: skip
