@@ -5,11 +5,11 @@ counts lens, jitter, units and years gain over it?
 
 Two designs, step by step in the worlds that lie between catalogs/designs/noise_only.toml and
 nanosatellite.toml, by the analytic budget: `OLD`, the optimum of the former, and the best design of
-`startrack optimize` on the latter (--best; default: `NEW`, that of seed 1). What an optimum did not
-choose in its world is chosen here, the best of some values: the blur of an Airy PSF, the defocus of
-the old lens; what is not in a world (calibration, structure) is left out there. Errors are across,
-arcsec: the rms of the unit as designed, and with units the rms that 95 % of `UNITS` units do not
-exceed at the end of life, which `on_units` gives by frames, too.
+`startrack optimize` on the latter (--best; default: `NEW`, of an earlier search). What an optimum
+did not choose in its world is chosen here, the best of some values: the blur of an Airy PSF, the
+defocus of the old lens; what is not in a world (calibration, structure) is left out there. Errors
+are across, arcsec: the rms of the unit as designed, and with units the rms that 95 % of `UNITS`
+units do not exceed at the end of life, which `on_units` gives by frames, too.
 Under --quick there is no lens.
 """
 
