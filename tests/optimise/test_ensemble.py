@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from startrack.optimise.ensemble import Chains, Ensembles, draw
 from startrack.optimise.ledger import Ledger
@@ -123,3 +123,23 @@ def test_r_hat_of_independent_halves_is_one():
     samples = np.random.default_rng(1).normal(size=(4, 1000, 10, 1))
     r_hat = Chains(samples, 0.5, np.ones(1)).split_r_hat[0]
     assert r_hat**2 - 1 < stats.chi2.isf(1e-3, 7) / 7 / 5000
+
+
+@pytest.mark.slow
+def test_a_corner_between_limits_of_eight_variables_is_left():
+    """A wedge of the first two variables, whose middle is known by its symmetry: 0 of the first."""
+
+    def log_probability(x):
+        across, along = x[:, 0], 0.5 * x[:, 1]
+        inside = special.log_ndtr((0.3 - 0.2 * np.abs(x).sum(axis=1)) / 0.01)
+        inside += special.log_ndtr((0.02 - across - along) / 5e-4)
+        inside += special.log_ndtr((0.02 + across - along) / 5e-4)
+        return np.where((np.abs(x) <= 1).all(axis=1), inside, -np.inf)
+
+    def start(rng, n):
+        return 0.3 * rng.uniform(-1, 1, (n, 8))
+
+    found = draw(log_probability, start, 1, Ensembles(most_steps=4000))
+    assert found.converged, found.reason_unconverged
+    first = found.flat[:, 0]
+    assert abs(first.mean()) < 4 * first.std() / np.sqrt(found.effective[0])
