@@ -227,11 +227,17 @@ def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
                 axes, f"changes it by less than {100 * SAME:g} %", (variable.error, y), (6, 0)
             )
         lost = [name for name, value in ends.items() if not math.isfinite(value)]
-        for name, value in ends.items():
-            if math.isfinite(value) and abs(value / variable.error - 1) > SAME:
-                off, side = (-4, "right") if value < variable.error else (4, "left")
-                text = f"{name}: {style.number(value)}"
-                style.note(axes, text, (value, y), (off, 0), ha=side)
+        moved = {
+            name: value for name, value in ends.items()
+            if math.isfinite(value) and abs(value / variable.error - 1) > SAME
+        }  # fmt: skip
+        for better in (True, False):  # both ends may lie on one side of the design
+            there = {n: value for n, value in moved.items() if (value < variable.error) == better}
+            if there:
+                text = ", ".join(f"{name}: {style.number(value)}" for name, value in there.items())
+                far = min(there.values()) if better else max(there.values())
+                off, side = (-4, "right") if better else (4, "left")
+                style.note(axes, text, (far, y), (off, 0), ha=side)
         if lost:
             text = f"no attitude at its {' and '.join(lost)} bound"
             style.note(axes, text, (max(finite), y), (4, -9), color=style.RED, path_effects=[])

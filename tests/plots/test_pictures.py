@@ -439,6 +439,17 @@ def test_a_bound_without_an_attitude_is_named(drawn):
         assert word in read, word
 
 
+def test_two_bounds_on_one_side_of_the_design_are_written_beside_each_other(drawn):
+    index = Interval(0.4, 0.3, 0.5)
+    found = [
+        Sensitivity("instrument.optics.f_number", 5.25, 5.54, 5.69, 0.0, index, index),
+        Sensitivity("tracker.detection.max_spots", 5.25, 5.0, 4.9, 0.0, index, index),
+    ]
+    figure, _ = drawn(draw_tornado, found, "rms error across")
+    at = {text.get_text(): text.xy[0] for text in figure.axes[0].texts}
+    assert at == {"low: 5.54, high: 5.69": 5.69, "low: 5.00, high: 4.90": 4.9}
+
+
 def test_a_narrow_distribution_has_no_offset(drawn):
     """A focal length that is known to a millionth."""
     random = np.random.default_rng(1)
