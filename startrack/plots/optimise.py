@@ -52,7 +52,7 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     ):
         axes.plot(number_of[chosen], errors[chosen], marker, ms=4.5, color=colour,
                   label=f"{label} ({chosen.sum()})")  # fmt: skip
-    so_far = _best_so_far(np.where(feasible & solved, errors, np.inf), optimum)
+    so_far = _best_so_far(_counted_errors(optimum), optimum)
     axes.step(number_of, np.where(np.isfinite(so_far), so_far, np.nan), where="post",
               color=style.GREEN, lw=1.2, label="best so far with as many trials")  # fmt: skip
     if not solved.all():
@@ -82,6 +82,14 @@ def _forecasts(axes: Axes, optimum: Optimum) -> None:
     for chosen, face, label in ((met, style.GREY, "meets"), (~met, "none", "misses")):
         axes.plot(number_of[chosen], error[chosen], "o", ms=3, color=style.GREY, mfc=face,
                   label=f"forecast, {label} the requirements ({chosen.sum()})")  # fmt: skip
+
+
+def _counted_errors(optimum: Optimum) -> Floats:
+    """Arcsec (n,) of the evaluations; infinite where a requirement is missed, or none is solved."""
+    return np.array([
+        one.error / arcsec if one.feasible and math.isfinite(one.error) else math.inf
+        for one in optimum.evaluations
+    ])  # fmt: skip
 
 
 def _best_so_far(errors: Floats, optimum: Optimum) -> Floats:
@@ -166,20 +174,12 @@ def _best_numbers(optimum: Optimum) -> Ints:
 
     The best of forecasts is not compared with trials, nor one with fewer trials.
     """
-    best, least, found = 0, math.inf, optimum.landscape
-    numbers = list[int]()
-    for value, met in zip(found.expected, found.met, strict=True) if found else ():
-        if met and value < least:
-            best, least = len(numbers), value
-        numbers.append(best)
-    trials = 0
-    for one in optimum.evaluations:
-        if one.trials not in (0, trials):
-            least, trials = math.inf, one.trials
-        if one.feasible and one.error < least:
-            best, least = len(numbers), one.error
-        numbers.append(best)
-    return np.array(numbers)
+    found, tried = optimum.landscape, _counted_errors(optimum)
+    forecast = np.where(found.met, found.expected, np.inf) if found else np.empty(0)
+    values = np.concatenate([forecast, tried])
+    least = np.concatenate([np.fmin.accumulate(forecast), _best_so_far(tried, optimum)])
+    best = (values == least) & np.isfinite(values)
+    return np.maximum.accumulate(np.where(best, np.arange(len(values)), 0))
 
 
 @style.styled
