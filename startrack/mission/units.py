@@ -26,6 +26,7 @@ ECCENTRICITY, PERIHELION, YEAR = (
 SHARED = (Term.BIAS, Term.THERMO_ELASTIC)  # terms that are not drawn anew with time
 LEAST_SQUARE = 1e-18  # radian^2, of a bias: 0.0002 arcsec
 FIELDS = 64  # of the budget of each unit
+PRINCIPAL = "instrument.optics.principal_x"
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,12 +228,18 @@ def _designed(case: Case) -> Floats:
 
 
 def turns_of(case: Case) -> Floats:
-    """Turn (3, 5) of the camera by each load, radian; none without a structure."""
+    """Turn (3, 5) of the camera by each load, radian; none without a structure.
+
+    A detector that moves in its plane turns the sky as the camera does: the principal point is
+    elsewhere than its tracker takes it to be.
+    """
     structure, instrument = case.instrument.structure, case.instrument
     if structure is None:
         return np.zeros((3, 5))
-    found = structure.responses(instrument.optics, instrument.detector.pitch)
-    return np.array([found.get(name, np.zeros(5)) for name in TURNS])
+    pitch, none = instrument.detector.pitch, np.zeros(5)
+    found = structure.responses(instrument.optics, pitch)
+    shift = found.get(PRINCIPAL, none) * pitch / instrument.optics.focal_length
+    return np.array([found.get(name, none) for name in TURNS]) - [none, shift, none]
 
 
 def turned_by_heat(

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Refused, arcsec
-from startrack.design import load_design
+from startrack.design import Fidelity, load_design
 from startrack.io import shipped
 from startrack.mission import fly_units, load_mission, plan_of
 from startrack.mission import units as of_units
@@ -17,6 +17,7 @@ from startrack.mission.fusion import fuse
 from startrack.mission.surrogate import COLUMNS, ROWS, Surrogate
 from startrack.mission.units import temperatures_of
 from startrack.space import Heat, warmth
+from startrack.trial import run_trials
 
 STRUCTURE = """
 [instrument.structure]
@@ -123,6 +124,25 @@ def test_drawn_units_are_those_of_the_budget(tmp_path):
     structure = plan.loaded.designs[0].case.instrument.structure
     swings = structure.swings(plan.loaded.designs[0].case.instrument.optics)
     np.testing.assert_allclose(fleet.swing[0], swings, rtol=0.05)
+
+
+def test_a_detector_that_moves_turns_the_sky_as_in_trials():
+    """Trials with the principal point where 10 K put it, beside the turn of a mission."""
+    structure = 'instrument.structure={material="aluminium", detector_offset="5 mm"}'
+    case = load_design(shipped("designs/noise_only.toml"), [structure]).case
+    instrument, optics = case.instrument, case.instrument.optics
+    moved = instrument.structure.responses(optics, instrument.detector.pitch)
+    pixel = 10 * float(moved["instrument.optics.principal_x"][0])
+    true = replace(instrument, structure=None, optics=replace(optics, principal_x=pixel))
+    still = replace(case, instrument=replace(instrument, structure=None))
+    knowing = replace(case.tracker, camera=still.instrument.camera)
+    errors = []
+    for trial in (still, replace(case, instrument=true, tracker=knowing)):
+        table = run_trials(trial, 1, range(20), Fidelity.COVARIANCE)
+        errors.append([table[f"error_{axis}"].mean() for axis in "xyz"])
+    turned = -of_units.turns_of(case) @ [10.0, 0, 0, 0, 0]
+    assert abs(turned[1]) > 2 * arcsec
+    np.testing.assert_allclose(np.diff(errors, axis=0)[0, :2], turned[:2], atol=0.05 * arcsec)
 
 
 def test_units_that_do_not_differ_are_refused(tmp_path):
