@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from startrack.core import Floats, Refused, Rows, arcsec, html_table, short_text
 from startrack.design import Case
 from startrack.metrics import Interpretation, level
-from startrack.trial import METHOD, READ, SHOT, Effect, Term, present
+from startrack.trial import METHOD, READ, SHOT, Term, present
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,9 @@ ALWAYS = ((SHOT, Term.NOISE), (READ, Term.NOISE), (METHOD, Term.PIXEL), (NEIGHBO
 
 def causes(case: Case) -> tuple[Cause, ...]:
     """The causes that a case has, from pixels to the spacecraft, except those of all cases."""
-    return causes_among(case, lambda _: True)
-
-
-def causes_among(case: Case, among: Callable[[Effect], bool]) -> tuple[Cause, ...]:
-    """`causes`, of which some are looked for."""
     return tuple(
         Cause(effect.cause, effect.term, effect.without)
-        for effect in present("cause", case, among)
+        for effect in present("cause", case)
         if effect.without
     )
 

@@ -10,7 +10,7 @@ import scipy
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from startrack.catalog import Selection, Sky
+from startrack.catalog import Selection, Sky, open_sky
 from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, kernel, local_weights
 from startrack.trial import index_resolution, rotations_from_cube, separated
 
@@ -60,10 +60,14 @@ def _fields(
     spread: Callable[[int], Rotation],
     count: int,
 ) -> Fields:
-    stars = separated(selection, resolution)
+    stars, whole = separated(selection, resolution), open_sky(selection)
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
-    found = stars.sky.cones(boresight, radius)
+    # Those of the whole sky are found, which is in order already for all resolutions.
+    place = np.full(len(whole), -1)
+    place[stars.name] = np.arange(len(stars.name))
+    near = (place[one] for one in whole.cones(boresight, radius + resolution))
+    found = [np.sort(one[one >= 0]) for one in near]
     field = np.repeat(np.arange(count), [len(one) for one in found])
     seen = [
         one.apply(stars.sky.stars.direction[star]) if len(star) else np.empty((0, 3))

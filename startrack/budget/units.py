@@ -11,18 +11,24 @@ import numpy as np
 
 from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
-from startrack.budget.budget import Law, Line, Term, causes_among
+from startrack.budget.budget import Cause, Law, Line, Term
 from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
 from startrack.core import Advance, Floats, Refused, whole
 from startrack.design import Case, Moment, Scope, turning, unchecked
 from startrack.metrics import Interpretation
 from startrack.population import middle_of, of_places, placed, unit_of
+from startrack.trial import EFFECTS
 
 CAMERA_MODEL = "camera model"
 OF_THE_CAMERA = (CAMERA_MODEL, "mounting")  # calibrated together, so that parts of them cancel
-# Terms of the errors, besides those of the camera, that are a unit's own.
+# Terms of the errors, besides those of the camera, that are a unit's own; and their causes.
 TURNED = (Term.THERMO_ELASTIC, Term.MEASUREMENT_DATE)
+TURNS = tuple(
+    Cause(effect.cause, effect.term, effect.without)
+    for effect in EFFECTS
+    if effect.without and effect.term in TURNED
+)
 FIELDS = 64  # of each unit in each environment
 ENVIRONMENTS = 3  # of each unit
 
@@ -226,25 +232,23 @@ class _Middle(NamedTuple):
         unit = unchecked(unit, {"instrument.motion": self.unit.instrument.motion})
         weight = self.shared.weight
         lines, none = list(self.shared.lines), np.zeros((len(weight), 3))
-        if moved is not None:
-            mean = np.tensordot(self.answer, moved, 2).T
-            lines.append(Line(CAMERA_MODEL, Term.FIELD, Law(mean, none, weight)))
-        for cause in causes_among(unit, lambda effect: effect.term in TURNED):
-            if of_all := of_the_camera(unit, cause):
+        mean = np.tensordot(self.answer, moved, 2).T
+        lines.append(Line(CAMERA_MODEL, Term.FIELD, Law(mean, none, weight)))
+        for cause in TURNS:
+            of_all = of_the_camera(unit, cause)
+            if of_all and np.any(of_all):
                 mean, sigma = (none + each for each in of_all)
                 lines.append(Line(cause.name, cause.term, Law(mean, sigma, weight)))
         return self.shared._replace(lines=tuple(lines))
 
 
 @lru_cache(maxsize=128)
-def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case, Floats | None]:
+def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case, Floats]:
     """A unit at a moment, and the displacements (2, LATTICE^2) pixel of its stars over the frame.
 
     Kept for the 128 last, because the conditions of a design differ in motion alone.
     """
     unit = placed(case, like, seed, moment)
-    if not causes_among(unit, lambda effect: effect.cause in OF_THE_CAMERA):
-        return unit, None
     # What the calibration of the mounting takes off is taken off first: a shift of the principal
     # point is hundreds of arcseconds, of which a thousandth would count.
     turn = unit.believed_mounting.camera_to_body().inv()

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Camera, Floats, Ints, Refused, kept, node_places
+from startrack.core import Camera, Floats, Ints, Refused, node_places
 from startrack.optics.lens_family import family_surfaces, open_family
 from startrack.optics.lens_table import lens_path, open_lens
 from startrack.optics.parameters import Optics
@@ -42,29 +42,44 @@ def element_slopes(optics: Optics, family: str, camera: Camera) -> ElementSlopes
               slopes are those of that; no vignetting. numerical: 1e-4 of the slopes. Chief rays of
               elements off by 20 um and 1 arcmin move as those of optiland within 2 % and 0.05 um.
     """
+    return slopes_of(built_lens(optics, family, camera))
+
+
+class BuiltLens(NamedTuple):
+    """A lens and a camera to three digits, so that all units of a design share their slopes.
+
+    changed  nanosecond, time at which the file was
+    """
+
+    file: str
+    changed: int
+    family: str
+    focal_length: float
+    f_number: float
+    camera: Camera
+
+
+def built_lens(optics: Optics, family: str, camera: Camera) -> BuiltLens:
+    """The lens of `element_slopes`, with these arguments."""
     size, f_number = (float(f"{value:.3g}") for value in (optics.focal_length, optics.f_number))
     name = optics.lens_family or ("" if optics.lens_file else family)
-    focal = float(f"{camera.focal_length_px:.3g}")
+    alike = Camera(camera.columns, camera.rows, float(f"{camera.focal_length_px:.3g}"))
     file = optics.lens_file
     changed = lens_path(file).stat().st_mtime_ns if file else 0
-    return _slopes(file, changed, name, size, f_number, camera.columns, camera.rows, focal)
+    return BuiltLens(file, changed, name, size, f_number, alike)
 
 
-@kept(8)
-def _slopes(
-    file: str, changed: int, family: str, focal_length: float, f_number: float, columns: int,
-    rows: int, focal_length_px: float,
-) -> ElementSlopes:  # fmt: skip
-    """Kept by the time at which the file was `changed`, too; nanosecond."""
-    surfaces = _surfaces(file, family, focal_length, f_number)
-    camera = Camera(columns, rows, focal_length_px)
-    direction = camera.unproject(node_places(columns, rows))
+def slopes_of(lens: BuiltLens) -> ElementSlopes:
+    """`element_slopes` of a lens."""
+    surfaces = _surfaces(lens.file, lens.family, lens.focal_length, lens.f_number)
+    camera = lens.camera
+    direction = camera.unproject(node_places(camera.columns, camera.rows))
     tangent = direction[:, :2] / direction[:, 2:]
     kinds, off = _elements(surfaces)
     moved = _places(surfaces, tangent, off)
     step = np.array([SHIFT, TURN, TURN])[kinds]
     slope = (moved[1:] - moved[0]) / step[:, None, None]
-    pixel = focal_length_px / focal_length
+    pixel = camera.focal_length_px / lens.focal_length
     return ElementSlopes(kinds, pixel * slope.transpose(2, 1, 0).reshape(-1, len(kinds)))
 
 

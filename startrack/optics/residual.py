@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial import distance
 
 from startrack import core
-from startrack.core import FINITE, NODES, NON_NEGATIVE, Floats, Parameters, Range, Unit, kept
-from startrack.optics.as_built import KINDS, element_slopes
+from startrack.core import FINITE, NODES, NON_NEGATIVE, Floats, Ints, Parameters, Range, Unit, kept
+from startrack.optics.as_built import KINDS, BuiltLens, built_lens, slopes_of
 from startrack.optics.parameters import Optics
 
 PER_AXIS = "rms of each element along either axis"
@@ -99,9 +99,8 @@ class Residual(Parameters):
 
     def _elements(self, camera: core.Camera, optics: Optics) -> Floats:
         """Matrix (2 n, k) from normal numbers to the displacement by the elements."""
-        slopes = element_slopes(optics, self.family, camera)
-        turns = taken_up(camera, core.node_places(camera.columns, camera.rows))[:, :3]
-        return _without(turns, slopes.slope * self.of_elements[slopes.kind])
+        kind, slope = _turned_back(built_lens(optics, self.family, camera))
+        return slope * self.of_elements[kind]
 
     def law(
         self,
@@ -148,6 +147,15 @@ class Residual(Parameters):
                 model = np.concatenate([model, both], axis=1)
             parts.append(_on_lattice(camera, _without(model, np.concatenate(other, axis=1))))
         return np.concatenate(parts, axis=-1) if parts else np.zeros((LATTICE, LATTICE, 2, 1))
+
+
+@kept(8)
+def _turned_back(lens: BuiltLens) -> tuple[Ints, Floats]:
+    """`ElementSlopes` without what a turn could take up."""
+    kind, slope = slopes_of(lens)
+    camera = lens.camera
+    turns = taken_up(camera, core.node_places(camera.columns, camera.rows))[:, :3]
+    return kind, _without(turns, slope)
 
 
 LATTICE = 33  # places along each side of the law's table

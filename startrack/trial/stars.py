@@ -166,14 +166,32 @@ def separated(selection: Selection, resolution: float) -> SeparableStars:
 @kept(4)
 def _close(selection: Selection, radius: float) -> tuple[Ints, Floats]:
     """The pairs (k, 2) of stars of a catalogue within a radius, by rank; their distances, 1."""
-    tree = tree_of(selection)
+    tree = _tree_of(selection)
     pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
     apart = tree.data[pair[:, 0]] - tree.data[pair[:, 1]]
     return pair, np.linalg.norm(apart, axis=1)
 
 
+@kept(8)
+def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
+    """The pairs (2, k) of stars of a catalogue within a radius whose first is no fainter than asked.
+
+    radius   radian
+    Returns  indices into the catalogue
+    """
+    tree, magnitude = _tree_of(selection), open_sky(selection).stars.magnitude_g
+    rank = np.argsort(magnitude, kind="stable")
+    bright = int((magnitude <= faintest).sum())
+    near = cKDTree(tree.data[:bright]).sparse_distance_matrix(
+        tree, 2 * math.sin(radius / 2), output_type="ndarray"
+    )
+    near = np.array([near["i"], near["j"]])
+    near = near[:, near[0] != near[1]]
+    return np.asarray(rank[near[:, np.lexsort(near[::-1])]])
+
+
 @lru_cache(maxsize=4)
-def tree_of(selection: Selection) -> cKDTree:
+def _tree_of(selection: Selection) -> cKDTree:
     """The directions of the stars of a catalogue, by rank in brightness."""
     stars = open_sky(selection).stars
     return cKDTree(stars.direction[np.argsort(stars.magnitude_g, kind="stable")])

@@ -5,7 +5,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from startrack.attitude import UNKNOWN_FLOOR, SharedErrors
 from startrack.catalog import Selection, open_sky
@@ -21,9 +20,9 @@ from startrack.trial.stars import (
     colour_correction,
     index_resolution,
     mean_colour,
+    near_pairs,
     separable_stars,
     separated,
-    tree_of,
 )
 from startrack.trial.zones import focal_stretch, lens_variance
 
@@ -165,21 +164,18 @@ class _Pairs(NamedTuple):
 
 @kept(32)
 def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float) -> _Pairs:
-    """All pairs of separable stars within a radius (radian) whose star is no fainter than asked."""
-    several = separated(catalog, resolution)
-    stars, every = several.sky.stars, open_sky(catalog).stars
-    bright = np.flatnonzero(stars.magnitude_g <= faintest)
-    # Stars that are merged lie within the resolution of their centre.
-    reach = 2 * math.sin((radius + resolution) / 2)
-    near = cKDTree(stars.direction[bright]).sparse_distance_matrix(
-        tree_of(catalog), reach, output_type="ndarray"
-    )
-    place = np.full(len(every), -1)
+    """All pairs of separable stars within a radius (radian) whose star is no fainter than asked.
+
+    Of merged stars, those whose brightest is no fainter.
+    """
+    several, many = separated(catalog, resolution), len(open_sky(catalog))
+    stars = several.sky.stars
+    place = np.full(many, -1)
     place[several.name] = np.arange(len(stars))
-    rank = np.argsort(every.magnitude_g, kind="stable")
-    both = np.array([bright[near["i"]], place[rank[near["j"]]]])
-    both = both[:, (both[1] >= 0) & (both[0] != both[1])]
-    both = both[:, np.lexsort(both[::-1])]
+    # Stars that are merged lie within the resolution of their centre.
+    within = radius + 2 * 2.0 ** math.ceil(math.log2(resolution))
+    both = place[near_pairs(catalog, within, faintest)]
+    both = both[:, (both >= 0).all(axis=0)]
     apart = stars.direction[both[1]] - stars.direction[both[0]]
     angle = np.linalg.norm(apart, axis=1)
     inside = angle <= 2 * math.sin(radius / 2)
