@@ -174,9 +174,9 @@ def _close(selection: Selection, radius: float) -> tuple[Ints, Floats]:
 
 @kept(8)
 def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
-    """The pairs (2, k) of stars of a catalogue within a radius whose first is no fainter than asked.
+    """Pairs (2, k) of near stars of a catalogue, of which the first is no fainter than asked.
 
-    radius   radian
+    radius   radian, within which they are
     Returns  indices into the catalogue
     """
     tree, magnitude = _tree_of(selection), open_sky(selection).stars.magnitude_g
