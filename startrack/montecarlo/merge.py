@@ -86,12 +86,12 @@ def _part(path: Path) -> _Part:
 
 def _must_belong(first: _Part, other: _Part) -> None:
     for name in sorted(first.about.keys() | other.about.keys() - {WITHOUT_TRIALS}):
-        stored, asked = first.about.get(name), other.about.get(name)
+        stored, asked = other.about.get(name), first.about.get(name)
         if stored != asked and name != WITHOUT_TRIALS:
             if name in ("case", "code", "inputs") and stored and asked:
                 where = difference(json.loads(stored), json.loads(asked), name)
             else:
-                where = f"{name} is {stored!r} there, {asked!r} here"
+                where = f"{name} is {stored!r}, not {asked!r}"
             raise Refused(f"{other.path} is not of the campaign of {first.path}: {where}")
 
 

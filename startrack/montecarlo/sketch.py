@@ -106,7 +106,7 @@ class Sketch:
         Raises  ValueError where it is of another campaign, or has trials that this one has.
         """
         if other.about != self.about:
-            raise ValueError(f"it is of another campaign: {difference(self.about, other.about)}")
+            raise ValueError(f"it is of another campaign: {difference(other.about, self.about)}")
         self.ranges = _joined([*self.ranges, *other.ranges])
         for name in COUNTS:
             self.counts[name] += other.counts[name]

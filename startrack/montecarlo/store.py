@@ -191,10 +191,10 @@ class Store:
         before, now = self._inputs, inputs_of(self.case)
         for name in before.keys() | now.keys():
             if before.get(name) != now.get(name):
-                there, here = (str(some.get(name))[:8] for some in (before, now))
+                held, new = (str(some.get(name))[:8] for some in (before, now))
                 raise ValueError(
-                    f"{self.path} holds trials with another content of {name}: digest {there} "
-                    f"there, {here} here; begin another store"
+                    f"{self.path} holds trials with another content of {name}: digest {held}, not "
+                    f"{new}; begin another store"
                 )
 
     @property
@@ -423,14 +423,14 @@ def _forget_failures(execute: Execute, numbers: range) -> None:
 
 
 def difference(stored: Any, asked: Any, place: str = "") -> str:
-    """Where two tables differ first, empty where they are equal."""
+    """Where a table that is stored differs first from another, empty where they are equal."""
     if isinstance(stored, dict) and isinstance(asked, dict):
         for key in sorted(stored.keys() | asked.keys()):
             inner = f"{place}.{key}" if place else key
             if found := difference(stored.get(key), asked.get(key), inner):
                 return found
         return ""
-    return "" if stored == asked else f"{place} is {stored!r} there, {asked!r} here"
+    return "" if stored == asked else f"{place} is {stored!r}, not {asked!r}"
 
 
 def export(path: Path, outcomes: Rows) -> None:

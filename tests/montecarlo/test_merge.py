@@ -76,7 +76,7 @@ def test_trials_of_several_parts_are_kept_once_and_must_be_equal(stored, tmp_pat
     other = stored("d", 480, 600, spoil=1e-9)
     with pytest.raises(ValueError, match=r"d has other outcomes of trials 480 to 499 than another"):
         merge_stores([*parts, other], tmp_path / "three")
-    with pytest.raises(ValueError, match=r"e is not of the campaign of .*a: seed is '0' there, '5"):
+    with pytest.raises(ValueError, match=r"e is not of the campaign of .*a: seed is '5', not '0"):
         merge_stores([*parts, stored("e", 600, 700, seed=5)], tmp_path / "three")
     assert not (tmp_path / "three").exists()
 
@@ -144,7 +144,7 @@ def test_sketches_that_overlap_or_differ_are_refused(about, outcomes, tmp_path):
     with pytest.raises(ValueError, match=r"b: trials 50 to 59 are in two of them"):
         merge_sketches([tmp_path / "a", tmp_path / "b"])
     save_sketch(tmp_path / "c", sketched(table[60:], STATED_ALONE, about | {"seed": 2}))
-    with pytest.raises(ValueError, match=r"c: it is of another campaign: seed is 0 there, 2 here"):
+    with pytest.raises(ValueError, match=r"c: it is of another campaign: seed is 2, not 0"):
         merge_sketches([tmp_path / "a", tmp_path / "c"])
     spoilt = json.loads((tmp_path / "a").read_text())
     spoilt["counts"]["judged"] = 3
