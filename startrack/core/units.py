@@ -58,12 +58,14 @@ class Unit(NamedTuple):
 
     absolute  whether it is a temperature, which files may give in degC, and no difference of two
     clock     whether it is a time of day, which files may give as "10:30"
+    others    in which files may have it, too, and which whoever reads a file turns into it
     """
 
     si: str
     in_files: str = ""
     absolute: bool = False
     clock: bool = False
+    others: tuple[str, ...] = ()
 
     @property
     def shown(self) -> str:

@@ -4,7 +4,6 @@ epoch         Scene, Selection -> the catalogue's epoch and orbital velocity, wh
               contradict it.
 case          Case: what is true and what the tracker believes, kept apart; how faithful a trial is.
 products      Table of a design -> the same with the values of the detector product that it names.
-blur          Table of a design -> its case, where the blur of the lens may be in pixel or an angle.
 parameter     Dotted name, case -> the value there, its unit, or a case with other values.
 variables     Variable, Link, DesignSpace, Choice: the parameters of a case that a campaign may
               change.

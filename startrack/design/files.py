@@ -7,12 +7,12 @@ from typing import Any
 
 from startrack.core import Refused, code_in, deg, html_table, mm, require_code, short_text, um
 from startrack.core import allow_code as allowed
-from startrack.design.blur import case_of_table
 from startrack.design.campaign import Campaign
-from startrack.design.case import Case
+from startrack.design.case import Case, Instrument
 from startrack.design.products import with_product
 from startrack.design.variation import Scope
 from startrack.io import from_table, read_layers, save_text, to_table
+from startrack.optics import with_blur_as_length
 
 # Lists of tables that files of a design add to, and what two entries for the same thing share.
 JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
@@ -75,8 +75,11 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
     table = layers.table
     try:
         campaign = table.pop("campaign", None)
+        table = with_product(table)
+        if isinstance(instrument := table.get("instrument"), dict):
+            table["instrument"] = with_blur_as_length(instrument, Instrument, "instrument")
         design = Design(
-            case_of_table(with_product(table)),
+            from_table(Case, table),
             None if campaign is None else from_table(Campaign, campaign, "campaign"),
         )
         named = list(code_in(design.case))

@@ -92,7 +92,7 @@ def keys_of(kind: type, place: str = "") -> Iterator[Key]:
         word = f"one of {', '.join(limits.choices)}" if limits.choices else _kind(field, inner)
         word += ", or code" * bool(limits.code)
         meaning = field.meaning or name.replace("_", " ")
-        shown = unit.shown if unit else ""
+        shown = ", ".join((unit.shown, *unit.others)) if unit else ""
         yield Key(where, word, shown, _range(limits, unit), _default(field), meaning)
         if dataclasses.is_dataclass(inner):
             yield from keys_of(typing.cast(type, inner), where)
@@ -364,7 +364,7 @@ def _with_unit(unit: Unit, limits: Range) -> Schema:
     signed = limits.low < 0 or unit.absolute  # degC may be below zero
     number = NUMBER.format(sign="[-+]?" if signed else r"\+?")
     schema = {"type": "string", "pattern": rf"^{number}[^\s\d].*$"}
-    return schema | {"examples": [f"1 {unit.shown}"]}
+    return schema | {"examples": [f"1 {name}" for name in (unit.shown, *unit.others)]}
 
 
 def _required(kind: type) -> Schema:

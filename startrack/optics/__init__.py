@@ -1,6 +1,8 @@
 """How a point is blurred: Optics become a Psf.
 
 parameters    Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF.
+blur          Table of a camera -> the same, the blur of its lens a length where it is in pixel or
+              an angle.
 pupil         Shape of the aperture, and the Zernike polynomials of wavefront errors in it.
 diffraction   Diffraction of any pupil by fast transforms; closed forms of an ideal lens, a blur, a
               pixel.
@@ -29,6 +31,7 @@ tube          Geometry of a baffle with vanes -> its point-source transmittance,
 """
 
 from startrack.optics.baffle import Baffle, stray_light
+from startrack.optics.blur import with_blur_as_length
 from startrack.optics.choose import Choice, choose
 from startrack.optics.diffraction import (
     airy,

@@ -35,11 +35,10 @@ class Optics(Parameters):
         "effective, for an object at infinity"]  # fmt: skip
     f_number: Annotated[float, Range(0.3, 200),
         "focal length over the diameter of the clear aperture"]  # fmt: skip
-    blur: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
-        "sigma of the Gaussian that manufacture adds to diffraction, on the detector. A design "
-        'file may have it in pixel or as an angle ("1.2 pixel", "20 arcsec"), which that design\'s '
-        "pitch and image distance make a length: it stays where a campaign changes them. Its "
-        "bounds and variations are lengths"] = 0.0  # fmt: skip
+    blur: Annotated[float, Unit("m", "um", others=("pixel", "arcsec")), NON_NEGATIVE,
+        "sigma of the Gaussian that manufacture adds to diffraction, on the detector. Pixels and "
+        "angles become a length by the pitch and the image distance of the file, which stays "
+        "where a campaign changes them. Its bounds and variations are lengths"] = 0.0  # fmt: skip
     psf: Annotated[str, Range(choices=(*MODELS, "auto"), code="psfs"),
         '"gaussian": one Gaussian, the core of the Airy pattern; "airy": diffraction of a clear '
         'circular pupil in closed form; "fraunhofer": of any pupil with aberrations; "fresnel": '

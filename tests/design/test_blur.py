@@ -1,11 +1,15 @@
 """Blur of the lens in pixel or as an angle, in a design file."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomli_w
 
 from startrack.design.files import load_design, save_design
+from startrack.design.keys import design_keys, design_schema
+from startrack.earth.imager import load_imager
 from startrack.io import shipped
 from startrack.optics.pixel_psf import pixel_psf
 
@@ -84,7 +88,7 @@ def test_a_saved_design_reads_back_the_same(blur, tmp_path):
     ("changes", "words"),
     [
         ([f"{BLUR}=-1 pixel"], r"--set: instrument\.optics\.blur.* must not be negative"),
-        ([f"{BLUR}=2 kg"], r"--set: instrument\.optics\.blur must have a unit that converts to m"),
+        ([f"{BLUR}=2 kg"], r"--set: instrument\.optics\.blur .* pixels or an angle.* got '2 kg'"),
         ([f"{BLUR}=2 pixel", "instrument.optics.focal_length="], "focal_length is missing"),
         ([f"{BLUR}=2 pixel", "instrument.optics.blurr=1"], "blurr is unknown"),
     ],
@@ -106,3 +110,28 @@ def test_bounds_and_variations_are_lengths(tmp_path):
     with pytest.raises(ValueError, match=r"blur: bound must have a unit that converts to m"):
         DesignSpace(case, (Variable(BLUR, "0.5 pixel", "2 pixel"),))
     assert len(DesignSpace(case, (Variable(BLUR, "2 um", "20 um"),))) == 1
+
+
+def test_keys_and_schema_name_the_units_that_a_file_may_have():
+    blur = next(key for key in design_keys() if key.name == BLUR)
+    assert blur.unit == "um, pixel, arcsec"
+    examples = design_schema()["properties"]["instrument"]["properties"]["optics"]["properties"]
+    for text in examples["blur"]["examples"]:
+        assert blur_of(f"{BLUR}={text}") > 0
+
+
+def test_the_channels_of_an_earth_camera_may_have_it_in_pixel_and_as_an_angle(tmp_path):
+    """Pixels of HSRS have 30 um; 20 arcsec of its 46.39 mm are 4.49810 um."""
+    camera = tomllib.loads(shipped("cameras/hsrs.toml").read_text(encoding="utf-8"))
+    for channel, blur in zip(camera["channels"], ("0.2 pixel", "20 arcsec"), strict=True):
+        channel["optics"]["blur"] = blur
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps(camera))
+    first, second = load_imager("mine.toml", tmp_path).channels
+    assert first.optics.blur == pytest.approx(6e-6, rel=1e-12)
+    assert second.optics.blur == pytest.approx(4.49810e-6, rel=1e-5)
+    camera["channels"][1]["optics"]["blur"] = "1 kg"
+    (tmp_path / "mine.toml").write_text(tomli_w.dumps(camera))
+    with pytest.raises(
+        ValueError, match=r"^channels\[1\]\.optics\.blur must be a length, a number"
+    ):
+        load_imager("mine.toml", tmp_path)

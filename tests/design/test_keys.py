@@ -49,7 +49,7 @@ def test_every_key_has_a_meaning():
     ("name", "kind", "unit", "default"),
     [
         ("instrument.optics.focal_length", "number", "mm", "required"),
-        ("instrument.optics.blur", "number", "um", '"0 um"'),
+        ("instrument.optics.blur", "number", "um, pixel, arcsec", '"0 um"'),
         ("instrument.detector.thermal", "table", "", "none"),
         ("instrument.detector.bits", "whole number", "", "12"),
         ("instrument.motion.tones", "tables", "", "[]"),

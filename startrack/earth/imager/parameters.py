@@ -21,7 +21,7 @@ from startrack.earth.imager.clouds import CloudLayer
 from startrack.earth.imager.land import Land
 from startrack.io import Layers, from_table, read_table, regular_file, shipped
 from startrack.motion import Motion
-from startrack.optics import Optics
+from startrack.optics import Optics, with_blur_as_length
 
 FINE = 4001  # wavelengths over a response, for its mean
 UNKNOWN = {
@@ -341,9 +341,9 @@ def load_survey(path: Path) -> Survey:
     camera = table.get("camera")
     try:
         if isinstance(camera, str):
-            table = {**table, "camera": _camera(camera, path.parent)}
+            table = {**table, "camera": _camera(camera, path.parent, "camera.")}
         elif isinstance(camera, dict):
-            table = {**table, "camera": _unshared(camera)}
+            table = {**table, "camera": _unshared(camera, "camera.")}
         for place, cover in enumerate(_covers(table)):
             _read_spectra(cover, path.parent, f"land.covers[{place}]")
         return from_table(Survey, table)
@@ -433,26 +433,30 @@ def _imagers() -> tuple[str, ...]:
     )
 
 
-def _camera(name: str, folder: Path) -> dict[str, Any]:
+def _camera(name: str, folder: Path, place: str = "") -> dict[str, Any]:
     if name in cameras():
-        return _unshared(read_table(shipped(f"cameras/{name}.toml"), "a camera file"))
+        return _unshared(read_table(shipped(f"cameras/{name}.toml"), "a camera file"), place)
     if name.endswith(".toml"):
-        return _unshared(read_table(folder / name, "a camera file"))
+        return _unshared(read_table(folder / name, "a camera file"), place)
     raise ValueError(f"camera must be one of {', '.join(cameras())} or a TOML file, got {name!r}")
 
 
-def _unshared(table: dict[str, Any]) -> dict[str, Any]:
-    """A camera's table whose channels lie over `shared`, the keys that all of them have."""
-    shared, channels = table.get("shared"), table.get("channels")
-    if shared is None or not isinstance(channels, list):
+def _unshared(table: dict[str, Any], place: str) -> dict[str, Any]:
+    """A camera's table whose channels lie over `shared`, the keys that all of them have.
+
+    place  of the table in its file, with a dot: "camera."
+    """
+    shared, channels = table.get("shared", {}), table.get("channels")
+    if not isinstance(channels, list):
         return table
     if not isinstance(shared, dict):
         raise ValueError(f"shared must be a table, got {core.shown(shared)}")
-    own = []
-    for channel in channels:
+    own = list[Any]()
+    for n, channel in enumerate(channels):
         layers = Layers()
         layers.lay(shared, "")
         if isinstance(channel, dict):
             layers.lay(channel, "")
-        own.append(layers.table if isinstance(channel, dict) else channel)
+            channel = with_blur_as_length(layers.table, Channel, f"{place}channels[{n}]")
+        own.append(channel)
     return {**{key: value for key, value in table.items() if key != "shared"}, "channels": own}
