@@ -80,6 +80,7 @@ VALUES: Table = {
     "instrument.optics.pupil.segments.y": 0.0,
     "instrument.optics.pupil.segments.size": 0.8,
     "instrument.detector.product": "has2",
+    "instrument.detector.pixel_pitch_y": "24 um",  # that of the small design
     "instrument.detector.region.array_columns": 1024,
     "instrument.detector.region.array_rows": 1024,
     "instrument.detector.thermal.temperature": "293 K",

@@ -51,7 +51,7 @@ DATASHEET = {
                    "tracker.calibration.order"),
     "spot size": ("instrument.optics.blur", "instrument.optics.defocus"),
     "latency": ("tracker.delay", "instrument.detector.exposure", "instrument.detector.pixel_rate"),
-    "pixel size": ("instrument.detector.pixel_pitch",),
+    "pixel size": ("instrument.detector.pixel_pitch", "instrument.detector.pixel_pitch_y"),
     "alignment": ("instrument.mounting", "tracker.mounting"),
 }  # fmt: skip
 

@@ -6,7 +6,17 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, whole
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    um,
+    whole,
+)
 from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
 
@@ -193,9 +203,14 @@ class Detector(Parameters):
         "the same of the signal at the input of the converter"] = ()  # fmt: skip
     image_effects: Annotated[tuple[str, ...], Range(code="image_effects"),
         "the same of the digital numbers"] = ()  # fmt: skip
+    pixel_pitch_y: Annotated[float | None, Unit("m", "um"), POSITIVE,
+        "from row to row, where a datasheet has two: refused where it is not pixel_pitch, with "
+        "the square pixels that come closest"] = None  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.pixel_pitch_y not in (None, self.pixel_pitch):
+            self._refuse_oblong(self.pixel_pitch, self.pixel_pitch_y)
         core.whole(0, 2**self.bits - 1, offset=self.offset)
         if 4 * abs(self.adc_inl) >= 2**self.bits - 1:
             raise Refused(
@@ -207,6 +222,17 @@ class Detector(Parameters):
             self._check_rate(self.frame_rate)
         if self.scan:
             self._check_scan(self.scan)
+
+    def _refuse_oblong(self, x: float, y: float) -> None:
+        square = math.sqrt(x * y)
+        columns, rows = (
+            round(n * pitch / square) for n, pitch in ((self.columns, x), (self.rows, y))
+        )
+        raise Refused(
+            f"pixel_pitch_y must be pixel_pitch, {x / um:.4g} um, for pixels are square, got "
+            f"{y / um:.4g} um; {columns} columns and {rows} rows of {square / um:.4g} um have "
+            "the same field, light and dark current of a pixel, and one error for both axes"
+        )
 
     def _check(self, region: RegionOfInterest) -> None:
         for name, start, length, array in (

@@ -82,6 +82,17 @@ def test_a_region_ends_with_its_array():
             replace(fits, region=region)
 
 
+def test_a_second_pitch_is_that_of_square_pixels_or_refused_with_those_that_come_closest():
+    """Pixels of 5 um x 3.2 um have the area of 4 um x 4 um: 375 x 160 have the same field."""
+    assert replace(DETECTOR, pixel_pitch_y=5e-6).pitch == 5e-6
+    with pytest.raises(
+        ValueError,
+        match=r"pixel_pitch_y must be pixel_pitch, 5 um, .* got 3\.2 um; 375 columns and 160 rows "
+        "of 4 um",
+    ):
+        replace(DETECTOR, pixel_pitch_y=3.2e-6)
+
+
 def test_rates_of_a_matrix():
     """Exposure, then read-out: 0.1 s and 60,000 pixel at 1.2 million a second."""
     one = replace(DETECTOR, pixel_rate=1.2e6)
