@@ -128,13 +128,14 @@ class DesignSpace:
         return result
 
     def values(self, coordinates: Floats) -> dict[str, float]:
-        """The values (SI) of the variables at unit-cube coordinates (n,)."""
+        """The values (SI) of the variables at unit-cube coordinates (n,), as a design has them."""
         result = {}
         for u, variable, (low, high) in zip(coordinates, self.variables, self._bounds, strict=True):
             u = min(max(float(u), 0.0), 1.0)
             log = variable.scale == "log"
             value = low * (high / low) ** u if log else low + (high - low) * u
-            result[variable.name] = min(max(value, low), high)
+            value = min(max(value, low), high)
+            result[variable.name] = round(value) if variable.name in self._whole else value
         return result
 
     def design(self, coordinates: Floats) -> Case:
@@ -180,6 +181,11 @@ class DesignSpace:
     def shown(self, name: str, value: float, digits: int) -> str:
         """A value of a variable as a person writes it, with its unit."""
         return text(self.case, name, value, digits)
+
+    @cached_property
+    def _whole(self) -> set[str]:
+        """Names of the variables that are whole numbers."""
+        return {one.name for one in self.variables if type(find(self.case, one.name)) is int}
 
     @cached_property
     def _bounds(self) -> list[tuple[float, float]]:

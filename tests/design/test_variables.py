@@ -77,11 +77,10 @@ def test_no_variable_and_one_twice_are_refused():
 
 def test_a_whole_number_is_rounded():
     space = DesignSpace(CASE, (Variable("instrument.detector.bits", 8, 14),))
-    assert [space.design(np.array([u])).instrument.detector.bits for u in (0, 0.4, 1)] == [
-        8,
-        10,
-        14,
-    ]
+    places = [np.array([u]) for u in (0, 0.4, 1)]
+    assert [space.design(u).instrument.detector.bits for u in places] == [8, 10, 14]
+    # Tables and files of a search hold what was tried.
+    assert [space.values(u)["instrument.detector.bits"] for u in places] == [8, 10, 14]
 
 
 def test_a_number_in_a_list_may_vary():
