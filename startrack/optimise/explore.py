@@ -263,23 +263,29 @@ class Explorer:
         }
 
     def forecast(self, points: Sequence[Floats]) -> None:
-        """Add the forecasts of some designs."""
+        """Add the forecasts of some designs, and that of the best one in all conditions."""
+        self._add(points)
+        self.complete()
+
+    def _add(self, points: Sequence[Floats]) -> None:
         new = [np.clip(point, 0, 1) for point in points]
         enough = self.score + BAD if self._all_matter else -math.inf
         self.values += foresee_all(self.space, self.campaign, new, self.runner, self.seed, enough)
         self.points += new
-        self._complete()
         if self.watch:
             self.watch()
 
-    def _complete(self) -> None:
-        """Forecast the best design in all conditions, until the best one is."""
+    def complete(self) -> bool:
+        """Forecast the best design in all conditions, until the best one is.
+
+        Returns  whether a score changed
+        """
         names = {one.name for one in self.campaign.judged(self.space.case)}
-        done = set[int]()
+        done, before = set[int](), [value.score for value in self.values]
         while np.isfinite(self.score):
             best = self._leader
             if best in done or names <= self.values[best].conditions.keys():
-                return
+                break
             done.add(best)
             point = [self.points[best]]
             [self.values[best]] = foresee_all(
@@ -288,6 +294,7 @@ class Explorer:
             )  # fmt: skip
             if self._emulators:  # which know another value of it
                 self._emulators = 0, self._emulators[1]
+        return [value.score for value in self.values] != before
 
     @property
     def _all_matter(self) -> bool:
@@ -351,8 +358,8 @@ class Explorer:
         random = self._random(0, "first designs to forecast")
         others = list(islice(_affordable(self.space, self.campaign, random), count - 1))
         # The first ones say which others are bad.
-        self.forecast([start, *others[: BATCH - 1]])
-        self.forecast(others[BATCH - 1 :])
+        self._add([start, *others[: BATCH - 1]])
+        self._add(others[BATCH - 1 :])
 
     def step(self, most: int) -> None:
         """Forecast the next designs, as many as are allowed, or say in `ending` why none.
@@ -362,6 +369,8 @@ class Explorer:
         those that would be better if the emulators were wrong by far more than they say.
         """
         points = self._proposals()
+        if not points and self.complete():
+            return
         if not points and self.score < self._spanned and np.isfinite(self.score):
             self._spanned = self.score - self.campaign.precision
             ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
@@ -372,7 +381,7 @@ class Explorer:
             points, self._in_vain = self._proposals(bold=True), self._in_vain + 1
         if points:
             before = self.score
-            self.forecast(points[:most])
+            self._add(points[:most])
             if self.score < before - ENOUGH * self.campaign.precision:
                 self._in_vain = 0
         else:

@@ -61,6 +61,7 @@ def explore(
             if len(branch.points) < most:
                 branch.step(most - len(branch.points))
             else:
+                branch.complete()
                 branch.ending = "all analytic evaluations were used"
         least = min(branch.score for branch in left.values())
         left = {

@@ -64,7 +64,9 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     stars = separated(catalog, resolution).sky.stars
     # Rounded up, so that cameras of similar focal lengths share the pairs.
     reach = math.exp(math.ceil(math.log(_reach(case) / camera.focal_length_px) / WIDER) * WIDER)
-    near = _pairs(catalog, resolution, reach, case.believed_catalog.limit_g + FAINTER)
+    near = _pairs(catalog, resolution, reach, case.believed_catalog.limit_g + FAINTER).within(
+        _reach(case) / camera.focal_length_px
+    )
     distance = near.angle * camera.focal_length_px
     magnitude, other = near.magnitude + colour_correction(case, near.colour)
     contrast = other - magnitude
@@ -78,7 +80,7 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
 
 
 def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
-    """Shift (k,) towards the neighbour, pixel; zero where it is too far."""
+    """Shift (k,) towards neighbours that are near enough, pixel."""
     table, node = _table(case), _distances(case)
     j = np.clip(np.searchsorted(node, distance, side="right") - 1, 0, len(node) - 2)
     t = np.minimum((distance - node[j]) / (node[j + 1] - node[j]), 1.0)
@@ -89,7 +91,7 @@ def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
     pull += s * ((1 - t) * table[i + 1, j] + t * table[i + 1, j + 1])
     # A fainter neighbour shifts by its fraction of the light.
     pull *= 10 ** (-0.4 * np.maximum(contrast - CONTRAST[-1], 0))
-    return np.where(distance < _reach(case), pull, 0.0)
+    return pull
 
 
 @kept(8)
@@ -147,7 +149,7 @@ def _reach(case: Case) -> float:
 
 
 class _Pairs(NamedTuple):
-    """Pairs of near stars, each in both orders.
+    """Pairs of near stars, each in both orders; the nearest first.
 
     star       (k,) indices of separable stars
     magnitude, colour  (2, k) G and BP - RP, of these stars and of the others
@@ -160,6 +162,14 @@ class _Pairs(NamedTuple):
     colour: Floats
     angle: Floats
     apart: Floats
+
+    def within(self, angle: float) -> "_Pairs":
+        """The pairs that are nearer than an angle, radian."""
+        many = int(np.searchsorted(self.angle, angle))
+        return _Pairs(
+            self.star[:many], self.magnitude[:, :many], self.colour[:, :many], self.angle[:many],
+            self.apart[:, :many],
+        )  # fmt: skip
 
 
 @kept(32)
@@ -178,8 +188,9 @@ def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float
     both = both[:, (both >= 0).all(axis=0)]
     apart = stars.direction[both[1]] - stars.direction[both[0]]
     angle = np.linalg.norm(apart, axis=1)
-    inside = angle <= 2 * math.sin(radius / 2)
-    both, angle, along = both[:, inside], angle[inside], np.ascontiguousarray(apart[inside].T)
+    near = np.argsort(angle, kind="stable")
+    near = near[: np.searchsorted(angle[near], 2 * math.sin(radius / 2))]
+    both, angle, along = both[:, near], angle[near], np.ascontiguousarray(apart[near].T)
     return _Pairs(both[0], stars.magnitude_g[both], stars.colour[both], angle, along)
 
 
