@@ -71,6 +71,11 @@ def _budget(case: Case) -> Budget[Law] | None:
         return None
 
 
+def budget_of(case: Case) -> Budget[Law]:
+    """The analytic budget, kept as those of a search are; Refused where it expects no attitude."""
+    return _budget(case) or analytic(case)  # which says why there is none
+
+
 ENVIRONMENTS = 2  # of each unit, in a search; chosen by hand: time against the rms of a unit
 
 
@@ -234,7 +239,7 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], 
     """
     judged = campaign.judged(case)
     alone = case if judged[0].units is None else without_units(case)
-    budget = _budget(alone) or analytic(alone)  # which says why there is none
+    budget = budget_of(alone)
     margins = margins_of(campaign.requirements, case)
     if judged[0].units is None:
         margins |= verification.expected_margins(campaign.requirements, budget)

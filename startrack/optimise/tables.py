@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from startrack.budget import analytic, caveats, differences
+from startrack.budget import caveats, differences
 from startrack.core import Refused, arcsec
 from startrack.design import YEAR, Campaign, Objective, OverUnits
 from startrack.io import save_csv
 from startrack.metrics import Interval, markdown
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
-from startrack.optimise.forecast import without_units
+from startrack.optimise.forecast import budget_of, without_units
 from startrack.optimise.optimise import Optimum
 from startrack.optimise.tolerance import Tolerance
 from startrack.optimise.units import ComparedUnits
@@ -214,7 +214,7 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     if optimum.units:  # whose budgets count their residual
         best = without_units(best)
     try:
-        budget = analytic(best)
+        budget = budget_of(best)
     except Refused as reason:
         return [f"there is no analytic budget of the best design: {reason}"]
     # The budget is that of the unit as designed.
