@@ -4,6 +4,7 @@ budget     Causes of error and the case without each; Budget: a line for each, a
 fields     Sky and camera -> the stars of many fields, and how their errors become those of
            attitudes.
 fixed      Case and fields of stars -> errors that are constant from frame to frame.
+hot_pixels  Case -> what hot pixels do to the stars that its tracker detects, and to its search.
 analytic   Case -> its Budget in milliseconds, without a trial.
 left_out   Case and its fields of stars -> effects that the analytic budget leaves out; its check
            by trials.

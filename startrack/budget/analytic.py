@@ -1,6 +1,5 @@
 """Case -> its Budget in milliseconds, without a trial."""
 
-import math
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
@@ -22,15 +21,13 @@ from startrack.budget.fields import (
     propagate,
 )
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
+from startrack.budget.hot_pixels import hot_stars
 from startrack.budget.left_out import of_false_spots, of_the_case, of_the_sky
-from startrack.core import Flags, Floats, Ints, Refused, Streams
+from startrack.core import Floats, Ints, Refused
 from startrack.design import Case
 
 FINE = 0.05  # magnitude between two entries
 HOT = "hot pixels"
-MEDIAN_SQUARE = 2 * math.log(2)  # of a squared error, in variances per axis
-EVEN: Floats = (np.arange(32) + 0.5) / 32  # quantiles of a threshold
-HOT_RANGE, HOT_STEP = 5.0, 1.0  # magnitude above the faintest, at which shifts are measured; a step
 
 
 class Measured(NamedTuple):
@@ -40,12 +37,14 @@ class Measured(NamedTuple):
     above    (m,) 1, chance to pass the threshold
     table    the same in small steps of magnitude, with what hot pixels do
     random   names of its random causes
+    lost     of `Solver`
     """
 
     star: trial.Errors
     above: Floats
     table: Response
     random: list[str]
+    lost: Floats
 
 
 @lru_cache(maxsize=2)
@@ -68,8 +67,9 @@ def response(case: Case) -> Measured:
         kept, stated = star.kept[None], star.stated[None]
         random = {name: one[None] for name, one in star.random.items()}
         fraction = trial.detection_probability(even, grid, search=search)[None]
-    false = np.zeros(len(grid))
+    false, lost = np.zeros(len(grid)), np.ones(case.tracker.identification.min_matches)
     if pattern and hot:
+        lost = hot.lost
         size = trial.scale(even)
         # Of what the read-out adds, the spread of the dark signal is constant in time.
         part = (pattern.spread / size.noise) ** 2
@@ -83,12 +83,12 @@ def response(case: Case) -> Measured:
         false = (hot.false > light[:, None]).sum(axis=1).astype(float)
     above = trial.detection_probability(even, star.magnitude, search=search)
     fraction = fraction * _between(star.magnitude, kept, grid)
-    return _measured(star, above, grid, fraction, stated, random, false)
+    return _measured(star, above, grid, fraction, stated, random, false, lost)
 
 
 def _measured(
     star: trial.Errors, above: Floats, grid: Floats, fraction: Floats, stated: Floats,
-    random: dict[str, Floats], false: Floats,
+    random: dict[str, Floats], false: Floats, lost: Floats,
 ) -> Measured:  # fmt: skip
     """Covariances `stated` and `random`, (z, m, 2, 2) of stars, over the magnitudes of a grid."""
     causes = [_fine(star.magnitude, covariance, grid) for covariance in random.values()]
@@ -96,7 +96,7 @@ def _measured(
         float(grid[0]), FINE, fraction, _fine(star.magnitude, stated, grid),
         np.stack(causes, axis=1), false,
     )  # fmt: skip
-    return Measured(star, above, table, list(random))
+    return Measured(star, above, table, list(random), lost)
 
 
 def in_boxes(case: Case) -> Measured:
@@ -133,73 +133,15 @@ def in_boxes(case: Case) -> Measured:
         for part in (_between(magnitude, measured[None], grid), star.stated[None])
     )
     by_zone = {name: np.repeat(one[None], zones, axis=0) for name, one in random.items()}
-    return _measured(star, measured, grid, fraction, stated, by_zone, np.zeros(len(grid)))
+    return _measured(
+        star, measured, grid, fraction, stated, by_zone, np.zeros(len(grid)), np.ones(2)
+    )
 
 
 def has_hot_pixels(case: Case) -> bool:
     """Whether some pixels have a dark current far from that of the others."""
     detector = case.instrument.detector
     return bool(detector.age or (detector.defects and detector.defects.hot))
-
-
-class NearHot(NamedTuple):
-    """What hot pixels do to stars of m magnitudes, and to the search of a frame.
-
-    search  of a frame with them
-    false   (k,) electron, of the false spots that they make
-    kept    (m,) chance that they do not make the tracker lose a star that the search finds
-    moment  (m, 2, 2) pixel^2, second moment over the stars of the shifts by them
-    """
-
-    search: trial.Search
-    false: Floats
-    kept: Floats
-    moment: Floats
-
-
-def hot_stars(case: Case, even: Case, star: trial.Errors) -> NearHot:
-    """What hot pixels near stars do to those that are detected.
-
-        kept = 1 - c (1 - <w>),   moment = c <w s s^T> / kept,   w = Phi(gate - |s| / sigma)
-
-    over the windows with hot pixels, of which a part c of the stars has one: those that the search
-    rejects or the solver's gate leaves out are lost, the others are shifted by s, and sigma is the
-    error that the tracker states. The gate is wider where the median of all stars is. Shifts are
-    measured at a few magnitudes; they go as one over the star's light.
-
-    even      the case `with_uniform_dark`;  star  its errors
-    Accuracy  model: that of drawn spots, whose windows these are. Beside 3000 windows each of
-              `noise_only` with a damaged detector, the budget's error across is 0.98 of theirs near
-              launch, 0.90 where 82 % of the stars have a hot pixel in their window, and 0.68 where
-              95 % have: errors are long-tailed there, and the budget's are too small.
-    """
-    magnitude, sky = star.magnitude, trial.sky_electrons(case)
-    empty = trial.empty_frame(case, sky)
-    assert empty is not None
-    search = trial.Search(empty.noise, np.quantile(empty.of_tiles, EVEN))
-    above = trial.detection_probability(even, magnitude, search=search)
-    faintest = magnitude[above > 0.5].max(initial=magnitude[0])
-    place = np.arange(max(faintest - HOT_RANGE, magnitude[0]), faintest + 1e-9, HOT_STEP)
-    light = trial.scale(even).star * 10 ** (-0.4 * place)
-    middle = empty.noise, empty.threshold_sigma
-    hot, higher = trial.hot_windows(trial.Grid(even, sky, search=middle), case, light)
-    near = (search.threshold[:, None] - higher[-1]).ravel()
-    weight = np.repeat([1 - hot.chance, hot.chance], [len(EVEN), len(near)])
-    weight[: len(EVEN)] /= len(EVEN)
-    weight[len(EVEN) :] /= len(near)
-    search = trial.Search(empty.noise, _quantiles(np.append(search.threshold, near), weight))
-    index = np.abs(magnitude[:, None] - place).argmin(axis=1)
-    if not hot.chance:
-        none = np.zeros_like(star.stated)
-        return NearHot(search, empty.flux, np.ones(len(magnitude)), none)
-    shift = hot.shift[index] * 10 ** (0.4 * (magnitude - place[index]))[:, None, None]
-    good, shift = np.isfinite(shift[..., 0]), np.nan_to_num(shift)
-    sigma = np.sqrt(_variance(star.stated))[:, None]
-    gate = case.tracker.attitude.gate * _typical(shift / sigma[..., None], good, hot.chance)
-    weight = good * ndtr(gate[:, None] - np.hypot(*shift.transpose(2, 0, 1)) / sigma)
-    kept = 1 - hot.chance * (1 - weight.mean(axis=1))
-    square = np.einsum("mk,mka,mkb->mab", weight, shift, shift) / weight.shape[1]
-    return NearHot(search, empty.flux, kept, hot.chance * square / kept[:, None, None])
 
 
 def _between(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
@@ -275,7 +217,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     """
     refuse_scans(case)
     same = like or case
-    star, above, table, random = response(same)
+    star, above, table, random, lost = response(same)
     gate = case.tracker.attitude.gate
     if not table.fraction.any():
         return None
@@ -307,7 +249,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     solver = Solver(
         case.believed_camera.focal_length_px,
         identification.focal_tolerance,
-        2 if trial.boxed(case) else identification.min_matches,
+        lost,
         case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots,
     )
     counted = FieldStars(
@@ -351,33 +293,10 @@ def _apart(moved: Floats, first: Ints) -> Floats:
     return np.asarray(moved - (mean / np.maximum(count, 1)[:, None])[field])
 
 
-def _typical(shift: Floats, good: Flags, chance: float) -> Floats:
-    """Median error (m,) of stars over that by noise, at least 1; shifts (m, k, 2) in sigmas."""
-    noise = Streams(0, 0)("noise of stars near hot pixels").standard_normal(shift.shape)
-    square = ((shift + noise) ** 2).sum(axis=-1)
-    typical = np.ones(len(shift))
-    for m, near in enumerate(good):
-        if near.any():
-            values = np.append(square[m, near], -2 * np.log1p(-EVEN))
-            share = np.repeat(
-                [chance / near.sum(), (1 - chance) / len(EVEN)], [near.sum(), len(EVEN)]
-            )
-            median = np.median(_quantiles(values, share))
-            typical[m] = max(1.0, math.sqrt(median / MEDIAN_SQUARE))
-    return typical
-
-
 def _false_among(star: trial.Errors, above: Floats, table: Response) -> float:
     """Number of false spots that are brighter than the faintest star that is likely to count."""
     faintest = star.magnitude[above > 0.5].max(initial=star.magnitude[0])
     return float(table.false[int((faintest - table.start) / table.step)])
-
-
-def _quantiles(values: Floats, weight: Floats) -> Floats:
-    """Values that are as frequent as each other, of values (n,) that are not."""
-    order = np.argsort(values)
-    middle = np.cumsum(weight[order]) - weight[order] / 2
-    return np.interp(EVEN, middle / weight.sum(), values[order])
 
 
 def _refused(star: trial.Errors, above: Floats, magnitude: Floats) -> float:

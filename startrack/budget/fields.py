@@ -195,12 +195,13 @@ class Solver(NamedTuple):
 
     focal_length_px  pixel, as the tracker believes it
     tolerance        1, sigma about one of the scale that the tracker fits; 0 where it fits none
-    fewest, most     detected stars that a solution needs, and the brightest that are kept
+    lost             (k,) chance that 0, 1, 2, ... detected stars give no attitude; more do
+    most             brightest spots that are kept
     """
 
     focal_length_px: float
     tolerance: float
-    fewest: int
+    lost: Floats
     most: int
 
 
@@ -232,12 +233,12 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
 @kernel
 def _propagate(seen: FieldStars, response: Response, solver: Solver, found: Attitudes) -> None:
     """Fill in the errors of each field, by two passes over its stars."""
-    full, chance = np.empty((4, 4)), np.empty(solver.fewest)
+    full, chance = np.empty((4, 4)), np.empty(len(solver.lost))
     for f in range(len(seen.first) - 1):
         end, found.stars[f] = _information(f, seen, response, solver, full, chance)
         info = full[:3, :3].copy()
         found.stated[f] = info
-        found.solved[f] = 1 - chance.sum()
+        found.solved[f] = 1 - (chance * solver.lost).sum()
         unsolvable = found.stars[f] < 2.0 or not np.linalg.cond(info) < 1e15
         if found.solved[f] < 1e-6 or unsolvable:
             found.solved[f] = 0.0
@@ -274,7 +275,7 @@ def _information(
     """Information of a field about turn and scale, and the chances of too few detected stars.
 
     full     (4, 4) radian^-2, is written to
-    chance   (fewest,) 1, of exactly so many detected stars; is written to
+    chance   (k,) 1, of exactly so many detected stars; is written to
     Returns  the index behind the last star that counts, and their expected number
     """
     design, weight = np.empty((2, 4)), np.empty((2, 2))
@@ -287,7 +288,7 @@ def _information(
         # Of the last, the rest of the room.
         p = min(_detected(end, k, t, seen, response), solver.most - response.false[k] - total)
         if p > LEAST:
-            _design(seen.x[end], seen.y[end], solver.focal_length_px, design)
+            design_row(seen.x[end], seen.y[end], solver.focal_length_px, design)
             _inverse(response.stated[seen.zone[end]], k, t, seen.systematic[end], weight)
             for a in range(4):
                 left0 = design[0, a] * weight[0, 0] + design[1, a] * weight[1, 0]
@@ -330,7 +331,7 @@ def _gains(
             continue
         room -= p
         gain[i, 3] = p
-        _design(seen.x[i], seen.y[i], solver.focal_length_px, design)
+        design_row(seen.x[i], seen.y[i], solver.focal_length_px, design)
         _inverse(response.stated[seen.zone[i]], k, t, seen.systematic[i], weight)
         for b in range(2):
             fitted = 0.0
@@ -367,7 +368,7 @@ def _errors(f: int, end: int, seen: FieldStars, response: Response, found: Attit
 
 
 @kernel
-def _design(x, y, focal, design):  # type: ignore[no-untyped-def]
+def design_row(x, y, focal, design):  # type: ignore[no-untyped-def]
     """How a star's position (pixel) changes with a rotation of the sky and with the scale."""
     design[0, 0], design[0, 1] = focal * (-x * y), focal * (1 + x * x)
     design[0, 2], design[0, 3] = -focal * y, focal * x

@@ -39,7 +39,7 @@ from startrack.detection.expectation import (
     joined,
     response,
 )
-from startrack.detection.find import Candidates, DetectionInput
+from startrack.detection.find import Candidates, DetectionInput, levels_at
 from startrack.detection.matched import filtered, highest_between
 from startrack.detection.methods import CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, Detection

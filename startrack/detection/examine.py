@@ -40,25 +40,64 @@ def stands_out(
     sigmas     how far a peak must stand out, on the grid of the Sky
     floor      digital number, least noise
     """
-    mesh, good = sky.mesh, np.empty(len(x), np.bool_)
-    far_off = 2 * reach + 4
+    good = np.empty(len(x), np.bool_)
     for i in range(len(x)):
-        # At the edge of trees, their own tile describes them better than its neighbours do.
-        v, u = y[i] // mesh + 1, x[i] // mesh + 1
-        level = between(sky.mean, mesh, x[i], y[i])
-        noise = max(between(sky.rms, mesh, x[i], y[i]), sky.rms[v, u])
-        far = max(between(sigmas, mesh, x[i], y[i]), sigmas[v, u])
+        level, noise, far = _of_tile(x[i], y[i], sigmas, sky)
         good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
         if good[i]:
-            others = (np.abs(x - x[i]) <= far_off) & (np.abs(y - y[i]) <= far_off)
-            others[i] = False
-            ring, _, _, spread, _ = around_among(
-                filtered, x[i], y[i], reach, floor, x[others], y[others]
-            )
-            level = ring if ring > level + HIGHER * noise else level
-            noise = spread if spread > UNEVEN * noise else noise
+            others = _others(x[i], y[i], reach, x, y)
+            level, noise = _of_ring(filtered, x[i], y[i], reach, floor, others, level, noise)
             good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
     return good
+
+
+@kernel
+def levels_to_pass(
+    filtered: Singles, x: Ints, y: Ints, reach: int, sigmas: Singles, sky: Sky, floor: float,
+    peaks: Ints,
+) -> Floats:  # fmt: skip
+    """Digital number (n,) that a star must show at some places to pass `stands_out`.
+
+    peaks  (2, k) x and y of the frame's own, which its rings leave out; else as `stands_out`
+    """
+    found = np.empty(len(x))
+    for i in range(len(x)):
+        level, noise, far = _of_tile(x[i], y[i], sigmas, sky)
+        others = _others(x[i], y[i], reach, peaks[0], peaks[1])
+        level, noise = _of_ring(filtered, x[i], y[i], reach, floor, others, level, noise)
+        found[i] = level + far * noise
+    return found
+
+
+@kernel
+def _of_tile(x: int, y: int, sigmas: Singles, sky: Sky) -> tuple[float, float, float]:
+    """Level, noise, and how many sigma a peak must stand out by."""
+    # At the edge of trees, their own tile describes them better than its neighbours do.
+    mesh = sky.mesh
+    v, u = y // mesh + 1, x // mesh + 1
+    level = between(sky.mean, mesh, x, y)
+    noise = max(between(sky.rms, mesh, x, y), sky.rms[v, u])
+    return level, noise, max(between(sigmas, mesh, x, y), sigmas[v, u])
+
+
+@kernel
+def _others(x: int, y: int, reach: int, peaks_x: Ints, peaks_y: Ints) -> Ints:
+    """Peaks (2, k) whose squares may touch the ring about one, which is not among them."""
+    far_off = 2 * reach + 4
+    near = (np.abs(peaks_x - x) <= far_off) & (np.abs(peaks_y - y) <= far_off)
+    near &= (peaks_x != x) | (peaks_y != y)
+    return np.stack((peaks_x[near], peaks_y[near]))
+
+
+@kernel
+def _of_ring(
+    filtered: Singles, x: int, y: int, reach: int, floor: float, others: Ints, level: float,
+    noise: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Level and noise, those of the ring where it is brighter or less even."""
+    ring, _, _, spread, _ = around_among(filtered, x, y, reach, floor, others[0], others[1])
+    level = ring if ring > level + HIGHER * noise else level
+    return level, spread if spread > UNEVEN * noise else noise
 
 
 @kernel

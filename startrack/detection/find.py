@@ -11,7 +11,13 @@ from startrack import core
 from startrack.core import Flags, Floats, Ints, Singles, kernel
 from startrack.detection.background import Sky, sky, with_gain_noise
 from startrack.detection.connect import lit, peaks, split
-from startrack.detection.examine import has_dead_pixel, is_hot, largest_fraction, stands_out
+from startrack.detection.examine import (
+    has_dead_pixel,
+    is_hot,
+    largest_fraction,
+    levels_to_pass,
+    stands_out,
+)
 from startrack.detection.matched import Kernel, equivalent_sigmas, filtered, noise_from_gain
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
@@ -97,6 +103,25 @@ def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Candid
     far = threshold_grid(ground, plan.threshold(image.size))
     bright = lit(image, examination_level(ground, far), ground.mesh)
     return choose(pixels, image, bright, ground, far, plan)
+
+
+def levels_at(pixels: Pixels, plan: DetectionPlan, x: Ints, y: Ints) -> Floats:
+    """Digital number (n,) that the filtered image of a star must exceed at some places.
+
+    Where the ring about a place is brighter or less even than its tile, by that of the ring.
+    """
+    settings, kernel = plan.settings, plan.kernel
+    image = filtered(pixels.value, kernel)
+    ground = ground_of(pixels, image, kernel, settings.mesh)
+    far = threshold_grid(ground, plan.threshold(image.size))
+    bright = lit(image, examination_level(ground, far), ground.mesh)
+    reach, waiting = settings.window // 2, np.zeros(image.shape, np.uint8)
+    border, shot = reach + settings.edge, 1 / pixels.gain.electrons_per_dn
+    merged = peaks(image, bright, waiting, settings.min_area, settings.max_area, reach, border)
+    own = split(pixels.value, merged, ground, kernel.noise, shot, border)
+    half, floor = ring_half(settings, kernel), rounding(pixels, kernel)
+    near = np.stack([own.x, own.y])
+    return np.asarray(levels_to_pass(image, x, y, half, far, ground, floor, near))
 
 
 def ground_of(pixels: Pixels, image: Singles, kernel: Kernel, mesh: int) -> Sky:

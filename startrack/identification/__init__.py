@@ -17,7 +17,7 @@ blind       Spots of an unknown camera -> matches and field of view, then the di
 track       Matches from spots and a predicted attitude.
 """
 
-from startrack.identification.agree import refit
+from startrack.identification.agree import NARROWEST, REACH, refit
 from startrack.identification.blind import (
     WIDEST_PINHOLE,
     cameras,
@@ -27,6 +27,7 @@ from startrack.identification.blind import (
     identify_blind,
 )
 from startrack.identification.cache import PatternIndexes
+from startrack.identification.evidence import LOG_ATTITUDES, log_evidence
 from startrack.identification.identify import identify
 from startrack.identification.index import (
     POINTS,
@@ -37,6 +38,7 @@ from startrack.identification.index import (
     merged,
 )
 from startrack.identification.parameters import Identification, IdentificationInput
+from startrack.identification.seen import LEAST_SIGMA
 from startrack.identification.track import track
 
 # Public; the other imports serve other rooms.

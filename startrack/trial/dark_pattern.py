@@ -11,7 +11,15 @@ from scipy.special import ndtr
 
 from startrack.core import Floats, Ints, Streams, kept
 from startrack.design import Case, turning
-from startrack.detection import DarkMap, detect, false_alarms, measure_ground
+from startrack.detection import (
+    DarkMap,
+    calibrated,
+    detect,
+    false_alarms,
+    levels_at,
+    measure_ground,
+    peak_border,
+)
 from startrack.detector import Defects, Detector, dark, flickering, frame_of
 from startrack.trial.belief import as_believed, detection_plan
 
@@ -79,6 +87,7 @@ def dark_residual(detector: Detector, dark_map: DarkMap | None) -> float:
 OUTLYING = 5.0  # sigma of the even pixels, beyond which a pixel is apart; chosen by hand
 ROUNDS = 20  # of leaving out such pixels
 SAMPLES = 128  # of windows with outlying pixels
+PLACES = 512  # of a frame, at which its threshold is measured
 
 
 class HotPixels(NamedTuple):
@@ -188,7 +197,7 @@ def with_uniform_dark(case: Case) -> Case:
     return replace(case, instrument=replace(case.instrument, detector=even), tracker=tracker)
 
 
-def near_stars(case: Case, side: int) -> tuple[float, Floats]:
+def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Floats]:
     """Chance of outlying pixels in a window about a star, and samples of windows with some.
 
     side     pixel, of the window
@@ -203,7 +212,7 @@ def near_stars(case: Case, side: int) -> tuple[float, Floats]:
     inside = (slice(half, detector.rows - half), slice(half, detector.columns - half))
     near = ndimage.maximum_filter(np.abs(excess), side)[inside] > 0
     random = Streams(0, 0)("windows with hot pixels")
-    chosen = random.choice(np.flatnonzero(near), SAMPLES)
+    chosen = random.choice(np.flatnonzero(near), samples)
     row, column = np.divmod(chosen, near.shape[1])
     windows = [excess[y : y + side, x : x + side] for y, x in zip(row, column, strict=True)]
     return float(near.mean()), np.array(windows)
@@ -216,14 +225,15 @@ class Empty(NamedTuple):
     flux             (k,) electron of all spots, brightest first
     noise            digital number, of the filtered frame in a typical tile
     threshold_sigma  sigma of the filtered frame, detection threshold
-    of_tiles         (t,) the same of each tile, sigma of the typical one
+    of_places        (t,) the same at random places, sigma of the typical tile, above the level of
+                     even pixels
     """
 
     spots: float
     flux: Floats
     noise: float
     threshold_sigma: float
-    of_tiles: Floats
+    of_places: Floats
 
 
 def empty_frame(case: Case, sky: float) -> Empty | None:
@@ -245,6 +255,16 @@ def _empty_frame(case: Case, sky: float) -> Empty:
     found = detect(frame, plan)
     flux = -np.sort(-found.flux) * frame.electrons_per_dn
     spots = max(len(found) - noise, 0.0)
-    inner = (slice(1, -1), slice(1, -1))
-    of_tiles = (ground.far * ground.sky.rms)[inner].ravel().astype(float) / ground.noise
-    return Empty(spots, flux, ground.noise, float(np.median(ground.far)), of_tiles)
+    pixels = calibrated(frame, plan)
+    even = np.ones(pixels.value.size, bool)
+    pattern = dark_pattern(case)
+    assert pattern is not None
+    even[pattern.outlying] = False
+    level = float(pixels.value.ravel()[even].mean(dtype=float))
+    random, border = Streams(0, 0)("places of thresholds"), peak_border(plan.settings)
+    x, y = (
+        random.integers(min(border, size // 2), max(size - border, size // 2 + 1), PLACES)
+        for size in (detector.columns, detector.rows)
+    )
+    of_places = (levels_at(pixels, plan, x, y) - level) / ground.noise
+    return Empty(spots, flux, ground.noise, float(np.median(ground.far)), of_places)

@@ -12,7 +12,7 @@ from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
 from startrack.trial.belief import detection_plan
-from startrack.trial.dark_pattern import NO_HOT, HotPixels, near_stars
+from startrack.trial.dark_pattern import NO_HOT, SAMPLES, HotPixels, near_stars
 from startrack.trial.images import field_psf_of
 from startrack.trial.pointing import line_of_sight
 from startrack.trial.star_response import PHASES, phases, shaken, within_frame
@@ -176,14 +176,17 @@ def hot_pixels(grid: Grid, true: Case, flux: Floats) -> HotPixels:
     return hot_windows(grid, true, flux)[0]
 
 
-def hot_windows(grid: Grid, true: Case, flux: Floats) -> tuple[HotPixels, Floats]:
+def hot_windows(
+    grid: Grid, true: Case, flux: Floats, samples: int = SAMPLES
+) -> tuple[HotPixels, Floats]:
     """What hot pixels do to the centroids of stars of some fluxes, and to their detection.
 
     grid     of the case `with_uniform_dark`;  true  the case with its hot pixels
     flux     (l,) electron
+    samples  number of windows with hot pixels
     Returns  the shifts, and (l, k) sigma by which the stars pass the threshold by more
     """
-    chance, dark = near_stars(true, grid.side)
+    chance, dark = near_stars(true, grid.side, samples)
     if not chance:
         return NO_HOT, np.zeros((2, 1))
     samples = len(dark)

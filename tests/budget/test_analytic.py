@@ -248,9 +248,6 @@ def test_a_damaged_detector_loses_stars_as_in_windows():
     )
     interval = fraction_interval(correct, 60, 0.99)
     assert interval.low <= budget.availability <= interval.high < 0.6
-    few = replace(case.tracker.detection, max_spots=10)
-    few = analytic(replace(case, tracker=replace(case.tracker, detection=few)))
-    assert few.availability < budget.availability
     assert not list(of_false_spots(case, 2.0))
     assert "40 of 100 spots are hot pixels" in next(of_false_spots(case, 40.0))
 
@@ -272,6 +269,25 @@ def test_a_hot_pixel_that_a_map_subtracts_moves_no_star():
     mapped = hot("noise_only.toml", *changes, "tracker.detection.dark_map.frames=16")
     assert line(mapped, "hot pixels")[0] < 0.2 * line(without, "hot pixels")[0]
     assert analytic(mapped).across == pytest.approx(analytic(plain).across, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("years", "depleted"), [(1, "0.4 um"), (3, "0.4 um"), (8, "0.4 um"), (2, "2 um")]
+)
+def test_errors_of_damaged_detectors_are_those_of_windows(years, depleted):
+    """400 windows, which know an rms to 5 %: of these 40 % is made by one in twenty of them.
+
+    At the worst of these levels four of five skies are solved, by 8 stars of 41.
+    """
+    case = hot("noise_only.toml", f"instrument.detector.age.time={years} yr",
+               "instrument.detector.age.inclination=97.6 deg",
+               "instrument.detector.age.shielding=5 mm",
+               f"instrument.detector.age.depleted={depleted}")  # fmt: skip
+    budget, shown = analytic(case), summarise(run_trials(case, 3, range(400), Fidelity.WINDOW))
+    assert shown.across.value == pytest.approx(budget.across, rel=0.2)
+    assert shown.about.value == pytest.approx(budget.about, rel=0.2)
+    assert shown.availability.value == pytest.approx(budget.availability, abs=0.06)
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ def response(sigma: float, fraction: float = 1.0) -> Response:
 
 
 def spread(view: Fields, displacement: np.ndarray, table: Response, **changes: object):  # type: ignore[no-untyped-def]
-    options = {"tolerance": 0.0, "fewest": 4, "most": 100} | changes
+    options = {"tolerance": 0.0, "lost": np.ones(4), "most": 100} | changes
     first = np.searchsorted(view.field, np.arange(len(view.attitude) + 1))
     ones = np.ones(len(view.x))
     zone = np.zeros(len(ones), np.int64)

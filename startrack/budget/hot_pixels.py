@@ -1,0 +1,330 @@
+"""Case -> what hot pixels do to the stars that its tracker detects, and to its search."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack import trial
+from startrack.budget.fields import attitudes, design_row, fields
+from startrack.budget.fixed import visible
+from startrack.core import Floats, Ints, Streams, is_code, kernel, median
+from startrack.design import Case
+from startrack.identification import LEAST_SIGMA, LOG_ATTITUDES, NARROWEST, REACH, log_evidence
+
+EVEN: Floats = (np.arange(32) + 0.5) / 32  # quantiles of a threshold
+HOT_RANGE, HOT_STEP = 5.0, 1.0  # magnitude above the faintest, at which shifts are measured; a step
+WINDOWS = 512  # with hot pixels, in which shifts are measured
+FIELDS, DRAWS = 128, 16  # of the sky, and frames of each, in which the tracker leaves stars out
+MEDIAN_SQUARE = 2 * math.log(2)  # of a squared error, in variances per axis
+FEWEST = 4  # matched stars, of which the solver leaves none out
+MOST = 12  # matched stars, from which on a frame is taken to be identified
+
+
+class NearHot(NamedTuple):
+    """What hot pixels do to stars of m magnitudes, and to the search of a frame.
+
+    search  of a frame with them
+    false   (k,) electron, of the false spots that they make
+    kept    (m,) chance that they do not make the tracker lose a star that the search finds
+    moment  (m, 2, 2) pixel^2, second moment over the stars of the shifts by them
+    lost    of `Solver`, with what evidence the places of so many stars are among these spots
+    """
+
+    search: trial.Search
+    false: Floats
+    kept: Floats
+    moment: Floats
+    lost: Floats
+
+
+def hot_stars(case: Case, even: Case, star: trial.Errors) -> NearHot:
+    """What hot pixels near stars do to those that are detected.
+
+        kept = P(used),   moment = <s s^T> of the used
+
+    over windows with hot pixels, which a part of the stars has: those that the search rejects are
+    lost, the others are shifted by s. Which of them the tracker uses is drawn in frames. The
+    identification matches spots within a radius that grows with the median error of the frame,
+    needs evidence among the false spots, and the solver leaves the worst out, as far as the fit,
+    which they bend, and the median residual let it. So a bright star that is moved by many sigmas
+    stays where others are moved, too. Shifts are measured at a few magnitudes; they go as one over
+    the star's light.
+
+    even      the case `with_uniform_dark`;  star  its errors
+    Accuracy  model: that of drawn spots, whose windows these are; the evidence of brightness, and
+              false matches, are left out. Beside 1000 windows or more each of `noise_only`, the
+              error across is 1.00 of theirs where 0.6 % of the pixels are hot, 0.89 and 1.03 where
+              1.7 and 4.4 % are, 1.15 where 5.6 % are; attitudes are up to 5 % too few.
+    """
+    magnitude, sky = star.magnitude, trial.sky_electrons(case)
+    fewest = case.tracker.identification.min_matches
+    empty = trial.empty_frame(case, sky)
+    assert empty is not None
+    search = trial.Search(empty.noise, np.quantile(empty.of_places, EVEN))
+    above = trial.detection_probability(even, magnitude, search=search)
+    faintest = magnitude[above > 0.5].max(initial=magnitude[0])
+    place = np.arange(max(faintest - HOT_RANGE, magnitude[0]), faintest + 1e-9, HOT_STEP)
+    light = trial.scale(even).star * 10 ** (-0.4 * place)
+    middle = empty.noise, empty.threshold_sigma
+    hot, higher = trial.hot_windows(trial.Grid(even, sky, search=middle), case, light, WINDOWS)
+    near = (search.threshold[:, None] - higher[-1]).ravel()
+    weight = np.repeat([1 - hot.chance, hot.chance], [len(EVEN), len(near)])
+    weight[: len(EVEN)] /= len(EVEN)
+    weight[len(EVEN) :] /= len(near)
+    search = trial.Search(empty.noise, _quantiles(np.append(search.threshold, near), weight))
+    if not hot.chance:
+        none = np.zeros_like(star.stated)
+        return NearHot(search, empty.flux, np.ones(len(magnitude)), none, np.ones(fewest))
+    found = trial.detection_probability(even, magnitude, search=search) * star.kept
+    drawn, rules = _frames(case, even, star, found, place, hot, empty.flux)
+    seen, used, solved, square = np.zeros((4, len(place)))
+    tried, accepted = np.zeros((2, max(MOST, fewest)))
+    _use(drawn, rules, seen, used, solved, square, tried, accepted)
+    kept = np.where(seen > 0, used / np.maximum(seen, 1), 1.0)
+    square = np.where(solved > 0, square / np.maximum(solved, 1) / 2, 0.0)
+    lost = np.where(tried > 0, 1 - accepted / np.maximum(tried, 1), 0.0)
+    lost[:fewest] = 1.0
+    index = np.abs(magnitude[:, None] - place).argmin(axis=1)
+    fainter = 10 ** (0.8 * (magnitude - place[index]))
+    moment = (fainter * square[index])[:, None, None] * np.eye(2)
+    return NearHot(search, empty.flux, kept[index], moment, lost)
+
+
+def _quantiles(values: Floats, weight: Floats) -> Floats:
+    """Values that are as frequent as each other, of values (n,) that are not."""
+    order = np.argsort(values)
+    middle = np.cumsum(weight[order]) - weight[order] / 2
+    return np.interp(EVEN, middle / weight.sum(), values[order])
+
+
+class _Rules(NamedTuple):
+    """What the tracker asks of its stars.
+
+    focal_length_px  pixel;  tolerance, radius (pixel), gate  keys of identification and solver
+    area      1, of the image, in units of the focal length
+    evidence  ln of that which is asked for
+    fewest, most  stars that an attitude needs, and spots that are kept
+    false     spots that hot pixels make;  verified  spots that are asked for evidence
+    """
+
+    focal_length_px: float
+    tolerance: float
+    radius: float
+    gate: float
+    area: float
+    evidence: float
+    fewest: int
+    most: int
+    false: int
+    verified: int
+
+
+class _Drawn(NamedTuple):
+    """The n stars of some fields, and what is drawn of them in d frames.
+
+    first   (m + 1,) index of the first star of each field, and n
+    x, y    (n,) 1, x / z and y / z in camera axes
+    found   (n,) 1, probability that the search finds the star
+    false   (n,) brighter spots that hot pixels make
+    sigma   (3, n) pixel per axis: of the errors but hot pixels, as the identification assumes it,
+            and as the solver weights it
+    place   (n,) of the magnitudes at which shifts are known
+    chance  (d, n) uniform;  noise  (d, n, 2) standard normal
+    shift   (d, n, 2) pixel, by hot pixels; NaN where these make the search reject the star
+    """
+
+    first: Ints
+    x: Floats
+    y: Floats
+    found: Floats
+    false: Ints
+    sigma: Floats
+    place: Ints
+    chance: Floats
+    noise: Floats
+    shift: Floats
+
+
+def _frames(
+    case: Case, even: Case, star: trial.Errors, found: Floats, place: Floats,
+    hot: trial.HotPixels, false: Floats,
+) -> tuple[_Drawn, _Rules]:  # fmt: skip
+    """Frames of the case, and what its tracker asks of them.
+
+    found  (m,) 1, probability that the search finds a star of each magnitude
+    place  (k,) magnitude
+    false  (f,) electron, of the spots of an empty frame
+    """
+    view = fields(case.catalog, case.instrument.camera, attitudes, FIELDS)
+    inside, magnitude = visible(case, view, float(star.magnitude[-1]), case)
+    likely = np.interp(magnitude, star.magnitude, found)
+    counts = likely > 1e-3
+    inside, magnitude, likely = inside[counts], magnitude[counts], likely[counts]
+    stars = view.sky.stars[view.star[inside]]
+    stated = np.trace(star.stated, axis1=1, axis2=2) / 2
+    noise = np.interp(magnitude, star.magnitude, stated)
+    sigma = np.sqrt([
+        noise + trial.systematic_variance_of(even, stars),
+        np.maximum(noise, LEAST_SIGMA**2),
+        noise + trial.systematic_variance_of(case, stars),
+    ])  # fmt: skip
+    closest = np.abs(magnitude[:, None] - place).argmin(axis=1)
+    random, many = Streams(0, 0)("stars near hot pixels in frames"), (DRAWS, len(magnitude))
+    shift = hot.shift[closest, random.integers(hot.shift.shape[1], size=many)]
+    shift *= 10 ** (0.4 * (magnitude - place[closest]))[:, None]
+    shift[random.random(many) >= hot.chance] = 0.0
+    settings, detector, focal = (
+        case.tracker.identification, case.instrument.detector, case.believed_camera.focal_length_px
+    )  # fmt: skip
+    asked = -math.inf if is_code(settings.method) else -math.log(settings.max_false_probability)
+    rules = _Rules(
+        focal, settings.focal_tolerance, settings.match_radius, case.tracker.attitude.gate,
+        detector.columns * detector.rows / focal**2, asked, settings.min_matches,
+        case.tracker.detection.max_spots, len(false), settings.verify_spots,
+    )  # fmt: skip
+    light = trial.scale(even).star * 10 ** (-0.4 * magnitude)
+    brighter = len(false) - np.searchsorted(np.sort(false), light, side="right")
+    drawn = _Drawn(
+        np.searchsorted(view.field[inside], np.arange(FIELDS + 1)), view.x[inside], view.y[inside],
+        likely, brighter, sigma, closest, random.random(many), random.standard_normal((*many, 2)),
+        shift,
+    )  # fmt: skip
+    return drawn, rules
+
+
+@kernel
+def _use(
+    drawn: _Drawn, rules: _Rules, seen: Floats, used: Floats, solved: Floats, square: Floats,
+    tried: Floats, accepted: Floats,
+) -> None:  # fmt: skip
+    """Add the stars of all frames that the search finds, and those that the tracker uses.
+
+    seen, used      (k,) over the magnitudes of shifts
+    solved, square  (k,) of frames with an attitude alone: stars that are used, and squared shifts
+    tried, accepted (k,) frames with so many matches, and those of them with an attitude
+    """
+    for d in range(len(drawn.chance)):
+        for f in range(len(drawn.first) - 1):
+            first, end = drawn.first[f], drawn.first[f + 1]
+            star, count = np.empty(end - first, np.int64), 0
+            for i in range(first, end):
+                room = count + drawn.false[i] < rules.most
+                if room and drawn.chance[d, i] < drawn.found[i]:
+                    seen[drawn.place[i]] += 1
+                    if not np.isnan(drawn.shift[d, i, 0]):
+                        star[count] = i
+                        count += 1
+            matched, excess = _matched(d, star[:count], drawn, rules)
+            good = len(matched) >= rules.fewest
+            if good and len(matched) < len(tried):
+                spots = min(count + rules.false, rules.verified, rules.most)
+                good = _evidence(d, matched, drawn, rules, first, end, spots, excess)
+                tried[len(matched)] += 1
+                accepted[len(matched)] += good
+            if good:
+                matched = _solved(d, matched, drawn, rules)
+            for i in matched:
+                used[drawn.place[i]] += 1
+                if good:
+                    solved[drawn.place[i]] += 1
+                    moved = drawn.shift[d, i, 0] ** 2 + drawn.shift[d, i, 1] ** 2
+                    square[drawn.place[i]] += moved
+
+
+@kernel
+def _error(d: int, i: int, drawn: _Drawn) -> tuple[float, float]:
+    """Pixel x and y, by noise and hot pixels."""
+    x = drawn.sigma[0, i] * drawn.noise[d, i, 0] + drawn.shift[d, i, 0]
+    return x, drawn.sigma[0, i] * drawn.noise[d, i, 1] + drawn.shift[d, i, 1]
+
+
+@kernel
+def _matched(d: int, star: Ints, drawn: _Drawn, rules: _Rules) -> tuple[Ints, float]:
+    """The stars that the identification matches, by the rule of its last round.
+
+    And the variance per axis (pixel^2) by which it takes them to err more than their noise.
+    """
+    square, variance = np.empty(len(star)), np.empty(len(star))
+    for k in range(len(star)):
+        x, y = _error(d, star[k], drawn)
+        square[k], variance[k] = x * x + y * y, drawn.sigma[1, star[k]] ** 2
+    if len(star) == 0:
+        return star, 0.0
+    excess = max(median(square) / MEDIAN_SQUARE - median(variance), 0.0)
+    kept = np.empty(len(star), np.bool_)
+    for k in range(len(star)):
+        widest = max(rules.radius, REACH * np.sqrt(variance[k]))
+        radius = max(REACH * np.sqrt(variance[k] + excess), NARROWEST * rules.radius)
+        kept[k] = square[k] <= min(radius, widest) ** 2
+    return star[kept], excess
+
+
+@kernel
+def _left(
+    d: int, star: Ints, drawn: _Drawn, rules: _Rules, variance: Floats, rows: Floats
+) -> Floats:
+    """Squared residuals (k,) pixel^2 of stars from the attitude and scale that fit them.
+
+    variance  (k,) pixel^2 per axis, by which they are weighted
+    rows      (k, 2, 4) pixel / radian, is written to
+    """
+    info, moved, square = np.zeros((4, 4)), np.zeros(4), np.zeros(len(star))
+    # Held where no focal length is fitted.
+    info[3, 3] = max(rules.tolerance, 1e-9) ** -2
+    for k in range(len(star)):
+        design_row(drawn.x[star[k]], drawn.y[star[k]], rules.focal_length_px, rows[k])
+        error = _error(d, star[k], drawn)
+        for axis in range(2):
+            for a in range(4):
+                weighted = rows[k, axis, a] / variance[k]
+                moved[a] += weighted * error[axis]
+                for b in range(4):
+                    info[a, b] += weighted * rows[k, axis, b]
+    turn = np.linalg.solve(info, moved)
+    for k in range(len(star)):
+        error = _error(d, star[k], drawn)
+        for axis in range(2):
+            rest = error[axis]
+            for a in range(4):
+                rest -= rows[k, axis, a] * turn[a]
+            square[k] += rest * rest
+    return square
+
+
+@kernel
+def _evidence(
+    d: int, star: Ints, drawn: _Drawn, rules: _Rules, first: int, end: int, spots: int,
+    excess: float,
+) -> bool:  # fmt: skip
+    """Whether the places of matched stars are evidence enough among so many spots."""
+    focal, unknowns = rules.focal_length_px, 4 if rules.tolerance > 0 else 3
+    rows, prior, log_prior = (
+        np.empty((len(star), 2, 4)), np.zeros((unknowns, unknowns)), -LOG_ATTITUDES
+    )  # fmt: skip
+    if rules.tolerance > 0:
+        prior[3, 3] = rules.tolerance**-2
+        log_prior -= math.log(rules.tolerance * math.sqrt(2 * math.pi))
+    variance = drawn.sigma[1][star] ** 2
+    square = _left(d, star, drawn, rules, variance + excess, rows)
+    places = np.ascontiguousarray(rows[:, :, :unknowns]) / focal
+    found = log_evidence(
+        square / focal**2, variance / focal**2, star - first, places, prior, log_prior, spots,
+        end - first, rules.area, rules.radius / focal,
+    )  # fmt: skip
+    return found >= rules.evidence
+
+
+@kernel
+def _solved(d: int, star: Ints, drawn: _Drawn, rules: _Rules) -> Ints:
+    """The stars that the solver leaves, as `attitude.solve` leaves them out one by one."""
+    allowed, rows = len(star), np.empty((len(star), 2, 4))
+    while len(star) > FEWEST:
+        variance = drawn.sigma[2][star] ** 2
+        square = _left(d, star, drawn, rules, variance, rows) / variance
+        worst = int(np.argmax(square))
+        limit = rules.gate**2 * max(1.0, median(square) / MEDIAN_SQUARE)
+        if square[worst] <= limit or len(star) <= allowed / 2:
+            break
+        star = np.append(star[:worst], star[worst + 1 :])
+    return star
