@@ -37,7 +37,8 @@ LEAST = 0.5  # availability below which the table of rates ends
 # Stars' errors over a pixel repeat with it, and are unlike after a fraction of it; chosen by hand.
 PIXEL_LENGTH = 0.5  # pixel
 ENVIRONMENTS = 24  # of a unit
-SWING_KNOWN = (2 * ENVIRONMENTS) ** -0.5  # relative sigma of the rms of so many normal draws
+AT_REST = 400  # of the unit of the model, for its swing; chosen by hand: some seconds
+SWING_KNOWN = (2 * AT_REST) ** -0.5  # relative sigma of the rms of so many normal draws
 RANKS = {"middle": 0.5, "95": 0.95, "worst": 1.0, "designed": math.nan}
 CLASSES = {  # of the model, by those of ECSS-E-ST-60-20C
     "noise": (Term.NOISE,),
@@ -144,7 +145,7 @@ def head_model(
     choice = choice or UnitChoice()
     step = progress or (lambda done: None)
     one = _unit_of(turning(case, 0.0), choice, step)
-    rates, found = _over_rates(case, one.classes, step)
+    rates, found = _over_rates(case, one, step)
     limits = limits_of(Head(name or "head", ""), case)
     camera, detector = case.instrument.camera, case.instrument.detector
 
@@ -156,7 +157,7 @@ def head_model(
     if one.begin:
         left_out.append(
             "the phase of the swing in the orbit is drawn, and its rms is that of "
-            f"{ENVIRONMENTS} drawn environments, known to {100 * SWING_KNOWN:.0f} % (1 sigma)"
+            f"{AT_REST} drawn environments, known to {100 * SWING_KNOWN:.0f} % (1 sigma)"
         )
     if case.instrument.stray is None:
         left_out.append(
@@ -190,11 +191,12 @@ Classes = dict[str, tuple[float, float]]  # radian rms, across and about; "avail
 
 
 class _Unit(NamedTuple):
-    """A unit of a design: in words, at rest, its classes of error at a rate, on its first day."""
+    """A unit of a design: in words, drawn; its errors at a rate, at rest, on its first day."""
 
     name: str
     case: Case
     classes: Callable[[Case], Classes]
+    rest: Classes
     begin: Classes
 
 
@@ -202,7 +204,7 @@ def _unit_of(rest: Case, choice: UnitChoice, step: Advance) -> _Unit:
     if choice.rank not in RANKS:
         raise Refused(f"unit must be one of {', '.join(RANKS)}, got {choice.rank!r}")
     if not rest.differs or choice.rank == "designed":
-        return _Unit("the unit as designed", rest, _designed, {})
+        return _Unit("the unit as designed", rest, _designed, _designed(rest), {})
     whole(1, 10**4, units=choice.count)
     seed, age = choice.seed, rest.end_of_life if choice.age is None else choice.age
     budgets = unit_budgets(rest, seed, choice.count, age, ENVIRONMENTS, progress=step)
@@ -210,12 +212,12 @@ def _unit_of(rest: Case, choice: UnitChoice, step: Advance) -> _Unit:
     order = np.argsort((rms[:, :2] ** 2).sum(axis=1), kind="stable")
     number = int(order[max(math.ceil(RANKS[choice.rank] * choice.count), 1) - 1])
 
-    def at(case: Case, age: float) -> Classes:
-        one = unit_budgets(case, seed, 1, age, ENVIRONMENTS, first=number)
+    def at(case: Case, age: float, environments: int = ENVIRONMENTS) -> Classes:
+        one = unit_budgets(case, seed, 1, age, environments, first=number)
         terms = {term: values[0] for term, values in one.terms.items()} | {Term.BIAS: one.bias[0]}
         return _classes(terms, float(one.availability[0]))
 
-    begin = at(rest, 0.0)
+    still, begin = at(rest, age, AT_REST), at(rest, 0.0, AT_REST)
     del begin["available"]
     of = {"middle": "the middle one", "95": "95 % err less or as much", "worst": "the worst"}
     name = (
@@ -223,7 +225,7 @@ def _unit_of(rest: Case, choice: UnitChoice, step: Advance) -> _Unit:
         f"{of[choice.rank]}, by rms across with bias at rest"
     )
     drawn = unit_of(rest, seed, Moment(number, 0, 0, age))
-    return _Unit(name, drawn, lambda case: at(case, age), begin)
+    return _Unit(name, drawn, lambda case: at(case, age), still, begin)
 
 
 def _designed(case: Case) -> Classes:
@@ -243,16 +245,14 @@ def _classes(terms: Mapping[Term, Floats], available: float) -> Classes:
     return found
 
 
-def _over_rates(
-    case: Case, classes: Callable[[Case], Classes], step: Advance
-) -> tuple[list[float], list[Classes]]:
+def _over_rates(case: Case, unit: _Unit, step: Advance) -> tuple[list[float], list[Classes]]:
     """The rates of the table, up to the last at which half of the sky has an attitude."""
     pixel = 1 / case.instrument.camera.focal_length_px / case.instrument.detector.exposure
-    rates, found = [0.0], [classes(turning(case, 0.0))]
+    rates, found = [0.0], [unit.rest]
     for smear in SMEARS:
         rate = smear * pixel
         try:
-            at_rate = classes(turning(case, rate))
+            at_rate = unit.classes(turning(case, rate))
         except Refused:  # no field has an attitude
             break
         if at_rate["available"][0] < LEAST:

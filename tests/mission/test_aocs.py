@@ -122,10 +122,11 @@ def test_a_model_of_units_has_their_bias_and_swing(worst):
     per_axis = SIGMA * arcsec / math.sqrt(2)
     # The largest of twelve normal draws, within its 99 %.
     assert 1.1 < model.bias[0] / per_axis < 3.5
-    assert model.swing[0] / per_axis * 8 == pytest.approx(1, abs=0.35)  # of 24 draws: 15 % rms
+    # Of 400 draws: 3.5 % (1 sigma); of 24, of which the worst unit is sought, it was 14 %.
+    assert model.swing[0] / per_axis * 8 == pytest.approx(1, abs=0.11)
     assert model.bias[1] == pytest.approx(0, abs=1e-9)
     assert model.begin["bias"] == pytest.approx(model.bias)
-    assert "known to 14 % (1 sigma)" in " ".join(model.left_out)
+    assert "known to 4 % (1 sigma)" in " ".join(model.left_out)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(exports, "SMEARS", exports.SMEARS[:1])
         designed = head_model(case, "designed", UnitChoice("designed"))
