@@ -68,8 +68,8 @@ def command(options: argparse.Namespace) -> int:
         ages = len(dict.fromkeys((0.0, design.case.end_of_life)))
         total = options.units * verification.trials_of_a_unit(campaign) * ages * len(judged)
     else:
-        warm(design.case, Sampling(fidelity))  # what no trial can do is refused before the first
         total = options.trials * len(judged)
+    warm(design.case, Sampling(fidelity))  # what no trial can do is refused before the first
     with (
         Ledger(options.out / LEDGER if options.out else None) as ledger,
         pool(options.workers) as executor,

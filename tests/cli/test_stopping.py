@@ -10,6 +10,7 @@ import pytest
 from startrack.cli import stopping
 from startrack.cli.main import main
 from startrack.cli.options import WrongUse
+from startrack.io import shipped
 
 
 @pytest.mark.parametrize(
@@ -32,6 +33,19 @@ def test_what_is_raised_is_told(error, status, words):
     assert got == status
     assert words in message
     assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    "words", [["optimize"], ["verify"], ["verify", "--units", "4"], ["montecarlo"]]
+)
+def test_a_design_without_its_extra_leaves_no_folder(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "radbelt", None)  # as where it is not installed
+    age = ("altitude=613 km", "inclination=98 deg", "shielding=5 mm")
+    changes = [part for key in age for part in ("--set", f"instrument.detector.age.{key}")]
+    command = [*words, str(shipped("designs/nanosatellite.toml")), "--out", str(tmp_path / "out")]
+    assert main([*command, "--workers", "1", *changes]) == 1
+    assert "pip install 'startrack[radiation]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("debug", [False, True])
