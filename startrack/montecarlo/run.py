@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -84,6 +85,8 @@ def warm(case: Case, sampling: Sampling = FRAMES) -> None:
     Raises  Refused, ImportError, MemoryError or OSError, where no trial of the case can be run;
             what else may be raised by this trial alone is left to the trials.
     """
+    if sampling.units:  # plans between which units lie take minutes, and each worker has its own
+        sampling = replace(sampling, units=replace(sampling.units, exact=True))
     try:
         sampling.trials(case, 0, range(1))
     except (Refused, ImportError, MemoryError, OSError) as error:

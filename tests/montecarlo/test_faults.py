@@ -8,17 +8,23 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from startrack.cli.main import main
+from startrack.core import Refused
+from startrack.design import Fidelity, Variation
+from startrack.detector import Hits
 from startrack.io import shipped
 from startrack.montecarlo.resume import resume
-from startrack.montecarlo.run import run
+from startrack.montecarlo.run import run, warm
+from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import Store
 from startrack.montecarlo.workers import Serial
+from startrack.population import Units, yields
 
 DESIGN = str(shipped("designs/noise_only.toml"))
 COMMAND = (sys.executable, "-m", "startrack.cli", "montecarlo", DESIGN)
@@ -222,6 +228,20 @@ if __name__ == "__main__":
     here, there = map(int, done.stdout.split())
     assert here > 20
     assert there == 0
+
+
+def test_the_first_trial_of_a_unit_makes_no_plans_that_workers_make_again(case, monkeypatch):
+    """They took 3 minutes of CPU for the shipped nanosatellite, one unit's own takes 12 s."""
+    made = list[float]()
+    monkeypatch.setattr(yields, "unit_plans", lambda _, age: made.append(age))
+    differing = replace(case, variation=(Variation("instrument.mounting.x", sigma="9 arcsec"),))
+    warm(differing, Sampling(Fidelity.COVARIANCE, units=Units(2, 1)))
+    assert not made
+    crowded = Hits(1e8)
+    detector = replace(case.instrument.detector, hits=crowded)
+    hit = replace(differing, instrument=replace(case.instrument, detector=detector))
+    with pytest.raises(Refused, match="hits"):
+        warm(hit, Sampling(Fidelity.COVARIANCE, units=Units(2, 1)))
 
 
 def test_a_store_that_is_damaged_says_so(tmp_path, case, outcomes):
