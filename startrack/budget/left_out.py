@@ -66,16 +66,14 @@ ADVICE = {
 # What a tracker cannot see in the spots that it weights.
 UNSEEN = ("camera model", "proper motion", "parallax", "aberration", "mounting",
           "mounting swing", "time stamp", trial.SHUTTER, trial.HITS)  # fmt: skip
-PARTS_SHOWN = 4  # causes, the largest
 
 
 def advice(budget: Budget[Any]) -> list[str]:
-    """Of the largest causes across the boresight, what they are and what changes them."""
-    lines = sorted(budget.lines, key=lambda line: -line.across)[:PARTS_SHOWN]
+    """Of each cause, the largest across the boresight first, what it is and what changes it."""
     return [
         f"{line.name} ({line.across / arcsec:.3g} arcsec across): {ADVICE[line.name]}"
-        for line in lines
-        if line.name in ADVICE
+        for line in sorted(budget.lines, key=lambda line: -line.across)
+        if line.name in ADVICE and (line.across or line.about)
     ]
 
 

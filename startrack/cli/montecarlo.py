@@ -139,7 +139,8 @@ def command(options: argparse.Namespace) -> int:
     rows = metrics.summary_rows(summary, limits)
     result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
     result |= metrics.to_json(rows) | {"trials_per_s": trials.rate} | shown
-    text = [*([summary.doubt] if summary.doubt else []), *metrics.to_lines(rows), *verdicts]
+    asked = f"{summary.doubt}; `startrack budget` names what the tracker does not know"
+    text = [*([asked] if summary.doubt else []), *metrics.to_lines(rows), *verdicts]
     if sampling.units:
         required = needs.accuracy if needs else ()
         result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)

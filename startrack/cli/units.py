@@ -46,6 +46,15 @@ if wanted(__name__):
         "and thermo-elastic: accuracy": _ALL,
         "accuracy with bias": (*_ALL, Term.BIAS),
     }
+    # What classes of error of units are, which the unit as designed has not.
+    ADVICE = {
+        Term.BIAS: "mounting and camera differ from what they were calibrated to: "
+        "tracker.calibration, [[variation]] per unit, launch and life",
+        Term.THERMO_ELASTIC: "heat turns the boresight over an orbit: instrument.structure, "
+        "instrument.mounting in [[variation]] per environment",
+        Term.FIELD: "what calibration and heat leave of the places of stars, and neighbours: "
+        "tracker.calibration, instrument.residual, tracker.detection.max_spots",
+    }
 AXES = {"across": (0, 1), "about": (2,)}
 
 
@@ -276,6 +285,13 @@ def _text(ages: list[dict[str, Any]]) -> str:
         "by the formula, per axis; a bias is constant for a unit, counts in yields and is left out "
         "below it else"
     )
+    last = ages[-1]["classes_rms_arcsec"]
+    lines += [
+        f"{term} ({last[term]['across']:.3g} arcsec across): {text}"
+        for term, text in ADVICE.items()
+        if last.get(term, {}).get("across", 0.0) > 0
+    ]
+    lines.append("--levers says what a step of each buys and costs")
     return "\n".join(lines)
 
 

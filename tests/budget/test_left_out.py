@@ -85,6 +85,7 @@ def test_advice_names_keys_that_there_are(case):
         assert set(named) <= keys, name
     budget = analytic(case)
     assert advice(budget)[0].startswith("read noise")
+    assert len(advice(budget)) == sum(line.across > 0 for line in budget.lines) > 4
     assert unseen(budget) == ""
 
 

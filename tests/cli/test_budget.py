@@ -7,6 +7,7 @@ import pytest
 from startrack.budget import Term, indices_of
 from startrack.cli import budget as module
 from startrack.cli.main import main
+from startrack.io import shipped
 
 
 def run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -20,6 +21,7 @@ def test_the_table_names_causes_and_terms(capsys):
     assert status == 0
     for word in ("read noise", "PRNU", "temporal noise", "pixel spatial", "end to end", "99.73 %"):
         assert word in out
+    assert "\nbetter: tracker.detection.centroid = 'likelihood' instead of 'gravity'" in out
 
 
 def test_json_holds_both_columns(capsys):
@@ -31,6 +33,16 @@ def test_json_holds_both_columns(capsys):
     assert set(result["measured"]["end to end"]["levels"]) == {"temporal", "ensemble", "mixed"}
     assert set(result["analytic"]["end to end"]["levels"]) == {"mixed"}
     assert 0.3 < result["measured"]["end to end"]["across"] < 1.5
+
+
+def test_a_better_centroid_is_suggested_by_its_own_budget_and_followed_no_more(capsys):
+    noise_only = str(shipped("designs/noise_only.toml"))
+    fitted = ["--set", "tracker.detection.centroid=likelihood"]
+    results = [json.loads(run(capsys, noise_only, "--json", *more)[1]) for more in ([], fitted)]
+    [better] = results[0]["better"]  # it tracks all stars that it sees
+    assert better["value"] == "likelihood"
+    assert better["across_arcsec"] == pytest.approx(results[1]["analytic"]["sum"]["across"])
+    assert results[1]["better"] == []
 
 
 @pytest.mark.slow

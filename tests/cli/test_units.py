@@ -1,12 +1,15 @@
 """`startrack montecarlo --units`: errors of units, yield, and the worst unit explained."""
 
 import json
+import re
 from importlib import import_module
 
 import numpy as np
 import pytest
 
 from startrack.cli.main import main
+from startrack.cli.units import ADVICE
+from startrack.design import design_keys
 from startrack.montecarlo import Store
 
 DESIGN = """
@@ -134,6 +137,17 @@ def test_levers_are_steps_that_a_maker_may_take_with_what_they_cost(design, caps
 def test_the_budget_of_units_needs_something_that_varies(capsys):
     assert main(["budget", "--units", "2"]) == 2
     assert "[[variation]]" in capsys.readouterr().err
+
+
+def test_classes_of_units_say_what_they_are_and_which_keys_change_them(design, capsys):
+    main(["budget", str(design), "--units", "2"])
+    shown = capsys.readouterr().out
+    assert "\nFOV spatial (" in shown
+    assert "\nthermo-elastic (" not in shown  # nothing turns the boresight here
+    keys = {key.name for key in design_keys()}
+    for text in ADVICE.values():
+        named = set(re.findall(r"(?:instrument|tracker)\.[a-z_.]*[a-z_]", text))
+        assert named <= keys
 
 
 def test_requirements_are_verified_by_the_yield_at_both_ends_of_life(design, tmp_path, capsys):
