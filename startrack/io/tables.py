@@ -50,8 +50,9 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     fields = fields_of(kind)  # type: ignore[arg-type]
     table = _with_new_keys(kind, table, place)
     unknown = list(_unknown(kind, table, place))
-    if unknown:
-        raise Refused("; ".join(unknown))
+    if unknown:  # what is known is a long list, beside which not all would be said
+        one = len(unknown) == 1
+        raise Refused("; ".join(text + known * one for text, known in unknown))
     values = {key: _read(fields[key], value, _join(place, key)) for key, value in table.items()}
     missing = [name for name, field in fields.items() if name not in values and field.required]
     if missing:
@@ -62,8 +63,8 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
         raise Refused(_join(place, _sentence(error))) from None
 
 
-def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[str]:
-    """What is said of each unknown key of a table, and of the tables in it."""
+def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[tuple[str, str]]:
+    """What is said of each unknown key of a table, and of the tables in it; and what is known."""
     fields = fields_of(kind)
     for key, value in table.items():
         key = current_key(kind, key)
@@ -71,8 +72,10 @@ def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[str]:
         if inner is None:
             near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
             known = ", ".join(fields) or "no keys"
-            hint = f"did you mean {near[0]}?" if near else f"known here are {known}"
-            yield f"{_join(place, core.shown(key)[1:-1])} is unknown; {hint}"
+            text = f"{_join(place, core.shown(key)[1:-1])} is unknown"
+            yield (f"{text}; did you mean {near[0]}?", "") if near else (
+                text, f"; known here are {known}"
+            )  # fmt: skip
         elif dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
             yield from _unknown(inner, value, _join(place, key))
 

@@ -176,6 +176,18 @@ def test_all_unknown_keys_are_named_at_once():
         from_table(Case, {"instrument": {"optics": {"f_numbr": 2}}, "tracker": {"wondow": 3}})
 
 
+def test_lists_of_known_keys_do_not_cut_off_other_unknown_ones():
+    """A command prints 600 letters of a message; those known of a detector alone are more."""
+    table = {"instrument": {"optics": {"foo": 1}, "detector": {"qux": 1}}, "scene": {"baz": 1}}
+    with pytest.raises(
+        ValueError, match=r"foo is unknown; .*qux is unknown; scene\.baz is"
+    ) as told:
+        from_table(Case, table)
+    assert "known here" not in str(told.value)
+    with pytest.raises(ValueError, match=r"scene\.baz is unknown; known here are .*background_g"):
+        from_table(Case, {"scene": {"baz": 1}})
+
+
 def test_a_change_may_name_a_table_that_is_not_there(written):
     assert table(written(top="a = 1"), "b.c.d=2") == {"a": 1, "b": {"c": {"d": 2}}}
 
