@@ -63,7 +63,7 @@ RESUMING = (
     ("optimize",), ("mission",),
 )  # fmt: skip
 BEGUN = 30_000  # byte of stores
-GOING = 10.0  # second, for which a command goes on after its first row
+GOING = 10.0  # second, for which a command goes on after it began its store
 BRIGHT = 5.0  # spreads of the background
 
 
@@ -191,6 +191,9 @@ def goes_on(words: tuple[str, ...]) -> bool:
         while run.poll() is None and size_of_stores(Path(folder)) < BEGUN:
             time.sleep(0.5)
         time.sleep(GOING)
+        size = size_of_stores(Path(folder))  # on a busy machine of the design alone
+        while run.poll() is None and size_of_stores(Path(folder)) == size:
+            time.sleep(0.5)
         run.send_signal(signal.SIGTERM)
         stopped, kept = run.wait(), rows_of(Path(folder))
         if stopped != 143:
