@@ -15,7 +15,7 @@ from startrack.identification import LEAST_SIGMA, LOG_ATTITUDES, NARROWEST, REAC
 EVEN: Floats = (np.arange(32) + 0.5) / 32  # quantiles of a threshold
 HOT_RANGE, HOT_STEP = 5.0, 1.0  # magnitude above the faintest, at which shifts are measured; a step
 WINDOWS = 512  # with hot pixels, in which shifts are measured
-FIELDS, DRAWS = 128, 16  # of the sky, and frames of each, in which the tracker leaves stars out
+FIELDS, DRAWS = 64, 32  # of the sky, and frames of each, in which the tracker leaves stars out
 MEDIAN_SQUARE = 2 * math.log(2)  # of a squared error, in variances per axis
 FEWEST = 4  # matched stars, of which the solver leaves none out
 MOST = 12  # matched stars, from which on a frame is taken to be identified
@@ -164,11 +164,11 @@ def _frames(
     stars = view.sky.stars[view.star[inside]]
     stated = np.trace(star.stated, axis1=1, axis2=2) / 2
     noise = np.interp(magnitude, star.magnitude, stated)
-    sigma = np.sqrt([
-        noise + trial.systematic_variance_of(even, stars),
-        np.maximum(noise, LEAST_SIGMA**2),
-        noise + trial.systematic_variance_of(case, stars),
-    ])  # fmt: skip
+    assumed = trial.systematic_variance_of(case, stars)
+    lasting = assumed
+    if (of_pixels := trial.pixel_variance_of(case, stars)).any():  # with hot ones
+        lasting = assumed - of_pixels + trial.lasting(star, magnitude) ** 2
+    sigma = np.sqrt([noise + lasting, np.maximum(noise, LEAST_SIGMA**2), noise + assumed])
     closest = np.abs(magnitude[:, None] - place).argmin(axis=1)
     random, many = Streams(0, 0)("stars near hot pixels in frames"), (DRAWS, len(magnitude))
     shift = hot.shift[closest, random.integers(hot.shift.shape[1], size=many)]

@@ -103,6 +103,7 @@ from startrack.trial.systematic import (
     blending_shift,
     focal_stretches,
     pixel_variance,
+    pixel_variance_of,
     shared_errors,
     systematic_variance,
     systematic_variance_of,

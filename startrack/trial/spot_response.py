@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Flags, Floats, Psf, Streams
+from startrack.core import Flags, Floats, Ints, Psf, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
@@ -189,17 +189,24 @@ def hot_windows(
     chance, dark = near_stars(true, grid.side, samples)
     if not chance:
         return NO_HOT, np.zeros((2, 1))
-    samples = len(dark)
-    phase = Streams(0, 0)("places of stars near hot pixels").random((samples, 2)) - 0.5
-    stars = np.column_stack([np.tile(phase, (len(flux), 1)), np.repeat(flux, samples)])
-    none = np.zeros_like(stars)
-    alone, _ = grid.expect(stars, none, samples)
-    seen, _ = grid.expect(stars, none, samples, dark)
-    shift = np.column_stack([seen.x - alone.x, seen.y - alone.y])
-    shift[~(seen.kept > KEPT)] = np.nan
-    shift[~((alone.above > 0) & np.isfinite(alone.x))] = 0.0  # such a star is lost anyway
-    higher = (seen.above - alone.above).reshape(len(flux), samples)
-    return HotPixels(chance, shift.reshape(len(flux), samples, 2)), higher
+    samples, few = len(dark), min(len(dark), SAMPLES)  # of few places
+    phase = Streams(0, 0)("places of stars near hot pixels").random((few, 2)) - 0.5
+
+    def expected(each: Ints, behind: Floats | None) -> tuple[Floats, Floats, Floats]:
+        """Displacement (l, k, 2), amount above the threshold and chance to be kept (l, k)."""
+        shape = len(flux), len(each)
+        stars = np.column_stack([np.tile(phase[each], (len(flux), 1)), np.repeat(flux, len(each))])
+        seen, place = grid.expect(stars, np.zeros_like(stars), len(each), behind)
+        moved = np.column_stack([seen.x, seen.y]) - place
+        return moved.reshape(*shape, 2), seen.above.reshape(shape), seen.kept.reshape(shape)
+
+    of_place = np.arange(samples) % few
+    alone, above_alone, _ = (part[:, of_place] for part in expected(np.arange(few), None))
+    seen, above, kept = expected(of_place, dark)
+    shift = seen - alone
+    shift[~(kept > KEPT)] = np.nan
+    shift[~((above_alone > 0) & np.isfinite(alone[..., 0]))] = 0.0  # such a star is lost anyway
+    return HotPixels(chance, shift), above - above_alone
 
 
 def fluxes_between(faintest: float, brightest: float) -> Floats:

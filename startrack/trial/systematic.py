@@ -360,5 +360,13 @@ def _focal_stretches(case: Case) -> Floats | None:
 
 def systematic_variance_of(case: Case, stars: Stars) -> Floats:
     """`systematic_variance` (m,) of stars of the true sky; any value for those not believed in."""
-    star, _ = open_sky(case.believed_catalog).stars.find(stars.identifier)
-    return systematic_variance(case)[star]
+    return systematic_variance(case)[_believed(case, stars)]
+
+
+def pixel_variance_of(case: Case, stars: Stars) -> Floats:
+    """`pixel_variance` (m,) of stars of the true sky; any value for those not believed in."""
+    return pixel_variance(case)[_believed(case, stars)]
+
+
+def _believed(case: Case, stars: Stars) -> Ints:
+    return open_sky(case.believed_catalog).stars.find(stars.identifier)[0]
