@@ -42,6 +42,7 @@ from startrack.budget.left_out import (
     check,
     differences,
     noise_only,
+    refusal,
     unseen,
 )
 from startrack.budget.measured import INDICES, indices_of, measured

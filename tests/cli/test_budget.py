@@ -45,6 +45,13 @@ def test_a_better_centroid_is_suggested_by_its_own_budget_and_followed_no_more(c
     assert results[1]["better"] == []
 
 
+def test_why_stars_are_refused_stands_above_the_error_that_it_makes(capsys):
+    noise_only = str(shipped("designs/noise_only.toml"))
+    _, out, _ = run(capsys, noise_only, "--set", "instrument.optics.blur=0 um")
+    assert out.count("are refused as hot pixels") == 1
+    assert out.index("are refused as hot pixels") < out.index("arcsec rms per axis")
+
+
 @pytest.mark.slow
 def test_pictures_and_indices(capsys, tmp_path):
     profile = tmp_path / "calm.toml"
