@@ -73,7 +73,8 @@ from startrack import Fidelity, Streams, arcsec, deg, load_design, shipped
 from startrack.budget import analytic
 from startrack.core import LIGHT_SPEED, Floats, installed_tables
 from startrack.design import KeepOut, turning
-from startrack.detector.ageing import Age, proton_dose
+from startrack.detector import Age
+from startrack.detector.ageing import proton_dose
 from startrack.mission import (
     Blind,
     Loaded,

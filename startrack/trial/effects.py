@@ -418,18 +418,9 @@ EFFECTS = [
 ]  # fmt: skip
 
 
-def present(
-    column: str, case: Case, among: Callable[[Effect], bool] = lambda _: True
-) -> list[Effect]:
-    """The effects that a case has, of those that have something in a column of the table.
-
-    among  which of them are looked for
-    """
-    return [
-        effect
-        for effect in EFFECTS
-        if getattr(effect, column) and among(effect) and effect.present(case)
-    ]
+def present(column: str, case: Case) -> list[Effect]:
+    """The effects that a case has, of those that have something in a column of the table."""
+    return [effect for effect in EFFECTS if getattr(effect, column) and effect.present(case)]
 
 
 def said(column: str, case: Case) -> list[str]:
