@@ -64,8 +64,7 @@ def _fields(
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
     # Those of the whole sky are found, which is in order already for all resolutions.
-    place = np.full(len(whole), -1)
-    place[stars.name] = np.arange(len(stars.name))
+    place = stars.places(len(whole))
     near = (place[one] for one in whole.cones(boresight, radius + resolution))
     found = [np.sort(one[one >= 0]) for one in near]
     field = np.repeat(np.arange(count), [len(one) for one in found])

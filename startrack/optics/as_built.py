@@ -28,23 +28,6 @@ class ElementSlopes(NamedTuple):
     slope: Floats
 
 
-def element_slopes(optics: Optics, family: str, camera: Camera) -> ElementSlopes:
-    """Slopes of the places of stars by decentre, tilt and wedge of each element of a lens.
-
-    A cemented group is decentred and tilted as one, about its middle; a wedge is a tilt of the last
-    surface of a piece of glass about its vertex. The place of a star is the mean of its rays; other
-    elements, the stop and the detector stay.
-
-    family  of whose lens the slopes are where `optics` has no lens table, in its size
-    camera  without a residual
-    Raises  Refused where no surfaces of a lens are known.
-    Accuracy  model: one wavelength; f-numbers down to that of the traced lens, for a faster one the
-              slopes are those of that; no vignetting. numerical: 1e-4 of the slopes. Chief rays of
-              elements off by 20 um and 1 arcmin move as those of optiland within 2 % and 0.05 um.
-    """
-    return slopes_of(built_lens(optics, family, camera))
-
-
 class BuiltLens(NamedTuple):
     """A lens and a camera to three digits, so that all units of a design share their slopes.
 
@@ -60,7 +43,11 @@ class BuiltLens(NamedTuple):
 
 
 def built_lens(optics: Optics, family: str, camera: Camera) -> BuiltLens:
-    """The lens of `element_slopes`, with these arguments."""
+    """The lens of a camera.
+
+    family  of whose lens the slopes are where `optics` has no lens table, in its size
+    camera  without a residual
+    """
     size, f_number = (float(f"{value:.3g}") for value in (optics.focal_length, optics.f_number))
     name = optics.lens_family or ("" if optics.lens_file else family)
     alike = Camera(camera.columns, camera.rows, float(f"{camera.focal_length_px:.3g}"))
@@ -69,8 +56,18 @@ def built_lens(optics: Optics, family: str, camera: Camera) -> BuiltLens:
     return BuiltLens(file, changed, name, size, f_number, alike)
 
 
-def slopes_of(lens: BuiltLens) -> ElementSlopes:
-    """`element_slopes` of a lens."""
+def element_slopes(lens: BuiltLens) -> ElementSlopes:
+    """Slopes of the places of stars by decentre, tilt and wedge of each element of a lens.
+
+    A cemented group is decentred and tilted as one, about its middle; a wedge is a tilt of the last
+    surface of a piece of glass about its vertex. The place of a star is the mean of its rays; other
+    elements, the stop and the detector stay.
+
+    Raises  Refused where no surfaces of a lens are known.
+    Accuracy  model: one wavelength; f-numbers down to that of the traced lens, for a faster one the
+              slopes are those of that; no vignetting. numerical: 1e-4 of the slopes. Chief rays of
+              elements off by 20 um and 1 arcmin move as those of optiland within 2 % and 0.05 um.
+    """
     surfaces = _surfaces(lens.file, lens.family, lens.focal_length, lens.f_number)
     camera = lens.camera
     direction = camera.unproject(node_places(camera.columns, camera.rows))

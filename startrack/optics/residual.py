@@ -8,7 +8,7 @@ from scipy.spatial import distance
 
 from startrack import core
 from startrack.core import FINITE, NODES, NON_NEGATIVE, Floats, Ints, Parameters, Range, Unit, kept
-from startrack.optics.as_built import KINDS, BuiltLens, built_lens, slopes_of
+from startrack.optics.as_built import KINDS, BuiltLens, built_lens, element_slopes
 from startrack.optics.parameters import Optics
 
 PER_AXIS = "rms of each element along either axis"
@@ -152,7 +152,7 @@ class Residual(Parameters):
 @kept(8)
 def _turned_back(lens: BuiltLens) -> tuple[Ints, Floats]:
     """`ElementSlopes` without what a turn could take up."""
-    kind, slope = slopes_of(lens)
+    kind, slope = element_slopes(lens)
     camera = lens.camera
     turns = taken_up(camera, core.node_places(camera.columns, camera.rows))[:, :3]
     return kind, _without(turns, slope)

@@ -142,6 +142,12 @@ class SeparableStars:
     sky: Sky
     name: Ints
 
+    def places(self, count: int) -> Ints:
+        """Which of these each of the `count` stars of the catalogue is; -1 where it is merged."""
+        place = np.full(count, -1)
+        place[self.name] = np.arange(len(self.name))
+        return place
+
 
 def separable_stars(selection: Selection, camera: Camera) -> SeparableStars:
     """The stars of a catalogue as the tracker's index merges them."""

@@ -178,10 +178,8 @@ def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float
 
     Of merged stars, those whose brightest is no fainter.
     """
-    several, many = separated(catalog, resolution), len(open_sky(catalog))
-    stars = several.sky.stars
-    place = np.full(many, -1)
-    place[several.name] = np.arange(len(stars))
+    several = separated(catalog, resolution)
+    stars, place = several.sky.stars, several.places(len(open_sky(catalog)))
     # Stars that are merged lie within the resolution of their centre.
     within = radius + 2 * 2.0 ** math.ceil(math.log2(resolution))
     both = place[near_pairs(catalog, within, faintest)]

@@ -9,7 +9,15 @@ import pytest
 from startrack.core import Camera, arcsec, um
 from startrack.io import shipped
 from startrack.optics import Optics
-from startrack.optics.as_built import KINDS, SHIFT, TURN, _elements, _traced, element_slopes
+from startrack.optics.as_built import (
+    KINDS,
+    SHIFT,
+    TURN,
+    _elements,
+    _traced,
+    built_lens,
+    element_slopes,
+)
 from startrack.optics.surfaces import open_surfaces
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle/as_built.json").read_text("utf-8"))
@@ -53,7 +61,7 @@ def test_each_element_is_off_in_each_way_and_direction():
 def test_a_decentre_that_is_the_same_for_all_elements_is_that_of_the_lens():
     # The whole lens shifted against stop and detector shifts all images; not the boresight's scale.
     optics, camera = Optics(focal_length=0.05, f_number=2.0), Camera(1024, 1024, 0.05 / 18e-6)
-    slopes = element_slopes(optics, "double-gauss", camera)
+    slopes = element_slopes(built_lens(optics, "double-gauss", camera))
     shifted = slopes.slope[:, slopes.kind == KINDS.index("decentre")]
     x_alike, y_alike = shifted[:, :4].sum(axis=1), shifted[:, 4:].sum(axis=1)
     half = len(x_alike) // 2
@@ -66,11 +74,11 @@ def test_a_decentre_that_is_the_same_for_all_elements_is_that_of_the_lens():
 def test_a_lens_without_surfaces_is_refused():
     camera = Camera(64, 64, 1000.0)
     with pytest.raises(ValueError, match=r"residual\.family must name a family"):
-        element_slopes(Optics(focal_length=0.05, f_number=2.0), "", camera)
+        element_slopes(built_lens(Optics(focal_length=0.05, f_number=2.0), "", camera))
 
 
 def test_a_tilt_of_an_arcminute_leaves_arcseconds():
     optics, camera = Optics(focal_length=0.05, f_number=2.0), Camera(1024, 1024, 0.05 / 18e-6)
-    slopes = element_slopes(optics, "double-gauss", camera)
+    slopes = element_slopes(built_lens(optics, "double-gauss", camera))
     tilted = slopes.slope[:, slopes.kind == KINDS.index("tilt")] * 60 * arcsec
     assert 0.01 < np.abs(tilted).max() < 10
