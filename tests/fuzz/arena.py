@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import os
 import re
@@ -17,6 +18,8 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from startrack.identification.cache import cache_folder
 
 ROOT = Path(__file__).parents[2]
 SECONDS = 30.0  # of CPU, or without any, after which a case has hung
@@ -103,6 +106,24 @@ def make_folder(folder: Path) -> None:
         os.chown(folder, NOBODY, NOBODY)
 
 
+def copy_caches(folder: Path) -> None:
+    """Copy the kernels and indexes of this process into a folder, for the user of the workers."""
+    kernels = importlib.import_module("startrack.core.kernel").kernel_folder()
+    indexes = cache_folder().glob("index-*.npz")
+    found = {path: folder / path.name for path in indexes}
+    if kernels:
+        files = (path for path in kernels.rglob("*") if path.suffix in (".nbi", ".nbc"))
+        found |= {path: folder / path.relative_to(kernels.parent) for path in files}
+    folder.mkdir(parents=True, mode=0o700)
+    for path, target in found.items():
+        target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with contextlib.suppress(FileNotFoundError):  # another process keeps those used last
+            shutil.copyfile(path, target)
+    if is_unprivileged():
+        for path in (folder.parent, folder, *folder.rglob("*")):
+            os.chown(path, NOBODY, NOBODY)
+
+
 class Arena:
     """Runs cases one after the other in a worker process, which is made anew where it ended.
 
@@ -121,6 +142,7 @@ class Arena:
         self._folder = Path(tempfile.mkdtemp(prefix=FOLDER))
         for name in ("home", "tmp"):
             make_folder(self._folder / name)
+        copy_caches(self._folder / "home" / ".cache" / "startrack")
         self._folder.chmod(0o755)
         self._results = dict[tuple[str, ...], str]()
         self._errors = (self._folder / "worker.txt").open("w+")

@@ -875,7 +875,9 @@ def begun() -> dict[str, bytes]:
     table = copy.deepcopy(bases()["design"])
     table["catalog"] = {"source": "stars.csv", "epoch": 2026.0}
     table["tracker"]["catalog"] = {"source": "guide.csv", "epoch": 2026.0}
-    table["instrument"]["optics"] |= {"psf": "auto", "lens_file": "lens.fits"}
+    # Slow enough for all lenses, with images that are computed in a second.
+    optics = {"psf": "auto", "lens_file": "lens.fits", "f_number": 4.0, "psf_tolerance": 0.05}
+    table["instrument"]["optics"] |= optics
     found = {
         "design.toml": tomli_w.dumps(table).encode(),
         **dict.fromkeys(("stars.csv", "guide.csv"), bright_stars()),

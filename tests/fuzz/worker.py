@@ -153,7 +153,11 @@ def resident() -> int:
 
 
 # Sizes of what is searched, which no file sets: on them depends no more than the time.
-SIZES = {"mission.surrogate": ("PLACES", 768), "mission.placement": ("GRID", 0.6)}
+SIZES = {
+    "mission.surrogate": ("PLACES", 768),
+    "mission.placement": ("GRID", 0.6),
+    "trial.systematic": ("GROWTH", 1.5),
+}
 
 
 def serve() -> None:
