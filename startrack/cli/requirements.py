@@ -11,13 +11,14 @@ from typing import Any
 from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign, wanted
 
 if wanted(__name__):
-    from startrack.budget import caveats
+    from startrack.budget import caveats, refusal
     from startrack.cli.terminal import example, found_design, print_result, read_design, stage
     from startrack.core import arcsec, deg, um
     from startrack.design import Objective, Requirements
     from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective, units_text
+    from startrack.verification import needed_magnitude
 
 EARTH_TOO = (
     "; or an Earth camera (sentinel2-msi, landsat8-oli, landsat8-tirs, waoss, hsrs, mertis, ads40 "
@@ -70,15 +71,20 @@ def command(options: argparse.Namespace) -> int:
         for accuracy in needs.accuracy
     }
     result |= {"accuracy": limits} if limits else {}
+    needed = needed_magnitude(design.case, needs.min_stars, needs.sky_fraction)
     rows = [
-        [name, *_limited(needs, name, margin), f"{margin:+.3f}", "" if margin >= 0 else "NOT MET"]
+        [
+            name, *_limited(needs, name, margin, needed), f"{margin:+.3f}",
+            "" if margin >= 0 else "NOT MET",
+        ]
         for name, margin in margins.items()
-    ]
+    ]  # fmt: skip
     rows += [
         [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]
         for body, angle in needs.min_keep_out.angles.items()
     ]
-    lines = aligned([["requirement", "value", "limit", "margin", ""], *rows], (0, 4))
+    lines = [] if not (sharp := refusal(design.case, budget.refused)) else [sharp, ""]
+    lines += aligned([["requirement", "value", "limit", "margin", ""], *rows], (0, 4))
     lines += [
         "",
         *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
@@ -88,16 +94,20 @@ def command(options: argparse.Namespace) -> int:
             for name, limit in limits.items()
         ),
         f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; errors and "
-        "availability by the analytic budget. Margins are fractions of the limits; "
-        "that of stars is in mag.",
-        *caveats(design.case, budget.left_out, budget.refused),
+        "availability by the analytic budget. Margins are fractions of the limits; that of stars "
+        f"is in mag: the faintest that is detected beside the one that {needs.min_stars} stars in "
+        f"{100 * needs.sky_fraction:g} % of the sky need.",
+        *caveats(design.case, budget.left_out, 0.0),
     ]
     print_result(options, result, *lines)
     return Exit.DONE if met else Exit.UNSOLVED
 
 
-def _limited(needs: Requirements, name: str, margin: float) -> tuple[str, str]:
-    """Value and limit of a margin, with their unit; empty where the margin has no limit."""
+def _limited(needs: Requirements, name: str, margin: float, needed: float) -> tuple[str, str]:
+    """Value and limit of a margin, with their unit; empty where the margin has no limit.
+
+    needed  G, of `needed_magnitude`
+    """
     most = {
         "mass": (needs.max_mass, "kg"),
         "power": (needs.max_power, "W"),
@@ -109,6 +119,8 @@ def _limited(needs: Requirements, name: str, margin: float) -> tuple[str, str]:
     least = {"update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
              "availability": (needs.min_availability, "", 1.0)}  # fmt: skip
     asked = name.partition(" (")[0]
+    if asked == "stars in the sky":
+        return f"G {needed + margin:.2f}", f"G {needed:.2f}"
     if asked in least:
         limit, unit, scale = least[asked]
         value = limit + margin * scale

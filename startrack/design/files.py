@@ -11,7 +11,7 @@ from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
 from startrack.design.products import with_product
 from startrack.design.variation import Scope
-from startrack.io import from_table, read_layers, save_text, to_table
+from startrack.io import from_table, read_layers, refuse_unknown, save_text, to_table
 from startrack.optics import with_blur_as_length
 
 # Lists of tables that files of a design add to, and what two entries for the same thing share.
@@ -78,6 +78,7 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
         table = with_product(table)
         if isinstance(instrument := table.get("instrument"), dict):
             table["instrument"] = with_blur_as_length(instrument, Instrument, "instrument")
+        refuse_unknown((Case, table, ""), (Campaign, campaign, "campaign"))
         design = Design(
             from_table(Case, table),
             None if campaign is None else from_table(Campaign, campaign, "campaign"),

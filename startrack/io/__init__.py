@@ -47,6 +47,7 @@ from startrack.io.tables import (
     from_table,
     read_layers,
     read_table,
+    refuse_unknown,
     to_table,
     written,
 )

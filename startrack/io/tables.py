@@ -49,10 +49,7 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
         raise Refused(f"{place or 'the file'} must be a table, got {core.shown(table)}")
     fields = fields_of(kind)  # type: ignore[arg-type]
     table = _with_new_keys(kind, table, place)
-    unknown = list(_unknown(kind, table, place))
-    if unknown:  # what is known is a long list, beside which not all would be said
-        one = len(unknown) == 1
-        raise Refused("; ".join(text + known * one for text, known in unknown))
+    refuse_unknown((kind, table, place))
     values = {key: _read(fields[key], value, _join(place, key)) for key, value in table.items()}
     missing = [name for name, field in fields.items() if name not in values and field.required]
     if missing:
@@ -61,6 +58,19 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
         return kind(**values)
     except (ValueError, TypeError, ArithmeticError) as error:
         raise Refused(_join(place, _sentence(error))) from None
+
+
+def refuse_unknown(*tables: tuple[type, object, str]) -> None:
+    """Refuse the unknown keys of some tables of a file, each with its kind and place, at once."""
+    unknown = [
+        one
+        for kind, table, place in tables
+        if isinstance(table, Mapping)
+        for one in _unknown(kind, table, place)
+    ]
+    if unknown:  # what is known is a long list, beside which not all would be said
+        one = len(unknown) == 1
+        raise Refused("; ".join(text + known * one for text, known in unknown))
 
 
 def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[tuple[str, str]]:

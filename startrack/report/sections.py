@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from startrack import verification
-from startrack.budget import Budget, Line, Sample, analytic, caveats, differences, measured
+from startrack.budget import Budget, Line, Sample, analytic, caveats, differences, measured, refusal
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Ints, Refused, Rows, Streams, arcsec, deg, mm, um
 from startrack.design import YEAR, Case, Fidelity, Objective
@@ -167,9 +167,11 @@ def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advan
     rows.append(["root sum square", "", *_sum(expected), *_sum(by_trials)])
     rows.append(["end to end", "", *_cells(expected.whole), *_intervals(by_trials.whole)])
     head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
+    sharp = refusal(case, expected.refused)  # why the errors are large comes first
     return page.Section(
         TITLE,
-        table("Rms per axis, arcsec", head, rows)
+        (_sentence(sharp) if sharp else "")
+        + table("Rms per axis, arcsec", head, rows)
         + page.paragraph(
             "By the analytic budget an attitude is available in "
             f"{100 * expected.availability:.2f} % of the sky with {expected.stars:.1f} stars; "
@@ -177,9 +179,9 @@ def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advan
             f"in {100 * by_trials.availability:.2f} % with {by_trials.stars:.1f}."
         )
         + "".join(
-            page.paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
-            for sentence in (
-                *caveats(case, expected.left_out, expected.refused),
+            _sentence(text)
+            for text in (
+                *caveats(case, expected.left_out, 0.0),
                 *(
                     f"formula and trials differ: {difference}"
                     for difference in differences(expected, summary)
@@ -187,6 +189,10 @@ def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advan
             )
         ),
     )
+
+
+def _sentence(text: str) -> str:
+    return page.paragraph(f"{text[0].upper()}{text[1:]}.")
 
 
 def _cells(line: Any) -> list[str]:

@@ -20,6 +20,7 @@ from startrack.verification.accuracy import (
     margin,
     margins,
     measured_over,
+    needed_magnitude,
     units_expected,
     yield_of,
 )

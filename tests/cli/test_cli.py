@@ -275,6 +275,22 @@ def test_a_value_changes_the_design_and_stands_in_the_result(call):
     assert "set" not in plain
 
 
+def test_stars_of_the_sky_have_a_value_and_a_limit(capsys):
+    """The catalogue's limit is the value where the camera sees fainter stars."""
+    assert main(["requirements", str(EXAMPLE), "--set", "catalog.limit_g=4.5"]) == 3
+    row = next(one for one in capsys.readouterr().out.splitlines() if one.startswith("stars"))
+    value, limit, margin = map(float, re.findall(r"[+-]?\d+\.\d+", row))
+    assert value == 4.5
+    assert margin == pytest.approx(value - limit, abs=0.01)
+
+
+def test_why_stars_are_refused_comes_first(capsys):
+    assert main(["requirements", str(EXAMPLE), "--set", "instrument.optics.blur=1 um"]) == 3
+    lines = capsys.readouterr().out.splitlines()
+    assert "stars above the threshold are refused as hot pixels" in lines[0]
+    assert sum("refused as hot pixels" in line for line in lines) == 1
+
+
 def test_keys_of_a_table(call):
     status, found, err = call("keys", "scene.orbit", "--json")
     assert (status, err) == (0, "")

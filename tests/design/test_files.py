@@ -43,6 +43,12 @@ def test_every_default_survives_a_table():
     assert from_table(Case, to_table(case)) == case
 
 
+def test_unknown_keys_of_the_design_and_of_its_campaign_are_named_at_once(edited):
+    path = edited("[campaign]\n", "[campaign]\nobjektive = 1\n")
+    with pytest.raises(ValueError, match=r"f_numbr is unknown.*; campaign\.objektive is unknown"):
+        load_design(path, ["instrument.optics.f_numbr=2"])
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
