@@ -233,7 +233,7 @@ def foresee_all(
     enough  score, above which a design is not forecast in conditions without a weight
     dear    amount by which costs miss their limits, above which a design is not forecast
     known   what is expected in some conditions already, of a single design
-    progress  called with 1 for each design that a runner computes
+    progress  called with how many designs are known, and 1 for each that a runner computes
     """
     cases = [_built(space, coordinates) for coordinates in points]
     seed = runner.seed if runner else seed
@@ -245,6 +245,8 @@ def foresee_all(
     keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
     held = {key: runner.ledger.note(FORECAST, key) for key in keys}
     new = {key: case for key, case in zip(keys, cases, strict=True) if key and not held[key]}
+    if progress and len(keys) > len(new):
+        progress(len(keys) - len(new))
     for key, found in zip(new, runner.map(one, new.values(), progress), strict=True):
         held[key] = found.text()
         if found.lasting:

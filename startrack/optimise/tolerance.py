@@ -64,7 +64,6 @@ def _terms(coordinates: Floats) -> Floats:
 
 # Chosen by hand: more designs reduce the surface's error and cost trials in proportion.
 DESIGNS_PER_TERM = 2.5
-PART = 12  # designs that are forecast between two messages of progress
 CHECKS = 12  # designs that check the surface; chosen by hand, as above
 START_WIDTH = 0.3  # of the region, half of it, in which walkers start; chosen by hand
 LEAST_ERROR = 1e-6  # of a surface, so that an exact fit has a finite density
@@ -120,7 +119,7 @@ def sample(
     with normal distributions of the surfaces' errors. Some designs of the region are then forecast
     to check the surface.
 
-    watch     called with the number of designs that were just forecast
+    watch     called with the number of designs that were just forecast, or are known
     Raises    ValueError where the campaign names no variables or the centre cannot be tried.
     Accuracy  model: a quadratic, whose error is in the result, measured in two ways; and the
               budget's differences from the centre, whose trials correct what it has in common.
@@ -134,12 +133,8 @@ def sample(
     cube[0] = (space.start - low) / (high - low)
 
     def forecast(points: Floats) -> list[Foresight]:
-        found = list[Foresight]()
-        for part in np.array_split(low + (high - low) * points, max(1, len(points) // PART)):
-            found += foresee_all(space, campaign, list(part), runner, dear=math.inf)
-            if watch:
-                watch(len(part))
-        return found
+        designs = list(low + (high - low) * points)
+        return foresee_all(space, campaign, designs, runner, dear=math.inf, progress=watch)
 
     known = forecast(cube)
     centre = evaluate(space, campaign, space.start, runner, campaign.sample_trials, known=known[0])
