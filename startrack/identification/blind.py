@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.core import Floats, Refused, Spots, deg
-from startrack.identification.identify import identify, refined
+from startrack.identification.identify import identify, refined, too_few
 from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
 from startrack.identification.seen import usable
@@ -115,6 +115,9 @@ def identify_blind(
     Returns        as `identify`; where none is solved, that which chance explains the least
     """
     tries = cameras(columns, rows) if tries is None else tries
+    count = len(usable(spots))
+    if count < settings.min_matches and not core.is_code(settings.method):
+        return too_few(count, tries[0][0], settings)  # and no index is built
     chance = settings.max_false_probability / len(tries)
     best: core.Matches | None = None
     for camera, focal in tries:

@@ -53,7 +53,7 @@ def identify(
     if core.is_code(settings.method):
         return matches_by_code(spots, finite, camera, stars, settings)
     if len(finite) < settings.min_matches:
-        return _too_few(len(finite), camera, settings)
+        return too_few(len(finite), camera, settings)
     log_accepted = math.log(settings.max_false_probability)
     limits = Limits(
         settings.verify_spots,
@@ -134,7 +134,8 @@ def _solved(gathered: Gathered, finite: Ints, camera: Camera, log_p: float) -> M
     )
 
 
-def _too_few(spots: int, camera: Camera, settings: Identification) -> Matches:
+def too_few(spots: int, camera: Camera, settings: Identification) -> Matches:
+    """No match of so many usable spots."""
     status = Status.TOO_FEW if spots else Status.BLANK
     reason = f"{spots} usable spots, of which {settings.min_matches} are needed"
     return _unsolved(status, reason, camera)

@@ -7,6 +7,7 @@ from scipy.integrate import quad
 
 from startrack.identification.evidence import log_brightness
 
+pytestmark = pytest.mark.usefixtures("in_python")
 SPOTS = np.array([-8.0, -9.5, -7.2, -10.1, -8.8, -6.4, -9.0])
 STARS = SPOTS + 12.0 + np.array([0.3, -0.2, 0.1, 0.0, 0.4, -0.3, -0.1])
 OUTLIER_FRACTION = 0.1  # the fraction of stars that may be as bright as any spot

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import Selection, open_sky
 from startrack.core.camera import Camera
 from startrack.core.units import deg
+from startrack.core.values import Status
 from startrack.identification import Identification, build_index, fit_lens, identify_blind
 from startrack.identification.blind import AXIS, FISHEYE, cameras, fields, fisheye, tolerance_of
 from startrack.identification.index import indexed_field
@@ -56,6 +57,22 @@ def sky(project, number, limit=5.0, most=60, half=65 * deg):
     place = np.concatenate([pixel + rng.normal(0, NOISE, pixel.shape), false])
     order = np.argsort(np.concatenate([np.arange(len(pixel)), rng.uniform(5, 60, len(false))]))
     return turn, make_spots(place[order], NOISE), len(pixel)
+
+
+def test_no_index_is_built_for_too_few_spots():
+    """It takes seconds, and a blank image is of no field."""
+
+    def build(camera):
+        raise AssertionError(f"an index of {camera.fov_x / deg:g} deg")
+
+    place, settings = np.random.default_rng(1).uniform(0, SIZE, (9, 2)), Identification()
+    for count, status in ((0, Status.BLANK), (2, Status.TOO_FEW)):
+        spots = make_spots(place[:count], NOISE)
+        found = identify_blind(spots, SIZE, SIZE, STARS, build, settings)
+        assert found.status == status
+        assert f"{count} usable spots" in found.reason
+    with pytest.raises(AssertionError, match="an index of"):
+        identify_blind(make_spots(place, NOISE), SIZE, SIZE, STARS, build, settings)
 
 
 def axis_of(camera, turn):
