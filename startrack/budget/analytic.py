@@ -158,7 +158,8 @@ def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
     correlation = _between(magnitude, ratio, grid)
     x, y = (np.exp(_between(magnitude, np.log(each) / 2, grid)) for each in (xx, yy))
     cross = correlation * x * y
-    return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(*x.shape, 2, 2)
+    whole = np.stack([x * x, cross, cross, y * y], axis=-1).reshape(*x.shape, 2, 2)
+    return np.ascontiguousarray(whole)  # kernels are compiled anew for another layout
 
 
 LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields

@@ -41,11 +41,13 @@ def places(
 def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Sample:
     """Gather it from the frame, its pixels and the settings."""
     saturation = math.inf if settings.saturation is None else settings.saturation
+    # Kernels are compiled anew for arrays of another layout.
+    x, y = (np.ascontiguousarray(place) for place in (candidates.x, candidates.y))
     return Sample(
         pixels.value,
         pixels.marks,
-        candidates.x,
-        candidates.y,
+        x,
+        y,
         settings.window // 2,
         pixels.step / math.sqrt(12),
         frame.electrons_per_dn,
