@@ -217,7 +217,8 @@ def _unit_of(rest: Case, choice: UnitChoice, step: Advance) -> _Unit:
         terms = {term: values[0] for term, values in one.terms.items()} | {Term.BIAS: one.bias[0]}
         return _classes(terms, float(one.availability[0]))
 
-    still, begin = at(rest, age, AT_REST), at(rest, 0.0, AT_REST)
+    still = at(rest, age, AT_REST)
+    begin = at(rest, 0.0, AT_REST) if age else dict(still)
     del begin["available"]
     of = {"middle": "the middle one", "95": "95 % err less or as much", "worst": "the worst"}
     name = (

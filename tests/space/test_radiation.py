@@ -20,17 +20,21 @@ from startrack.space.radiation import (
 )
 
 
-def test_spectra_of_other_orbits_are_those_of_spenvis(oracle):
+@pytest.mark.parametrize("places", [700, pytest.param(radiation.PLACES, marks=pytest.mark.slow)])
+def test_spectra_of_other_orbits_are_those_of_spenvis(oracle, places, monkeypatch):
     """AP-8 in a polar orbit at 825 km and an inclined one at 530 km, by another field of the Earth
     of those years: each energy within 15 %.
     """
     pytest.importorskip("radbelt")
+    monkeypatch.setattr(radiation, "PLACES", places)
+    trapped_protons.cache_clear()
     for orbit in oracle("spenvis_protons.json")["orbits"]:
         tilt = math.radians(orbit["inclination_deg"])
         found = trapped_protons(1e3 * orbit["altitude_km"], tilt)
         energy, above = np.array([pair for pair in orbit["above"] if pair[0] < 390]).T
         own = np.exp(np.interp(np.log(energy), np.log(found.energy), np.log(found.above)))
         np.testing.assert_allclose(own, above, rtol=0.15)
+    trapped_protons.cache_clear()
 
 
 def test_energy_that_is_left_loses_what_the_shield_takes():
