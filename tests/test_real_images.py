@@ -57,7 +57,13 @@ def test_attitude_with_a_rough_field_of_view(solve, name, factor):
     assert found["residual_rms_px"] < 1
 
 
-@pytest.mark.parametrize("name", [f"ost_img{n}.png" for n in (2, 3, 5, 9)])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(f"ost_img{n}.png", marks=pytest.mark.slow if n in (3, 5) else ())
+        for n in (2, 3, 5, 9)
+    ],
+)
 def test_hot_pixels_with_a_dark_frame(solve, outside, name):
     """Six to fifteen faint stars among hot pixels; some need the second look."""
     dark = str(outside / "images" / "ost_dark.png")

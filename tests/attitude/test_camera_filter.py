@@ -111,7 +111,7 @@ def test_a_map_takes_up_what_the_distortion_leaves():
     assert left[6] < 0.3 * left[0]
 
 
-@pytest.mark.parametrize("nodes", [0, 3])
+@pytest.mark.parametrize("nodes", [pytest.param(0, marks=pytest.mark.slow), 3])
 def test_the_attitude_states_what_is_not_known_of_the_camera(nodes):
     """Attitudes of 300 cameras as drawn from the prior, 20 stars each: 3 within 0.25 (1 sigma)."""
     rng, settings = np.random.default_rng(9), CameraFilter(PRIOR, map=nodes, map_sigma=0.3)

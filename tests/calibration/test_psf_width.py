@@ -43,7 +43,7 @@ def posterior(likelihood):
     return (np.cumsum(density) - density / 2) / density.sum()
 
 
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("known", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_rank_of_the_true_width_is_uniform(known):
     """40 widths of the prior: Kolmogorov and Smirnov at 1e-3.
 

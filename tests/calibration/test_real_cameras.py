@@ -28,7 +28,9 @@ def test_the_camera_of_four_images(outside, tmp_path, capsys):
     assert "k1" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["esa_Alt40_Azi45.tiff", "cedar_hale_bopp.jpg"])
+@pytest.mark.parametrize(
+    "name", ["esa_Alt40_Azi45.tiff", pytest.param("cedar_hale_bopp.jpg", marks=pytest.mark.slow)]
+)
 def test_solved_without_any_field_of_view(outside, name):
     folder = outside / "images"
     truth = json.loads((folder / "truth.json").read_text())["images"][name]

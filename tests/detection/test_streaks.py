@@ -43,18 +43,19 @@ def test_the_smear_is_that_of_the_motion(rate):
         assert np.hypot(*(smear * np.sign(smear @ true) - true)) < within
 
 
-def test_noise_and_uneven_rows_make_no_streak():
-    """40 frames without a star, with levels of rows and columns and hot pixels."""
+@pytest.mark.parametrize("frames", [12, pytest.param(40, marks=pytest.mark.slow)])
+def test_noise_and_uneven_rows_make_no_streak(frames):
+    """Without a star, with levels of rows and columns and hot pixels."""
     rng = np.random.default_rng(4)
     plan = plan_detection(CASE.tracker.detection, None)
-    for _ in range(40):
+    for _ in range(frames):
         image = rng.normal(100, 5, (200, 240)) + rng.normal(0, 3, (200, 1)) + rng.normal(0, 3, 240)
         image.flat[rng.choice(image.size, 60)] += 400
         frame = Frame(image.astype(np.float32), 0.1, 1.0, 5.0, 0.0)
         assert not streak_of(frame, plan).seen
 
 
-@pytest.mark.parametrize("angle", [2.0, 2.0 - np.pi])
+@pytest.mark.parametrize("angle", [2.0, pytest.param(2.0 - np.pi, marks=pytest.mark.slow)])
 def test_a_tracker_that_is_told_no_rate_finds_its_attitude_while_it_turns(angle):
     """At 2 deg/s, behind a shutter that skews the frame by 1.1 pixel: as one that knows the rate.
 

@@ -24,7 +24,7 @@ NAMES = (
     *(f"ost_img{number}.png" for number in (2, 3, 5, 9)),
 )
 # Of each kind; tests/test_real_images.py solves the others by the command.
-USUAL = ("-135", "Azi45", "hale_bopp", "virgo", "img2", "img5")
+USUAL = ("Azi45", "virgo", "img2")
 EACH = [
     pytest.param(name, marks=() if any(one in name for one in USUAL) else pytest.mark.slow)
     for name in NAMES

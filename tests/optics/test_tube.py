@@ -70,7 +70,7 @@ def forwards(shape, angle, photons, bounces, seed):
     return np.array(found) / photons * entrance
 
 
-@pytest.mark.parametrize("angle", [45 * deg, 60 * deg])
+@pytest.mark.parametrize("angle", [pytest.param(45 * deg, marks=pytest.mark.slow), 60 * deg])
 def test_light_traced_backwards_is_that_of_photons_forwards(angle):
     """A wide lens behind a short tube, one of the two before the cutoff of 50 deg: what comes
     directly, and after each of three bounces, to 4 standard errors of both: 6 to 14 % of the light

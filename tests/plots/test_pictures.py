@@ -130,7 +130,9 @@ def starry(columns, rows, signals, noise=5.0, seed=1):
     return Frame(image), np.array(places)
 
 
-@pytest.mark.parametrize("size", [256, pytest.param(1024, marks=pytest.mark.slow), 2048])
+@pytest.mark.parametrize(
+    "size", [*(pytest.param(size, marks=pytest.mark.slow) for size in (256, 1024)), 2048]
+)
 def test_faint_stars_are_seen_on_a_phone(drawn, size):
     """Of eight times the noise, beside one of a thousand times; a frame of any size."""
     frame, places = starry(size, size, [40.0, 5000.0, 40.0, 40.0])
@@ -178,7 +180,12 @@ def test_a_stretch_and_its_inverse_agree():
 
 
 @pytest.mark.parametrize(
-    ("value", "saturation", "bright"), [(4095, 4095.0, True), (0, 4095.0, False), (255, None, True)]
+    ("value", "saturation", "bright"),
+    [
+        (4095, 4095.0, True),
+        (0, 4095.0, False),
+        pytest.param(255, None, True, marks=pytest.mark.slow),
+    ],
 )
 def test_a_frame_of_one_value_says_so(drawn, value, saturation, bright):
     """A saturated one is not drawn as a dark one."""

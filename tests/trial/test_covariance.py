@@ -29,7 +29,7 @@ def test_a_trial_is_the_same_alone_and_in_company():
     assert run_random_trial(CASE, 4, 77, Fidelity.COVARIANCE) == together[77].item()[1:]
 
 
-@pytest.mark.parametrize("crosstalk", [0.0, 0.1])
+@pytest.mark.parametrize("crosstalk", [pytest.param(0.0, marks=pytest.mark.slow), 0.1])
 def test_trials_look_where_those_of_frames_look(crosstalk):
     """The number of found stars goes along with that of windows, trial by trial."""
     case = with_detector(crosstalk=crosstalk)
