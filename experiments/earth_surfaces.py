@@ -1,12 +1,10 @@
 """How far the surfaces of Earth scenes are from integrals that share nothing with them.
 
-    python experiments/earth_surfaces.py [--nodes 120] [--json FILE] [--quick]
-
-prints two errors. `rossli_error`: the Ross-thick kernel against a sum over leaves of all
-directions, the Li-sparse kernel in the principal plane against the overlap of shadows on a grid,
-and the white-sky integrals of both against Lucht, Schaaf and Strahler (2000), table 1.
-`glint_error`: light that waves mirror, its mean direction and its width, against a sum over facets
-with the slope variance of Cox and Munk (1954).
+python experiments/earth_surfaces.py prints two errors. `rossli_error`: the Ross-thick kernel
+against a sum over leaves of all directions, the Li-sparse kernel in the principal plane against the
+overlap of shadows on a grid, and the white-sky integrals of both against Lucht, Schaaf and Strahler
+(2000), table 1. `glint_error`: light that waves mirror, its mean direction and its width, against a
+sum over facets with the slope variance of Cox and Munk (1954).
 """
 
 from __future__ import annotations
@@ -30,20 +28,14 @@ ZENITHS = ((0, 0), (30, 0), (30, 40), (45, 60), (10, 65))  # degree, of Sun and 
 def main() -> None:
     """Print and save both errors."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--nodes", type=int, default=120, help="of the integrals, over the elevations of leaves"
-    )
-    options = command.read(parser, nodes=12)
-    figures = {
-        "rossli_error": rossli_error(options.nodes),
-        "glint_error": glint_error(options.nodes),
-    }
+    options = command.read(parser)
+    figures = {"rossli_error": rossli_error(), "glint_error": glint_error()}
     for name, value in figures.items():
         print(f"{name} {100 * value:.3f} %")
     command.save(options, figures)
 
 
-def rossli_error(nodes: int = 120) -> float:
+def rossli_error() -> float:
     """Largest difference of a kernel from its reference, relative to the kernel or to 0.2.
 
     Kernels pass through zero, and a reflectance is a sum in which they have weights below one.
@@ -53,11 +45,9 @@ def rossli_error(nodes: int = 120) -> float:
         for azimuth in (0.0, math.pi / 3, math.pi):
             one, other = _vector(sun, 0.0), _vector(camera, azimuth)
             volumetric, geometric = kernels(_angles(one, other))
-            worst = max(worst, _relative(volumetric[0], _leaves(one, other, nodes)))
+            worst = max(worst, _relative(volumetric[0], _leaves(one, other)))
             if azimuth != math.pi / 3:  # Li's overlap is exact in the principal plane only
-                worst = max(
-                    worst, _relative(geometric[0], _crowns(sun, camera, azimuth, 5 * nodes))
-                )
+                worst = max(worst, _relative(geometric[0], _crowns(sun, camera, azimuth)))
     zenith = np.linspace(0, math.pi / 2, len(kernel_albedos()[0]))
     for table, published in zip(kernel_albedos(), WHITE_SKY, strict=True):
         white = float(np.trapezoid(table * np.sin(2 * zenith), zenith))
@@ -65,15 +55,14 @@ def rossli_error(nodes: int = 120) -> float:
     return worst
 
 
-def glint_error(nodes: int = 120, wind: float = 5.0, zenith: float = math.radians(30)) -> float:
+def glint_error(wind: float = 5.0, zenith: float = math.radians(30)) -> float:
     """Largest relative difference of the energy, mean direction, width and peak of glint."""
     water = Water(wind)
-    factor = _of_factor(water, zenith, 5 * nodes // 2)
-    pairs = zip(factor, _of_facets(wind, zenith, water.refraction, 5 * nodes), strict=True)
+    pairs = zip(_of_factor(water, zenith), _of_facets(wind, zenith, water.refraction), strict=True)
     return max(abs(one / other - 1) for one, other in pairs)
 
 
-def _leaves(sun: Floats, camera: Floats, count: int) -> float:
+def _leaves(sun: Floats, camera: Floats, count: int = 120) -> float:
     """The Ross-thick kernel: leaves of all directions that scatter to both sides alike.
 
     3 / 8 Int |l.s| |l.v| dl over the sphere is the mean that each leaf catches and shows.
@@ -85,7 +74,7 @@ def _leaves(sun: Floats, camera: Floats, count: int) -> float:
     return caught / float(sun[2] + camera[2]) - math.pi / 4
 
 
-def _crowns(sun: float, camera: float, azimuth: float, count: int) -> float:
+def _crowns(sun: float, camera: float, azimuth: float, count: int = 600) -> float:
     """The Li-sparse kernel: spheres of radius one, two above the ground, and their shadows.
 
     Area that is neither shaded nor hidden, and crowns that are sunlit and seen, over pi.
@@ -107,7 +96,7 @@ def _crowns(sun: float, camera: float, azimuth: float, count: int) -> float:
     return (-either + lit / math.cos(camera) / math.cos(sun)) / math.pi
 
 
-def _of_facets(wind: float, zenith: float, refraction: float, count: int) -> list[float]:
+def _of_facets(wind: float, zenith: float, refraction: float, count: int = 600) -> list[float]:
     """Moments of the light that facets mirror, one slope after the other."""
     variance = 0.003 + 0.00512 * wind
     slope = np.linspace(-6, 6, count) * math.sqrt(variance / 2)
@@ -127,7 +116,7 @@ def _of_facets(wind: float, zenith: float, refraction: float, count: int) -> lis
     return _moments(energy, away, zenith)
 
 
-def _of_factor(water: Water, zenith: float, count: int) -> list[float]:
+def _of_factor(water: Water, zenith: float, count: int = 300) -> list[float]:
     """The same moments from the reflectance factor, over the hemisphere of the camera."""
     node, weight = roots_legendre(count)
     away = _directions((node + 1) / 2, count)

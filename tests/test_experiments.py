@@ -92,7 +92,7 @@ for line in sys.stdin:
 """
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")  # a worker that gets these tests in parts starts one
 def parent():
     with subprocess.Popen(
         [sys.executable, "-c", PARENT, str(ROOT / "experiments")],
