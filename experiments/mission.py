@@ -32,6 +32,9 @@ hundred_units_s           CPU time of that year for 100 spacecraft of three draw
 units_level_ratio         error across that 95 % of the first 100 of these heads keep, over that of
                           trials of the same units, with 95 % over units in _low and _high
 units_rms_ratio           rms of these heads over that of the same trials
+units_budget_ratio        rms of the error budgets of these units over that of the same trials, with
+                          95 % over units in _low and _high
+units_sequence_ratio      the same of sequences of a few frames of these units
 aligned_gain              error that 95 % of these spacecraft keep, over that with heads aligned to
                           each other in flight
 dose_ratio                orbit and aluminium: dose over that of SPENVIS (550 km), or over that of
@@ -70,9 +73,9 @@ import one_thread  # noqa: F401
 from scipy.spatial.transform import Rotation
 
 from startrack import Fidelity, Streams, arcsec, deg, load_design, shipped
-from startrack.budget import analytic
-from startrack.core import LIGHT_SPEED, Floats, installed_tables
-from startrack.design import KeepOut, turning
+from startrack.budget import analytic, unit_budgets
+from startrack.core import LIGHT_SPEED, Floats, Ints, installed_tables
+from startrack.design import Case, KeepOut, Moment, turning
 from startrack.detector import Age
 from startrack.detector.ageing import proton_dose
 from startrack.mission import (
@@ -103,7 +106,7 @@ from startrack.mission.rendered import root_of_mean
 from startrack.montecarlo import Serial
 from startrack.optics import Baffle
 from startrack.optimise.units import without_noise
-from startrack.population import Units, per_unit, unit_trials
+from startrack.population import Units, per_unit, unit_of, unit_trials
 from startrack.sequence import Leg, Sequence, fly_sequences
 from startrack.space import proton_map, trapped_protons
 from startrack.space.radiation import Protons
@@ -114,6 +117,7 @@ from tests.mission import independent
 from tests.mission.messages import write_aem
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
+SEQUENCES, SEQUENCE_FRAMES = 3, 4  # of each drawn unit, and of each sequence
 ORACLE = Path(__file__).parents[1] / "tests/oracle"
 MAIN = """
 #include "startrack_head.h"
@@ -561,7 +565,36 @@ def drawn(days: int, count: int, trials: int) -> dict[str, float]:
         "units_level_ratio_high": float(np.quantile(level[1:], 0.975)),
         "units_rms_ratio": float(rms[0]),
         "aligned_gain": fleet.level().value / fleet.level(aligned=True).value,
+        **agreement(design.case, units, square, draw),
     }
+
+
+def agreement(case: Case, units: Units, square: Floats, draw: Ints) -> dict[str, float]:
+    """Rms across of budgets and of sequences of drawn units, over that of trials of these units.
+
+    square  (units, trials) radian^2 per axis, of the trials; NaN without an attitude
+    draw    (n, units) numbers of units, drawn again
+    """
+    count = len(square)
+    budgets = unit_budgets(case, 1, count, units.age, apart=False).across() ** 2
+    motion, period = case.instrument.motion, 1 / case.instrument.detector.update_rate
+    leg = Leg((SEQUENCE_FRAMES - 0.5) * period, motion.rate_x, motion.rate_y)
+    flown = np.empty(count)
+    for number in range(count):
+        squares = list[Floats]()
+        for environment in range(SEQUENCES):
+            moment = Moment(number, environment, environment, units.age)
+            unit, seed = unit_of(case, 1, moment), SEQUENCES * number + environment
+            table = fly_sequences(unit, Sequence((leg,)), 1, seed, Serial())
+            squares.append((table["error_x"] ** 2 + table["error_y"] ** 2) / 2)
+        flown[number] = np.nanmean(np.concatenate(squares))
+    trials, found = np.nanmean(square, axis=1), dict[str, float]()
+    for name, one in (("budget", budgets), ("sequence", flown)):
+        every = np.sqrt(one[draw].mean(axis=1) / trials[draw].mean(axis=1))
+        found[f"units_{name}_ratio"] = math.sqrt(one.mean() / trials.mean())
+        found[f"units_{name}_ratio_low"] = float(np.quantile(every, 0.025))
+        found[f"units_{name}_ratio_high"] = float(np.quantile(every, 0.975))
+    return found
 
 
 def late(trials: int) -> dict[str, float]:

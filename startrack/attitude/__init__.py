@@ -33,7 +33,7 @@ from startrack.attitude.camera_filter import CameraFilter, after_frame, attitude
 from startrack.attitude.follow import Gyroscope, Lasting, State, correct, predict, start
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
 from startrack.attitude.refine import SharedErrors, attitude_gain, refine
-from startrack.attitude.solve import AttitudeInput, scale_unknown, solve
+from startrack.attitude.solve import FEWEST, AttitudeInput, scale_unknown, solve
 from startrack.attitude.wahba import davenport, foam, quest, svd
 
 # Public; the other imports serve other rooms.

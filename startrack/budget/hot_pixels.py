@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack import trial
+from startrack.attitude import FEWEST
 from startrack.budget.fields import attitudes, design_row, fields
 from startrack.budget.fixed import visible
 from startrack.core import Floats, Ints, Streams, is_code, kernel, median
@@ -17,7 +18,6 @@ HOT_RANGE, HOT_STEP = 5.0, 1.0  # magnitude above the faintest, at which shifts 
 WINDOWS = 512  # with hot pixels, in which shifts are measured
 FIELDS, DRAWS = 64, 32  # of the sky, and frames of each, in which the tracker leaves stars out
 MEDIAN_SQUARE = 2 * math.log(2)  # of a squared error, in variances per axis
-FEWEST = 4  # matched stars, of which the solver leaves none out
 MOST = 12  # matched stars, from which on a frame is taken to be identified
 
 
