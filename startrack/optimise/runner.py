@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from typing import Any, TypeVar
@@ -110,10 +110,10 @@ class TrialRunner:
 
     def map(
         self, call: Callable[[Item], Result], items: Iterable[Item], progress: Advance | None = None
-    ) -> list[Result]:
+    ) -> Iterator[Result]:
         """A pure function of each item, in the workers; what a worker's end loses, in this process.
 
-        progress  called with 1 for each result
+        progress  called with 1 for each result, after it was taken
         Raises    what a call raises.
         """
         every = list(items)
@@ -122,12 +122,10 @@ class TrialRunner:
         else:
             futures = [self._executor.submit(call, one) for one in every]
             found = (self._result(*each, call) for each in zip(futures, every, strict=True))
-        results = []
         for one in found:
-            results.append(one)
+            yield one
             if progress:
                 progress(1)
-        return results
 
     @staticmethod
     def _result(future: Future[Result], item: Item, call: Callable[[Item], Result]) -> Result:

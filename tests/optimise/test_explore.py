@@ -9,7 +9,7 @@ import pytest
 
 from startrack.design import DesignSpace
 from startrack.optimise import Ledger, TrialRunner, explore
-from startrack.optimise.evaluate import Foresight
+from startrack.optimise.evaluate import Foresight, foresee_all
 from startrack.optimise.explore import Explorer, Scale
 from startrack.optimise.forecast import forecasts
 
@@ -247,6 +247,25 @@ def test_an_interrupted_search_computes_no_forecast_again(small, tmp_path, monke
         assert again.values == first.values
         again.forecast(points[3:])
     assert len(computed) > before
+
+
+def test_a_forecast_is_kept_as_soon_as_it_is_made(small, tmp_path):
+    """Of five designs that are asked for together; the study is stopped after the third."""
+    space, done = DesignSpace(small.case, small.campaign.variables[:2]), []
+
+    def stopping(number):
+        done.append(number)
+        if len(done) == 3:
+            raise KeyboardInterrupt
+
+    points = list(np.linspace(0.3, 0.5, 10).reshape(5, 2))
+    with Ledger(tmp_path / "ledger.sqlite") as ledger, pytest.raises(KeyboardInterrupt):
+        foresee_all(space, small.campaign, points, TrialRunner(2, ledger=ledger), progress=stopping)
+    known = list[int]()
+    with Ledger(tmp_path / "ledger.sqlite") as ledger:
+        runner = TrialRunner(2, ledger=ledger)
+        foresee_all(space, small.campaign, points, runner, progress=known.append)
+    assert known == [3, 1, 1]
 
 
 def test_a_design_that_costs_too_much_is_not_forecast(small):
