@@ -253,17 +253,24 @@ def _next(
     explorer: Explorer, correction: Correction, tried: Sequence[Evaluation], precision: float
 ) -> Floats | None:
     """The next design for trials; None where none is expected to gain as much as is asked."""
+
+    def corrected(point: Floats) -> float:
+        return explorer.forecast_of(point).score + correction(point)
+
     for _ in range(POLISH):
         known = explorer.emulators
         here, score = known.least(explorer.starts(), correction=correction)
         if not _is_new(here, tried):
             break
         explorer.forecast([here])
-        if math.isfinite(explorer.values[-1].score) and not missed(explorer.values[-1].margins):
+        value = explorer.values[-1]
+        # Where the objective leaps, an emulator's best may be far worse than the best forecast.
+        near = value.score + correction(here) <= corrected(explorer.best) + precision
+        if near and not missed(value.margins):
             return here
-    else:
-        if _is_new(explorer.best, tried):
-            return explorer.best
+    least = corrected(explorer.best) + precision
+    if all(corrected(np.array(one.coordinates)) > least for one in tried):
+        return explorer.best
     ends = [end for span in explorer.spans(here) for end in (span.at_low, span.at_high)]
     points = np.array([end for end in ends if _is_new(end, tried)])
     if not len(points):

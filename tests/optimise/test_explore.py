@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from startrack.core import arcsec
 from startrack.design import DesignSpace
-from startrack.optimise import Ledger, TrialRunner, explore
-from startrack.optimise.evaluate import Foresight, foresee_all
+from startrack.metrics import summarise
+from startrack.optimise import Ledger, TrialRunner, explore, steps
+from startrack.optimise.evaluate import Evaluation, Foresight, foresee_all
 from startrack.optimise.explore import Explorer, Scale
 from startrack.optimise.forecast import forecasts
+from startrack.trial.chain import OUTCOMES
 
 
 class Requirements:
@@ -23,7 +26,7 @@ class Judged:
 
 
 class Campaign:
-    precision, requirements = 0.01, Requirements
+    precision, requirements, evaluations, most_trials = 0.01, Requirements, 6, 100
 
     def judged(self, _):
         return (Judged(),)
@@ -69,6 +72,27 @@ def limited(point):
     """Least where x + y = 0.8, its limit, and x = 0.55: -0.8 + 0.09 at (0.55, 0.25)."""
     x, y = point[:2]
     return Foresight(-x - y + 0.09 + 4 * (x - 0.55) ** 2, {"mass": 1 - (x + y) / 0.8})
+
+
+def leaping(point):
+    """Four times as much below x = 0.5 than above, where it grows: least just above, 0."""
+    x, y = point
+    return Foresight(2 * (x - 0.5) + (y - 0.3) ** 2 + (1.4 if x < 0.5 else 0.0), {"mass": 1.0})
+
+
+def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch):
+    """Emulators expect a lower objective beyond the leap."""
+    explorer = explored(monkeypatch, leaping, 2, 24)
+    assert explorer.score < 0.1
+
+    def exact(space, campaign, point, *_, known):
+        error, score = math.exp(known.expected) * arcsec, known.expected
+        summary = summarise(np.zeros(100, OUTCOMES))
+        return Evaluation(tuple(point), {}, error, error, score, known.margins, summary, "")
+
+    monkeypatch.setattr(steps, "evaluate", exact)
+    tried, _ = steps.refine(explorer, explorer.campaign, TrialRunner(1), lambda _: None)
+    assert math.log(tried[0].error / arcsec) < explorer.score + 0.02
 
 
 @pytest.mark.parametrize(
