@@ -72,7 +72,7 @@ class Mounting(Parameters):
     @property
     def still(self) -> Mounting:
         """The mounting without its swing."""
-        return replace(self, swing_x=0.0, swing_y=0.0, swing_z=0.0)
+        return replace(self, swing_x=0.0, swing_y=0.0, swing_z=0.0) if self.swings else self
 
     def camera_to_body(self, phase: float = 0.0) -> Rotation:
         """The rotation at a phase (radian) of the swing."""

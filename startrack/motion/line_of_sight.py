@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import eval_legendre, roots_jacobi
 
-from startrack.core import Camera, Floats, LineOfSight, Refused, Streams, positive, within
+from startrack.core import (
+    Camera,
+    Floats,
+    LineOfSight,
+    Refused,
+    Streams,
+    positive,
+    read_only,
+    within,
+)
 from startrack.motion.parameters import AXES, Motion
 from startrack.motion.realisation import MotionRealisation, bands, realise_motion
 
@@ -216,6 +225,7 @@ def blur(motion: Motion, exposure: float) -> Floats:
     return np.sqrt(square)
 
 
+@lru_cache(maxsize=64)
 def jitter_rms(motion: Motion, exposure: float) -> Floats:
     """Distance between the mean of an exposure and its middle by jitter: rms over all trials.
 
@@ -224,7 +234,7 @@ def jitter_rms(motion: Motion, exposure: float) -> Floats:
         jitter_rms^2 = Int S(f) [1 - sinc(f T)]^2 df
 
     exposure  second, T
-    Returns   (3,) radian, about the camera's axes; the phase of a tone is taken as random
+    Returns   (3,) radian, about the camera's axes, read-only; the phase of a tone is random
     Accuracy  numerical: 1e-6.
     """
     square = np.zeros(3)
@@ -236,7 +246,7 @@ def jitter_rms(motion: Motion, exposure: float) -> Floats:
         table = bands(spectrum)
         off = (1 - np.sinc(table.frequency_at((node[:, None] + 1) / 2) * exposure)) ** 2
         square[AXES.index(spectrum.axis)] += weight / 2 @ off @ table.power
-    return np.sqrt(square)
+    return read_only(np.sqrt(square))
 
 
 def _deterministic_square(motion: MotionRealisation, exposure: float) -> Floats:

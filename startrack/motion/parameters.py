@@ -102,6 +102,11 @@ class Motion(Parameters):
         return replace(self, tones=(), broadband=(), jitter=())
 
     @property
+    def jitters(self) -> bool:
+        """Whether more than the rates moves the camera."""
+        return bool(self.tones or self.broadband or self.jitter)
+
+    @property
     def drawn(self) -> bool:
         """Whether each trial has its own random motion."""
         return bool(self.broadband or self.jitter) or any(

@@ -170,8 +170,7 @@ def _empty(many: int, most: int) -> Drawn:
 def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: Rotation) -> Rows:
     """Draw, solve and judge a block of trials."""
     many, streams = len(numbers), [Streams(seed, number) for number in numbers]
-    instrument, motion = case.instrument, case.instrument.motion
-    jitters = motion != motion.steady
+    instrument, jitters = case.instrument, case.instrument.motion.jitters
     seen_at = attitude
     if jitters:
         pairs = zip(attitude, streams, strict=True)

@@ -310,10 +310,7 @@ EFFECTS = [
     ),
     Effect(
         "instrument.detector.row_delay",
-        lambda case: (
-            case.instrument.detector.row_delay
-            and case.instrument.motion != case.instrument.motion.steady
-        ),
+        lambda case: case.instrument.detector.row_delay and case.instrument.motion.jitters,
         drawn="jitter behind a rolling shutter (row_delay)",
     ),
     Effect(

@@ -82,7 +82,7 @@ def mean_attitude(instrument: Instrument, icrs_to_camera: Rotation, streams: Str
     A slew at a constant rate does not move it.
     """
     motion, exposure = instrument.motion, instrument.detector.exposure
-    if motion == motion.steady:
+    if not motion.jitters:
         return icrs_to_camera
     turn = realise_motion(motion, exposure, streams).mean(exposure)
     return Rotation.from_rotvec(turn) * icrs_to_camera
