@@ -20,7 +20,7 @@ MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
 # Probability of larger residuals by noise alone, below which the covariance is enlarged. Chosen by
 # hand: a larger one enlarges it too often, a smaller one ignores distortion and catalogue errors.
 SIGNIFICANCE = 1e-3
-FEWEST = 4  # matches that are always kept: too few degrees of freedom to find an outlier
+FEWEST = 4  # matches that are always kept: fewer have no freedom left that shows an outlier
 
 
 @dataclass(frozen=True, eq=False)

@@ -176,10 +176,9 @@ def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
         )
 
 
-def caveats(case: Case, left_out: tuple[str, ...], refused: float) -> list[str]:
-    """What a reader of the budget must know, a sentence each; fields as of `Budget`."""
-    found = [refusal(case, refused)] if refusal(case, refused) else []
-    found += [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
+def caveats(case: Case, left_out: tuple[str, ...]) -> list[str]:
+    """What a reader of the budget must know beside `refusal`; `left_out` as of `Budget`."""
+    found = [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
     return found if case.differs else [*found, noise_only(case)]
 
 
@@ -193,19 +192,19 @@ def noise_only(case: Case) -> str:
     )
 
 
-def refusal(case: Case, refused: float) -> str:
-    """Why stars are refused as hot pixels, a sentence; empty where few are.
+def refusal(case: Case, refused: float) -> list[str]:
+    """Why stars are refused as hot pixels, which may make errors large; nothing where few are.
 
     refused  1, fraction of the stars above the threshold
     """
     if refused < PART:
-        return ""
-    return (
+        return []
+    return [
         f"{100 * refused:.0f} % of the stars above the threshold are refused as hot pixels: they "
         "are sharper than tracker.detection.sharpest_sigma = "
         f"{case.tracker.detection.sharpest_sigma:g} pixel; more blur, or a smaller limit, keeps "
         "them"
-    )
+    ]
 
 
 # Chosen by hand: a second or two on one core.

@@ -83,7 +83,7 @@ def command(options: argparse.Namespace) -> int:
         [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]
         for body, angle in needs.min_keep_out.angles.items()
     ]
-    lines = [] if not (sharp := refusal(design.case, budget.refused)) else [sharp, ""]
+    lines = [f"{one}\n" for one in refusal(design.case, budget.refused)]
     lines += aligned([["requirement", "value", "limit", "margin", ""], *rows], (0, 4))
     lines += [
         "",
@@ -97,7 +97,7 @@ def command(options: argparse.Namespace) -> int:
         "availability by the analytic budget. Margins are fractions of the limits; that of stars "
         f"is in mag: the faintest that is detected beside the one that {needs.min_stars} stars in "
         f"{100 * needs.sky_fraction:g} % of the sky need.",
-        *caveats(design.case, budget.left_out, 0.0),
+        *caveats(design.case, budget.left_out),
     ]
     print_result(options, result, *lines)
     return Exit.DONE if met else Exit.UNSOLVED

@@ -19,7 +19,8 @@ from startrack.detection.pixels import (
 from startrack.detection.star_model import StarModel, gaussian_psf, smeared
 
 # Pixel, smear from which on only the likelihood follows a star. Chosen by hand: the windows of the
-# others lose the ends of a longer one, and a shorter one costs any method less than 10 %.
+# others lose the ends of a longer one, and a shorter one costs any method less than 10 %, but for a
+# likelihood of stars sharper than 0.45 pixel (sigma): at 0.33 it errs by up to 3.7 times as much.
 STREAK = 1.0
 
 

@@ -21,7 +21,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from startrack.budget import Term, analytic, caveats, unit_budgets
+from startrack.budget import Term, analytic, caveats, refusal, unit_budgets
 from startrack.core import Advance, Floats, Refused, arcsec, deg, whole
 from startrack.design import YEAR, Case, Moment, turning
 from startrack.io import save_json, save_text
@@ -153,7 +153,7 @@ def head_model(
         return tuple(each[name][0] for each in found), tuple(each[name][1] for each in found)
 
     expected = analytic(one.case)
-    left_out = caveats(case, expected.left_out, expected.refused)
+    left_out = [*refusal(case, expected.refused), *caveats(case, expected.left_out)]
     if one.begin:
         left_out.append(
             "the phase of the swing in the orbit is drawn, and its rms is that of "

@@ -210,8 +210,9 @@ def refine(
     """Trials of the designs that may be the best, until they move the best no more.
 
     Trials correct the budget over the space. The next design is the one that the corrected budget
-    expects to be the best; or, where that has been tried, the one that is expected to gain most of
-    those where the score without trials is within the precision: the noise of the trials counts.
+    expects to be the best, if its own forecast is as good as the best one; or, where that has been
+    tried, the one that is expected to gain most of those where the score without trials is within
+    the precision: the noise of the trials counts.
 
     Returns  the evaluations, those with most trials first and of these the best, and a sentence on
              how it ended

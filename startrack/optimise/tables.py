@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from startrack.budget import caveats, differences
+from startrack.budget import caveats, differences, refusal
 from startrack.core import Refused, arcsec
 from startrack.design import YEAR, Campaign, Objective, OverUnits
 from startrack.io import save_csv
@@ -225,7 +225,8 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
             f"attitudes are lost with {budget.stars:.1f} stars expected on average in the sky "
             "that has enough of them; the effects named next are possible causes"
         )
-    found += caveats(optimum.best, budget.left_out, budget.refused)
+    found += refusal(optimum.best, budget.refused)
+    found += caveats(optimum.best, budget.left_out)
     if optimum.units or not best.differs:
         return found
     return [*found, "noise only: the units of the designs are taken for perfect ones on their "

@@ -39,7 +39,7 @@ def design(case: Case) -> page.Section:
     ]
     scene, motion, identification = case.scene, instrument.motion, tracker.identification
     sky = "none" if scene.background_g is None else f"G {scene.background_g:g} per arcsec^2"
-    jitter = " with jitter" if motion.tones or motion.broadband else ""
+    jitter = " with jitter" if motion.jitters else ""
     rows = [
         ["lens", f"{optics.focal_length / mm:.4g} mm, f/{optics.f_number:.3g}, aperture "
                  f"{optics.aperture / mm:.3g} mm, blur {optics.blur / um:.3g} um"],
@@ -167,10 +167,9 @@ def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advan
     rows.append(["root sum square", "", *_sum(expected), *_sum(by_trials)])
     rows.append(["end to end", "", *_cells(expected.whole), *_intervals(by_trials.whole)])
     head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
-    sharp = refusal(case, expected.refused)  # why the errors are large comes first
     return page.Section(
         TITLE,
-        (_sentence(sharp) if sharp else "")
+        "".join(map(_sentence, refusal(case, expected.refused)))  # why errors are large comes first
         + table("Rms per axis, arcsec", head, rows)
         + page.paragraph(
             "By the analytic budget an attitude is available in "
@@ -181,7 +180,7 @@ def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advan
         + "".join(
             _sentence(text)
             for text in (
-                *caveats(case, expected.left_out, 0.0),
+                *caveats(case, expected.left_out),
                 *(
                     f"formula and trials differ: {difference}"
                     for difference in differences(expected, summary)

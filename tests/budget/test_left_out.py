@@ -20,7 +20,7 @@ def test_nothing_is_left_out_of_the_example_and_trials_agree(case):
     found = check(case, budget, 1)
     assert (found.fidelity, found.summary.trials) == (Fidelity.WINDOW, 60)
     assert found.differs == ()
-    assert caveats(case, (), 0.0)[-1].startswith("noise only: a perfect unit")
+    assert caveats(case, ())[-1].startswith("noise only: a perfect unit")
 
 
 @pytest.mark.parametrize(
