@@ -328,6 +328,7 @@ def test_an_own_jitter_is_a_tone(others):
     from startrack.motion import Motion, Tone, blur, realise_motion
 
     motion = others('instrument.motion.jitter=["mylab.others:wheel"]').case.instrument.motion
+    assert replace(motion, tones=(), broadband=()).jitters
     own = realise_motion(motion, 0.1, Streams(1, 1))
     x, y = (Tone(30.0, **{f"rms_{axis}": size * 2**-0.5}, phase=phase)
             for axis, size, phase in (("x", 2e-5, 0.0), ("y", 1e-5, -np.pi / 2)))  # fmt: skip

@@ -1,4 +1,5 @@
 import tomllib
+from dataclasses import replace
 
 import pytest
 import tomli_w
@@ -37,6 +38,15 @@ def test_a_file_gives_si_and_survives():
     assert motion.drawn
     assert from_table(Motion, tomllib.loads(tomli_w.dumps(to_table(motion)))) == motion
     assert hash(motion)
+
+
+def test_each_kind_of_jitter_is_one_and_rates_are_none():
+    motion = from_table(Motion, tomllib.loads(FILE))
+    rates = Motion(rate_x=motion.rate_x)
+    assert motion.steady == rates
+    assert not rates.jitters
+    for kind in ("tones", "broadband"):
+        assert replace(rates, **{kind: getattr(motion, kind)}).jitters
 
 
 def test_drawn_is_what_differs_between_trials():

@@ -91,7 +91,9 @@ def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch
         return Evaluation(tuple(point), {}, error, error, score, known.margins, summary, "")
 
     monkeypatch.setattr(steps, "evaluate", exact)
-    tried, _ = steps.refine(explorer, explorer.campaign, TrialRunner(1), lambda _: None)
+    first = list[Evaluation]()
+    tried, _ = steps.refine(explorer, explorer.campaign, TrialRunner(1), first.append)
+    assert math.log(first[0].error / arcsec) < explorer.score + 0.02
     assert math.log(tried[0].error / arcsec) < explorer.score + 0.02
 
 
