@@ -42,7 +42,7 @@ from startrack.detection.expectation import (
 from startrack.detection.find import Candidates, DetectionInput, levels_at
 from startrack.detection.matched import filtered, highest_between
 from startrack.detection.methods import CentroidInput
-from startrack.detection.parameters import LONGEST_STREAK, Detection
+from startrack.detection.parameters import LONGEST_STREAK, STREAK, Detection
 from startrack.detection.pixels import (
     DarkFrames,
     DarkMap,
@@ -53,7 +53,6 @@ from startrack.detection.pixels import (
     subtract_dark,
 )
 from startrack.detection.plan import (
-    STREAK,
     DetectionPlan,
     calibrated,
     false_alarms,

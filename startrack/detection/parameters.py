@@ -11,6 +11,9 @@ SEARCHES = ("filter",)
 KERNELS = ("gaussian", "psf")
 COMPENSATIONS = ("none", "gaussian", "psf")
 LONGEST_STREAK = 100.0  # pixel
+# Pixel, smear from which on only the likelihood follows a star. Chosen by hand: the windows of the
+# others lose the ends of a longer one, and a shorter one costs them less than 10 %.
+STREAK = 1.0
 
 
 SMEAR = (

@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 from startrack.core import Floats, Frame, Psf, Refused, Workspace, is_code
 from startrack.detection import matched
 from startrack.detection.methods import CENTROIDS, CentroidMethod, method_of
-from startrack.detection.parameters import Detection
+from startrack.detection.parameters import STREAK, Detection
 from startrack.detection.pixels import (
     Calibration,
     Correction,
@@ -17,11 +17,6 @@ from startrack.detection.pixels import (
     pixels,
 )
 from startrack.detection.star_model import StarModel, gaussian_psf, smeared
-
-# Pixel, smear from which on only the likelihood follows a star. Chosen by hand: the windows of the
-# others lose the ends of a longer one, and a shorter one costs any method less than 10 %, but for a
-# likelihood of stars sharper than 0.45 pixel (sigma): at 0.33 it errs by up to 3.7 times as much.
-STREAK = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,21 +1,19 @@
 """TrialRunner: trials of any design; it keeps each outcome, so that no trial is repeated."""
 
 import hashlib
-import math
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
-from dataclasses import MISSING, Field, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
 from startrack.core import Advance, Refused, Rows, inputs_of, software
 from startrack.design import Campaign, Case, Fidelity
-from startrack.detection import STREAK
 from startrack.montecarlo import Serial, run
 from startrack.optimise.ledger import REFUSED, Ledger
 from startrack.population import Units
-from startrack.trial import OUTCOMES, known_smear
+from startrack.trial import OUTCOMES
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -161,11 +159,8 @@ class TrialRunner:
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
 
     def _key(self, case: Case, fidelity: Fidelity, first: int, units: Units | None = None) -> bytes:
-        written = described(case)
-        if not math.hypot(*known_smear(case)) > STREAK:  # trials are as without a known smear
-            detection = replace(case.tracker.detection, smear_x=0.0, smear_y=0.0)
-            written = described(replace(case, tracker=replace(case.tracker, detection=detection)))
-        text = f"{software()} {self.seed} {fidelity} {first} {written} {inputs_of(case)} {units}"
+        written, inputs = described(case), inputs_of(case)
+        text = f"{software()} {self.seed} {fidelity} {first} {written} {inputs} {units}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
 
 

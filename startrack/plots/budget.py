@@ -274,7 +274,9 @@ def _over_rate(axes: Axes, curves: ErrorCurves, case: Case) -> None:
     differs = [style.number(rate / deg) for rate, checked in tried if checked.differs]
     _shade_rates(axes, curve)
     streaks = STREAK / case.instrument.camera.focal_length_px / case.instrument.detector.exposure
-    if curve.rate[0] < streaks < curve.rate[-1] and not is_code(case.tracker.detection.centroid):
+    centroid = case.tracker.detection.centroid
+    changes = centroid != "likelihood" and not is_code(centroid)
+    if curve.rate[0] < streaks < curve.rate[-1] and changes:
         axes.axvline(streaks / deg, color=style.GREY, ls="-.", lw=1.2,
                      label="from here streaks are fitted (likelihood)")  # fmt: skip
     axes.set_xscale("symlog", linthresh=max(rates[1] / deg, 1e-9))

@@ -34,7 +34,6 @@ from startrack.trial.belief import (
     as_believed,
     detection_plan,
     frames_of_map,
-    known_smear,
     seen_smear,
     smear_of,
 )

@@ -107,10 +107,15 @@ def smear(camera: Camera, exposure: float, rate_x: float, rate_y: float) -> tupl
 
 
 def with_smear(detection: Detection, x: float, y: float) -> Detection:
-    """The settings with a smear where they leave it out, unless it is too short to matter."""
+    """The settings with a smear where they leave it out.
+
+    Only the likelihood has a use for one below `STREAK`: of stars of 0.33 pixel (sigma) it errs 3.7
+    times as much without.
+    """
     if detection.smear_x is not None or detection.smear_y is not None:
         return detection
-    if not math.hypot(x, y) > STREAK:
+    least = 0.0 if detection.centroid == "likelihood" else STREAK
+    if not math.hypot(x, y) > least:
         return detection
     scale = min(1.0, LONGEST_STREAK / max(abs(x), abs(y)))
     return replace(detection, smear_x=scale * x, smear_y=scale * y)

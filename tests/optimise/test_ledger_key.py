@@ -47,6 +47,10 @@ def test_each_parameter_changes_it(name):
     assert TrialRunner(8)._key(CASE, Fidelity.FRAME, 3) != key(CASE)
 
 
+def test_a_smear_that_the_tracker_is_told_changes_it():
+    assert key(replaced(CASE, "tracker.detection.smear_x", 3.0)) != key(CASE)
+
+
 def test_the_content_of_a_catalogue_file_is_in_it(tmp_path):
     path = tmp_path / "stars.fits"
     path.write_bytes(shipped("stars/bright.fits").read_bytes())

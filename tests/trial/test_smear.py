@@ -30,6 +30,23 @@ def test_the_smear_is_that_of_the_rates_that_the_tracker_knows():
     still = dataclasses.replace(CASE.tracker.detection, smear_x=0.0, smear_y=0.0)
     assert detection_plan(slewing(2.0, detection=still)).settings == still
     assert detection_plan(CASE).settings == CASE.tracker.detection  # 0.3 pixel: too short
+    fitted = dataclasses.replace(CASE.tracker.detection, centroid="likelihood")
+    x, y = detection_plan(slewing(0.2, 0.1, detection=fitted)).settings.smear
+    assert (abs(x), abs(y)) == (pytest.approx(length / 20), pytest.approx(length / 10))
+
+
+def test_a_likelihood_of_sharp_stars_does_not_leap_where_others_give_way_to_it():
+    """0.98 and 1.02 pixel of smear of stars of 0.33 pixel; unknown it makes 3.7 times the error."""
+    optics = dataclasses.replace(CASE.instrument.optics, blur=2e-6)
+    detection = dataclasses.replace(CASE.tracker.detection, centroid="likelihood")
+    tracker = dataclasses.replace(CASE.tracker, detection=detection)
+
+    def error(length):
+        rate = length * 11e-6 / 35e-3 / 0.08
+        case = changed(optics=optics, motion=Motion(rate_x=rate))
+        return analytic(dataclasses.replace(case, tracker=tracker)).across
+
+    assert error(0.98) == pytest.approx(error(1.02), rel=0.05)
 
 
 def test_a_diagonal_streak_is_drawn_as_the_stars_move():
