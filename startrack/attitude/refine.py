@@ -142,7 +142,8 @@ def _free(stretch, columns, scale, tolerance, along):  # type: ignore[no-untyped
     square = (stretch**2).sum()
     for k in range(4):
         along[k] = (stretch * columns[k]).sum() / square
-        columns[k] -= along[k] * stretch
+        for n in range(len(stretch)):
+            columns[k, n] -= along[k] * stretch[n]
 
 
 def tangent(plane: Floats) -> Floats:

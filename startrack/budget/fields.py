@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky, open_sky
-from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, kernel, local_weights
+from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, assign, kernel, local_weights
 from startrack.trial import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
@@ -236,7 +236,8 @@ def _propagate(seen: FieldStars, response: Response, solver: Solver, found: Atti
     for f in range(len(seen.first) - 1):
         end, found.stars[f] = _information(f, seen, response, solver, full, chance)
         info = full[:3, :3].copy()
-        found.stated[f] = info
+        for a in range(3):
+            assign(found.stated[f, a], info[a])
         found.solved[f] = 1 - (chance * solver.lost).sum()
         unsolvable = found.stars[f] < 2.0 or not np.linalg.cond(info) < 1e15
         if found.solved[f] < 1e-6 or unsolvable:

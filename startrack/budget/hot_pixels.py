@@ -281,7 +281,7 @@ def _left(
                 moved[a] += weighted * error[axis]
                 for b in range(4):
                     info[a, b] += weighted * rows[k, axis, b]
-    turn = np.linalg.solve(info, moved)
+    turn = np.linalg.inv(info) @ moved
     for k in range(len(star)):
         error = _error(d, star[k], drawn)
         for axis in range(2):

@@ -23,7 +23,7 @@ if wanted(__name__):
 
 MB = 1e6  # byte
 # Parts that another process compiles at the same time, on a second core.
-SECOND_HALF = ("identification", "sequence", "fidelity covariance", "analytic budget", "one PSF")
+SECOND_HALF = ("identification", "fidelity covariance", "sequence")
 SPOTS, SIGMA = 20, 0.1  # of the field that is identified: their number, and noise in pixel
 
 
@@ -88,11 +88,11 @@ def parts(case: Case) -> dict[str, Callable[[], object]]:
         "fidelity frame": trial(case, Fidelity.FRAME),
         "fidelity window": trial(case, Fidelity.WINDOW),
         "fidelity spots": trial(plain, Fidelity.SPOTS),
-        "identification": partial(identification, case),
-        "sequence": partial(run, case, sequence, 1, 0),
-        "fidelity covariance": trial(plain, Fidelity.COVARIANCE),
         "analytic budget": partial(analytic, case),
         "one PSF": trial(plain, Fidelity.WINDOW),
+        "identification": partial(identification, case),
+        "fidelity covariance": trial(plain, Fidelity.COVARIANCE),
+        "sequence": partial(run, case, sequence, 1, 0),
     }
 
 

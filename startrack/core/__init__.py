@@ -32,6 +32,7 @@ from startrack.core.arrays import (
     Ints,
     Rows,
     Singles,
+    assign,
     first_not_below,
     median,
     order,

@@ -1,6 +1,7 @@
 """Types of arrays and of a progress, and within kernels order, median and place of values.
 
-NumPy's own of these are compiled anew for each kind of array, which takes seconds.
+NumPy's own of these are compiled anew for each kind of array, which takes seconds, as does the
+assignment of an array to a part of another, with its sentence on shapes that differ.
 """
 
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from startrack.core.interpret import instead_of
 from startrack.core.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -28,6 +30,18 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+@kernel
+def assign(part: NDArray[Any], values: NDArray[Any]) -> None:
+    """Write values (n,) into a part (n,) of an array of any type."""
+    for i in range(len(values)):
+        part[i] = values[i]
+
+
+@instead_of(assign)
+def _assign_array(part: NDArray[Any], values: NDArray[Any]) -> None:
+    part[:] = values
 
 
 @kernel

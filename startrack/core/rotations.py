@@ -8,7 +8,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core.arrays import Floats
+from startrack.core.arrays import Floats, assign
 from startrack.core.kernel import kernel
 
 
@@ -22,7 +22,7 @@ def rotation_of(matrix: Floats) -> Rotation:
 def _quaternions(matrix: Floats) -> Floats:  # pragma: no cover
     many = np.empty((len(matrix), 4))
     for n in range(len(matrix)):
-        many[n] = quaternion(matrix[n])
+        assign(many[n], quaternion(matrix[n]))
     return many
 
 

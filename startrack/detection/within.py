@@ -5,7 +5,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from startrack.core import Floats, Frame, Ints, Psf, Singles, Spots, kernel
+from startrack.core import Floats, Frame, Ints, Psf, Singles, Spots, assign, kernel
 from startrack.detection.background import Sky, between
 from startrack.detection.connect import any_above
 from startrack.detection.detect import centroid
@@ -144,7 +144,7 @@ def _filter(
         rounded = total.reshape(bottom - top, width)
         for y in range(top, bottom):
             row = rounded[y - top, : right - left]
-            image[y, left:right] = row
+            assign(image[y, left:right], row)
             if not any_above(row, lowest):
                 continue
             for i in range(len(row)):

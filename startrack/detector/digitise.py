@@ -16,6 +16,7 @@ from startrack.core import (
     Ints,
     Singles,
     Streams,
+    assign,
     bits,
     instead_of,
     inverse_normal,
@@ -165,23 +166,12 @@ def _digitise_part(
     _random_pairs(draws.shot, start >> np.uint64(1), words)
     random = pairs[odd : odd + many]
     near = other.view(np.float32)
-    _write_singles(near, mean)
+    assign(near, mean)
     _cells_of_levels(near, random, tables, at)
     for k in range(_settle(out, at, random, other, tables)):
         column = np.int64(other[k])
         pixel = start + np.uint64(column)
         out[column] = _unsettled(mean[column], at[column], pixel, draws)
-
-
-@kernel
-def _write_singles(out, mean):  # type: ignore[no-untyped-def]
-    for column in range(len(mean)):
-        out[column] = F32(mean[column])
-
-
-@instead_of(_write_singles)
-def _write_singles_of_arrays(out, mean):  # type: ignore[no-untyped-def]
-    out[:] = mean
 
 
 @kernel
@@ -210,12 +200,13 @@ def digitise_window(
             pairs = room[0].view(np.uint64)[: (odd + width + 1) // 2]
             _random_pairs(draws.shot, np.uint64(start >> 1), pairs)
             row = slice(j * width, (j + 1) * width)
-            random[row] = room[0, odd : odd + width]
-            _write_singles(near[row], mean[first + j])
+            assign(random[row], room[0, odd : odd + width])
+            assign(near[row], mean[first + j])
         _cells_of_levels(near, random, draws.tables, at)
         left_over = _settle(numbers, at, random, other, draws.tables)
         for j in range(rows):
-            image[top + first + j, left : left + width] = numbers[j * width : (j + 1) * width]
+            out = image[top + first + j, left : left + width]
+            assign(out, numbers[j * width : (j + 1) * width])
         for k in range(left_over):
             j, i = np.int64(other[k]) // width, np.int64(other[k]) % width
             pixel = np.uint64(begin + j * columns + i)

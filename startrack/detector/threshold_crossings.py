@@ -289,8 +289,10 @@ def _cumulants(
     middle = probability.shape[0] // 2
     moment, usual = sums[:, :, -1].copy(), 0.0
     for j in range(len(moment)):
-        usual += (kind == j).sum() * math.log(moment[j, middle])
-        moment[j] /= moment[j, middle]
+        of_middle = moment[j, middle]
+        usual += (kind == j).sum() * math.log(of_middle)
+        for level in range(moment.shape[1]):
+            moment[j, level] /= of_middle
     for y in range(border, rows - border):
         for x in range(border, columns - border):
             tile, at = (y // mesh) * across + x // mesh, (y % mesh) * mesh + x % mesh

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import Floats, Ints, Refused, kernel, rotated
+from startrack.core import Floats, Ints, Refused, assign, kernel, order, rotated
 from startrack.identification.agree import Agreed
 from startrack.identification.fit import derivatives, fit
 from startrack.identification.grids import VerificationStars
@@ -41,12 +41,13 @@ def follow(
     """
     sky = voters.sky
     star, place = predict(seen, sky, predicted, 1.0)
-    order = np.argsort(voters.magnitude[star])
-    star, place = star[order], place[order]
+    by_brightness = order(voters.magnitude[star])
+    star, place = star[by_brightness], place[by_brightness]
     weight = seen.sigma**-2.0
     rows = np.empty((len(star), 2, 3))
     for j in range(len(star)):
-        rows[j] = derivatives(predicted, sky.direction[star[j]], 1.0)[:, :3]
+        for axis, of_axis in enumerate(derivatives(predicted, sky.direction[star[j]], 1.0)):
+            assign(rows[j, axis], of_axis[:3])
     information = np.linalg.inv(covariance).astype(np.float64)
     # ln of the density of the Gaussian prediction at its centre.
     log_peak = -0.5 * math.log(np.linalg.det(covariance)) - 1.5 * math.log(2 * math.pi)

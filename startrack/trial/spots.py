@@ -13,6 +13,7 @@ from startrack.core import (
     Rows,
     Spots,
     Streams,
+    assign,
     bits,
     distort,
     inverse_normal,
@@ -292,5 +293,5 @@ def _write_false(row, start, least, view):  # type: ignore[no-untyped-def]
     across, down = view.columns - 2 * view.border, view.rows - 2 * view.border
     row[0] = view.border - 0.5 + across * uniform(bits(start, np.uint64(0)))
     row[1] = view.border - 0.5 + down * uniform(bits(start, np.uint64(1)))
-    row[2:] = least
+    assign(row[2:], least)
     row[2] -= math.log(uniform(bits(start, np.uint64(2)))) * least[1] ** 2 / least[0]
