@@ -50,6 +50,10 @@ hits_ratio                largest rate of trapped protons by AP-8 on a CCD of th
                           behind 5 mm of aluminium, over the flown one; within 2 is expected, which
                           was written before it was computed. Its shield is not known: 5 mm is what
                           missions here take
+temperature_error_k       largest error of lowest and highest temperatures of SOC-i, a CubeSat in a
+                          Sun-synchronous orbit, hot and cold, beside those published; within 5 is
+                          expected. All inputs are published; the published temperatures were known
+temperature_example_k     the same of an example in that orbit whose eclipse is an eighth shorter
 export_spectrum_error     of the exported C's spectral amplitude, to that of sequences of frames
 """
 
@@ -115,6 +119,7 @@ from startrack.trial import run_trial, run_trials
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.mission import independent
 from tests.mission.messages import write_aem
+from tests.space import satellites
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
 SEQUENCES, SEQUENCE_FRAMES = 3, 4  # of each drawn unit, and of each sequence
@@ -182,6 +187,8 @@ def main() -> None:
     figures |= life(3 if chosen.quick else chosen.frames)
     print(f"{'life_ratio':24} {figures['life_ratio']}")
     add(hits_ratio=hits())
+    *named, example = (satellites.largest_error(name) for name in satellites.CASES)
+    add(temperature_error_k=max(named), temperature_example_k=example)
     figures["dose_ratio"] = doses(chosen.quick)
     print(f"{'dose_ratio':24} {figures['dose_ratio']}")
     command.save(chosen, figures)
