@@ -47,7 +47,8 @@ class CameraCalibration(Parameters):
 
     On the ground, a collimator or a star simulator shows stars at `positions` evenly over the
     frame, in one attitude of the camera that is fitted too. In orbit, `frames` of random sky have
-    `stars` each, at random places, and an attitude each.
+    `stars` each, at random places, and an attitude each; a filter from frame to frame, as
+    `CameraFilter`, reaches the same bound.
     """
 
     place: Annotated[str, Range(choices=PLACES),
