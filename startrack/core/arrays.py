@@ -40,7 +40,7 @@ def assign(part: NDArray[Any], values: NDArray[Any]) -> None:
 
 
 @instead_of(assign)
-def _assign_array(part: NDArray[Any], values: NDArray[Any]) -> None:
+def _assign_of_arrays(part: NDArray[Any], values: NDArray[Any]) -> None:
     part[:] = values
 
 

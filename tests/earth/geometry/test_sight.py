@@ -1,5 +1,6 @@
 """Each element looks along its own line of sight at its own time."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,12 @@ pytest.importorskip("sgp4")
 ORBIT = Orbit("2026-06-21T10:00:00", altitude=600e3, anomaly=0.7)
 CAMERA = Camera(101, 101, 1e5)  # 6 m on the ground
 DOWN = Pointing()
-PERIOD = 1 / (ground_rate(ORBIT) * CAMERA.focal_length_px)
+
+
+@cache
+def pixel_period():
+    """Second, in which the image moves by a pixel."""
+    return 1 / (ground_rate(ORBIT) * CAMERA.focal_length_px)
 
 
 def ground(rays):
@@ -64,7 +70,7 @@ def test_columns_run_across_and_rows_along_the_flight():
 
 def test_a_line_advances_by_a_pixel():
     rays = scan_lines(
-        CAMERA, line_elements(101, 50.0), np.arange(3.0), Dating(0.0, PERIOD), ORBIT, DOWN
+        CAMERA, line_elements(101, 50.0), np.arange(3.0), Dating(0.0, pixel_period()), ORBIT, DOWN
     )
     at = ground(rays).reshape(3, 101, 3)
     side = metres(at[0, 50], at[0, 51])
@@ -73,13 +79,13 @@ def test_a_line_advances_by_a_pixel():
 
 def test_the_stages_of_tdi_see_one_place():
     elements = tdi_elements(3, 50.0, 16)
-    rays = scan_lines(CAMERA, elements, np.zeros(1), Dating(0.0, PERIOD), ORBIT, DOWN)
+    rays = scan_lines(CAMERA, elements, np.zeros(1), Dating(0.0, pixel_period()), ORBIT, DOWN)
     at = ground(rays).reshape(3, 16, 3)
     # The Earth turns by up to 4 degrees of the flight: a pixel in 16 lines, but not along.
     velocity = fly(ORBIT, np.zeros(1)).inertial[0]
     assert np.abs((at - at[:, :1]) @ velocity / np.linalg.norm(velocity)).max() < 0.1 * 6
     wrong = tdi_elements(3, 50.0, 16, forwards=1)
-    rays = scan_lines(CAMERA, wrong, np.zeros(1), Dating(0.0, PERIOD), ORBIT, DOWN)
+    rays = scan_lines(CAMERA, wrong, np.zeros(1), Dating(0.0, pixel_period()), ORBIT, DOWN)
     at = ground(rays).reshape(3, 16, 3)
     assert metres(at[1, 0], at[1, 15]) > 25 * 6
 
@@ -87,7 +93,7 @@ def test_the_stages_of_tdi_see_one_place():
 def test_staggered_rows_mesh():
     """Columns that alternate between two rows lie on one line, half a pixel apart."""
     elements = staggered_elements(40, 46.0, 8.0)
-    rays = scan_lines(CAMERA, elements, np.zeros(1), Dating(0.0, PERIOD / 2), ORBIT, DOWN)
+    rays = scan_lines(CAMERA, elements, np.zeros(1), Dating(0.0, pixel_period() / 2), ORBIT, DOWN)
     at = ground(rays)
     step = np.diff(at, axis=0)
     # The Earth turns below: one step is longer and the next one shorter.
@@ -131,10 +137,10 @@ def test_a_matrix_sees_all_at_once():
 def test_jitter_enters_each_line():
     """A turn about x by a microradian a line moves what is seen along the flight."""
     lines, angle = np.arange(4.0), 1e-5
-    dating = Dating(0.0, PERIOD)
+    dating = Dating(0.0, pixel_period())
 
     def turn(time):
-        return np.outer(-np.round(time / PERIOD) * angle, [1.0, 0, 0])
+        return np.outer(-np.round(time / pixel_period()) * angle, [1.0, 0, 0])
 
     still = scan_lines(CAMERA, line_elements(1, 50.0), lines, dating, ORBIT, DOWN)
     moved = scan_lines(CAMERA, line_elements(1, 50.0), lines, dating, ORBIT, DOWN, turn)

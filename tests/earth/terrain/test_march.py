@@ -1,6 +1,7 @@
 """The march against the search of every cell, and against surfaces that have a closed form."""
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,17 @@ from .scenes import STEP, Relief, axes, flat, globe, hills, mountains, random_ra
 RUGGED = Path(__file__).parents[2] / "oracle" / "rugged.json"
 
 GRID, HEIGHTS = mountains()
-SURFACE = index(GRID, HEIGHTS)
+
+
+@cache
+def relief():
+    return index(GRID, HEIGHTS)
 
 
 @pytest.mark.parametrize("elevation", [85, 60, 30, 10, 2])
 def test_hits_are_those_of_the_search(elevation):
     rays = random_rays(GRID, 1000, elevation, HEIGHTS.max())
-    found = trace(SURFACE, rays)
+    found = trace(relief(), rays)
     expected, _ = Scan(GRID, HEIGHTS, 2.8e5, 3.2e5).meet(rays)
     np.testing.assert_array_equal(found.hit, expected.hit)
     hit = found.hit
@@ -92,13 +97,13 @@ def test_a_camera_within_the_shell_of_the_terrain():
     view /= np.linalg.norm(view, axis=1, keepdims=True)
     eye = cartesian(np.array(lon), np.array(lat), np.array(float(HEIGHTS[100, 100]) + 5))
     rays = Rays(np.tile(eye, (72, 1)), view, np.zeros(72))
-    found = trace(SURFACE, rays)
+    found = trace(relief(), rays)
     expected, _ = Scan(GRID, HEIGHTS, 0.0, 2e4).meet(rays)
     assert 5 < expected.hit.sum() < 72
     np.testing.assert_array_equal(found.hit, expected.hit)
     hit = found.hit
     np.testing.assert_allclose(found.distance[hit], expected.distance[hit], atol=1e-3)
-    buried = trace(SURFACE, Rays(rays.origin - 50 * rise, view, rays.spread))
+    buried = trace(relief(), Rays(rays.origin - 50 * rise, view, rays.spread))
     np.testing.assert_array_equal(buried.distance, 0.0)
 
 
