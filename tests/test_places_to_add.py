@@ -17,11 +17,13 @@ from startrack.budget.left_out import of_the_case
 from startrack.cli import main
 from startrack.cli.options import Option, Options
 from startrack.core import NON_NEGATIVE, DiffuseLight, Unit
+from startrack.core.extension import code_of_command
 from startrack.design.keys import keys_of
 from startrack.detection.methods import CENTROIDS
 from startrack.detector import PIXEL_EFFECTS, Detector
 from startrack.detector.pixel_effects import PixelEffect
 from startrack.io import shipped
+from startrack.optimise.search import Search, algorithms, least
 from startrack.scene import LIGHTS
 from startrack.scene.lights import LightKind
 from startrack.trial import require_fidelity, run_trials
@@ -145,6 +147,37 @@ def test_a_centroid_method_is_two_places(monkeypatch):
         )
     with pytest.raises(Refused, match="centroid must be one of gravity"):
         case()
+
+
+# An optimiser: its file alone, which a campaign names as module:function.
+def halve_the_steps(given):
+    """Coordinate search: steps along each axis, halved where none is better."""
+    point, step = given.start.copy(), 0.25
+    best = given.score(point)
+    while step > 1e-3:
+        around = [point + step * side for side in (*np.eye(len(point)), *-np.eye(len(point)))]
+        scores = [given.score(np.clip(each, 0, 1)) for each in around]
+        if min(scores) < best:
+            best, point = min(scores), np.clip(around[int(np.argmin(scores))], 0, 1)
+        else:
+            step /= 2
+
+
+def test_an_optimiser_is_one_place(monkeypatch):
+    monkeypatch.setitem(sys.modules, "coordinate_search", sys.modules[__name__])
+    name = "coordinate_search:halve_the_steps"
+    assert algorithms(f"direct+{name}") == ["GN_DIRECT_L", name]
+
+    def bowl(point):
+        return float(((point - [0.3, 0.8]) ** 2).sum())
+
+    start = np.array([0.5, 0.5])
+    with pytest.raises(ValueError, match="coordinate_search is imported only with --allow-code"):
+        least(bowl, start, Search(name))
+    with code_of_command(True):
+        found = least(bowl, start, Search(name, evaluations=300))
+    np.testing.assert_allclose(found.coordinates, [0.3, 0.8], atol=1e-3)
+    assert found.evaluations < 300
 
 
 # A command: its file, and its row in COMMANDS.
