@@ -62,14 +62,19 @@ def pytest_xdist_node_collection_finished(node):
 
 def pytest_collection_finish(session):
     gc.freeze()  # what is imported stays: searching it takes 3 % of the suite
+    gc.set_threshold(100_000)  # 3 %, too; cycles are few
     gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _quick_example():
-    """Commands without a design take that of noise alone, whose frames and budgets are quick."""
+    """Commands without a design take that of noise alone, whose frames and budgets are quick.
+
+    Their pictures have a tenth of the pixels; those of tests/plots have all.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(terminal, "EXAMPLE", "designs/noise_only.toml")
+        patch.setattr("startrack.plots.style.DPI", 60)
         yield
 
 

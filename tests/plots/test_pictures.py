@@ -43,6 +43,12 @@ PHONE = 400  # pixel, the width of a phone
 LEGIBLE = 6.9  # pixel, of the smallest letters there
 
 
+@pytest.fixture(autouse=True)
+def _fine(monkeypatch):
+    """Pixels as users get them."""
+    monkeypatch.setattr(style, "DPI", 200)
+
+
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
     """Draws a picture; returns its figure, which is checked, and its file, if that is written."""
