@@ -98,7 +98,7 @@ def test_the_posterior_of_a_camera_is_near_an_independent_fit(outside, tmp_path,
 
 
 WIDE = [f"img_{number}.jpg" for number in range(1, 50, 2)]
-FEW = [pytest.param(WIDE[::12], id="few"), pytest.param(WIDE, id="all", marks=pytest.mark.slow)]
+FEW = [pytest.param(WIDE[::24], id="few"), pytest.param(WIDE, id="all", marks=pytest.mark.slow)]
 
 
 @pytest.fixture(scope="module", params=FEW)

@@ -62,7 +62,7 @@ def error(camera: Camera) -> np.ndarray:
     return (camera_vector(camera) - camera_vector(TRUTH))[FREE]
 
 
-@pytest.mark.parametrize("frames", [100, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("frames", [50, pytest.param(1000, marks=pytest.mark.slow)])
 def test_the_error_is_that_of_the_bound(frames):
     """Error squared over the bound of 4 cameras with 4 unknowns: 1 within 0.35 (1 sigma)."""
     rng, settings, squares = np.random.default_rng(frames), CameraFilter(PRIOR), []
@@ -99,7 +99,7 @@ def test_a_map_takes_up_what_the_distortion_leaves():
     for nodes in (0, 6):
         settings = CameraFilter(PRIOR, map=nodes, map_sigma=0.2)
         known = first_camera(DESIGN, settings)
-        for _ in range(250):
+        for _ in range(120):
             spots, matches, _ = frame(rng, truth)
             known = after_frame(known, settings, spots, matches)
         pixel = rng.uniform(20, 1004, (400, 2))
@@ -113,10 +113,10 @@ def test_a_map_takes_up_what_the_distortion_leaves():
 
 @pytest.mark.parametrize("nodes", [pytest.param(0, marks=pytest.mark.slow), 3])
 def test_the_attitude_states_what_is_not_known_of_the_camera(nodes):
-    """Attitudes of 300 cameras as drawn from the prior, 20 stars each: 3 within 0.25 (1 sigma)."""
+    """Attitudes of 180 cameras as drawn from the prior, 20 stars each: 3 within 0.3 (1 sigma)."""
     rng, settings = np.random.default_rng(9), CameraFilter(PRIOR, map=nodes, map_sigma=0.3)
     known, squares = first_camera(DESIGN, settings), []
-    for _ in range(300):
+    for _ in range(180):
         step = settings.sigma(DESIGN) * rng.standard_normal(16 + 2 * nodes**2)
         spots, matches, direction = frame(rng, known.moved(step).camera, 20)
         block = MatchedFrame(spots, matches)

@@ -28,9 +28,9 @@ def line(case: Case, name: str) -> NDArray[np.float64]:
 
 
 def test_it_is_near_to_trials(small):
-    """160 trials know an rms to 5 % across and 6 % about; 15 % and 18 % are three sigma."""
+    """100 trials know an rms to 6 % across and 8 % about; 15 % and 18 % are 2.4 sigma."""
     case = small.case
-    outcomes = [run_random_trial(case, 11, number) for number in range(160)]
+    outcomes = [run_random_trial(case, 11, number) for number in range(100)]
     across = np.sqrt(np.mean([(o.error_x**2 + o.error_y**2) / 2 for o in outcomes]))
     about = np.sqrt(np.mean([o.error_z**2 for o in outcomes]))
     budget = analytic(case)
@@ -185,7 +185,7 @@ def windows(case: Case, count: int):
 
 
 def test_a_rolling_shutter_is_counted(case):
-    """100 windows know the rms to 6 %; without it the error is half, and that about a fifth.
+    """60 windows know the rms to 8 %; without it the error is half, and that about a fifth.
 
     A tracker that knows row delay and rate takes it off: what is left is that of a global shutter.
     """
@@ -193,12 +193,12 @@ def test_a_rolling_shutter_is_counted(case):
     detector = replace(case.instrument.detector, row_delay=40e-6)
     knowing = replace(case, instrument=replace(case.instrument, motion=motion, detector=detector))
     still = replace(case, instrument=replace(case.instrument, motion=motion))
-    left, alike = windows(knowing, 100), windows(still, 100)
+    left, alike = windows(knowing, 60), windows(still, 60)
     for name in ("across", "about"):
         assert getattr(left, name).value == pytest.approx(getattr(alike, name).value, rel=0.12)
     assert analytic(knowing).about == pytest.approx(analytic(still).about, rel=1e-9)
     rolling = replace(knowing, tracker=replace(case.tracker, row_delay=0.0))
-    budget, found = analytic(rolling), windows(rolling, 100)
+    budget, found = analytic(rolling), windows(rolling, 60)
     assert budget.across == pytest.approx(found.across.value, rel=0.15)
     assert budget.about == pytest.approx(found.about.value, rel=0.15)
     shear = line(rolling, "rolling shutter")
@@ -224,11 +224,11 @@ def hot(name: str, *changes: str) -> Case:
 
 
 def test_hot_pixels_move_stars_as_in_windows():
-    """80 windows; the interval holds the rms with 99 %. Without hot pixels it is 0.54 arcsec."""
+    """50 windows; the interval holds the rms with 99 %. Without hot pixels it is 0.54 arcsec."""
     case = hot("noise_only.toml", "instrument.detector.defects.hot=0.01",
                "instrument.detector.defects.hot_current=4000 electron / s")  # fmt: skip
     budget, plain = analytic(case), analytic(hot("noise_only.toml"))
-    shown = summarise(run_trials(case, 1, range(80), Fidelity.WINDOW))
+    shown = summarise(run_trials(case, 1, range(50), Fidelity.WINDOW))
     assert budget.across > 1.2 * plain.across
     assert budget.stars < plain.stars
     assert not list(differences(budget, shown))

@@ -10,7 +10,7 @@ from startrack.detector import Detector, frame_of
 from startrack.detector.collect import background
 from startrack.optimise.ensemble import Ensembles
 
-SHORT = Ensembles(count=2, stretch=1000, most_steps=1000)
+SHORT = Ensembles(count=2, stretch=500, most_steps=500)
 LONG = Ensembles(count=2, stretch=1000, most_steps=10_000)
 DETECTOR = Detector(
     columns=160, rows=160, pixel_pitch=5e-6, exposure=0.1, dark_current=400.0, read_noise=9.0,

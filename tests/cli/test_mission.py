@@ -51,7 +51,7 @@ def flown(tmp_path_factory):
     out = tmp_path_factory.mktemp("flown") / "out"
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
         survey_less(patch)
-        asked = ["--frames", "6", "--set", "check.fidelity=covariance"]
+        asked = ["--frames", "4", "--set", "check.fidelity=covariance"]
         status = main(["mission", *DAY, *asked, "--out", str(out), "--json"])
     assert status == 3  # the example's heads do not meet its requirements
     return out, json.loads(printed.getvalue())
@@ -61,7 +61,7 @@ def test_all_heads_are_rendered_together(flown):
     out, result = flown
     with (out / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 18
+    assert len(rows) == 12
     for h, head in enumerate(result["frames"]["heads"]):
         tried = [row for row in rows if int(row["head"]) == h and row["blind"] == "0"]
         assert head["tried"] == len(tried)

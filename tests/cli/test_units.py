@@ -31,6 +31,12 @@ max_across = "8 arcsec"
 """
 
 
+@pytest.fixture(autouse=True)
+def _few_windows(monkeypatch):
+    """Of the trials beside a budget, which are of the unit as designed, nothing is asserted."""
+    monkeypatch.setattr(import_module("startrack.budget.left_out"), "WINDOWS", 4)
+
+
 @pytest.fixture
 def design(tmp_path):
     path = tmp_path / "varied.toml"
@@ -79,9 +85,7 @@ def test_units_of_a_design_in_which_nothing_varies_are_refused(capsys):
     assert "[[variation]]" in capsys.readouterr().err
 
 
-def test_the_budget_has_both_ends_of_life(design, capsys, monkeypatch):
-    # Of the trials beside it, which are of the unit as designed, nothing is asserted.
-    monkeypatch.setattr(import_module("startrack.budget.left_out"), "WINDOWS", 4)
+def test_the_budget_has_both_ends_of_life(design, capsys):
     aged = ["--set", "lifetime=10 yr", "--set", "campaign.requirements.max_about=400 arcsec"]
     main(["budget", str(design), "--units", "2", "--tolerances", "--json", *aged])
     told = json.loads(capsys.readouterr().out)
@@ -112,8 +116,7 @@ def test_the_budget_has_both_ends_of_life(design, capsys, monkeypatch):
     assert 0 < gains[0] < told["tolerances"]["level_arcsec"]
 
 
-def test_levers_are_steps_that_a_maker_may_take_with_what_they_cost(design, capsys, monkeypatch):
-    monkeypatch.setattr(import_module("startrack.budget.left_out"), "WINDOWS", 4)
+def test_levers_are_steps_that_a_maker_may_take_with_what_they_cost(design, capsys):
     calibrated = ["--set", "tracker.calibration.positions=100"]
     main(["budget", str(design), "--units", "2", "--levers", "--json", *calibrated])
     found = json.loads(capsys.readouterr().out)

@@ -46,15 +46,15 @@ def test_few_stars_are_enough_where_the_attitude_is_predicted(design, spots_at, 
 
 
 def test_chance_is_not_followed_more_often_than_allowed(design, spots_at):
-    """300 images of clutter against the bound of 1e-3, with a false alarm in 3000 runs."""
+    """150 images of clutter against the bound of 1e-3, with a false alarm in 2000 runs."""
     camera = design(12, 6.0)
     rng = np.random.default_rng(2)
     followed = 0
-    for number in range(300):
+    for number in range(150):
         pixel = rng.random(((2, 3, 30)[number % 3], 2)) * 1024 - 0.5
         predicted = Rotation.from_quat(rng.standard_normal(4))
         followed += len(follow(camera, spots_at(pixel, 0.2), predicted, np.full(3, 0.1 * deg))) > 0
-    assert followed <= 3
+    assert followed <= 2
 
 
 def test_a_wrong_prediction_falls_back_to_the_whole_sky(design):

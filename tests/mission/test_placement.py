@@ -35,7 +35,7 @@ def loaded(monkeypatch):
     return load_mission(EXAMPLE, ["time.duration=10 d", 'attitude.yaw="velocity"'])
 
 
-def test_three_heads_above_the_earth(loaded):
+def test_three_heads_above_the_earth(loaded, monkeypatch):
     """Only the Earth's limb blinds, at 75 degrees: the heads lie in a cone about the zenith.
 
     The variance about the zenith is that across a boresight over the sum of the squared sines of
@@ -43,6 +43,8 @@ def test_three_heads_above_the_earth(loaded):
     120 degrees from each other, where the zenith axis is uncorrelated with the others.
     """
     earth = KeepOut(sun=0.0, moon=0.0, earth=75 * deg)
+    monkeypatch.setattr(placement, "WINDOWS", 12)
+    monkeypatch.setattr(placement, "GRID", 15 * deg)
     heads = [dataclasses.replace(one, exclusion=earth) for one in loaded.mission.heads]
     for head, (azimuth, elevation) in zip(
         range(3), ((-80, -70), (60, -75), (170, -80)), strict=True

@@ -98,7 +98,7 @@ def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 4))]
+    "seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 2, 4))]
 )
 def test_the_best_at_a_limit_is_found(monkeypatch, seed):
     """0.4 % of the error above the least at most; the limit is met to 3e-4; in 60 forecasts."""

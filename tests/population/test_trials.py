@@ -60,7 +60,7 @@ def test_the_interpolated_response_of_units_is_that_of_whole_trials(age):
     The trials share sky and noise.
     """
     fast, whole = (
-        unit_trials(VARIED, 2, range(200), Units(100, 1, age, exact)) for exact in (False, True)
+        unit_trials(VARIED, 2, range(120), Units(60, 1, age, exact)) for exact in (False, True)
     )
     for about in (False, True):
         assert rms(fast, about) == pytest.approx(rms(whole, about), rel=0.03)

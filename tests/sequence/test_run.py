@@ -131,7 +131,7 @@ def test_a_gyroscope_bridges_the_slew(small):
 
 
 def test_the_filter_is_better_than_a_frame_and_states_its_error(small):
-    """20 flights of 12 frames; its errors over its stated sigmas follow chi-square, 1e-4.
+    """12 flights of 12 frames; its errors over its stated sigmas follow chi-square, 1e-4.
 
     What the pixels do to a star is alike in frames that follow each other, and the filter takes
     frames for independent: the floor is twice what a single frame asks for.
@@ -140,16 +140,16 @@ def test_the_filter_is_better_than_a_frame_and_states_its_error(small):
     attitude = dataclasses.replace(small.case.tracker.attitude, centroid_floor=0.015)
     tracker = dataclasses.replace(small.case.tracker, attitude=attitude)
     table = fly_sequences(
-        dataclasses.replace(small.case, tracker=tracker), sequence, 20, 5, Serial()
+        dataclasses.replace(small.case, tracker=tracker), sequence, 12, 5, Serial()
     )
     last = table[table["time"] > table["time"].max() - 0.01]
-    assert len(last) == 20
+    assert len(last) == 12
     assert (last["mode"] == Mode.TRACKED).all()
     late = table[table["time"] > 1.5]
     assert np.mean(late["filtered_z"] ** 2) < 0.6 * np.mean(late["error_z"] ** 2)
     for axis in AXES:
         total = np.sum((last[f"filtered_{axis}"] / last[f"filtered_sigma_{axis}"]) ** 2)
-        assert 1e-4 < stats.chi2.cdf(total, 20) < 1 - 1e-4, axis
+        assert 1e-4 < stats.chi2.cdf(total, 12) < 1 - 1e-4, axis
 
 
 def test_a_frame_alone_has_the_law_of_a_trial(small):

@@ -20,7 +20,7 @@ from startrack.space.radiation import (
 )
 
 
-@pytest.mark.parametrize("places", [700, pytest.param(radiation.PLACES, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("places", [450, pytest.param(radiation.PLACES, marks=pytest.mark.slow)])
 def test_spectra_of_other_orbits_are_those_of_spenvis(oracle, places, monkeypatch):
     """AP-8 in a polar orbit at 825 km and an inclined one at 530 km, by another field of the Earth
     of those years: each energy within 15 %.

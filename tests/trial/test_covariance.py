@@ -85,7 +85,7 @@ COLD = Thermal(temperature=263.0, reference=293.0, doubling=8.0)
 def test_dark_pixels_that_differ_do_what_they_do_in_windows(detector):
     """The rms across within 24 %, three standard deviations of 80 trials with few outliers."""
     case = with_detector(**detector)
-    drawn = run_trials(case, 5, range(1000), Fidelity.COVARIANCE)
+    drawn = run_trials(case, 5, range(500), Fidelity.COVARIANCE)
     rendered = run_trials(case, 5, range(80), Fidelity.WINDOW)
     plain = run_trials(CASE, 5, range(120), Fidelity.COVARIANCE)
     across = [np.hypot(rms(one, "x"), rms(one, "y")) for one in (drawn, rendered, plain)]

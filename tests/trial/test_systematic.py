@@ -31,13 +31,13 @@ def believing(case: Case, floor: float | None) -> Case:
 
 @pytest.mark.parametrize("name", ["apst", pytest.param("st5000", marks=pytest.mark.slow)])
 def test_trackers_state_the_covariance_of_their_errors(name):
-    """110 windows: 3 +- 0.23 for normal errors; 0.95 is a false alarm in 30,000.
+    """60 windows: 3 +- 0.32 for normal errors; 0.95 is three sigma.
 
     With a floor of 0.015 pixel and a held focal length they stated 1.9 and 2.0.
     """
-    outcomes = run_trials(tracker(f"trackers/{name}.toml"), 17, range(110), Fidelity.WINDOW)
+    outcomes = run_trials(tracker(f"trackers/{name}.toml"), 17, range(60), Fidelity.WINDOW)
     good = outcomes["solved"] & ~outcomes["false"]
-    assert good.sum() > 106
+    assert good.sum() > 56
     assert outcomes["nees"][good].mean() == pytest.approx(3, abs=0.95)
 
 

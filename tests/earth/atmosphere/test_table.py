@@ -255,8 +255,9 @@ def test_shipped_tables_are_those_that_were_built():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
 
-def test_other_visibility_is_between_the_tables():
-    """Light of the air and through it at 12 and 40 km, against the solver."""
+@pytest.mark.parametrize("visibility", [12e3, pytest.param(40e3, marks=pytest.mark.slow)])
+def test_other_visibility_is_between_the_tables(visibility):
+    """Light of the air and through it, against the solver."""
     pytest.importorskip("sasktran2")
     from air_solver import columns_of
     from air_solver import solve_radiance as solved
@@ -264,14 +265,13 @@ def test_other_visibility_is_between_the_tables():
     names = ("molecules", "rural-23km", "rural-5km")
     tables = [load_table(shipped(f"atmosphere/{name}.fits")) for name in names]
     wavelength = np.array([550e-9])  # the same to the last digit: its particles are kept
-    for visibility in (12e3, 40e3):
-        air = Air(visibility=visibility)
-        table = mixed(air, tables)
-        rays = [(1.0, np.pi - table.azimuth[4], 100e3)]
-        sun = float(np.cos(table.sun[4]))
-        assert table.wavelength[6] == pytest.approx(wavelength[0])
-        black, _, _ = solved(air, wavelength, 0.0, sun, rays, (0.0,), 8, True)
-        assert table.path[6, 0, -1, 0, 4, 4] == pytest.approx(float(black[0, 0, 0]), rel=0.03)
-        (column,) = columns_of(air, wavelength, 0.0)
-        depth = np.trapezoid(column.molecules + column.aerosol, column.height)
-        assert table.seen[6, 0, -1, 0] == pytest.approx(np.exp(-depth), rel=0.01)
+    air = Air(visibility=visibility)
+    table = mixed(air, tables)
+    rays = [(1.0, np.pi - table.azimuth[4], 100e3)]
+    sun = float(np.cos(table.sun[4]))
+    assert table.wavelength[6] == pytest.approx(wavelength[0])
+    black, _, _ = solved(air, wavelength, 0.0, sun, rays, (0.0,), 8, True)
+    assert table.path[6, 0, -1, 0, 4, 4] == pytest.approx(float(black[0, 0, 0]), rel=0.03)
+    (column,) = columns_of(air, wavelength, 0.0)
+    depth = np.trapezoid(column.molecules + column.aerosol, column.height)
+    assert table.seen[6, 0, -1, 0] == pytest.approx(np.exp(-depth), rel=0.01)
