@@ -30,7 +30,7 @@ EXAMPLE = shipped("missions/sun-synchronous.toml")
 
 @pytest.fixture
 def loaded(monkeypatch):
-    monkeypatch.setattr(surrogate, "PLACES", 768)
+    monkeypatch.setattr(surrogate, "PLACES", 384)
     monkeypatch.setattr(placement, "WINDOWS", 24)
     return load_mission(EXAMPLE, ["time.duration=10 d", 'attitude.yaw="velocity"'])
 

@@ -26,7 +26,7 @@ CHANGES = [f"time.duration={DAYS} d", "time.step=60 s", YAW]
 @pytest.fixture(scope="module")
 def plan():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(surrogate, "PLACES", 3072)
+        patch.setattr(surrogate, "PLACES", 1536)
         return plan_of(load_mission(EXAMPLE, CHANGES))
 
 
@@ -109,7 +109,7 @@ def old_and_warm(trials):
 
 
 def test_heads_age_and_warm(monkeypatch):
-    monkeypatch.setattr(surrogate, "PLACES", 768)
+    monkeypatch.setattr(surrogate, "PLACES", 384)
     plan = old_and_warm(0)
     table = timeline(plan)
     error = table["up-left_across_arcsec"] ** 2

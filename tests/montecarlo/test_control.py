@@ -35,9 +35,9 @@ def with_centroid(name):
     ],
 )
 def test_its_mean_and_variance_over_the_noise_are_exact(centroid):
-    """One sky, 60 draws of the noise: mean within four sigma, chi-square within 1e-4."""
+    """One sky, 40 draws of the noise: mean within four sigma, chi-square within 1e-4."""
     attitude = random_attitude(Streams(5, 3))
-    n = 60
+    n = 40
     attitudes = attitude * at_random(1, range(n)) ** 0  # the same one n times
     outcomes, controls = sample_controlled(with_centroid(centroid), 6, range(n), attitudes)
     for axis in "xyz":

@@ -11,7 +11,7 @@ from startrack.montecarlo.estimate import combined, mean_square
 from startrack.montecarlo.sampling import Sampling
 from startrack.trial.chain import OUTCOMES
 
-REPETITIONS = 200
+REPETITIONS = 120
 FRAME, WINDOW, SPOTS, COVARIANCE = Fidelity
 LOST = 0.1
 
@@ -89,7 +89,7 @@ def by_all(rng):
     ],
 )
 def test_they_are_unbiased_state_their_error_and_help(estimate, gain):
-    """200 times: mean within 4 sigma, intervals within 92 % and their binomial bound (1e-4).
+    """120 times: mean within 4 sigma, intervals within 92 % and their binomial bound (1e-4).
 
     `gain` is over the variance of frames alone. Across, the skies give 2 E v^2 - 1 = 2; about,
     3 E v^2 - 1 = 3.5 times the square of the mean.

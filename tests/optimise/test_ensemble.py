@@ -71,7 +71,7 @@ def test_a_short_chain_is_not_believed():
 
 
 def test_a_chain_goes_on_where_it_was_cut_short(tmp_path):
-    settings = Ensembles(stretch=100, most_steps=300)
+    settings = Ensembles(stretch=100, most_steps=200)
     whole = draw(banana, wide, 3, settings)
 
     class Cut(Exception):
@@ -81,7 +81,7 @@ def test_a_chain_goes_on_where_it_was_cut_short(tmp_path):
 
     def fails(coordinates):
         calls.append(1)
-        if len(calls) == 900:
+        if len(calls) == 600:
             raise Cut
         return banana(coordinates)
 

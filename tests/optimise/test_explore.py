@@ -97,6 +97,14 @@ def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch
     assert math.log(tried[0].error / arcsec) < explorer.score + 0.02
 
 
+@pytest.fixture(scope="module")
+def of_limited():
+    """The explorer of `limited`, and its best design."""
+    with pytest.MonkeyPatch.context() as patch:
+        found = explored(patch, limited, 3, 60)
+    return found, found.emulators.least(found.starts())[0]
+
+
 @pytest.mark.parametrize(
     "seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 2, 4))]
 )
@@ -110,20 +118,20 @@ def test_the_best_at_a_limit_is_found(monkeypatch, seed):
     assert best[:2] == pytest.approx([0.55, 0.25], abs=0.03)
 
 
-def test_what_does_not_matter_is_said_and_what_does_is_bounded(monkeypatch):
+def test_what_does_not_matter_is_said_and_what_does_is_bounded(of_limited):
     """x may differ by sqrt(0.01 / 4) = 0.05 while y follows along the limit."""
-    found = explored(monkeypatch, limited, 3, 60)
-    x, _, z = found.spans(found.emulators.least(found.starts())[0])
+    found, best = of_limited
+    x, _, z = found.spans(best)
     assert z.everywhere
     assert not x.everywhere
     assert x.low == pytest.approx(0.5, abs=1.05 / (explore.NODES - 1))
     assert x.high == pytest.approx(0.6, abs=1.05 / (explore.NODES - 1))
 
 
-def test_the_price_of_a_limit_is_its_multiplier(monkeypatch):
+def test_the_price_of_a_limit_is_its_multiplier(of_limited):
     """One per cent more of x + y = 0.8 lowers the score by 0.008."""
-    found = explored(monkeypatch, limited, 3, 60)
-    prices = found.prices(found.emulators.least(found.starts())[0])
+    found, best = of_limited
+    prices = found.prices(best)
     assert prices == {"mass": pytest.approx(0.008, rel=0.2)}
 
 

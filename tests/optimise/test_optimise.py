@@ -32,7 +32,7 @@ def campaign(small):
     return dataclasses.replace(
         small.campaign,
         variables=small.campaign.variables[:3],
-        evaluations=10,
+        evaluations=7,
         analytic_evaluations=5,
         requirements=dataclasses.replace(small.campaign.requirements, min_availability=0.9),
     )

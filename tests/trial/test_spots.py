@@ -68,13 +68,13 @@ def test_spots_are_those_of_windows_in_brightness_and_doubt():
 
 def test_faint_stars_are_missed_as_often_as_in_windows():
     """Those that noise hides, and those of which it makes hot pixels: one star in eight of
-    some 130 electrons. 4 standard deviations of the difference between 200 trials each."""
+    some 130 electrons. 4 standard deviations of the difference between 120 trials each."""
     case = marginal(0.013)
     camera, sky = case.believed_camera, open_sky(case.catalog).stars
     electrons = electrons_of(case)
     faint = np.flatnonzero((electrons > 105) & (electrons < 156))
     found = {spots_of: [], spots_in_windows: []}
-    for number in range(200):
+    for number in range(120):
         streams = Streams(41, number)
         attitude = random_attitude(streams)
         place = camera.project(attitude.apply(sky.direction[faint]))

@@ -63,10 +63,9 @@ def test_spots_are_those_of_the_frame(changes):
     """The stars' pixels have the noise of the frame; what is not marginal is found in both."""
     case = with_detector(**changes)
     assert plan_of(case).noise
-    for number in range(2):
-        whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
-        assert len(whole) == len(parts) > 0
-        np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
+    whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, 0))
+    assert len(whole) == len(parts) > 0
+    np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
 
 
 HOT = Defects(dsnu=60.0, hot=1e-3, hot_current=3e3)
