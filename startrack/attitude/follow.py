@@ -1,4 +1,4 @@
-"""Filtered attitude, gyroscope bias and lasting errors from attitudes and rates in time."""
+"""Filtered attitude, gyroscope and lasting errors from attitudes and rates in time."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -25,15 +25,25 @@ class State:
 
     icrs_to_camera  attitude
     bias            (3,) radian / second, rate that the gyroscope measures at rest, camera axes
-    covariance      (6 + 3 k, 6 + 3 k) of the small rotation about the camera's axes, radian, of
-                    the bias and of the lasting errors
+    covariance      (n, n) of the small rotation about the camera's axes, radian, of the bias, of
+                    the lasting errors and of the misalignment: n = 6 + 3 k + m
     lasting         (k, 3) radian, errors of the measured attitudes that last from frame to frame
+    misalignment    (m,) radian, rotation from the camera's axes to the gyroscope's: three angles,
+                    or none where the gyroscope has the axes of the camera
     """
 
     icrs_to_camera: Rotation
     bias: Floats
     covariance: Floats
     lasting: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    misalignment: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def rate_of(self, shown: Floats) -> Floats:
+        """Rate (3,) of the camera, radian / second, where the gyroscope shows another."""
+        rate = shown - self.bias
+        if not len(self.misalignment):
+            return rate
+        return np.asarray(Rotation.from_rotvec(-self.misalignment).apply(rate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +60,24 @@ class Lasting:
 
 
 def start(
-    icrs_to_camera: Rotation, covariance: Floats, bias_sigma: float, lasting: Lasting | None = None
+    icrs_to_camera: Rotation,
+    covariance: Floats,
+    bias_sigma: float,
+    lasting: Lasting | None = None,
+    misalignment_sigma: float = 0.0,
 ) -> State:
-    """State from one attitude, a bias of zero and lasting errors of zero.
+    """State from one attitude, with a bias, lasting errors and a misalignment of zero.
 
     covariance  (3, 3) radian^2, of the small rotation about the camera's axes
     bias_sigma  radian / second, standard deviation of the bias per axis
     lasting     parts of that covariance; None: all of it is new with each attitude
+    misalignment_sigma  radian, standard deviation per axis; 0: the gyroscope has none
     """
     parts = np.zeros((0, 3, 3)) if lasting is None else lasting.covariance
-    full = np.zeros((6 + 3 * len(parts),) * 2)
+    misalignment = np.zeros(3 if misalignment_sigma else 0)
+    full = np.zeros((6 + 3 * len(parts) + len(misalignment),) * 2)
+    last = len(full) - len(misalignment)
+    full[last:, last:] = np.eye(len(misalignment)) * misalignment_sigma**2
     full[:3, :3] = covariance
     full[3:6, 3:6] = np.eye(3) * bias_sigma**2
     for k, part in enumerate(parts):
@@ -67,7 +85,7 @@ def start(
         place = slice(6 + 3 * k, 9 + 3 * k)
         full[place, place] = part
         full[:3, place], full[place, :3] = -part, -part
-    return State(icrs_to_camera, np.zeros(3), full, np.zeros((len(parts), 3)))
+    return State(icrs_to_camera, np.zeros(3), full, np.zeros((len(parts), 3)), misalignment)
 
 
 def predict(
@@ -75,22 +93,26 @@ def predict(
 ) -> State:
     """Propagate the state over a time step with a constant rate.
 
-        A' = exp(-[t]x) A,   t = (rate - bias) step
+        A' = exp(-[t]x) A,   t = exp(-[m]x) (rate - bias) step
 
     The stars rotate by -t in the axes of a camera that rotates by t. The error, a small rotation
-    after A, rotates with them; an error b of the bias adds about b step.
+    after A, rotates with them; an error b of the bias adds about b step, one of the misalignment m
+    about m x t.
 
     Source: Lefferts, Markley and Shuster (1982), J. Guidance 5(5), 417; the noise over a step is
     Farrenkopf's (1978), exact for a small turn.
 
-    rate       (3,) radian / second, measured by the gyroscope, of the camera, in camera axes
+    rate       (3,) radian / second, of the camera, as the gyroscope shows it
     step       second
     lasting    how the lasting errors of the state go on; None: it has none
     """
-    step_rotation = Rotation.from_rotvec(-(rate - state.bias) * step)
+    turn = state.rate_of(rate) * step
+    step_rotation = Rotation.from_rotvec(-turn)
     carry = np.eye(len(state.covariance))
     carry[:3, :3] = step_rotation.as_matrix()
-    carry[:3, 3:6] = _mean_turn(-(rate - state.bias) * step) * step
+    carry[:3, 3:6] = _mean_turn(-turn) * step
+    if len(state.misalignment):
+        carry[:3, -3:] = -_mean_turn(-turn) @ _cross(turn)
     white, walk = gyroscope.angle_random_walk**2, gyroscope.rate_random_walk**2
     noise = np.zeros_like(carry)
     noise[:6, :6] = np.kron(
@@ -110,7 +132,9 @@ def predict(
         errors = errors * 1.0
         errors[k] *= keep
     covariance = carry @ state.covariance @ carry.T + noise
-    return State(step_rotation * state.icrs_to_camera, state.bias, covariance, errors)
+    return State(
+        step_rotation * state.icrs_to_camera, state.bias, covariance, errors, state.misalignment
+    )
 
 
 def correct(state: State, icrs_to_camera: Rotation, covariance: Floats) -> State:
@@ -126,7 +150,8 @@ def correct(state: State, icrs_to_camera: Rotation, covariance: Floats) -> State
     innovation = (icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
     innovation -= state.lasting.sum(axis=0)
     prior, many = state.covariance, len(state.lasting)
-    seen = np.hstack([np.eye(3), np.zeros((3, 3)), *[np.eye(3)] * many])
+    unseen = np.zeros((3, len(state.misalignment)))
+    seen = np.hstack([np.eye(3), np.zeros((3, 3)), *[np.eye(3)] * many, unseen])
     gain = np.linalg.solve(seen @ prior @ seen.T + covariance, seen @ prior).T
     change = gain @ innovation
     rest = np.eye(len(prior)) - gain @ seen
@@ -134,14 +159,14 @@ def correct(state: State, icrs_to_camera: Rotation, covariance: Floats) -> State
         Rotation.from_rotvec(change[:3]) * state.icrs_to_camera,
         state.bias + change[3:6],
         rest @ prior @ rest.T + gain @ covariance @ gain.T,
-        state.lasting + change[6:].reshape(many, 3),
+        state.lasting + change[6 : 6 + 3 * many].reshape(many, 3),
+        state.misalignment + change[6 + 3 * many :],
     )
 
 
 def _mean_turn(turn: Floats) -> Floats:
     """Mean over s in [0, 1] of the rotation matrix of s times a rotation vector (3,)."""
-    x, y, z = turn
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = _cross(turn)
     angle = float(np.linalg.norm(turn))
     if angle < 1e-4:  # the next terms are 1e-12 and below
         return np.eye(3) + cross / 2 + cross @ cross / 6
@@ -150,3 +175,9 @@ def _mean_turn(turn: Floats) -> Floats:
         + (1 - np.cos(angle)) / angle**2 * cross
         + (angle - np.sin(angle)) / angle**3 * cross @ cross
     )
+
+
+def _cross(vector: Floats) -> Floats:
+    """The matrix (3, 3) whose product with a vector is the cross product with it."""
+    x, y, z = vector
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -102,7 +102,7 @@ def _times(instrument: Instrument, sequence: Sequence) -> Floats:
 
 
 def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
-    """Mean rates from each frame to the next, as the gyroscope measures them.
+    """Mean rates from each frame to the next, as the gyroscope measures them, in its own axes.
 
     White noise of the rate and a bias that walks at random; the mean of the walk over a step and
     its end are drawn together, so that the step's length does not matter.
@@ -110,10 +110,13 @@ def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
     Source: Farrenkopf (1978), J. Guidance and Control 1(4), 282.
 
     Returns  (m - 1, 3) radian / second, camera axes
-    Accuracy  model: scale factors, misalignments and quantisation are left out; the rate is taken
-              as constant between two frames.
+    Accuracy  model: its axes are at right angles, scale factors and quantisation are left out; the
+              rate is taken as constant between two frames.
     """
     step, true = np.diff(flight.time)[:, None], _mean_rates(flight)
+    if gyro.misalignment:
+        angles = streams("misalignment of the gyroscope").standard_normal(3)
+        true = Rotation.from_rotvec(gyro.misalignment * angles).apply(true)
     rng = streams("gyroscope")
     begin = gyro.bias * rng.standard_normal(3)
     white, walk, within = rng.standard_normal((3, len(step), 3))

@@ -32,6 +32,9 @@ class Gyro(Parameters):
     rate_random_walk: Annotated[float, Unit("rad/s(3/2)", "deg/h(3/2)"), NON_NEGATIVE,
         "radian / second^(3/2), white noise that drives the bias"]  # fmt: skip
     bias: Annotated[float, Unit("rad/s", "deg/h"), NON_NEGATIVE, "rms of the bias at the start"]
+    misalignment: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
+        "rms rotation of its axes from those of the camera, about each of them; the filter "
+        "estimates it from the slews"] = 0.0  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def predict_state(
         else attitude.Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
     )
     rate = np.zeros(3) if shown is None else shown
-    x, y, z = np.abs(rate - known.state.bias) * step
+    x, y, z = np.abs(known.state.rate_of(rate)) * step
     # A turn about x moves stars along y: what changes is their error in y, and that of the turn.
     moved = np.array([[x, y, np.hypot(x, y)], [np.hypot(x, y) + z / 2] * 3])
     errors = attitude.Lasting(known.lasting, np.exp(-moved / lengths[:, None]))
@@ -149,12 +149,12 @@ def doubted(
 def known_rate(state: attitude.State | None, shown: Floats | None) -> Floats:
     """Rate of the camera (3,), radian / second, that the tracker knows in an exposure.
 
-    That of its gyroscope less the estimated bias, or of its filter; zero where it has neither.
+    That of its gyroscope without its estimated errors, or of its filter; zero where it has neither.
 
     shown  (3,) radian / second, of the gyroscope; None without one
     """
     rate = np.zeros(3) if shown is None else shown
-    return rate if state is None else rate - state.bias
+    return rate if state is None else state.rate_of(rate)
 
 
 def update_state(
@@ -175,9 +175,12 @@ def update_state(
             else replace(known, missed=missed, fresh=False)
         )
     if known.state is None or _contradicts(known.state, estimate):
-        sigma = sequence.initial_rate_sigma if sequence.gyro is None else sequence.gyro.bias
-        errors = attitude.Lasting(parts, np.ones((2, 3)))
-        begun = start(estimate.icrs_to_camera, estimate.covariance, sigma, errors)
+        gyro, errors = sequence.gyro, attitude.Lasting(parts, np.ones((2, 3)))
+        sigma = gyro.bias if gyro else sequence.initial_rate_sigma
+        begun = start(
+            estimate.icrs_to_camera, estimate.covariance, sigma, errors,
+            gyro.misalignment if gyro else 0.0,
+        )  # fmt: skip
         return TrackerState(begun, parts, fresh=True)
     new = estimate.covariance - parts.sum(axis=0)
     return TrackerState(attitude.correct(known.state, estimate.icrs_to_camera, new), parts)
@@ -280,9 +283,9 @@ def run(
              stated sigma (radian, camera axes) of the filter after it; NaN where there is none
     Raises    those of `flight` and of the chain's rooms; Refused that names what windows cannot do.
     Accuracy  model: the tracker gets each frame at the end of its exposure. A swing of the
-              mounting stays where it is for the whole sequence, at a random phase; the gyroscope
-              has the axes of the camera. Windows have the accuracy of `spots_in_windows`, and a
-              residual charge as if the camera had turned before as it turns now.
+              mounting stays where it is for the whole sequence, at a random phase. Windows have
+              the accuracy of `spots_in_windows`, and a residual charge as if the camera had turned
+              before as it turns now.
     """
     streams = core.Streams(seed, number)
     true = flight(case.instrument, sequence, trial.random_attitude(streams), streams)

@@ -130,6 +130,19 @@ def test_a_gyroscope_bridges_the_slew(small):
     assert np.abs(blind["filtered_y"]).max() < 60 * arcsec
 
 
+def test_a_gyroscope_of_other_axes_is_aligned_by_the_first_slew(small):
+    """Turns of 12 degrees about x and y, in windows; the axes are off by 0.3 degrees (1 sigma)."""
+    gyro = dataclasses.replace(GYRO, misalignment=0.3 * deg)
+    legs = [Leg(2.0, rate_x=3 * deg), Leg(2.0, rate_y=3 * deg)] * 2
+    table = run(
+        small.case, Sequence(tuple(legs), period=0.2, gyro=gyro), 7, 0, fidelity=Fidelity.WINDOW
+    )
+    late = table[table["time"] > 5]
+    assert (late["mode"] == Mode.TRACKED).all()
+    square = sum((late[f"filtered_{axis}"] / late[f"filtered_sigma_{axis}"]) ** 2 for axis in AXES)
+    assert np.mean(square) < 6
+
+
 def test_the_filter_is_better_than_a_frame_and_states_its_error(small):
     """12 flights of 12 frames; its errors over its stated sigmas follow chi-square, 1e-4.
 
