@@ -104,8 +104,15 @@ def noise_free(sky, sigma, shifts, **settings):
 SHIFTS = np.linspace(-0.4999, 0.4999, 81)
 
 
-@pytest.mark.parametrize(("window", "least"), [(3, 2e-3), (5, 2e-4)])
-@pytest.mark.parametrize("sigma", [0.5, 0.7])
+@pytest.mark.parametrize(
+    ("sigma", "window", "least"),
+    [
+        (0.5, 3, 2e-3),
+        pytest.param(0.5, 5, 2e-4, marks=SLOW),
+        pytest.param(0.7, 3, 2e-3, marks=SLOW),
+        (0.7, 5, 2e-4),
+    ],
+)
 def test_s_curve_is_as_known_and_taken_off(sky, sigma, window, least):
     (known,) = (
         r["maximum"] for r in ORACLE["s_curve"] if (r["sigma_px"], r["window"]) == (sigma, window)
@@ -123,7 +130,9 @@ def test_fits_have_no_bias(sky, sigma, centroid):
     assert np.abs(error).max() < 1e-4
 
 
-@pytest.mark.parametrize("smear", ORACLE["smear"])
+@pytest.mark.parametrize(
+    "smear", [pytest.param(s, marks=SLOW if s["L_px"] == 2 else ()) for s in ORACLE["smear"]]
+)
 def test_smear_that_the_tracker_knows(sky, smear):
     case = {
         "flux_e": smear["flux"],

@@ -183,7 +183,7 @@ def test_noise_makes_as_many_false_spots_as_in_frames(monkeypatch, mapped):
             )
         )
         assert plan_of(case).noise
-    found = [list(both(case, number)) for number in range(40)]
+    found = [list(both(case, number)) for number in range(25)]
     whole, parts = (np.concatenate(each)[:, 2] for each in zip(*found, strict=True))
     assert len(whole) > 100
     assert abs(len(whole) - len(parts)) < 5 * np.sqrt(len(whole) + len(parts))
