@@ -125,7 +125,7 @@ def test_an_alarm_is_the_callers():
         ("keys --help", "2>&- >/dev/null", 0, ""),
         ("keys nonsense", "2>/dev/full", 2, ""),
         ("keys", ">/dev/full", 1, "No space left on device"),
-        pytest.param("keys", ">&- 2>&-", 1, "", marks=pytest.mark.slow),
+        ("keys", ">&- 2>&-", 1, ""),
     ],
 )
 def test_closed_and_full_streams_have_a_status(words, streams, status, sentence):
