@@ -27,7 +27,7 @@ def test_table_json_and_overlay(image, tmp_path, capsys):
     assert main([*arguments, "--centroid", "gaussian"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert sorted(spot["x"] for spot in found["spots"]) == pytest.approx([50.2, 200.7], abs=0.05)
-    assert cv2.imread(found["overlay"]).shape[1] > 500
+    assert cv2.imread(found["overlay"]).shape[1] > 300
 
 
 def test_settings_of_a_design(image, capsys):
