@@ -750,7 +750,7 @@ def stores() -> dict[str, bytes]:
         command = ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--out", "out")
         environment = os.environ | {"PYTHONPATH": python_path()}
         subprocess.run(
-            [sys.executable, "-m", "startrack.cli", *command],
+            [sys.executable, "-m", "tests.fuzz.worker", "run", *command],
             cwd=folder, env=environment, capture_output=True,
         )  # fmt: skip
         found["ledger.sqlite"] = (Path(folder) / "out" / "ledger.sqlite").read_bytes()
