@@ -24,7 +24,7 @@ class State:
     """Estimate of the filter at one instant.
 
     icrs_to_camera  attitude
-    bias            (3,) radian / second, rate that the gyroscope measures at rest, camera axes
+    bias            (3,) radian / second, rate that the gyroscope measures at rest, in its axes
     covariance      (n, n) of the small rotation about the camera's axes, radian, of the bias, of
                     the lasting errors and of the misalignment: n = 6 + 3 k + m
     lasting         (k, 3) radian, errors of the measured attitudes that last from frame to frame

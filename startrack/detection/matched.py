@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Psf, Singles, kernel
-from startrack.detection.parameters import STREAK, Detection
+from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Gain
 from startrack.detection.star_model import expected
 
@@ -72,7 +72,7 @@ def filtered(image: Singles, kernel: Kernel, out: Singles | None = None) -> Sing
 
 def kernel_of(settings: Detection, psf: Psf) -> Kernel:
     """The matched filter that the settings name."""
-    if settings.kernel == "psf" or math.hypot(*settings.smear) > STREAK:
+    if settings.kernel == "psf" or settings.streaked:
         return psf_kernel(psf)
     return gaussian_kernel(settings.kernel_sigma)
 

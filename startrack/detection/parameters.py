@@ -1,5 +1,6 @@
 """Detection: how spots are distinguished from noise, and how they are measured."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -94,3 +95,8 @@ class Detection(Parameters):
     def smear(self) -> tuple[float, float]:
         """Pixel along x and y; 0 where it is left out."""
         return self.smear_x or 0.0, self.smear_y or 0.0
+
+    @property
+    def streaked(self) -> bool:
+        """Whether stars are smeared by more than `STREAK`."""
+        return math.hypot(*self.smear) > STREAK

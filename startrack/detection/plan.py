@@ -1,13 +1,12 @@
 """Settings and PSF -> DetectionPlan: what the detection computes once for many frames."""
 
-import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 from startrack.core import Floats, Frame, Psf, Refused, Workspace, is_code
 from startrack.detection import matched
 from startrack.detection.methods import CENTROIDS, CentroidMethod, method_of
-from startrack.detection.parameters import STREAK, Detection
+from startrack.detection.parameters import Detection
 from startrack.detection.pixels import (
     Calibration,
     Correction,
@@ -37,8 +36,7 @@ class DetectionPlan:
     @cached_property
     def method(self) -> CentroidMethod:
         """The centroid method: that of the settings, or the likelihood for streaks."""
-        streak = math.hypot(*self.settings.smear) > STREAK
-        if streak and not is_code(self.settings.centroid):
+        if self.settings.streaked and not is_code(self.settings.centroid):
             return CENTROIDS["likelihood"]
         return method_of(self.settings.centroid)
 

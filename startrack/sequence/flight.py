@@ -102,14 +102,14 @@ def _times(instrument: Instrument, sequence: Sequence) -> Floats:
 
 
 def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
-    """Mean rates from each frame to the next, as the gyroscope measures them, in its own axes.
+    """Mean rates from each frame to the next, as the gyroscope measures them.
 
     White noise of the rate and a bias that walks at random; the mean of the walk over a step and
     its end are drawn together, so that the step's length does not matter.
 
     Source: Farrenkopf (1978), J. Guidance and Control 1(4), 282.
 
-    Returns  (m - 1, 3) radian / second, camera axes
+    Returns  (m - 1, 3) radian / second, in the gyroscope's axes
     Accuracy  model: its axes are at right angles, scale factors and quantisation are left out; the
               rate is taken as constant between two frames.
     """

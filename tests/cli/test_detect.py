@@ -8,6 +8,7 @@ import pytest
 
 from startrack.cli.main import main
 from startrack.core.streams import Streams
+from startrack.plots import style
 
 
 @pytest.fixture
@@ -18,7 +19,8 @@ def image(tmp_path, sky):
     return path
 
 
-def test_table_json_and_overlay(image, tmp_path, capsys):
+def test_table_json_and_overlay(image, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(style, "DPI", 200)  # as users get them
     assert main(["detect", str(image)]) == 0
     table = capsys.readouterr().out.splitlines()
     assert table[0].startswith(f"{image}: 2 spots; noise alone makes")
@@ -27,7 +29,7 @@ def test_table_json_and_overlay(image, tmp_path, capsys):
     assert main([*arguments, "--centroid", "gaussian"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert sorted(spot["x"] for spot in found["spots"]) == pytest.approx([50.2, 200.7], abs=0.05)
-    assert cv2.imread(found["overlay"]).shape[1] > 300
+    assert cv2.imread(found["overlay"]).shape[1] > 500
 
 
 def test_settings_of_a_design(image, capsys):
