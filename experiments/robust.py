@@ -5,7 +5,8 @@
                                  [--compiled DIR] [--quick]
 
 Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
-of 30 s and 1 GiB, as nobody where this is root and others can run its Python; `silent_differences`
+of 1 GiB, as nobody where this is root and others can run its Python; it hangs where it takes 36 s
+of CPU without saying how far it is, or six minutes; `silent_differences`
 are other results from damaged or replaced files than from those that they were, without a word;
 `replaced` FIFOs, links or devices that are files then; `outside` what was written outside of the
 folder of the cases. `planted` are faults put into the package on purpose, and whether cases find

@@ -7,16 +7,20 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import is_dataclass
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import list_api
+import numpy as np
 import pytest
 from list_api import Name, classes_in, function_of, given, line, public, signature, types_of
 
 import startrack
+from startrack import Case
+from startrack.core import Parameters
 
 MODULES = list(public())
 NAMES = [one for _, names in MODULES for one in names]
@@ -103,6 +107,26 @@ def test_what_a_public_name_takes_can_be_had():
         if name != "return"
         for kind in classes_in(hint)
         if kind not in CLASSES | returned
+    )
+
+
+def test_a_result_that_is_large_prints_itself_on_one_screen():
+    """Where it has arrays or a design, which by themselves print for pages."""
+    results = [one for one in given(NAMES) if is_dataclass(one) or hasattr(one, "_fields")]
+    none(
+        f"{kind.__module__}.{kind.__name__} must be @printed"
+        for kind in results
+        if not issubclass(kind, Parameters) and not hasattr(kind, "_repr_html_")
+        if any(map(is_large, types_of(kind).values()))
+    )
+
+
+def is_large(hint: Any) -> bool:
+    kind = getattr(hint, "__origin__", hint)
+    return (inspect.isclass(kind) and issubclass(kind, np.ndarray | Case)) or any(
+        is_large(inner)
+        for part in get_args(hint)
+        for inner in (part if isinstance(part, list) else [part])
     )
 
 

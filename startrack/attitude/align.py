@@ -3,12 +3,23 @@
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.linear import best_rotation, invert, largest_eigenvalue, least_squares
-from startrack.core import Floats, Ints, Refused, kernel, rotated, rotation_of, turn_by
+from startrack.core import (
+    Floats,
+    Ints,
+    Refused,
+    Unit,
+    kernel,
+    printed,
+    rotated,
+    rotation_of,
+    turn_by,
+)
 
 EPS = 2.0**-52
 MOST_STEPS = 100  # two or three are enough, except for stars that contradict each other
@@ -26,6 +37,7 @@ class Observability(IntEnum):
     CONTRADICTORY = 2  # the residuals are so large that other attitudes fit as well
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """Attitudes at the minimum of Wahba's loss.
@@ -39,7 +51,7 @@ class Alignment:
     """
 
     source_to_target: Rotation
-    covariance: Floats
+    covariance: Annotated[Floats, Unit("rad2", "arcsec2")]
     condition: Floats
     loss: Floats
     observability: Ints

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Refused
+from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Refused, Unit, printed
 
 UNKNOWNS = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 # Sigma, beyond which a residual counts linearly. Chosen by hand: a smaller one discards information
@@ -43,6 +43,7 @@ class Calibration(Parameters):
         ])  # fmt: skip
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Calibrated:
     """The estimate of a camera.
@@ -56,7 +57,7 @@ class Calibrated:
 
     camera: core.Camera
     covariance: Floats
-    residual_rms: float
+    residual_rms: Annotated[float, Unit("pixel")]
     stars: int
     frames: int
 

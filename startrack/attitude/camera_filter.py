@@ -10,7 +10,18 @@ import numpy as np
 
 from startrack import core
 from startrack.attitude.camera import UNKNOWNS, Calibration, MatchedFrame, moved_camera
-from startrack.core import NON_NEGATIVE, Camera, Floats, Ints, Matches, Parameters, Refused, Spots
+from startrack.core import (
+    NON_NEGATIVE,
+    Camera,
+    Floats,
+    Ints,
+    Matches,
+    Parameters,
+    Refused,
+    Spots,
+    Unit,
+    printed,
+)
 
 FEWEST = 4  # stars of a frame that says something of its camera
 STEPS = 2  # of Gauss-Newton, in a frame
@@ -64,6 +75,7 @@ class CameraFilter(Parameters):
         return walk
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class KnownCamera:
     """A camera as it is known after some frames.
@@ -78,7 +90,7 @@ class KnownCamera:
     camera: Camera
     slope: Floats
     covariance: Floats
-    nodes: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    nodes: Annotated[Floats, Unit("pixel")] = field(default_factory=lambda: np.zeros((0, 2)))
 
     def at(self, warmer: float) -> Camera:
         """The camera at a temperature, kelvin above the reference."""

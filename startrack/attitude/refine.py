@@ -1,12 +1,23 @@
 """Gauss-Newton on residuals in the image plane; covariance of an attitude, with shared errors."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude.linear import invert, least_squares
-from startrack.core import Camera, Floats, Refused, kernel, plane_slopes, rotation_of, turn_by
+from startrack.core import (
+    Camera,
+    Floats,
+    Refused,
+    Unit,
+    kernel,
+    plane_slopes,
+    printed,
+    rotation_of,
+    turn_by,
+)
 
 MOST_STEPS = 10  # a limit: the start is close to the minimum
 SMALLEST_STEP = 1e-15  # radian, some eps
@@ -155,6 +166,7 @@ def tangent(plane: Floats) -> Floats:
     return design
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
     """Errors that are alike for near stars, or for all, as far as a tracker knows their law.
@@ -166,11 +178,11 @@ class SharedErrors:
     turn           (3,) radian^2, of turns between camera and spacecraft about the camera's axes
     """
 
-    columns: int
-    rows: int
-    table: Floats
-    variance: float
-    turn: Floats
+    columns: Annotated[int, Unit("pixel")]
+    rows: Annotated[int, Unit("pixel")]
+    table: Annotated[Floats, Unit("pixel")]
+    variance: Annotated[float, Unit("pixel2")]
+    turn: Annotated[Floats, Unit("rad2", "arcsec2")]
 
     def at(self, pixel: Floats) -> Floats:
         """The root (..., 2, k) at places (..., 2) pixel: that of the nearest place of the table."""

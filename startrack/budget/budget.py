@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Annotated, Generic, Protocol, TypeVar
 
 import numpy as np
 import scipy
 from scipy.special import ndtr
 
-from startrack.core import Floats, Refused, Rows, arcsec, html_table, short_text
+from startrack.core import Floats, Refused, Rows, Unit, arcsec, html_table, printed
 from startrack.design import Case
 from startrack.metrics import Interpretation, level
 from startrack.trial import METHOD, READ, SHOT, Term, present
@@ -68,6 +68,7 @@ class Spread(Protocol):
 S = TypeVar("S", bound=Spread, covariant=True)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Law:
     """A normal error in each of m fields of the sky, as the analytic budget expects it.
@@ -76,8 +77,8 @@ class Law:
     weight       (m,) 1, fraction of each field; sums to 1
     """
 
-    mean: Floats
-    sigma: Floats
+    mean: Annotated[Floats, Unit("rad", "arcsec")]
+    sigma: Annotated[Floats, Unit("rad", "arcsec")]
     weight: Floats
 
     def rms(self) -> Floats:
@@ -103,6 +104,7 @@ class Law:
         return float(scipy.optimize.brentq(excess, 0.0, float((mean + 9 * sigma).max()), rtol=1e-9))
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Sample:
     """Errors that were simulated.
@@ -110,7 +112,7 @@ class Sample:
     error  (members, times, 3) radian
     """
 
-    error: Floats
+    error: Annotated[Floats, Unit("rad", "arcsec")]
 
     def rms(self) -> Floats:
         """(3,) radian."""
@@ -147,7 +149,8 @@ class Line(Generic[S]):
         return float(self.spread.rms()[2])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@printed
+@dataclass(frozen=True, eq=False)
 class Budget(Generic[S]):
     """An error budget.
 
@@ -177,14 +180,14 @@ class Budget(Generic[S]):
         ]
         return np.array(rows, kind)
 
-    def __repr__(self) -> str:
-        rows = (
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        return [
             ("across", f"{self.across / arcsec:.3g} arcsec"),
             ("about", f"{self.about / arcsec:.3g} arcsec"),
             ("attitude", f"{100 * self.availability:.4g} %"),
             ("stars", f"{self.stars:.1f}"),
-        )
-        return short_text("Budget", rows)
+        ]
 
     def _repr_html_(self) -> str:
         rows = [

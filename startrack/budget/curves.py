@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from startrack.budget.budget import Budget
 from startrack.budget.fields import boresights, fields
 from startrack.budget.left_out import Check, check
 from startrack.budget.single_stars import Residuals, residuals
-from startrack.core import Advance, Floats, Refused
+from startrack.core import Advance, Floats, Refused, Unit, printed
 from startrack.design import Case
 from startrack.metrics import Interval, summarise
 from startrack.montecarlo import Serial, run
@@ -23,6 +23,7 @@ BETWEEN = 1  # rates of the formula between two of the trials
 TRIALS = 60  # whose stars are evaluated
 
 
+@printed
 class Curve(NamedTuple):
     """Analytic error over the slew rate.
 
@@ -30,7 +31,7 @@ class Curve(NamedTuple):
     budgets  of each; None where no field is solved
     """
 
-    rate: Floats
+    rate: Annotated[Floats, Unit("rad / s", "deg / s")]
     budgets: tuple[Budget[Any] | None, ...]
 
     @property
@@ -187,6 +188,7 @@ def curve_steps(case: Case, trials: int = TRIALS) -> int:
 DIRECTIONS = 3072
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Survey:
     """Stars, availability and error in m directions that lie evenly over the sky.
@@ -202,9 +204,9 @@ class Survey:
     direction: Floats
     stars: Floats
     solved: Floats
-    across: Floats
-    about: Floats
-    faintest: Floats
+    across: Annotated[Floats, Unit("rad", "arcsec")]
+    about: Annotated[Floats, Unit("rad", "arcsec")]
+    faintest: Annotated[Floats, Unit("mag")]
 
     def fraction(self, stars: float) -> float:
         """Fraction of the sky with at least so many stars."""

@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Annotated
 
 import numpy as np
 
 from startrack.budget.analytic import budget_if_solved
-from startrack.core import Floats, Refused, arcsec
+from startrack.core import Floats, Refused, Unit, arcsec, printed
 from startrack.design import Case
 from startrack.scene import DARK, EARTH_ALBEDO, SUN_G, SUN_G_MINUS_V, Disc, Earth, sunlight
 from startrack.space import AU, EARTH_RADIUS
@@ -18,6 +19,7 @@ STEP = 1.0  # magnitude between the backgrounds of the budgets, for 1 % between 
 BRIGHTEST = 4.0  # magnitude per square arcsecond, of the brightest background; chosen by hand
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Exclusion:
     """Effect of a body on a tracker, over the angle from the boresight to its centre or limb.
@@ -29,9 +31,9 @@ class Exclusion:
     availability   (n,) 1
     """
 
-    angle: Floats
-    stray_light_g: Floats
-    across: Floats
+    angle: Annotated[Floats, Unit("rad", "deg")]
+    stray_light_g: Annotated[Floats, Unit("mag / arcsec2")]
+    across: Annotated[Floats, Unit("rad", "arcsec")]
     availability: Floats
 
     def least(self, rise: float = 0.1, availability: float = 0.99) -> float:

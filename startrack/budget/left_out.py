@@ -9,7 +9,7 @@ import numpy as np
 
 from startrack import trial
 from startrack.budget.budget import Budget, Law
-from startrack.core import Floats, Psf, Refused, arcsec
+from startrack.core import Floats, Psf, Refused, arcsec, printed
 from startrack.design import Case, Fidelity
 from startrack.metrics import Summary, bracketed, fraction_interval, summarise
 from startrack.trial import left_out
@@ -215,6 +215,7 @@ APART = 1.15  # ratio of formula and trials up to which they agree, beside the i
 SURE = 0.99  # confidence of the interval of the availability
 
 
+@printed
 @dataclass(frozen=True)
 class Check:
     """Trials of a design beside its analytic budget.

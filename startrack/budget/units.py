@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from startrack.budget.analytic import of_fields
 from startrack.budget.budget import Cause, Law, Line, Term
 from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
-from startrack.core import Advance, Floats, Refused, whole
+from startrack.core import Advance, Floats, Refused, Unit, printed, whole
 from startrack.design import Case, Moment, Scope, turning, unchecked
 from startrack.metrics import Interpretation
 from startrack.population import middle_of, of_places, placed, unit_of
@@ -33,6 +33,7 @@ FIELDS = 64  # of each unit in each environment
 ENVIRONMENTS = 3  # of each unit
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class UnitBudgets:
     """Error budgets of n units, each in m fields of the sky and environments.
@@ -48,12 +49,12 @@ class UnitBudgets:
     availability  (n,) 1
     """
 
-    age: float
-    mean: Floats
-    sigma: Floats
+    age: Annotated[float, Unit("s", "yr")]
+    mean: Annotated[Floats, Unit("rad", "arcsec")]
+    sigma: Annotated[Floats, Unit("rad", "arcsec")]
     weight: Floats
-    bias: Floats
-    terms: dict[Term, Floats]
+    bias: Annotated[Floats, Unit("rad", "arcsec")]
+    terms: Annotated[dict[Term, Floats], Unit("rad", "arcsec")]
     availability: Floats
 
     def __len__(self) -> int:

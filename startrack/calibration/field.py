@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from startrack import core
 from startrack.attitude import UNKNOWNS, camera_slopes, huber_weights, moved_camera, typical_square
 from startrack.calibration.star_table import StarTable, angles_of
-from startrack.core import Advance, Flags, Floats, Ints, Refused
+from startrack.core import Advance, Flags, Floats, Ints, Refused, Unit, printed
 
 # What each model adds to a pinhole; for a digit the polynomial of that order.
 OPENCV = {"none": (), "radial": ("k1",), "full": ("k1", "k2", "p1", "p2")}
@@ -58,6 +58,7 @@ class Order(NamedTuple):
         return f"{name}, with temperature" if self.warm else name
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class FieldFit:
     """A camera fitted to a table.
@@ -78,7 +79,7 @@ class FieldFit:
     attitude: Rotation
     names: tuple[str, ...]
     covariance: Floats
-    residual: Floats
+    residual: Annotated[Floats, Unit("pixel")]
     weight: Floats
 
     @property
@@ -87,6 +88,7 @@ class FieldFit:
         return self.weight > 0
 
 
+@printed
 class Unseen(NamedTuple):
     """Residuals on stars that a fit has not seen.
 

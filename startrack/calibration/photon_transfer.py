@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import NON_NEGATIVE, Floats, Parameters, Refused
+from startrack.core import NON_NEGATIVE, Floats, Parameters, Refused, printed
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern", "offset")
@@ -46,6 +46,7 @@ class Level(Parameters):
             raise Refused("frames must not be saturated, but many pixels have one largest value")
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class DetectorPosterior:
     """Samples of a detector's constants, in the columns of NAMES.

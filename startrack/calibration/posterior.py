@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from startrack import core
 from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_vector, matched_pixels
 from startrack.calibration.psf_width import width_likelihood
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Refused
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Refused, printed
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 LOGARITHMS = ("floor", "psf_sigma")  # sampled as their logarithms
@@ -47,6 +47,7 @@ class Prior(Parameters):
             raise Refused("floor_high and width_high must not lie below their lows")
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class CameraPosterior:
     """Samples of a camera.

@@ -6,12 +6,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from startrack.catalog import csv_table, fits_table, table_numbers, votable
-from startrack.core import ZERO_CELSIUS, Floats, Refused, arcsec, deg, parse, shown
+from startrack.core import ZERO_CELSIUS, Floats, Refused, Unit, arcsec, deg, parse, printed, shown
 from startrack.io import read_bytes, unpacked
 
 KINDS = ("vectors", "radec", "yz", "xy")
@@ -66,6 +66,7 @@ class Names(NamedTuple):
     weight: str | None = None
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class StarTable:
     """Stars of one camera at one attitude.
@@ -80,8 +81,8 @@ class StarTable:
     """
 
     direction: Floats
-    pixel: Floats
-    temperature: Floats | None
+    pixel: Annotated[Floats, Unit("pixel")]
+    temperature: Annotated[Floats | None, Unit("K")]
     sigma: Floats
     kind: str
     left_out: int = 0

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.catalog.catalog import Catalog
-from startrack.core import LIGHT_SPEED, Floats, Refused, Stars, installed_tables, within
+from startrack.core import LIGHT_SPEED, Floats, Refused, Stars, installed_tables, printed, within
 
 # The span in which ERFA's epv00 states its error (Moisson & Bretagnon 2001, refitted to DE405).
 FIRST_YEAR, LAST_YEAR = 1900.0, 2100.0
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Observer:
     """Who looks at the stars.

@@ -5,12 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from startrack.core import GALACTIC_POLE, Flags, Floats, Ints, Refused, Streams, arcsec, deg, finite
+from startrack.core import (
+    GALACTIC_POLE,
+    Flags,
+    Floats,
+    Ints,
+    Refused,
+    Streams,
+    Unit,
+    arcsec,
+    deg,
+    finite,
+    printed,
+)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Catalog:
     """Stars as a catalogue lists them: seen from the barycentre, at one epoch.
@@ -29,15 +43,15 @@ class Catalog:
     """
 
     identifier: Ints
-    right_ascension: Floats
-    declination: Floats
-    epoch: float
-    pm_ra: Floats
-    pm_dec: Floats
+    right_ascension: Annotated[Floats, Unit("rad", "deg")]
+    declination: Annotated[Floats, Unit("rad", "deg")]
+    epoch: Annotated[float, Unit("yr")]
+    pm_ra: Annotated[Floats, Unit("rad / yr", "arcsec / yr")]
+    pm_dec: Annotated[Floats, Unit("rad / yr", "arcsec / yr")]
     proper_motion_known: Flags
-    parallax: Floats
-    magnitude_g: Floats
-    colour: Floats
+    parallax: Annotated[Floats, Unit("rad", "arcsec")]
+    magnitude_g: Annotated[Floats, Unit("mag")]
+    colour: Annotated[Floats, Unit("mag")]
 
     def __post_init__(self) -> None:
         finite(epoch=self.epoch)

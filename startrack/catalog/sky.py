@@ -25,6 +25,7 @@ from startrack.core import (
     first_not_below,
     kept,
     kernel,
+    printed,
     within,
 )
 from startrack.io import shipped
@@ -142,6 +143,7 @@ class Selection(Parameters):
 SLACK = 1e-12  # of a height, so that rounding leaves no star out
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Sky:
     """Stars that are found by direction.

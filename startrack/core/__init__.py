@@ -21,6 +21,7 @@ rotations  Rotation matrices: from pairs of directions, turned, applied, as quat
 camera     Direction to pixel and pixel to direction, both ways together: OpenCV's distortion, a
            polynomial over the field.
 values     The nouns that flow from room to room; every array has its shape and unit here.
+printing   A result -> its text, which fits one screen, and its table in a notebook; with units.
 field_psf  FieldPsf: the images of points over a frame and over colour, as sums of a few tables.
 variates   Random variates for compiled code: bits of a counter, normal and Poisson quantiles.
 """
@@ -109,6 +110,7 @@ from startrack.core.kernel import (
     trusted,
 )
 from startrack.core.memory import begin_limited, gib, limited_memory, memory_limit, require_memory
+from startrack.core.printing import html_table, printed, short_text
 from startrack.core.rotations import axes_of_pair, quaternion, rotated, rotation_of, turn_by
 from startrack.core.streams import Streams
 from startrack.core.units import (
@@ -143,7 +145,5 @@ from startrack.core.values import (
     Stars,
     Status,
     StrayLightSource,
-    html_table,
-    short_text,
 )
 from startrack.core.variates import GOLDEN, bits, inverse_normal, mixed, poisson_of_uniform, uniform

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from startrack.core.arrays import Floats
 from startrack.core.interpolation import lagrange_weights, local_weights
 from startrack.core.interpret import instead_of
 from startrack.core.kernel import kernel
+from startrack.core.printing import printed
+from startrack.core.units import Unit
 from startrack.core.values import Psf, PsfTable, arranged
 
 # Electron in a pixel, below which a term of a star is left out, and the curve between the samples
@@ -19,6 +22,7 @@ LEAST = 0.5
 SHIFT = 2  # columns of `value` before the relative flux
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class FieldPsf:
     """Images of points that change over the frame and with the colour of the light.
@@ -42,12 +46,12 @@ class FieldPsf:
 
     table: Floats
     oversampling: int
-    x: Floats
-    y: Floats
-    colour: Floats
+    x: Annotated[Floats, Unit("pixel")]
+    y: Annotated[Floats, Unit("pixel")]
+    colour: Annotated[Floats, Unit("m", "nm")]
     value: Floats
     error: float
-    place_error: float
+    place_error: Annotated[float, Unit("pixel")]
 
     def at(self, x: Floats, y: Floats, colour: Floats) -> Floats:
         """Shift, relative flux and coefficients (n, 3 + k) at places and colours (n,)."""

@@ -72,6 +72,12 @@ class Unit(NamedTuple):
         """The unit to write."""
         return self.in_files or self.si
 
+    def of(self, value: float) -> float:
+        """A value in SI units as a number of the unit to write, rounded as floats are."""
+        if self.shown in CELSIUS and self.si == "K":
+            return value - ZERO_CELSIUS
+        return value / float(_scale(self.shown, self.si) or 1) if self.in_files else value
+
 
 def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> float:
     """Turn a number with a unit into a float in another unit.

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import html
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,35 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core.arrays import Flags, Floats, Ints, Singles
 from startrack.core.camera import Camera
-
-Rows = Iterable[tuple[str, ...]]
-
-
-def short_text(kind: str, rows: Rows) -> str:
-    """Name of a class and its values on one line, each with its name.
-
-    >>> short_text("Frame", [("size", "512 x 512"), ("exposure", "80 ms")])
-    'Frame(size: 512 x 512, exposure: 80 ms)'
-    """
-    return f"{kind}({', '.join(f'{row[0]}: {row[1]}' for row in rows)})"
+from startrack.core.printing import printed
+from startrack.core.units import Unit
 
 
-def html_table(title: str, rows: Rows, head: tuple[str, ...] = ()) -> str:
-    """A table of HTML; all texts are escaped.
-
-    >>> html_table("<Frame>", [("size", "512 x 512")])
-    '<table><caption>&lt;Frame&gt;</caption><tr><td>size</td><td>512 x 512</td></tr></table>'
-    """
-    lines = [_row("th", head)] if head else []
-    lines += [_row("td", row) for row in rows]
-    return f"<table><caption>{html.escape(title)}</caption>{''.join(lines)}</table>"
-
-
-def _row(cell: str, texts: tuple[str, ...]) -> str:
-    inner = "".join(f"<{cell}>{html.escape(text)}</{cell}>" for text in texts)
-    return f"<tr>{inner}</tr>"
-
-
+@printed
 @dataclass(frozen=True, eq=False)
 class Stars:
     """Stars of the sky.
@@ -56,8 +30,8 @@ class Stars:
 
     identifier: Ints
     direction: Floats
-    magnitude_g: Floats
-    colour: Floats
+    magnitude_g: Annotated[Floats, Unit("mag")]
+    colour: Annotated[Floats, Unit("mag")]
 
     def __len__(self) -> int:
         return len(self.identifier)
@@ -81,6 +55,7 @@ class Stars:
         )
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class DiffuseLight:
     """Light that varies over the frame: a spectrum times a map.
@@ -90,10 +65,11 @@ class DiffuseLight:
               of its last, row by row; linear between them
     """
 
-    spectrum: Floats
+    spectrum: Annotated[Floats, Unit("photon / s / m2 / sr")]
     fraction: Floats
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class StrayLightSource:
     """A body whose light reaches the detector as stray light.
@@ -105,9 +81,10 @@ class StrayLightSource:
 
     direction: Floats
     fraction: Floats
-    photon_irradiance: Floats
+    photon_irradiance: Annotated[Floats, Unit("photon / s / m2")]
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Light:
     """Light at the entrance pupil, of point sources and of the background.
@@ -121,9 +98,9 @@ class Light:
     """
 
     direction: Floats
-    wavelength: Floats
-    photon_irradiance: Floats
-    background: Floats
+    wavelength: Annotated[Floats, Unit("m", "nm")]
+    photon_irradiance: Annotated[Floats, Unit("photon / s / m2")]
+    background: Annotated[Floats, Unit("photon / s / m2 / sr")]
     diffuse: tuple[DiffuseLight, ...] = ()
     stray_sources: tuple[StrayLightSource, ...] = ()
 
@@ -197,6 +174,7 @@ def _separate(table: Floats) -> tuple[Floats, Floats]:
     return (line / np.sqrt(peak), column / np.sqrt(peak)) if alike else (EMPTY, EMPTY)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Psf:
     """The image of a point, integrated over pixels.
@@ -223,6 +201,7 @@ class Psf:
         return arranged(self.table[None], self.oversampling, several=False)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class LineOfSight:
     """How the line of sight moves in one exposure.
@@ -233,12 +212,13 @@ class LineOfSight:
               at the middle, in camera axes: apparent rotation of the sky
     """
 
-    time: Floats
+    time: Annotated[Floats, Unit("s", "ms")]
     weight: Floats
-    rotation: Floats
+    rotation: Annotated[Floats, Unit("rad", "arcsec")]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@printed
+@dataclass(frozen=True, eq=False)
 class Frame:
     """A digital image, and the meaning of its numbers (NaN where unknown).
 
@@ -273,13 +253,8 @@ class Frame:
             (name, f"{value:.4g} {unit}") for name, value, unit in properties if value == value
         ]
 
-    def __repr__(self) -> str:
-        return short_text("Frame", self._rows)
 
-    def _repr_html_(self) -> str:
-        return html_table("Frame", self._rows)
-
-
+@printed
 @dataclass(frozen=True, eq=False)
 class Spots:
     """What the detection found, brightest first.
@@ -291,10 +266,10 @@ class Spots:
     area        (n,) pixel, size of the connected component
     """
 
-    x: Floats
-    y: Floats
-    flux: Floats
-    covariance: Floats
+    x: Annotated[Floats, Unit("pixel")]
+    y: Annotated[Floats, Unit("pixel")]
+    flux: Annotated[Floats, Unit("DN")]
+    covariance: Annotated[Floats, Unit("pixel2")]
     snr: Floats
     area: Ints
 
@@ -312,6 +287,7 @@ class Status(StrEnum):
     BLANK = "blank image"
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Matches:
     """Which spot is which catalogue star.
@@ -339,6 +315,7 @@ class Matches:
         return len(self.spot)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """The attitude that the tracker reports.
@@ -355,7 +332,7 @@ class Estimate:
     status: Status
     reason: str
     icrs_to_camera: Rotation | None
-    covariance: Floats
-    residual_rms: float
+    covariance: Annotated[Floats, Unit("rad2", "arcsec2")]
+    residual_rms: Annotated[float, Unit("pixel")]
     stars: int
     false_probability: float

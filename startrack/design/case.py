@@ -12,7 +12,19 @@ import numpy as np
 from startrack import core
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import FINITE, NON_NEGATIVE, Floats, Parameters, Range, Refused, Unit
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    deg,
+    mm,
+    printed,
+    um,
+)
 from startrack.design.epoch import believed_from, seen_from
 from startrack.design.parameter import unchecked
 from startrack.design.structure import Structure
@@ -343,6 +355,7 @@ class Tracker(Parameters):
             raise Refused("mounting of a tracker must not swing: it believes one turn")
 
 
+@printed
 @dataclass(frozen=True)
 class Case(core.CarriesCode):
     """One design in one scene: everything that a trial needs except its attitude and its noise.
@@ -401,6 +414,21 @@ class Case(core.CarriesCode):
                     "instrument.structure, which it follows from"
                 )
         check_variations(self, self.varying)
+
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        optics, detector = self.instrument.optics, self.instrument.detector
+        camera = self.instrument.camera
+        return [
+            ("field", f"{camera.fov_x / deg:.3g} x {camera.fov_y / deg:.3g} deg"),
+            ("lens", f"{optics.focal_length / mm:.4g} mm f/{optics.f_number:.3g}"),
+            (
+                "detector",
+                f"{detector.columns} x {detector.rows} pixels of {detector.pitch / um:g} um",
+            ),
+            ("exposure", f"{1e3 * detector.exposure:g} ms"),
+            ("stars", self.catalog.extent),
+        ]
 
     def __hash__(self) -> int:
         """Computed once: each trial finds by it what is kept for its case."""

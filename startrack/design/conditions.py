@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
-from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, printed
 from startrack.design.case import Case
 from startrack.design.parameter import find, quantity, replaced_all
 from startrack.design.requirements import Requirements
@@ -96,6 +96,7 @@ class OverUnits:
     trials: int
 
 
+@printed
 class Judged(NamedTuple):
     """A case in which a design is judged.
 

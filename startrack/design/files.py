@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from startrack.core import Refused, code_in, deg, html_table, mm, require_code, short_text, um
+from startrack.core import Refused, code_in, printed, require_code
 from startrack.core import allow_code as allowed
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
@@ -18,7 +18,8 @@ from startrack.optics import with_blur_as_length
 JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
 
 
-@dataclass(frozen=True, repr=False)
+@printed
+@dataclass(frozen=True)
 class Design:
     """What a design file holds.
 
@@ -31,27 +32,10 @@ class Design:
 
     @property
     def _rows(self) -> list[tuple[str, str]]:
-        optics, detector = self.case.instrument.optics, self.case.instrument.detector
-        camera = self.case.instrument.camera
-        rows = [
-            ("field", f"{camera.fov_x / deg:.3g} x {camera.fov_y / deg:.3g} deg"),
-            ("lens", f"{optics.focal_length / mm:.4g} mm f/{optics.f_number:.3g}"),
-            (
-                "detector",
-                f"{detector.columns} x {detector.rows} pixels of {detector.pitch / um:g} um",
-            ),
-            ("exposure", f"{1e3 * detector.exposure:g} ms"),
-            ("stars", self.case.catalog.extent),
-        ]
+        rows = self.case._rows
         if self.campaign is not None:
             rows.append(("variables", str(len(self.campaign.variables))))
         return rows
-
-    def __repr__(self) -> str:
-        return short_text("Design", self._rows)
-
-    def _repr_html_(self) -> str:
-        return html_table("Design", self._rows)
 
 
 def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = False) -> Design:

@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.core import FINITE, Floats, Parameters, Range, Refused
+from startrack.core import FINITE, Floats, Parameters, Range, Refused, printed
 from startrack.design.case import Case
 from startrack.design.parameter import find, label, number, quantity, replaced_all, text, unchecked
 from startrack.design.products import with_product
@@ -51,6 +51,7 @@ AT_BOUND = 0.01  # of a variable's range: as near a bound counts as on it; chose
 OF_IMAGES = "instrument.optics.focal_length", "instrument.optics.f_number"
 
 
+@printed
 @dataclass(frozen=True)
 class DesignSpace:
     """The designs that differ from `case` in the variables, and in what follows them.

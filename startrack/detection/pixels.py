@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import Flags, Floats, Ints, Parameters, Refused, Singles, kernel
+from startrack.core import Flags, Floats, Ints, Parameters, Refused, Singles, kernel, printed
 from startrack.detection.robust import clipped
 
 # Dark frames of a map, at most: of more the mean has less than 3 % of the noise of a frame, and a
@@ -41,6 +41,7 @@ class DarkMap(Parameters):
     ] = True  # fmt: skip
 
 
+@printed
 class DarkFrames(NamedTuple):
     """Dark frames of one device, as they were when the map was made.
 

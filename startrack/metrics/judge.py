@@ -1,12 +1,12 @@
 """Outcome of one trial from its estimate and the true attitude."""
 
 import typing
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Estimate, Flags, Floats, Ints, Rows, Status, deg
+from startrack.core import Estimate, Flags, Floats, Ints, Rows, Status, Unit, deg, printed
 
 # An attitude farther from the truth is false. Chosen by hand: far above all noise, far below the
 # error of a false match, so that its size hardly matters.
@@ -30,6 +30,7 @@ class Limits(NamedTuple):
 STATED_ALONE = Limits()
 
 
+@printed
 class Outcome(NamedTuple):
     """Result of one trial; angles in radian, in the camera's axes, NaN where unsolved.
 
@@ -44,12 +45,12 @@ class Outcome(NamedTuple):
     false             whether that attitude is false: more than half a degree from the truth
     """
 
-    error_x: float
-    error_y: float
-    error_z: float
-    sigma_x: float
-    sigma_y: float
-    sigma_z: float
+    error_x: Annotated[float, Unit("rad", "arcsec")]
+    error_y: Annotated[float, Unit("rad", "arcsec")]
+    error_z: Annotated[float, Unit("rad", "arcsec")]
+    sigma_x: Annotated[float, Unit("rad", "arcsec")]
+    sigma_y: Annotated[float, Unit("rad", "arcsec")]
+    sigma_z: Annotated[float, Unit("rad", "arcsec")]
     nees: float
     stars: int
     spots: int

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from startrack.core import Floats, Rows, arcsec, html_table, short_text
+from startrack.core import Floats, Rows, arcsec, printed
 from startrack.metrics.judge import STATED_ALONE, Limits, correct
 
 
@@ -26,7 +26,8 @@ BEYOND = 10.0  # stated standard deviations about an axis, by which no noise mov
 CHANCE = 1e-3  # probability below which a mean so far from 3 is no chance
 
 
-@dataclass(frozen=True, repr=False)
+@printed
+@dataclass(frozen=True)
 class Summary:
     """Statistics of many trials.
 
@@ -75,13 +76,8 @@ class Summary:
             )
             for name, size, unit, text in sizes
         ]
-        return [*rows, ("stars", f"{self.stars:.1f}"), ("trials", str(self.trials))]
-
-    def __repr__(self) -> str:
-        return short_text("Summary", self._rows)
-
-    def _repr_html_(self) -> str:
-        return html_table("Summary, with 95 % intervals", self._rows)
+        rows += [("stars", f"{self.stars:.1f}"), ("trials", str(self.trials))]
+        return [*rows, ("intervals", "95 %")]
 
     @property
     def doubt(self) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Advance, Flags, Floats, Refused, require_memory
+from startrack.core import Advance, Flags, Floats, Refused, printed, require_memory
 from startrack.mission.fusion import fused_variance
 from startrack.mission.heads import (
     Mounted,
@@ -149,6 +149,7 @@ def rate_across(head: Mounted, rate: Floats) -> Floats:
     return np.sqrt(np.maximum(dot(rate, rate) - about * about, 0.0))
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Flown:
     """A mission at all of its m steps, with h heads.

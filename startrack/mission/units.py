@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from startrack.budget import UnitBudgets, analytic, unit_budgets
-from startrack.core import Advance, Flags, Floats, Refused, utc, whole
+from startrack.core import Advance, Flags, Floats, Refused, printed, utc, whole
 from startrack.design import TURNS, Case
 from startrack.metrics import Interval, level_interval
 from startrack.mission.engine import CHUNK, Chunk, Plan, at, groups_of
@@ -29,6 +29,7 @@ FIELDS = 64  # of the budget of each unit
 PRINCIPAL = "instrument.optics.principal_x"
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Temperatures:
     """Of a platform and its h heads, at n times.

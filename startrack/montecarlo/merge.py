@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import Advance, Refused, Rows
+from startrack.core import Advance, Refused, Rows, printed
 from startrack.io import Database
 from startrack.io import whole as whole_file
 from startrack.montecarlo.run import touching_runs
@@ -24,6 +24,7 @@ from startrack.montecarlo.store import (
 WITHOUT_TRIALS = "campaign"  # the row of `about` that changes no trial
 
 
+@printed
 class Merged(NamedTuple):
     """What a merged store holds.
 

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import special
 
 from startrack import metrics
-from startrack.core import Advance, Floats, Ints, Rows, inputs_of
+from startrack.core import Advance, Floats, Ints, Rows, inputs_of, printed
 from startrack.design import Case
 from startrack.io import read_bytes, save_text, to_table
 from startrack.montecarlo.resume import last_words, missing
@@ -47,6 +47,7 @@ BINNED = ("x", "-x", "y", "-y", "z", "-z", "across", "nees")
 BEYOND = 10.0  # stated standard deviations about an axis, as in `Summary.beyond`
 
 
+@printed
 @dataclass(eq=False)
 class Bins:
     """Numbers of positive values, in bins that the first bits of a float name.
@@ -75,6 +76,7 @@ class Bins:
         return Bins(index[first], np.add.reduceat(count, first))
 
 
+@printed
 @dataclass(eq=False)
 class Sketch:
     """What is kept of trials.

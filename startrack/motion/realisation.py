@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from startrack.core import POINTS, Floats, Streams, call_code, returned
+from startrack.core import POINTS, Floats, Streams, call_code, printed, returned
 from startrack.motion.parameters import AXES, Broadband, Motion, Tone
 
 GROUP = "jitters"
@@ -100,6 +100,7 @@ def bands(spectrum: Broadband) -> Bands:
     return Bands(np.exp(low), octave, exponent, start * octave * mean)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class MotionRealisation:
     """Rotation of the camera about its axes: a constant rate and a sum of lines.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from startrack.core import Floats, Ints
+from startrack.core import Floats, Ints, printed
 from startrack.io import read_bytes, save_csv, save_text, whole
 
 MAGIC, VERSION = b"STARGUID", 1
@@ -40,6 +40,7 @@ SOURCES = ("startrack_guide.h", "startrack_guide.c")
 NAME = "startrack_guide"
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Guide:
     """Guide stars in rising order of z, and triangles of them, as a file holds them.

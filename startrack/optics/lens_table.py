@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Refused, positive
+from startrack.core import Floats, Ints, Refused, Unit, positive, printed
 from startrack.io import open_checked, shipped, whole
 from startrack.optics.pupil import MOST, noll_to_nm
 
@@ -21,6 +21,7 @@ DEGREE = 5  # of the splines between nodes
 PUPIL_PARITY = (-1, 1, 1, -1, 1, 1)  # of the columns of `pupil`, where the field angle changes sign
 
 
+@printed
 class LensPoints(NamedTuple):
     """A lens at n wavelengths and m field angles, of one temperature; the arrays of a LensTable.
 
@@ -33,15 +34,16 @@ class LensPoints(NamedTuple):
     curvature  (n, m) 1 / metre
     """
 
-    wavefront: Floats
-    place: Floats
+    wavefront: Annotated[Floats, Unit("m", "nm")]
+    place: Annotated[Floats, Unit("m", "mm")]
     pupil: Floats
     outline: Floats
-    area: Floats
+    area: Annotated[Floats, Unit("m2", "mm2")]
     amplitude: Floats
-    curvature: Floats
+    curvature: Annotated[Floats, Unit("1 / m")]
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class LensTable:
     """A lens of revolution for stars, at nodes of temperature, wavelength and field angle.
@@ -95,19 +97,19 @@ class LensTable:
 
     name: str
     source: str
-    focal_length: float
+    focal_length: Annotated[float, Unit("m", "mm")]
     f_number: float
-    temperature: Floats
-    wavelength: Floats
-    field: Floats
+    temperature: Annotated[Floats, Unit("K", "degC")]
+    wavelength: Annotated[Floats, Unit("m", "nm")]
+    field: Annotated[Floats, Unit("rad", "deg")]
     noll: Ints
-    wavefront: Floats
-    place: Floats
+    wavefront: Annotated[Floats, Unit("m", "nm")]
+    place: Annotated[Floats, Unit("m", "mm")]
     pupil: Floats
     outline: Floats
-    area: Floats
+    area: Annotated[Floats, Unit("m2", "mm2")]
     amplitude: Floats
-    curvature: Floats
+    curvature: Annotated[Floats, Unit("1 / m")]
 
     def __post_init__(self) -> None:
         positive(focal_length=self.focal_length, f_number=self.f_number)

@@ -4,11 +4,12 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from scipy import fft, ndimage
 
-from startrack.core import Floats, Psf, Refused, kept, non_negative, positive, within
+from startrack.core import Floats, Psf, Refused, Unit, kept, non_negative, positive, printed, within
 from startrack.io import open_checked, whole
 from startrack.optics.diffraction import blur_transfer, pixel_transfer
 from startrack.optics.lens_table import WIDEST, catalogued
@@ -22,6 +23,7 @@ EVEN = 1e-3  # of the peak, by which an image may differ from its mirror image
 SAME = 1e-3  # of a pixel's side, by which the pixels of a file and of a design may differ
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class PsfFile:
     """Images of a point at nodes of wavelength and field angle, and what a sample of them is.
@@ -46,11 +48,13 @@ class PsfFile:
     image: Floats
     spacing: float
     pixel: bool
-    pitch: float | None = None
+    pitch: Annotated[float | None, Unit("m", "um")] = None
     energy: float = 1.0
-    wavelength: Floats = field(default_factory=lambda: np.array([600e-9]))
-    angle: Floats = field(default_factory=lambda: np.zeros(1))
-    place: Floats | None = None
+    wavelength: Annotated[Floats, Unit("m", "nm")] = field(
+        default_factory=lambda: np.array([600e-9])
+    )
+    angle: Annotated[Floats, Unit("rad", "deg")] = field(default_factory=lambda: np.zeros(1))
+    place: Annotated[Floats | None, Unit("m", "mm")] = None
 
     def __post_init__(self) -> None:
         positive(spacing=self.spacing)

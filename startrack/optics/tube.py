@@ -9,7 +9,17 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, kernel
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    kernel,
+    printed,
+)
 from startrack.optics.baffle import Baffle
 
 ALUMINIUM = 2700.0  # kg / m^3
@@ -84,6 +94,7 @@ class BaffleTube(Parameters):
         return math.atan((shape.edge[-1] + shape.radius) / self.length)
 
 
+@printed
 class Shape(NamedTuple):
     """Radius of the lens and of the wall; height above the lens and edge of each vane (n,), metre.
 

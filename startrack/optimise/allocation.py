@@ -8,7 +8,7 @@ import numpy as np
 
 from startrack import design
 from startrack.budget import unit_budgets
-from startrack.core import Advance, Floats, Refused
+from startrack.core import Advance, Floats, Refused, printed
 from startrack.metrics import Interval, quantile_of_few
 from startrack.verification import units_expected
 
@@ -17,6 +17,7 @@ RESAMPLES = 4000
 BOOTSTRAP = 4  # names the stream of the resampling
 
 
+@printed
 class Change(NamedTuple):
     """A design that differs in one thing.
 

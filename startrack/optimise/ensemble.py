@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from startrack.core import Floats, Refused, whole
+from startrack.core import Floats, Refused, printed, whole
 from startrack.optimise.ledger import Ledger
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ class Ensembles:
         whole(self.stretch, 10**8, most_steps=self.most_steps)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Chains:
     """Samples without their burn-in.

@@ -7,11 +7,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.core import Advance, Floats, Refused, Rows, arcsec
+from startrack.core import Advance, Floats, Refused, Rows, Unit, arcsec, printed
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, Judged, Objective
 from startrack.metrics import Summary, summarise
 from startrack.optimise import forecast
@@ -31,6 +31,7 @@ DEAR = 0.05
 LOST = 20.0  # ln(arcsec) of a design that no trial solves; chosen by hand: far above any error
 
 
+@printed
 @dataclass(frozen=True)
 class Evaluation:
     """One design that was evaluated.
@@ -47,8 +48,8 @@ class Evaluation:
 
     coordinates: tuple[float, ...]
     values: dict[str, float]
-    error: float
-    expected: float
+    error: Annotated[float, Unit("rad", "arcsec")]
+    expected: Annotated[float, Unit("rad", "arcsec")]
     score: float
     margins: dict[str, float]
     summary: Summary | None

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.stats
 
-from startrack.core import Floats, Refused, Streams
+from startrack.core import Floats, Refused, Streams, printed
 from startrack.design import Campaign, DesignSpace
 from startrack.optimise.emulator import Emulator, emulator
 from startrack.optimise.evaluate import PENALTY, Foresight, foresee_all, missed
@@ -207,6 +207,7 @@ def emulators(
     return Emulators(objective, margins, scales)
 
 
+@printed
 class Span(NamedTuple):
     """Between which unit-cube coordinates of a variable the score stays within the precision.
 
@@ -503,6 +504,7 @@ def _affordable(
             yield point
 
 
+@printed
 class Landscape(NamedTuple):
     """What the forecasts say of a design space around its best design.
 

@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from startrack import design
-from startrack.core import Advance, Refused, Rows
+from startrack.core import Advance, Refused, Rows, Unit, printed
 from startrack.design import Campaign
 from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise import steps
@@ -26,6 +26,7 @@ from startrack.trial import OUTCOMES
 FINALISTS = 4
 
 
+@printed
 @dataclass(frozen=True)
 class Optimum:
     """How an optimisation ended.
@@ -53,7 +54,7 @@ class Optimum:
     evaluations: tuple[Evaluation, ...]
     fresh: tuple[Summary, Summary]
     factor: Interval
-    tuning_error: float
+    tuning_error: Annotated[float, Unit("rad", "arcsec")]
     optimism: Interval
     availability: Interval
     margins: dict[str, float]

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from startrack.core import Flags, Floats, Refused, Rows, arcsec, one_of, whole
+from startrack.core import Flags, Floats, Refused, Rows, arcsec, one_of, printed, whole
 from startrack.design import Campaign, DesignSpace, Judged, Objective, fewest_trials_beyond
 from startrack.metrics import Interval
 from startrack.optimise.emulator import emulator
@@ -42,6 +42,7 @@ class Goals:
                 Objective.read(goal)
 
 
+@printed
 @dataclass(frozen=True)
 class Point:
     """A design of the front.

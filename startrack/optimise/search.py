@@ -12,7 +12,7 @@ import nlopt
 import numpy as np
 
 from startrack import core
-from startrack.core import POSITIVE, Floats, Parameters, Range, Refused
+from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, printed
 
 CODE = "searches"  # group of code of one's own
 REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
@@ -99,6 +99,7 @@ class SearchInput:
     generator: np.random.Generator
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Found:
     """How a search ended.

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 import scipy
 from scipy import special
 
-from startrack.core import Advance, Floats, Refused
+from startrack.core import Advance, Floats, Refused, Unit, printed
 from startrack.design import Campaign, Case, DesignSpace
 from startrack.optimise.ensemble import Chains, draw, thinned
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all
@@ -69,6 +70,7 @@ START_WIDTH = 0.3  # of the region, half of it, in which walkers start; chosen b
 LEAST_ERROR = 1e-6  # of a surface, so that an exact fit has a finite density
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Tolerance:
     """The designs around a centre that keep the error under a limit.
@@ -90,7 +92,7 @@ class Tolerance:
 
     space: DesignSpace
     chains: Chains
-    limit: float
+    limit: Annotated[float, Unit("rad", "arcsec")]
     surface_error: float
     check_error: float
     expected: float

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.special import polygamma
 
 from startrack.budget import UnitBudgets, joined
-from startrack.core import Advance, Floats, Ints, Rows
+from startrack.core import Advance, Floats, Ints, Rows, Unit, printed
 from startrack.design import Accuracy, Campaign, Case, Judged, Objective, OverUnits
 from startrack.metrics import Interval, fraction_interval, quantile_of_few
 from startrack.optimise.forecast import budgets_of_units
@@ -93,6 +93,7 @@ class UnitYield:
     best: Interval
 
 
+@printed
 @dataclass(frozen=True)
 class ComparedUnits:
     """Start and best over the same fresh units.
@@ -111,9 +112,9 @@ class ComparedUnits:
     over: OverUnits
     count: int
     trials: int
-    start: Interval
-    best: Interval
-    predicted: float
+    start: Annotated[Interval, Unit("rad", "arcsec")]
+    best: Annotated[Interval, Unit("rad", "arcsec")]
+    predicted: Annotated[float, Unit("rad", "arcsec")]
     yields: tuple[UnitYield, ...]
     factor: Interval
     optimism: Interval

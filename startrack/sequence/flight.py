@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Ints, Refused, Streams
+from startrack.core import Floats, Ints, Refused, Streams, Unit, printed
 from startrack.design import Instrument
 from startrack.motion import MotionRealisation, realise_motion
 from startrack.sequence.parameters import Gyro, Leg, Sequence
@@ -47,6 +48,7 @@ def _leg_of(begin: Floats, time: Floats) -> Ints:
     return np.maximum(np.searchsorted(begin, time, side="right") - 1, 0)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Flight:
     """True motion of the camera.
@@ -56,7 +58,7 @@ class Flight:
     turns     (m,) how the camera moves about these times
     """
 
-    time: Floats
+    time: Annotated[Floats, Unit("s")]
     attitude: Rotation
     turns: tuple[MotionRealisation, ...]
 

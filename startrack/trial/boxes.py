@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Status, Streams, kept
+from startrack.core import (
+    Camera,
+    Floats,
+    Frame,
+    Ints,
+    Matches,
+    Spots,
+    Status,
+    Streams,
+    Unit,
+    kept,
+    printed,
+)
 from startrack.design import Case, Tracker
 from startrack.detection import Detection, DetectionPlan, Taken, box_reach, take
 from startrack.detector import dark, flickering, frame_of, response, to_frame
@@ -133,6 +145,7 @@ MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
 NEAR = 1.0  # pixel from its place, within which a star is taken, and no other thing
 
 
+@printed
 class SingleStars(NamedTuple):
     """Centroids of single stars of m magnitudes; errors are pixel rms per axis.
 
@@ -145,13 +158,13 @@ class SingleStars(NamedTuple):
     usual      (m,) the same, of all but the few that hot pixels move far
     """
 
-    magnitude: Floats
+    magnitude: Annotated[Floats, Unit("mag")]
     measured: Floats
-    stated: Floats
-    temporal: Floats
-    method: Floats
-    total: Floats
-    usual: Floats
+    stated: Annotated[Floats, Unit("pixel")]
+    temporal: Annotated[Floats, Unit("pixel")]
+    method: Annotated[Floats, Unit("pixel")]
+    total: Annotated[Floats, Unit("pixel")]
+    usual: Annotated[Floats, Unit("pixel")]
 
 
 @kept(8)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from startrack import core
 from startrack.attitude import SharedErrors, solve
 from startrack.catalog import Selection, open_sky
-from startrack.core import Estimate, Floats, Frame, Matches, Rows, Spots, Streams
+from startrack.core import Estimate, Floats, Frame, Matches, Rows, Spots, Streams, printed
 from startrack.design import Case, Fidelity, Tracker
 from startrack.detection import corrected, detect
 from startrack.detector import expose
@@ -30,6 +30,7 @@ from startrack.trial.window import spots_in_windows
 MANY = 0.8  # of the stars that match, with which a motion may be the right one
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Record:
     """Everything that one trial made.

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats
+from startrack.core import Floats, Unit, printed
 from startrack.design import Case, unchecked
 from startrack.trial import star_response
 from startrack.trial.dark_pattern import dark_residual
@@ -19,6 +19,7 @@ NEAR = 0.8  # of saturation, from which on a star may reach it; chosen by hand
 SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"
 
 
+@printed
 class Errors(NamedTuple):
     """Of single stars.
 
@@ -29,11 +30,11 @@ class Errors(NamedTuple):
     mean       (m, 2) pixel, over the positions, of the centroid's method
     """
 
-    magnitude: Floats
+    magnitude: Annotated[Floats, Unit("mag")]
     kept: Floats
-    stated: Floats
-    random: dict[str, Floats]
-    mean: Floats
+    stated: Annotated[Floats, Unit("pixel2")]
+    random: Annotated[dict[str, Floats], Unit("pixel2")]
+    mean: Annotated[Floats, Unit("pixel")]
 
 
 @lru_cache(maxsize=8)

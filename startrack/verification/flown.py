@@ -19,7 +19,18 @@ import numpy as np
 from scipy import optimize
 
 from startrack import core, detection
-from startrack.core import Advance, Flags, Floats, Ints, Parameters, Psf, Refused, Streams, whole
+from startrack.core import (
+    Advance,
+    Flags,
+    Floats,
+    Ints,
+    Parameters,
+    Psf,
+    Refused,
+    Streams,
+    printed,
+    whole,
+)
 from startrack.design import Case
 from startrack.detector import Detector, dark, dark_frames, flickering, frame_of, response, stamp
 from startrack.metrics import Interval
@@ -635,6 +646,7 @@ class Difference(NamedTuple):
         return self.predicted.low > self.seen.high or self.predicted.high < self.seen.low
 
 
+@printed
 class Flown(NamedTuple):
     """A comparison of all stars.
 

@@ -22,7 +22,10 @@ from typing import Any
 from startrack.identification.cache import cache_folder
 
 ROOT = Path(__file__).parents[2]
-SECONDS = 30.0  # of CPU, or without any, after which a case has hung
+# Of CPU, or without any, after which a case that says nothing has hung; what takes long says every
+# 30 s how far it is.
+SECONDS = 36.0
+LONG = 10  # times as long, after which it has hung whatever it says
 COMPILING = 20  # times as long may a first case of a command take, which compiles
 MEMORY = 2**30  # byte that a case may take, as it is told by --memory
 STEP = 0.5  # second between two looks at the worker
@@ -229,15 +232,17 @@ class Arena:
         self.judge(case, COMPILING)
 
     @staticmethod
-    def _answers(worker: subprocess.Popen[str], seconds: float) -> bool:
-        """Whether it answers before it has used so much CPU, or has used none for so long."""
-        used = first = since = _cpu(worker.pid)
-        waited = 0.0
+    def _answers(worker: subprocess.Popen[str], seconds: float, words: Path) -> bool:
+        """Whether it answers before it uses so much CPU, or none for so long, without a word."""
+        used = begun = first = since = _cpu(worker.pid)
+        waited, said = 0.0, 0
         while not select.select([worker.stdout], [], [], STEP)[0]:
             waited, used = waited + STEP, _cpu(worker.pid)
             # Beside other programs it may get hardly any time while it has work.
             if used - since > IDLE * waited or _is_runnable(worker.pid):
                 waited, since = 0.0, used
+            if used - first > seconds and used - begun < LONG * seconds and _size(words) > said:
+                first, said = used, _size(words)
             if used - first > seconds or waited > seconds:
                 return False
         return True
@@ -250,7 +255,8 @@ class Arena:
         try:
             worker.stdin.write(json.dumps(question) + "\n")
             worker.stdin.flush()
-            if not self._answers(worker, self.seconds * times):
+            words = Path(question["folder"]) / "err.txt"
+            if not self._answers(worker, self.seconds * times, words):
                 self._end()
                 return None
             line = worker.stdout.readline()
@@ -299,6 +305,10 @@ def _replaced(folder: Path, case: Case) -> list[str]:
 def timeless(out: str) -> str:
     """A result without what depends on the speed of the machine."""
     return re.sub(r'"(\w*seconds|trials_per_s|\w*_s)": [^,}]*', "", out)
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.is_file() else 0
 
 
 def _stat(pid: int) -> list[str]:

@@ -1,10 +1,13 @@
 """Files from anybody, in every command: a result or a sentence, within time and memory."""
 
 import os
+import subprocess
 import sys
+import textwrap
 
 import pytest
 
+from tests.fuzz.arena import Arena
 from tests.fuzz.caches import run_caches
 from tests.fuzz.campaign import run_cases
 from tests.fuzz.clusters import run_clusters
@@ -47,6 +50,27 @@ def test_eleven_faults_are_known():
 @pytest.mark.parametrize("fault", SHOWN)
 def test_a_fault_put_in_on_purpose_is_found(fault):
     assert is_found(fault, SEED)
+
+
+@pytest.mark.parametrize(("says", "hangs"), [(True, False), (False, True)])
+def test_what_says_how_far_it_is_has_not_hung(says, hangs, tmp_path):
+    """A process that works for 3 s, which is more than it may in silence."""
+    program = f"""
+        import sys, time
+        while time.process_time() < 3:
+            if {says}:
+                print("words", file=sys.stderr, flush=True)
+        print("answer")
+    """
+    words = tmp_path / "err.txt"
+    with words.open("w") as file:
+        line = [sys.executable, "-c", textwrap.dedent(program)]
+        worker = subprocess.Popen(line, text=True, stdout=subprocess.PIPE, stderr=file)
+        try:
+            assert Arena._answers(worker, 1.0, words) is not hangs
+        finally:
+            worker.kill()
+            worker.communicate()
 
 
 @pytest.mark.slow

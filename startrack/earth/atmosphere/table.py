@@ -9,7 +9,16 @@ from typing import Annotated
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Unit, lagrange_weights, positive
+from startrack.core import (
+    NON_NEGATIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    lagrange_weights,
+    positive,
+    printed,
+)
 from startrack.io import open_checked
 
 KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
@@ -85,6 +94,7 @@ class Air(Parameters):
         "pure, at standard conditions; 1e-5 m is a Dobson unit"] = 3.32e-3  # fmt: skip
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class AirTable:
     """Radiation in plane layers over a Lambert surface; absorption by gases is kept apart.
@@ -173,6 +183,7 @@ def mixed(air: Air, tables: Sequence[AirTable]) -> AirTable:
     return AirTable(air, **arrays)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class BandTable:
     """Terms of the radiance in bands, over geometry, for one altitude of the sensor.

@@ -8,7 +8,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import space
-from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Unit, installed_tables, utc
+from startrack.core import (
+    FINITE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    installed_tables,
+    printed,
+    utc,
+)
 from startrack.earth.terrain import cartesian, up
 
 SPIN_VECTOR: Floats = np.array([0.0, 0.0, space.SPIN])  # rad / s
@@ -99,6 +109,7 @@ class Aircraft(Parameters):
         return centre + turn.apply(radius * vertical), turn.apply(self.speed * along)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Flight:
     """A satellite or an aircraft at some times, in the Earth's fixed axes (ITRS)."""

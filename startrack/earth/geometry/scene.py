@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit, printed
 from startrack.earth.geometry import sight
 from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, choose_carrier
 from startrack.earth.geometry.sight import Elements
@@ -212,6 +212,7 @@ def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
     return list(files)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Strip:
     """Some lines of an image and the ground that they see.

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import FINITE, Floats, Parameters, Unit
+from startrack.core import FINITE, Floats, Parameters, Unit, printed
 from startrack.earth.geometry.orbit import Carrier, Flight, fly
 from startrack.earth.terrain import Rays, geodetic
 
@@ -36,6 +36,7 @@ class Dating(Parameters):
         return self.start + line * self.period
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Elements:
     """Positions on the camera's pixel grid of the elements that make one line of the image."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from startrack.core import Floats
+from startrack.core import Floats, printed
 from startrack.earth.atmosphere import SPREADS
 from startrack.earth.geometry import EarthScene
 from startrack.earth.imager.band import Band, terms_in_band
@@ -76,6 +76,7 @@ class Cells(NamedTuple):
         return np.stack([(y - self.y) / self.side, (x - self.x) / self.side])
 
 
+@printed
 class Environment(NamedTuple):
     """Reflectance of the ground as air mixes it, over places and heights.
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, um
+from startrack.core import Floats, printed, um
 from startrack.earth import atmosphere
 from startrack.earth.atmosphere import BandTable
 from startrack.earth.imager.parameters import Channel
@@ -18,6 +18,7 @@ PARTS = 16  # of a wavelength step of a table, for the mean response; chosen by 
 LEAST = 0.98  # of a band's response that a table must cover; chosen by hand
 
 
+@printed
 class Band(NamedTuple):
     """One channel, and the air in its band.
 

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple, Protocol
 import numpy as np
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit, printed
 from startrack.earth.imager.land import TEXELS, on_texture
 from startrack.earth.terrain import EQUATORIAL, Chart, Mosaic, Raster, fractal, geodetic, up
 
@@ -175,6 +175,7 @@ class Sheet:
         return Crossing(there, longitude, latitude, cosine, distance, depth)
 
 
+@printed
 class Crossing(NamedTuple):
     """Where n paths meet a layer.
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import Advance, Floats, Singles, deg, um
+from startrack.core import Advance, Floats, Singles, deg, printed, um
 from startrack.detector import Detector, dark, read_out, response
 from startrack.earth import geometry
 from startrack.earth.atmosphere import Terms
@@ -41,6 +41,7 @@ SMILES = 3  # bands, between which those of a bent line are interpolated
 MOST_LINES = 2**20  # of an image, so that no two channels share their noise
 
 
+@printed
 class Picture(NamedTuple):
     """The image of a channel, to be filled in; arrays in memory or on disk.
 
@@ -66,6 +67,7 @@ class Picture(NamedTuple):
         )  # fmt: skip
 
 
+@printed
 class Setting(NamedTuple):
     """Values that are constant over an image.
 

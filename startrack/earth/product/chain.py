@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from startrack.core import POSITIVE, Flags, Floats, Parameters, Range, Unit, require_memory
+from startrack.core import POSITIVE, Flags, Floats, Parameters, Range, Unit, printed, require_memory
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
 from startrack.earth.product import ortho, retrieval
@@ -38,6 +38,7 @@ class Settings(Parameters):
     uncertainty: Annotated[bool, "whether each pixel has one, by contributors"] = False
 
 
+@printed
 class Product(NamedTuple):
     """Layers of one channel, in the image and on the map.
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from startrack.core import Advance, Floats, Streams, um, whole
+from startrack.core import Advance, Floats, Streams, printed, um, whole
 from startrack.detector import read_out
 from startrack.earth import imager
 from startrack.earth.terrain import Ground
@@ -24,6 +24,7 @@ FIRST = 0.2  # guess of it
 THINNED = 2**14  # pixels at most that give it
 
 
+@printed
 class Calibration(NamedTuple):
     """Mean frames of one channel; lines of a scanner are averaged into one.
 

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Flags, Floats
+from startrack.core import Flags, Floats, printed
 from startrack.earth.terrain.ellipsoid import up
 
 Levels = NDArray[np.int8]  # of a pyramid of terrain, 0 the finest
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Rays:
     """Lines of sight in the Earth's fixed axes (ITRS).
@@ -34,6 +35,7 @@ class Rays:
         return Rays(self.origin[choice], self.direction[choice], self.spread[choice])
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Ground:
     """What rays meet: a point of the terrain, or the sky. All vectors in the Earth's fixed axes.

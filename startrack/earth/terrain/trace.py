@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Flags, Floats, Ints, kernel
+from startrack.core import Flags, Floats, Ints, kernel, printed
 from startrack.earth.terrain import bundle as of
 from startrack.earth.terrain.bundle import (
     WIDTH,
@@ -28,6 +28,7 @@ from startrack.earth.terrain.surface import FULL_TURN, Lattice, Surface, corners
 from startrack.earth.terrain.tile import CELLS, SIZE
 
 
+@printed
 class Hits(NamedTuple):
     """Where rays meet a surface; NaN, and infinity as the distance, where they do not.
 
