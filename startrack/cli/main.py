@@ -88,14 +88,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         postpone()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    with stopping.stopped_by_signals():
+    with stopping.stopped_by_signals() as signals:
         try:
             if alone:
                 stopping.open_streams()
             # Imports what the command needs, which takes seconds that a signal may fall into.
             status, message = _run(_parsed(arguments)), ""
         except (Exception, KeyboardInterrupt) as error:
-            status, message = stopping.status_and_sentence(error)
+            ended = stopping.Stopped(signals[0]) if signals else error
+            status, message = stopping.status_and_sentence(ended)
             if "--debug" in arguments and not isinstance(error, KeyboardInterrupt):
                 traceback.print_exception(error)
     if message:

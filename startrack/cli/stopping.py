@@ -29,17 +29,18 @@ class Stopped(KeyboardInterrupt):
 
 
 @contextmanager
-def stopped_by_signals() -> Iterator[None]:
+def stopped_by_signals() -> Iterator[list[int]]:
     """Let Ctrl-C, SIGTERM and SIGHUP end a command: files are closed, workers ended.
 
-    The signal is sent again each second until something handles it: Python discards what is raised
+    Yields the signals that came. An error after one is that signal: a library in C may turn what a
+    handler raises into an error of its own. The signal is sent again each second until something handles it: Python discards what is raised
     while it deletes an object, and so do libraries that call Python code.
     """
     asked, again = list[int](), list[int]()  # without locks, which handlers must not wait for
     over, sending = threading.Event(), threading.Lock()
     main = threading.current_thread()
     if main is not threading.main_thread():
-        yield
+        yield asked
         return
 
     def remind() -> None:
@@ -70,7 +71,7 @@ def stopped_by_signals() -> Iterator[None]:
             signal.signal(kind, stop)
     hook, sys.unraisablehook = sys.unraisablehook, discarded
     try:
-        yield
+        yield asked
     finally:
         over.set()
         with sending:  # none is sent to the handlers of before

@@ -57,16 +57,24 @@ FRAMES: np.dtype[np.void] = np.dtype(
 class TrackerState:
     """State of the tracker between two frames.
 
-    state   of the filter, None without any attitude yet, or after a loss
+    state   of the filter, None without any attitude yet; after a loss, too, without a gyroscope
     lasting (2, 3, 3) radian^2, what of the last attitude's error lasts, over pixels and field
     missed  frames without attitude since the last one
-    fresh   whether the last frame started the filter
+    fresh   whether the last frame started the filter, or ended a loss
+    lost    whether there were too many of these for the attitude to be predicted; the filter of a
+            gyroscope goes on, so that its bias and its axes stay known
     """
 
     state: attitude.State | None = None
     lasting: Floats = field(default_factory=lambda: np.zeros((2, 3, 3)))
     missed: int = 0
     fresh: bool = False
+    lost: bool = False
+
+    @property
+    def predicted(self) -> attitude.State | None:
+        """The state about which the tracker looks for stars; None where it knows no attitude."""
+        return None if self.lost else self.state
 
 
 def predict_state(
@@ -169,11 +177,10 @@ def update_state(
     """
     if estimate.status is not core.Status.SOLVED or estimate.icrs_to_camera is None:
         missed = known.missed + 1
-        return (
-            TrackerState()
-            if missed > sequence.max_coasted_frames
-            else replace(known, missed=missed, fresh=False)
-        )
+        lost = missed > sequence.max_coasted_frames
+        if lost and not sequence.gyro:
+            return TrackerState()
+        return replace(known, missed=missed, fresh=False, lost=lost)
     if known.state is None or _contradicts(known.state, estimate):
         gyro, errors = sequence.gyro, attitude.Lasting(parts, np.ones((2, 3)))
         sigma = gyro.bias if gyro else sequence.initial_rate_sigma
@@ -183,7 +190,8 @@ def update_state(
         )  # fmt: skip
         return TrackerState(begun, parts, fresh=True)
     new = estimate.covariance - parts.sum(axis=0)
-    return TrackerState(attitude.correct(known.state, estimate.icrs_to_camera, new), parts)
+    corrected = attitude.correct(known.state, estimate.icrs_to_camera, new)
+    return TrackerState(corrected, parts, fresh=known.lost)
 
 
 def from_two_frames(
@@ -310,8 +318,8 @@ def run(
             before, step = known, float(true.time[k] - true.time[k - 1])
             turned = None if rates is None else rates[k - 1]
             known = predict_state(known, turned, step, sequence, lengths)
-        predicted = known.state
-        rate = known_rate(predicted, None if seen is None else seen[k])
+        predicted = known.predicted
+        rate = known_rate(known.state, None if seen is None else seen[k])
         second = k > 0 and before.fresh and rates is None
         spots, matches, estimate, images = _see(
             case, view, camera, predicted, rate, images, alone=second
@@ -342,7 +350,7 @@ def run(
             float(np.linalg.norm(true.turns[k].speed)),
             _mode(known, estimate),
             *judge(estimate, asked[k], len(spots)),
-            *_filtered(known.state, asked[k]),
+            *_filtered(known.predicted, asked[k]),
         )
     if recording and recording.stars:
         stars.save(recording.folder / f"{_name(number)}-stars.npz")
@@ -540,7 +548,7 @@ def _see(
 def _mode(known: TrackerState, estimate: core.Estimate) -> Mode:
     if estimate.status is core.Status.SOLVED:
         return Mode.ACQUIRED if known.fresh else Mode.TRACKED
-    return Mode.SEARCHING if known.state is None else Mode.COASTED
+    return Mode.SEARCHING if known.predicted is None else Mode.COASTED
 
 
 def _filtered(state: attitude.State | None, truth: Rotation) -> tuple[float, ...]:

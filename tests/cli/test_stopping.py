@@ -48,6 +48,21 @@ def test_a_design_without_its_extra_leaves_no_folder(words, tmp_path, monkeypatc
     assert not (tmp_path / "out").exists()
 
 
+def test_an_error_that_a_signal_became_is_that_signal(capsys, monkeypatch):
+    """As a drawing's C++ says "Invalid bounding box" of what was raised while it took an array."""
+    import startrack.cli.requirements as command
+
+    def interrupted(_):
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt:
+            raise ValueError("Invalid bounding box") from None
+
+    monkeypatch.setattr(command, "_earth_requirements", interrupted)
+    assert main(["requirements"]) == 143
+    assert "requirements: stopped by SIGTERM; no file is left" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("debug", [False, True])
 def test_a_traceback_is_printed_with_debug_only(capsys, monkeypatch, debug):
     import startrack.cli.requirements as command

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
-from startrack.attitude import CameraFilter, Mounting
+from startrack import Estimate, Status
+from startrack.attitude import CameraFilter, Mounting, State
 from startrack.attitude.camera import Calibration
 from startrack.core.units import arcsec, deg
 from startrack.design import Fidelity, load_design
@@ -30,7 +32,7 @@ from startrack.sequence import (
     run,
     summarise_sequences,
 )
-from startrack.sequence.run import FRAMES
+from startrack.sequence.run import FRAMES, TrackerState, error_lengths, predict_state, update_state
 from startrack.trial.chain import run_random_trial
 from startrack.verification import read_windows
 
@@ -128,6 +130,36 @@ def test_a_gyroscope_bridges_the_slew(small):
     assert (table["mode"][table["time"] > 3.5] == Mode.TRACKED).all()
     blind = table[table["mode"] == Mode.COASTED]
     assert np.abs(blind["filtered_y"]).max() < 60 * arcsec
+
+
+def test_what_is_known_of_a_gyroscope_outlives_a_loss(small):
+    """Ten frames lost at 3 deg/s: bias and axes stay known, as well as their random walk allows."""
+    gyro = dataclasses.replace(GYRO, misalignment=0.3 * deg)
+    sequence = Sequence((CALM,), period=0.2, gyro=gyro, max_coasted_frames=3)
+    bias, shown = np.array([1e-5, -2e-5, 3e-5]), np.array([3 * deg, 0, 0])
+    covariance = np.diag([1e-12] * 3 + [1e-14] * 3 + [1e-10] * 3 + [1e-9] * 3 + [1e-8] * 3)
+    state = State(
+        Rotation.identity(), bias, covariance, np.zeros((2, 3)), np.array([1e-3, 0, -1e-3])
+    )
+    known, lengths = TrackerState(state), error_lengths(small.case)
+    nothing = Estimate(Status.NO_MATCH, "clouds", None, np.full((3, 3), np.nan), math.nan, 0, 1.0)
+    for frame in range(10):
+        known = predict_state(known, shown, 0.2, sequence, lengths)
+        known = update_state(known, nothing, sequence, np.zeros((2, 3, 3)))
+        assert (known.predicted is None) == (frame >= 3)
+    assert known.state is not None
+    walk = 2.0 * gyro.rate_random_walk**2
+    np.testing.assert_allclose(np.diag(known.state.covariance)[3:6], 1e-14 + walk, rtol=1e-6)
+    where = Rotation.from_rotvec(-state.rate_of(shown) * 2.0) * state.icrs_to_camera
+    found = dataclasses.replace(
+        nothing, status=Status.SOLVED, icrs_to_camera=where, covariance=np.eye(3) * 1e-10
+    )
+    again = update_state(known, found, sequence, np.zeros((2, 3, 3)))
+    assert again.fresh
+    assert again.predicted is again.state
+    assert again.state is not None
+    np.testing.assert_allclose(again.state.bias, bias, atol=2e-6)
+    np.testing.assert_allclose(again.state.misalignment, state.misalignment, atol=1e-6)
 
 
 def test_a_gyroscope_of_other_axes_is_aligned_by_the_first_slew(small):
