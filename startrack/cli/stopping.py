@@ -33,7 +33,9 @@ def stopped_by_signals() -> Iterator[list[int]]:
     """Let Ctrl-C, SIGTERM and SIGHUP end a command: files are closed, workers ended.
 
     Yields the signals that came. An error after one is that signal: a library in C may turn what a
-    handler raises into an error of its own. The signal is sent again each second until something handles it: Python discards what is raised
+    handler raises into an error of its own.
+
+    The signal is sent again each second until something handles it: Python discards what is raised
     while it deletes an object, and so do libraries that call Python code.
     """
     asked, again = list[int](), list[int]()  # without locks, which handlers must not wait for
