@@ -84,10 +84,10 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
         if not options.scheduler:
             for _ in range(options.workers if options.workers > 1 else 0):
                 executor.submit(_imported)
-            # What no trial can do is refused before there is a ledger.
-            for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
-                with suppress(Refused):  # a start that cannot be rendered is judged by the search
-                    warm(design.case, Sampling(fidelity))
+        # What no trial can do is refused before there is a ledger.
+        for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
+            with suppress(Refused):  # a start that cannot be rendered is judged by the search
+                warm(design.case, Sampling(fidelity))
         with Ledger(options.out / LEDGER) as ledger:
             runner = TrialRunner(options.seed, executor, options.workers, ledger)
             yield OpenCampaign(design.case, campaign, runner, options.out)

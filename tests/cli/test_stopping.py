@@ -11,6 +11,7 @@ from startrack.cli import stopping
 from startrack.cli.main import main
 from startrack.cli.options import WrongUse
 from startrack.io import shipped
+from startrack.montecarlo import Serial
 
 
 @pytest.mark.parametrize(
@@ -36,10 +37,15 @@ def test_what_is_raised_is_told(error, status, words):
 
 
 @pytest.mark.parametrize(
-    "words", [["optimize"], ["verify"], ["verify", "--units", "4"], ["montecarlo"]]
-)
+    "words",
+    [
+        ["optimize"], ["optimize", "--scheduler", "tcp://here:1"], ["verify"],
+        ["verify", "--units", "4"], ["montecarlo"],
+    ],
+)  # fmt: skip
 def test_a_design_without_its_extra_leaves_no_folder(words, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "radbelt", None)  # as where it is not installed
+    monkeypatch.setattr("startrack.cli.campaign.cluster", lambda *_: Serial())
     age = ("altitude=613 km", "inclination=98 deg", "shielding=5 mm")
     changes = [part for key in age for part in ("--set", f"instrument.detector.age.{key}")]
     command = [*words, str(shipped("designs/nanosatellite.toml")), "--out", str(tmp_path / "out")]
