@@ -63,7 +63,7 @@ def stopped_by_signals() -> Iterator[list[int]]:
         raise Stopped(number)
 
     def discarded(thing: Any) -> None:
-        if not isinstance(thing.exc_value, Stopped):
+        if not asked:  # or a half-deleted object says what it lacks
             sys.__unraisablehook__(thing)
 
     kinds = [getattr(signal, name) for name in ENDING if hasattr(signal, name)]

@@ -125,6 +125,25 @@ sys.exit(main())
     assert ["stopped" in line for line in lines] == [True, True]
 
 
+def test_an_object_that_a_signal_left_half_deleted_says_nothing(capfd):
+    class Half:
+        def __del__(self):
+            raise AttributeError("no _as_parameter_")
+
+    def delete():
+        Half()
+
+    with stopping.stopped_by_signals():
+        delete()
+    assert "no _as_parameter_" in capfd.readouterr().err
+    with pytest.raises(KeyboardInterrupt), stopping.stopped_by_signals():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            delete()
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no alarms")
 def test_an_alarm_is_the_callers():
     heard = []
