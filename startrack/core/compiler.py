@@ -17,6 +17,7 @@ import pickle
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from types import FunctionType
 from typing import Any
 
@@ -108,6 +109,11 @@ class _Cache(FunctionCache):
         locator = self._impl.locator
         # No stamp: the folder is of these sources, and numba's would be of the time of writing.
         self._cache_file = _File(locator.get_cache_path(), self._impl.filename_base, "")
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the code, unless what has its place cannot be replaced, such as a folder."""
+        with suppress(OSError):
+            super().save_overload(sig, data)
 
     def holds(self, sig: Any, codegen: Any) -> bool:
         """Whether code for these types is kept."""

@@ -184,6 +184,16 @@ def test_a_damaged_or_foreign_cache_is_made_anew(folder, tmp_path, change):
     assert result(folder) == (705.0, 1)
 
 
+@pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
+def test_code_whose_place_cannot_be_replaced_is_not_kept(folder, kind):
+    """Where a folder stands, numba itself ends with an error."""
+    assert result(folder)[0] == 705.0
+    for file in (folder / "__pycache__").glob(f"kernels-*/**/{kind}"):
+        file.unlink()
+        file.mkdir()
+    assert result(folder) == (705.0, 0)
+
+
 def test_the_code_of_another_kernel_is_damage(tmp_path):
     """Files that change their names with each other are whole, and must not be run."""
     compiler = pytest.importorskip("startrack.core.compiler")
