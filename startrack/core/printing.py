@@ -75,7 +75,8 @@ def _row(cell: str, texts: tuple[str, ...]) -> str:
 
 def rows_of(result: Any) -> Iterator[tuple[str, str]]:
     """Name and text of each public field of a dataclass or NamedTuple."""
-    for name, unit in _units(type(result)).items():
+    kind: Any = type(result)
+    for name, unit in _units(kind).items():
         yield name, text_of(getattr(result, name), unit)
 
 
@@ -112,7 +113,8 @@ def text_of(value: Any, unit: Unit | None = None) -> str:
         return _few([text_of(one, unit) for one in value], value)
     if value is None:
         return "none"
-    parts = [getattr(value, name) for name in _units(type(value))] if _is_record(value) else []
+    kind: Any = type(value)
+    parts = [getattr(value, name) for name in _units(kind)] if _is_record(value) else []
     if 0 < len(parts) <= FEW and all(isinstance(part, SCALAR) for part in parts):
         return f"{_kind(value)}({', '.join(text_of(part, unit) for part in parts)})"
     return _kind(value)

@@ -37,7 +37,7 @@ def with_blur_as_length(table: Mapping[str, Any], kind: type, place: str) -> Map
     if unit == "m":
         return table
     try:
-        camera = from_table(kind, sharp, place)
+        camera: Any = from_table(kind, sharp, place)
     except Refused:
         return sharp  # what is wrong is said when all is read
     size = camera.detector.pitch if unit == "pixel" else camera.optics.image_distance
