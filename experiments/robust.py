@@ -6,15 +6,15 @@
 
 Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
 of 1 GiB, as nobody where this is root and others can run its Python; it hangs where it takes 36 s
-of CPU without saying how far it is, or six minutes; `silent_differences`
-are other results from damaged or replaced files than from those that they were, without a word;
-`replaced` FIFOs, links or devices that are files then; `outside` what was written outside of the
-folder of the cases. `planted` are faults put into the package on purpose, and whether cases find
+of CPU without saying how far it is, or six minutes; `silent_differences` are other results from
+damaged or replaced files than from those that they were, without a word; `replaced` FIFOs, links or
+devices that are files then; `outside` what was written outside of the folder of the cases, which is
+seen as nobody alone. `planted` are faults put into the package on purpose, and whether cases find
 them. `caches` are damaged or foreign files of compiled code and of indexes that change a result or
 end a command, `clusters` Dask workers with other code than the command's that it does not name.
-Then commands are ended by SIGKILL, SIGTERM and SIGINT and
-started again: `lost` are ends with other bytes than those of a run that nothing ended, `orphans`
-processes that stayed, `words` ends with another status than 143 and 130 or more than one sentence.
+Then commands are ended by SIGKILL, SIGTERM and SIGINT and started again: `lost` are ends with other
+bytes than those of a run that nothing ended, `orphans` processes that stayed, `words` ends with
+another status than 143 and 130 or more than one sentence.
 `resident_growth_mb` is by how much one process grows over so many designs, `slow_tests_failed` of
 the slow tests (null without --slow).
 """

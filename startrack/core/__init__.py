@@ -111,7 +111,7 @@ from startrack.core.kernel import (
 )
 from startrack.core.memory import begin_limited, gib, limited_memory, memory_limit, require_memory
 from startrack.core.printing import html_table, printed, short_text
-from startrack.core.rotations import axes_of_pair, quaternion, rotated, rotation_of, turn_by
+from startrack.core.rotations import axes_of_pair, quaternion, ra_dec, rotated, rotation_of, turn_by
 from startrack.core.streams import Streams
 from startrack.core.units import (
     BOLTZMANN,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import html
-import math
 import typing
 from collections.abc import Collection, Iterable, Iterator
 from functools import cache
@@ -14,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core.declared import bare
+from startrack.core.rotations import ra_dec
 from startrack.core.units import Unit
 
 Kind = TypeVar("Kind", bound=type)
@@ -42,9 +42,10 @@ def printed(kind: Kind) -> Kind:
     def _repr_html_(self: Any) -> str:
         return html_table(kind.__name__, rows(self))
 
-    setattr(kind, "__repr__", __repr__)  # noqa: B010, which a type checker takes for a method's change
+    changed: Any = kind
+    changed.__repr__ = __repr__
     if not hasattr(kind, "_repr_html_"):
-        setattr(kind, "_repr_html_", _repr_html_)  # noqa: B010
+        changed._repr_html_ = _repr_html_
     return kind
 
 
@@ -109,15 +110,15 @@ def text_of(value: Any, unit: Unit | None = None) -> str:
         return _array(value, unit)
     if isinstance(value, dict):
         return _few([f"{key} {text_of(one, unit)}" for key, one in value.items()], value.values())
-    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+    if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
         return _few([text_of(one, unit) for one in value], value)
     if value is None:
         return "none"
     kind: Any = type(value)
     parts = [getattr(value, name) for name in _units(kind)] if _is_record(value) else []
     if 0 < len(parts) <= FEW and all(isinstance(part, SCALAR) for part in parts):
-        return f"{_kind(value)}({', '.join(text_of(part, unit) for part in parts)})"
-    return _kind(value)
+        return f"{kind.__name__}({', '.join(text_of(part, unit) for part in parts)})"
+    return str(kind.__name__)
 
 
 def _is_record(value: Any) -> bool:
@@ -128,14 +129,13 @@ def _few(texts: list[str], values: Collection[Any]) -> str:
     """The texts of some scalars, or how many there are."""
     if len(values) <= FEW and all(isinstance(one, SCALAR) for one in values):
         return ", ".join(texts) or "none"
-    return f"{len(values)} of {_kind(next(iter(values)))}"
+    return f"{len(values)} of {type(next(iter(values))).__name__}"
 
 
 def _attitude(rotation: Rotation) -> str:
     if not rotation.single:
         return f"{len(rotation)} rotations"
-    x, y, z = rotation.as_matrix()[2]
-    ra, dec = math.degrees(math.atan2(y, x)) % 360, math.degrees(math.atan2(z, math.hypot(x, y)))
+    ((ra, dec),) = ra_dec(rotation.as_matrix()[2:])
     return f"z axis at {ra:.4f}, {dec:+.4f} deg"
 
 
@@ -160,7 +160,3 @@ def _numbers(values: np.ndarray, unit: Unit | None, between: str = ", ") -> str:
         return between.join(f"{value:.6g}" for value in values.tolist())
     texts = between.join(f"{unit.of(value):.4g}" for value in values.tolist())
     return f"{texts} {unit.shown}"
-
-
-def _kind(value: Any) -> str:
-    return type(value).__name__

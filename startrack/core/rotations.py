@@ -18,6 +18,13 @@ def rotation_of(matrix: Floats) -> Rotation:
     return Rotation.from_quat(many.reshape(*matrix.shape[:-2], 4))
 
 
+def ra_dec(direction: Floats) -> Floats:
+    """Right ascension and declination (n, 2), degree, of directions (n, 3) of any length."""
+    x, y, z = direction.T
+    ra = np.degrees(np.arctan2(y, x)) % 360
+    return np.column_stack([ra, np.degrees(np.arctan2(z, np.hypot(x, y)))])
+
+
 @kernel
 def _quaternions(matrix: Floats) -> Floats:  # pragma: no cover
     many = np.empty((len(matrix), 4))

@@ -73,10 +73,10 @@ class Unit(NamedTuple):
         return self.in_files or self.si
 
     def of(self, value: float) -> float:
-        """A value in SI units as a number of the unit to write, rounded as floats are."""
-        if self.shown in CELSIUS and self.si == "K":
-            return value - ZERO_CELSIUS
-        return value / float(_scale(self.shown, self.si) or 1) if self.in_files else value
+        """A value in SI units as a number of the unit to write."""
+        if not self.in_files:
+            return float(value)
+        return float(write(value, self.si, self.shown).partition(" ")[0])
 
 
 def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> float:

@@ -12,7 +12,7 @@ from functools import cache
 from textwrap import wrap
 from typing import Any, NamedTuple
 
-from startrack.core import LARGEST_NUMBER, Field, Range, Unit, bare, fields_of, write
+from startrack.core import LARGEST_NUMBER, Field, Range, Unit, bare, fields_of
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity
 from startrack.design.products import of_product
@@ -131,7 +131,7 @@ def _range(limits: Range, unit: Unit | None) -> str:
     def text(value: float) -> str:
         if not unit or value == 0:
             return f"{value:g}"
-        return f"{float(write(value, unit.si, unit.shown).partition(' ')[0]):.4g}"
+        return f"{unit.of(value):.4g}"
 
     low, high = limits.low, limits.high
     if math.isinf(low) and math.isinf(high):

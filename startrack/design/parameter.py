@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from startrack.core import Refused, Unit, parse, unit_of, write
+from startrack.core import Refused, Unit, parse, unit_of
 from startrack.io import current_key
 
 
@@ -123,8 +123,7 @@ def text(case: Any, name: str, value: float, digits: int = 4) -> str:
     unit = unit_at(case, name)
     if not unit:
         return f"{float(f'{value:.{digits}g}'):g}"
-    count, _, shown = write(value, unit.si, unit.shown).partition(" ")
-    return f"{float(count):.{digits}g} {shown}"
+    return f"{unit.of(value):.{digits}g} {unit.shown}"
 
 
 class _Change(NamedTuple):

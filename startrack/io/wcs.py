@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Estimate, Floats, Matches, Spots, Stars, arcsec
+from startrack.core import Camera, Estimate, Floats, Matches, Spots, Stars, arcsec, ra_dec
 from startrack.io.saving import whole
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def write_solution(
     seen = np.column_stack([spots.x, spots.y])[matches.spot]
     toward = attitude.inv().apply(camera.unproject(seen))
     place = camera.project(attitude.apply(matches.direction))
-    field, index = _degrees(toward), _degrees(matches.direction)
+    field, index = ra_dec(toward), ra_dec(matches.direction)
     matched: dict[str, NDArray[Any]] = {
         "field_x": seen[:, 0] + 1,
         "field_y": seen[:, 1] + 1,
@@ -209,12 +209,6 @@ def _save(path: Path, parts: list[Any]) -> Path:
     return path
 
 
-def _degrees(direction: Floats) -> Floats:
-    x, y, z = direction.T
-    ra = np.degrees(np.arctan2(y, x)) % 360
-    return np.column_stack([ra, np.degrees(np.arctan2(z, np.hypot(x, y)))])
-
-
 def tetra3_values(
     spots: Spots, matches: Matches, estimate: Estimate, axis: Rotation | None, stars: Stars
 ) -> dict[str, Any]:
@@ -245,6 +239,6 @@ def tetra3_values(
         "Prob": float(estimate.false_probability),
         "Matches": int(estimate.stars),
         "matched_centroids": place.tolist(),
-        "matched_stars": np.column_stack([_degrees(matches.direction), g]).tolist(),
+        "matched_stars": np.column_stack([ra_dec(matches.direction), g]).tolist(),
         "matched_catID": stars.identifier[matches.star].tolist(),
     }

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from startrack.core import Floats, Ints, printed
+from startrack.core import Floats, Ints, printed, ra_dec
 from startrack.io import read_bytes, save_csv, save_text, whole
 
 MAGIC, VERSION = b"STARGUID", 1
@@ -176,8 +176,7 @@ def write_guide(folder: Path, guide: Guide) -> list[Path]:
     with whole(folder / f"{NAME}.bin") as draft:
         draft.write_bytes(data)
     save_text(folder / f"{NAME}_data.h", _array(data))
-    x, y, z = guide.direction.T
-    ra, dec = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arctan2(z, np.hypot(x, y)))
+    ra, dec = ra_dec(guide.direction).T
     rows = zip(
         range(len(guide)),
         guide.identifier.tolist(),
