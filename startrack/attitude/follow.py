@@ -1,9 +1,11 @@
-"""Filtered attitude, gyroscope and lasting errors from attitudes and rates in time."""
+"""Attitudes of heads and rates in time -> attitude, gyroscope, alignments, lasting errors."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from startrack.core import NON_NEGATIVE, Floats, Parameters
@@ -26,10 +28,13 @@ class State:
     icrs_to_camera  attitude
     bias            (3,) radian / second, rate that the gyroscope measures at rest, in its axes
     covariance      (n, n) of the small rotation about the camera's axes, radian, of the bias, of
-                    the lasting errors and of the misalignment: n = 6 + 3 k + m
-    lasting         (k, 3) radian, errors of the measured attitudes that last from frame to frame
+                    the lasting errors, of the alignment of each further head about its axes, and
+                    of the misalignment: n = 6 + 3 k + 3 h + m
+    lasting         (k, 3) radian, errors of the measured attitudes that last from frame to frame,
+                    about the axes of the head: as many for each head, one head after the other
     misalignment    (m,) radian, rotation from the camera's axes to the gyroscope's: three angles,
                     or none where the gyroscope has the axes of the camera
+    to_heads        (h,) rotations from the camera, which is head 0, to each further head
     """
 
     icrs_to_camera: Rotation
@@ -37,6 +42,7 @@ class State:
     covariance: Floats
     lasting: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     misalignment: Floats = field(default_factory=lambda: np.zeros(0))
+    to_heads: tuple[Rotation, ...] = ()
 
     def rate_of(self, shown: Floats) -> Floats:
         """Rate (3,) of the camera, radian / second, where the gyroscope shows another."""
@@ -45,6 +51,36 @@ class State:
             return rate
         return np.asarray(Rotation.from_rotvec(-self.misalignment).apply(rate))
 
+    def to_head(self, head: int) -> Rotation:
+        """The rotation from the camera to a head."""
+        return self.to_heads[head - 1] if head else Rotation.identity()
+
+    def seen_by(self, head: int) -> tuple[Rotation, Floats]:
+        """Attitude icrs_to_head, and its covariance (3, 3) about the head's axes, radian^2."""
+        turns = self.turns(head)
+        return self.to_head(head) * self.icrs_to_camera, turns @ self.covariance @ turns.T
+
+    def alignment(self, head: int) -> slice:
+        """The place of the alignment of a further head in the covariance."""
+        begin = 3 + 3 * len(self.lasting) + 3 * head
+        return slice(begin, begin + 3)
+
+    def turns(self, head: int) -> Floats:
+        """(3, n), how the errors of the state turn the attitude of a head."""
+        turns = np.zeros((3, len(self.covariance)))
+        turns[:, :3] = self.to_head(head).as_matrix()
+        if head:
+            turns[:, self.alignment(head)] = np.eye(3)
+        return turns
+
+    def measured(self, head: int) -> Floats:
+        """(3, n), how they turn an attitude that a head measures, with its lasting errors."""
+        many = len(self.lasting) // (1 + len(self.to_heads))
+        measured = self.turns(head)
+        begin = 6 + 3 * many * head
+        measured[:, begin : begin + 3 * many] = np.tile(np.eye(3), many)
+        return measured
+
 
 @dataclass(frozen=True, eq=False)
 class Lasting:
@@ -52,7 +88,7 @@ class Lasting:
 
     covariance  (k, 3, 3) radian^2 about the camera's axes, of each part, within that of the
                 measurement
-    keep        (k, 3) 1, correlation of each part with that of the frame before, about each axis
+    keep        (k,) 1, correlation of each part with that of the frame before
     """
 
     covariance: Floats
@@ -60,32 +96,44 @@ class Lasting:
 
 
 def start(
-    icrs_to_camera: Rotation,
+    icrs_to_head: Rotation,
     covariance: Floats,
     bias_sigma: float,
     lasting: Lasting | None = None,
     misalignment_sigma: float = 0.0,
+    heads: Sequence[tuple[Rotation, float]] = (),
+    head: int = 0,
 ) -> State:
     """State from one attitude, with a bias, lasting errors and a misalignment of zero.
 
-    covariance  (3, 3) radian^2, of the small rotation about the camera's axes
+    covariance  (3, 3) radian^2, of the small rotation about the axes of the head that measured it
     bias_sigma  radian / second, standard deviation of the bias per axis
-    lasting     parts of that covariance; None: all of it is new with each attitude
+    lasting     parts of that covariance, for each head; None: all of it is new with each attitude
     misalignment_sigma  radian, standard deviation per axis; 0: the gyroscope has none
+    heads       of each further head, the rotation from the camera to it, and the standard
+                deviation of that about each axis of the head, radian
+    head        that measured the attitude; 0: the camera
     """
     parts = np.zeros((0, 3, 3)) if lasting is None else lasting.covariance
-    misalignment = np.zeros(3 if misalignment_sigma else 0)
-    full = np.zeros((6 + 3 * len(parts) + len(misalignment),) * 2)
-    last = len(full) - len(misalignment)
-    full[last:, last:] = np.eye(len(misalignment)) * misalignment_sigma**2
-    full[:3, :3] = covariance
-    full[3:6, 3:6] = np.eye(3) * bias_sigma**2
-    for k, part in enumerate(parts):
-        # The attitude has this error, and the state says that there is none.
-        place = slice(6 + 3 * k, 9 + 3 * k)
-        full[place, place] = part
-        full[:3, place], full[place, :3] = -part, -part
-    return State(icrs_to_camera, np.zeros(3), full, np.zeros((len(parts), 3)), misalignment)
+    many = len(parts) // (1 + len(heads))
+    new = covariance - parts[many * head : many * (head + 1)].sum(axis=0)
+    sigmas = [sigma for _, sigma in heads] + [misalignment_sigma] * bool(misalignment_sigma)
+    apart = block_diag(
+        new, np.eye(3) * bias_sigma**2, *parts, *(np.eye(3) * sigma**2 for sigma in sigmas)
+    )
+    camera, zeros = Rotation.identity(), np.zeros(3)
+    state = State(
+        camera, zeros, apart, np.zeros((len(parts), 3)), zeros[: 3 * bool(misalignment_sigma)],
+        tuple(to_head for to_head, _ in heads),
+    )  # fmt: skip
+    # The attitude has the errors of what was measured, and the state says that there are none.
+    back = state.to_head(head).inv()
+    errors = state.measured(head)
+    errors[:, :3] = np.eye(3)
+    carry = np.eye(len(apart))
+    carry[:3] = -back.as_matrix() @ errors
+    full = carry @ apart @ carry.T
+    return replace(state, icrs_to_camera=back * icrs_to_head, covariance=full)
 
 
 def predict(
@@ -126,41 +174,46 @@ def predict(
     for k in range(len(errors)):
         assert lasting is not None
         place, keep = slice(6 + 3 * k, 9 + 3 * k), lasting.keep[k]
-        carry[place, place] = np.diag(keep)
-        fresh = np.sqrt(1 - keep**2)
-        noise[place, place] = lasting.covariance[k] * np.outer(fresh, fresh)
+        carry[place, place] = np.eye(3) * keep
+        noise[place, place] = lasting.covariance[k] * (1 - keep**2)
         errors = errors * 1.0
         errors[k] *= keep
     covariance = carry @ state.covariance @ carry.T + noise
-    return State(
-        step_rotation * state.icrs_to_camera, state.bias, covariance, errors, state.misalignment
-    )
+    turned = step_rotation * state.icrs_to_camera
+    return replace(state, icrs_to_camera=turned, covariance=covariance, lasting=errors)
 
 
-def correct(state: State, icrs_to_camera: Rotation, covariance: Floats) -> State:
-    """Correct the state with an attitude measured from stars.
+def correct(state: State, icrs_to_head: Rotation, covariance: Floats, head: int = 0) -> State:
+    """Correct the state with an attitude that a head measured from stars.
 
     The multiplicative extended Kalman filter: the innovation is the rotation vector from the
     predicted to the measured attitude, and the correction is a rotation. Joseph's form keeps the
     covariance positive definite. Source: Markley (2003), J. Guidance 26(2), 311.
 
-    covariance  (3, 3) radian^2, of the measured attitude, about the camera's axes; without that of
-                the lasting errors of the state
+    covariance  (3, 3) radian^2, of the measured attitude, about the axes of the head; without that
+                of the lasting errors of the state
+    head        that measured it; 0: the camera
     """
-    innovation = (icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
-    innovation -= state.lasting.sum(axis=0)
-    prior, many = state.covariance, len(state.lasting)
-    unseen = np.zeros((3, len(state.misalignment)))
-    seen = np.hstack([np.eye(3), np.zeros((3, 3)), *[np.eye(3)] * many, unseen])
+    prior, seen = state.covariance, state.measured(head)
+    many, heads = len(state.lasting), len(state.to_heads)
+    own = state.lasting.reshape(1 + heads, -1, 3)[head]
+    predicted = state.to_head(head) * state.icrs_to_camera
+    innovation = (icrs_to_head * predicted.inv()).as_rotvec() - own.sum(axis=0)
     gain = np.linalg.solve(seen @ prior @ seen.T + covariance, seen @ prior).T
     change = gain @ innovation
     rest = np.eye(len(prior)) - gain @ seen
+    last = 6 + 3 * many + 3 * heads
+    turns = change[6 + 3 * many : last].reshape(heads, 3)
     return State(
         Rotation.from_rotvec(change[:3]) * state.icrs_to_camera,
         state.bias + change[3:6],
         rest @ prior @ rest.T + gain @ covariance @ gain.T,
         state.lasting + change[6 : 6 + 3 * many].reshape(many, 3),
-        state.misalignment + change[6 + 3 * many :],
+        state.misalignment + change[last:],
+        tuple(
+            Rotation.from_rotvec(turn) * to_head
+            for turn, to_head in zip(turns, state.to_heads, strict=True)
+        ),
     )
 
 

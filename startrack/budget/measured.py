@@ -333,6 +333,7 @@ def indices_of(
              of all members are the same.
     """
     table = fly_sequences(case, sequence, members, seed, executor, progress)
+    table = table[table["head"] == 0]
     frames = len(table) // members
     error = np.stack([table[f"error_{axis}"] for axis in "xyz"], axis=-1).reshape(
         members, frames, 3

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.special import gammaincinv
 
 from startrack.core import POINTS, Floats, Streams, call_code, printed, returned
@@ -165,6 +166,11 @@ class MotionRealisation:
         """The same motion with the zeros of time and angle moved to `time` (second)."""
         line = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * time * self.frequency)[:, None]
         return MotionRealisation(self.rate, self.frequency, line.real.copy(), -line.imag)
+
+    def seen_from(self, turn: Rotation) -> MotionRealisation:
+        """The same motion about the axes of another camera, to which `turn` rotates."""
+        rate, cosine, sine = (turn.apply(part) for part in (self.rate, self.cosine, self.sine))
+        return MotionRealisation(rate, self.frequency, cosine, sine)
 
     @property
     def speed(self) -> Floats:

@@ -1,5 +1,7 @@
 """Profile and jitter -> true motion of each frame, and output of the gyroscope."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -61,6 +63,11 @@ class Flight:
     time: Annotated[Floats, Unit("s")]
     attitude: Rotation
     turns: tuple[MotionRealisation, ...]
+
+    def seen_from(self, turn: Rotation) -> Flight:
+        """The motion of another camera on the same bench, to whose axes `turn` rotates."""
+        turns = tuple(motion.seen_from(turn) for motion in self.turns)
+        return Flight(self.time, turn * self.attitude, turns)
 
 
 def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams: Streams) -> Flight:

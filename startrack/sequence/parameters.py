@@ -6,11 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+from scipy.spatial.transform import Rotation
+
 from startrack import core
 from startrack.attitude import CameraFilter
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, deg
 from startrack.io import from_table, read_table
 from startrack.motion import Tone
+
+TURN = "of the rotation vector, about the axes of the camera of the design"
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,27 @@ class Gyro(Parameters):
 
 
 @dataclass(frozen=True)
+class Head(Parameters):
+    """A further head of the tracker: another camera of the same make on the same bench.
+
+    Its axes are those of the camera of the design, turned by the rotation vector (x, y, z) about
+    these; its detector and the residual of its lens have seeds of their own.
+    """
+
+    x: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
+    y: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
+    z: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
+    alignment_sigma: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
+        "rms error of that rotation about each axis, drawn for each sequence; the filter "
+        "estimates it from the attitudes of both heads"] = 0.0  # fmt: skip
+
+    @property
+    def to_head(self) -> Rotation:
+        """The rotation from the camera's axes to those of the head, as it is known."""
+        return Rotation.from_rotvec([-self.x, -self.y, -self.z])
+
+
+@dataclass(frozen=True)
 class Sequence(Parameters):
     """Frames in a row."""
 
@@ -62,6 +87,9 @@ class Sequence(Parameters):
         "manoeuvre may have begun"] = 1 * deg  # fmt: skip
     max_coasted_frames: Annotated[int, Range(0, 10**6),
         "frames without attitude after which the prediction is dropped"] = 3  # fmt: skip
+    heads: Annotated[tuple[Head, ...],
+        "further heads, whose frames are taken at the same times; one filter has the attitudes of "
+        "all"] = ()  # fmt: skip
     camera: Annotated[CameraFilter | None,
         "calibrates the tracker's camera from frame to frame; None: it keeps what it believes"
     ] = None  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections.abc
 import math
 import typing
 from collections import defaultdict
@@ -11,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,7 +21,7 @@ from startrack import attitude, core, trial
 from startrack.attitude import start
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Refused, Rows
-from startrack.design import Case, Fidelity
+from startrack.design import Case, Fidelity, replaced_all
 from startrack.detection import detect
 from startrack.detector import Exposure, expected, flickering, frame_of
 from startrack.identification import identify, track
@@ -34,21 +35,26 @@ from startrack.trial import Images
 
 GATE = 30.7  # chi-square of 3 degrees of freedom, exceeded once in a million by noise alone
 NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
+NUMBER_OF_HEAD = 2**21  # between the numbers of the sequences of two heads
 AXES = "xyz"
+Estimates = collections.abc.Sequence[core.Estimate]
 # Of a pixel, that stars move while their errors over it change; chosen by hand.
 PIXEL_LENGTH = 0.5
 FASTEST = 10.0  # sigma of the rate at the start, that two frames may show
 MEAN_POINTS = 64  # of an exposure, whose mean attitude is asked for
-# A row of the table of a sequence: one frame.
+# A row of the table of a sequence: one frame of one head.
 FRAMES: np.dtype[np.void] = np.dtype(
     [
         ("sequence", np.int64),
+        ("head", np.int8),
         ("time", float),
         ("rate", float),
         ("mode", np.int8),
         *typing.get_type_hints(Outcome).items(),
         *((f"filtered_{axis}", float) for axis in AXES),
         *((f"filtered_sigma_{axis}", float) for axis in AXES),
+        *((f"alignment_{axis}", float) for axis in AXES),
+        *((f"alignment_sigma_{axis}", float) for axis in AXES),
     ]
 )
 
@@ -58,7 +64,8 @@ class TrackerState:
     """State of the tracker between two frames.
 
     state   of the filter, None without any attitude yet; after a loss, too, without a gyroscope
-    lasting (2, 3, 3) radian^2, what of the last attitude's error lasts, over pixels and field
+    lasting (heads, 3, 3, 3) radian^2, what of the last attitude's error of each head lasts, as
+            `lasting_parts`
     missed  frames without attitude since the last one
     fresh   whether the last frame started the filter, or ended a loss
     lost    whether there were too many of these for the attitude to be predicted; the filter of a
@@ -66,7 +73,7 @@ class TrackerState:
     """
 
     state: attitude.State | None = None
-    lasting: Floats = field(default_factory=lambda: np.zeros((2, 3, 3)))
+    lasting: Floats = field(default_factory=lambda: np.zeros((1, 3, 3, 3)))
     missed: int = 0
     fresh: bool = False
     lost: bool = False
@@ -98,10 +105,14 @@ def predict_state(
         else attitude.Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
     )
     rate = np.zeros(3) if shown is None else shown
-    x, y, z = np.abs(known.state.rate_of(rate)) * step
-    # A turn about x moves stars along y: what changes is their error in y, and that of the turn.
-    moved = np.array([[x, y, np.hypot(x, y)], [np.hypot(x, y) + z / 2] * 3])
-    errors = attitude.Lasting(known.lasting, np.exp(-moved / lengths[:, None]))
+    turn, keep = known.state.rate_of(rate) * step, []
+    for head in range(len(known.lasting)):
+        x, y, z = np.abs(known.state.to_head(head).apply(turn))
+        # A turn about x moves stars along y, one about z those off the middle along both.
+        along = lengths[1] / 2 * z
+        moved = np.array([y + along, x + along, np.hypot(x, y) + z / 2])
+        keep.append(np.exp(-moved / lengths[[0, 0, 1]]))
+    errors = attitude.Lasting(known.lasting.reshape(-1, 3, 3), np.concatenate(keep))
     return replace(known, state=attitude.predict(known.state, rate, step, believed, errors))
 
 
@@ -116,22 +127,43 @@ def error_lengths(case: Case) -> Floats:
 
 
 def lasting_parts(
-    case: Case, spots: core.Spots, matches: core.Matches, covariance: Floats
+    case: Case, spots: core.Spots, matches: core.Matches, estimate: core.Estimate
 ) -> Floats:
-    """What of a measured attitude's covariance lasts: (2, 3, 3) over pixels and over the field.
+    """What of a measured attitude's covariance lasts (3, 3, 3): over pixels in x, in y, and over
+    the field.
 
-    Accuracy  model: each star's fraction of lasting variance counts by its weight, whatever its
-              place; jitter is new in each frame, what a calibration leaves is of the field.
+    Of least squares with the weights w of stars, of whose variance a part v lasts,
+
+        P [sum w^2 v (J_x J_x' + J_y J_y')] P,   P^-1 = sum w (J_x J_x' + J_y J_y')
+
+    with the slopes J_x and J_y of a star's place by turns about the axes, of which an error in x
+    has the first and one in y the second; in proportion to what the estimate states of itself.
+
+    Accuracy  model: jitter is new in each frame; what a calibration leaves is of the field.
     """
+    assert estimate.icrs_to_camera is not None
     noise = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
     systematic, pixel = (
         part(case)[matches.star] for part in (trial.systematic_variance, trial.pixel_variance)
     )
     weight = 1 / (noise + systematic)
-    shares = [(weight**2 * part).sum() / weight.sum() for part in (pixel, systematic - pixel)]
+    u, v, w = estimate.icrs_to_camera.apply(matches.direction).T
+    u, v = u / w, v / w
+    in_x = np.stack([-u * v, 1 + u**2, -v], axis=1)
+    in_y = np.stack([-1 - v**2, u * v, u], axis=1)
+
+    def summed(weight: Floats, *slopes: Floats) -> Floats:
+        return np.asarray(sum((weight[:, None] * slope).T @ slope for slope in slopes))
+
     shared = trial.shared_errors(case)
-    still = covariance - np.diag(shared.turn) if shared else covariance
-    return np.array([max(share, 0.0) * still for share in shares])
+    still = estimate.covariance - np.diag(shared.turn) if shared else estimate.covariance
+    # Triangles of P^-1 and of the inverse of what is stated: P is stretched to it.
+    fit = np.linalg.cholesky(summed(weight, in_x, in_y))
+    stretch = np.linalg.solve(np.linalg.cholesky(np.linalg.inv(still)).T, np.linalg.inv(fit))
+    of_pixel = weight**2 * np.maximum(pixel, 0.0)
+    of_field = weight**2 * np.maximum(systematic - pixel, 0.0)
+    sums = summed(of_pixel, in_x), summed(of_pixel, in_y), summed(of_field, in_x, in_y)
+    return np.array([stretch @ part @ stretch.T for part in sums])
 
 
 def doubted(
@@ -166,36 +198,63 @@ def known_rate(state: attitude.State | None, shown: Floats | None) -> Floats:
 
 
 def update_state(
-    known: TrackerState, estimate: core.Estimate, sequence: Sequence, parts: Floats
+    known: TrackerState, estimates: Estimates, sequence: Sequence, parts: Floats
 ) -> TrackerState:
-    """Update with the attitude of a frame, or coast for at most `max_coasted_frames` frames.
+    """Update with the attitudes of all heads, or coast for at most `max_coasted_frames` frames.
 
-    An attitude that contradicts the prediction restarts the filter, because stars were measured
-    and the prediction was not.
+    An attitude that contradicts the prediction is left out where one of another head agrees with
+    it. Where none agrees, the first restarts the filter, because stars were measured and the
+    prediction was not.
 
-    parts  of the covariance of the attitude, as `lasting_parts`
+    estimates  of the frames of one time, one for each head
+    parts      (heads, 3, 3, 3) of the covariance of each attitude, as `lasting_parts`
     """
-    if estimate.status is not core.Status.SOLVED or estimate.icrs_to_camera is None:
+    solved = _solved(estimates)
+    if not solved:
         missed = known.missed + 1
         lost = missed > sequence.max_coasted_frames
         if lost and not sequence.gyro:
             return TrackerState()
         return replace(known, missed=missed, fresh=False, lost=lost)
-    if known.state is None or _contradicts(known.state, estimate):
-        gyro, errors = sequence.gyro, attitude.Lasting(parts, np.ones((2, 3)))
-        sigma = gyro.bias if gyro else sequence.initial_rate_sigma
-        begun = start(
-            estimate.icrs_to_camera, estimate.covariance, sigma, errors,
-            gyro.misalignment if gyro else 0.0,
-        )  # fmt: skip
-        return TrackerState(begun, parts, fresh=True)
-    new = estimate.covariance - parts.sum(axis=0)
-    corrected = attitude.correct(known.state, estimate.icrs_to_camera, new)
-    return TrackerState(corrected, parts, fresh=known.lost)
+    state, fresh, lasting = known.state, known.lost, known.lasting.copy()
+    agreeing = [head for head in solved if state and not _contradicts(state, estimates[head], head)]
+    if state is None or not agreeing:
+        head, *others = solved
+        state = _started(estimates[head], sequence, parts[head], head)
+        # Until the others have measured an attitude: their errors are alike.
+        fresh, lasting = True, np.array([parts[head]] * len(estimates))
+        agreeing = [k for k in others if not _contradicts(state, estimates[k], k)]
+    for head in agreeing:
+        estimate = estimates[head]
+        assert estimate.icrs_to_camera is not None
+        new = estimate.covariance - parts[head].sum(axis=0)
+        state = attitude.correct(state, estimate.icrs_to_camera, new, head)
+        lasting[head] = parts[head]
+    return TrackerState(state, lasting, fresh=fresh)
+
+
+def _started(
+    estimate: core.Estimate, sequence: Sequence, parts: Floats, head: int
+) -> attitude.State:
+    """The state from the first attitude, of a head."""
+    assert estimate.icrs_to_camera is not None
+    gyro, heads = sequence.gyro, sequence.heads
+    errors = attitude.Lasting(np.concatenate([parts] * (1 + len(heads))), np.ones(()))
+    return start(
+        estimate.icrs_to_camera, estimate.covariance,
+        gyro.bias if gyro else sequence.initial_rate_sigma, errors,
+        gyro.misalignment if gyro else 0.0,
+        [(other.to_head, other.alignment_sigma) for other in heads], head,
+    )  # fmt: skip
 
 
 def from_two_frames(
-    before: TrackerState, estimate: core.Estimate, step: float, sequence: Sequence, lengths: Floats
+    before: TrackerState,
+    estimate: core.Estimate,
+    head: int,
+    step: float,
+    sequence: Sequence,
+    lengths: Floats,
 ) -> TrackerState:
     """The prediction of a frame by the rate that its attitude and that of the frame before give.
 
@@ -204,21 +263,33 @@ def from_two_frames(
     and the update weighs both.
 
     before  the state after the first attitude
+    head    that measured the second one
     step    second, since then
     """
     assert before.state is not None
     assert estimate.icrs_to_camera is not None
-    turned = (estimate.icrs_to_camera * before.state.icrs_to_camera.inv()).as_rotvec()
+    now = before.state.to_head(head).inv() * estimate.icrs_to_camera
+    turned = (now * before.state.icrs_to_camera.inv()).as_rotvec()
     if float(np.linalg.norm(turned)) > FASTEST * sequence.initial_rate_sigma * step:
         return predict_state(before, None, step, sequence, lengths)
     at_rate = replace(before, state=replace(before.state, bias=turned / step))
     return predict_state(at_rate, None, step, sequence, lengths)
 
 
-def _contradicts(state: attitude.State, estimate: core.Estimate) -> bool:
+def _solved(estimates: Estimates) -> list[int]:
+    """The heads that have an attitude."""
+    return [
+        head
+        for head, estimate in enumerate(estimates)
+        if estimate.status is core.Status.SOLVED and estimate.icrs_to_camera is not None
+    ]
+
+
+def _contradicts(state: attitude.State, estimate: core.Estimate, head: int) -> bool:
     assert estimate.icrs_to_camera is not None
-    innovation = (estimate.icrs_to_camera * state.icrs_to_camera.inv()).as_rotvec()
-    spread = state.covariance[:3, :3] + estimate.covariance
+    predicted, covariance = state.seen_by(head)
+    innovation = (estimate.icrs_to_camera * predicted.inv()).as_rotvec()
+    spread = covariance + estimate.covariance
     return bool(innovation @ np.linalg.solve(spread, innovation) > GATE)
 
 
@@ -286,12 +357,15 @@ def run(
 
     recording  what is kept of the frames, and where; None: nothing
     fidelity   of the frames: whole, or windows of them; whole where pixels flicker
-    Returns  (frames,) structured array: number of the sequence, time (second), true rate
-             (radian / second), Mode, the fields of Outcome for the frame alone, and error and
-             stated sigma (radian, camera axes) of the filter after it; NaN where there is none
+    Returns  (frames x heads,) structured array, the heads of one time in a row: number of the
+             sequence and of the head, time (second), true rate (radian / second), Mode, the
+             fields of Outcome for the frame alone, error and stated sigma (radian, axes of the
+             camera of the design) of the filter after the frames of all heads, and of the
+             alignment of a further head about its axes; NaN where there is none
     Raises    those of `flight` and of the chain's rooms; Refused that names what windows cannot do.
     Accuracy  model: the tracker gets each frame at the end of its exposure. A swing of the
-              mounting stays where it is for the whole sequence, at a random phase. Windows have
+              mounting stays where it is for the whole sequence, at a random phase; the mounting
+              is that of the bench which all heads stand on, and moves them together. Windows have
               the accuracy of `spots_in_windows`, and a residual charge as if the camera had turned
               before as it turns now.
     """
@@ -299,66 +373,143 @@ def run(
     true = flight(case.instrument, sequence, trial.random_attitude(streams), streams)
     rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None
     seen = None if rates is None else exposure_rates(true, rates)
-    table = np.empty(len(true.time), FRAMES)
-    known, camera, asked = TrackerState(), case.believed_camera, asked_of(case, true, streams)
-    before, step, lengths, parts = known, 0.0, error_lengths(case), known.lasting
-    images, stars = Images(), _StarImages(case)
-    learnt, since = None, 0.0
-    if sequence.camera:
-        learnt = attitude.first_camera(camera, sequence.camera)
-    # As trials in windows, whose pixels that flicker need the whole frame.
-    whole_alone = fidelity is Fidelity.WINDOW and case.instrument.detector.flickers
-    views = (
-        _whole_frames(case, true, seed, number, recording)
-        if fidelity is Fidelity.FRAME or whole_alone
-        else _windows(case, true, seed, number, recording, fidelity)
-    )
-    for k, view in enumerate(views):
+    heads = list(_heads(case, sequence, true, seed, number, recording, fidelity))
+    table = np.empty((len(true.time), len(heads)), FRAMES)
+    known, asked = TrackerState(), asked_of(case, true, streams)
+    step, lengths = 0.0, error_lengths(case)
+    for k, time in enumerate(true.time.tolist()):
+        before = known
         if k:
-            before, step = known, float(true.time[k] - true.time[k - 1])
+            step = time - float(true.time[k - 1])
             turned = None if rates is None else rates[k - 1]
             known = predict_state(known, turned, step, sequence, lengths)
-        predicted = known.predicted
         rate = known_rate(known.state, None if seen is None else seen[k])
         second = k > 0 and before.fresh and rates is None
-        spots, matches, estimate, images = _see(
-            case, view, camera, predicted, rate, images, alone=second
-        )
-        if estimate.status is not core.Status.SOLVED:
+        estimates = [head.see(known.predicted, rate, step, alone=second) for head in heads]
+        solved = _solved(estimates)
+        if not solved:
             known = doubted(before, known, step, sequence, lengths)
-        else:
-            if before.fresh and step and sequence.gyro is None:
-                known = from_two_frames(before, estimate, step, sequence, lengths)
-            parts = lasting_parts(case, spots, matches, estimate.covariance)
-            if learnt and sequence.camera:
-                learnt = learnt.later(sequence.camera, since + step)
-                doubt = attitude.attitude_doubt(learnt, sequence.camera, spots, matches)
-                estimate = replace(estimate, covariance=estimate.covariance + doubt)
-                parts = parts + np.stack([np.zeros((3, 3)), doubt])
-        known = update_state(known, estimate, sequence, parts)
-        since += step
-        if estimate.status is core.Status.SOLVED:
-            camera = matches.camera
-            if learnt and sequence.camera:
-                learnt = attitude.after_frame(learnt, sequence.camera, spots, matches)
-                camera, since = learnt.camera, 0.0
-        if recording and recording.stars and view.frame:
-            stars.add(float(true.time[k]), view.frame, spots, matches, images)
-        table[k] = (
-            number,
-            true.time[k],
-            float(np.linalg.norm(true.turns[k].speed)),
-            _mode(known, estimate),
-            *judge(estimate, asked[k], len(spots)),
-            *_filtered(known.predicted, asked[k]),
+        elif before.fresh and step and sequence.gyro is None:
+            first = estimates[solved[0]]
+            known = from_two_frames(before, first, solved[0], step, sequence, lengths)
+        parts = np.array([head.parts for head in heads])
+        known = update_state(known, estimates, sequence, parts)
+        for head, estimate in zip(heads, estimates, strict=True):
+            table[k, head.number] = (
+                number,
+                head.number,
+                time,
+                float(np.linalg.norm(true.turns[k].speed)),
+                _mode(known, bool(solved)),
+                *judge(estimate, head.turn * asked[k], head.spots),
+                *_filtered(known.predicted, asked[k]),
+                *_aligned(known.predicted, head),
+            )
+    for head in heads:
+        head.save()
+    return table.ravel()
+
+
+class _Head:
+    """One head in a sequence: its frames, and what it keeps from one to the next.
+
+    number   0: the camera of the design
+    turn     true rotation to its axes from those of the camera of the design
+    parts    (3, 3, 3) radian^2, of its last attitude's covariance, as `lasting_parts`
+    spots    number of them in its last frame
+    """
+
+    def __init__(
+        self, case: Case, sequence: Sequence, head: int, turn: Rotation, time: Floats,
+        views: Iterator[_View], kept: Path | None,
+    ) -> None:  # fmt: skip
+        self.number, self.turn, self.parts, self.spots = head, turn, np.zeros((3, 3, 3)), 0
+        self._case, self._filter, self._time, self._views = case, sequence.camera, iter(time), views
+        self._camera, self._images, self._since = case.believed_camera, Images(), 0.0
+        self._learnt = None
+        if self._filter:
+            self._learnt = attitude.first_camera(self._camera, self._filter)
+        self._kept, self._stars = kept, _StarImages(case)
+
+    def see(
+        self, known: attitude.State | None, rate: Floats, step: float, alone: bool
+    ) -> core.Estimate:
+        """The attitude of the next frame.
+
+        known  the predicted state; None without one
+        rate   (3,) radian / second, as `known_rate` gives it
+        step   second, since the frame before
+        alone  as of `_see`
+        """
+        view, time = next(self._views), next(self._time)
+        predicted = known.seen_by(self.number) if known else None
+        to_head = known.to_head(self.number) if known else self.turn
+        spots, matches, estimate, self._images = _see(
+            self._case, view, self._camera, predicted, to_head.apply(rate), self._images, alone
         )
-    if recording and recording.stars:
-        stars.save(recording.folder / f"{_name(number)}-stars.npz")
-    return table
+        self._since, self.spots = self._since + step, len(spots)
+        if estimate.status is core.Status.SOLVED:
+            self._camera = matches.camera
+            self.parts = lasting_parts(self._case, spots, matches, estimate)
+            if self._learnt and self._filter:
+                estimate = self._learn(estimate, spots, matches)
+        if self._kept and view.frame:
+            self._stars.add(time, view.frame, spots, matches, self._images)
+        return estimate
+
+    def _learn(
+        self, estimate: core.Estimate, spots: core.Spots, matches: core.Matches
+    ) -> core.Estimate:
+        """Calibrate the camera with a frame; its attitude with the doubt of the camera before."""
+        assert self._learnt
+        assert self._filter
+        learnt = self._learnt.later(self._filter, self._since)
+        doubt = attitude.attitude_doubt(learnt, self._filter, spots, matches)
+        self.parts = self.parts + np.stack([np.zeros((3, 3)), np.zeros((3, 3)), doubt])
+        self._learnt = attitude.after_frame(learnt, self._filter, spots, matches)
+        self._camera, self._since = self._learnt.camera, 0.0
+        return replace(estimate, covariance=estimate.covariance + doubt)
+
+    def save(self) -> None:
+        """Write the images of its stars, where they are kept."""
+        if self._kept:
+            self._stars.save(self._kept)
 
 
-def _name(number: int) -> str:
-    return f"sequence-{number + 1:04d}"
+def _heads(
+    case: Case, sequence: Sequence, true: Flight, seed: int, number: int,
+    recording: Recording | None, fidelity: Fidelity,
+) -> Iterator[_Head]:  # fmt: skip
+    """The camera of the design, and the further heads, whose alignments are drawn."""
+    # As trials in windows, whose pixels that flicker need the whole frame.
+    whole_alone = fidelity is Fidelity.WINDOW and case.instrument.detector.flickers
+    error = core.Streams(seed, number)("alignment of heads").standard_normal
+    turns = [Rotation.identity()]
+    for head in sequence.heads:
+        turns.append(Rotation.from_rotvec(head.alignment_sigma * error(3)) * head.to_head)
+    for k, turn in enumerate(turns):
+        device, flown = (_other_device(case, k), true.seen_from(turn)) if k else (case, true)
+        name, own = _name(number, k), number + k * NUMBER_OF_HEAD
+        views = (
+            _whole_frames(device, flown, seed, own, recording, name)
+            if fidelity is Fidelity.FRAME or whole_alone
+            else _windows(device, flown, seed, own, recording, fidelity)
+        )
+        kept = recording.folder / f"{name}-stars.npz" if recording and recording.stars else None
+        yield _Head(device, sequence, k, turn, true.time, views, kept)
+
+
+def _other_device(case: Case, number: int) -> Case:
+    """The case with other maps of its detector, and another residual of its lens."""
+    seeds = {"instrument.detector.device_seed": case.instrument.detector.device_seed}
+    residual = case.instrument.residual
+    if residual and residual.seed:
+        seeds["instrument.residual.seed"] = residual.seed
+    return cast(Case, replaced_all(case, {name: seed + number for name, seed in seeds.items()}))
+
+
+def _name(number: int, head: int) -> str:
+    return f"sequence-{number + 1:04d}" + (f"-head-{head + 1}" if head else "")
 
 
 class _StarImages:
@@ -425,9 +576,9 @@ class _View(NamedTuple):
 
 
 def _whole_frames(
-    case: Case, true: Flight, seed: int, number: int, recording: Recording | None
+    case: Case, true: Flight, seed: int, number: int, recording: Recording | None, name: str
 ) -> Iterator[_View]:
-    for frame in _kept(case, true, seed, number, recording):
+    for frame in _kept(case, true, seed, number, recording, name):
         yield _View(partial(_in_frame, case, trial.as_believed(case, frame)), frame)
 
 
@@ -455,14 +606,13 @@ def _windows(
 
 
 def _kept(
-    case: Case, true: Flight, seed: int, number: int, recording: Recording | None
+    case: Case, true: Flight, seed: int, number: int, recording: Recording | None, name: str
 ) -> Iterator[core.Frame]:
     """The frames of a flight, each written before it is used where they are kept."""
     if recording is None or recording.format is None:
         yield from (frame for frame, _ in _frames(case, true, seed, number))
         return
-    name, streams = _name(number), core.Streams(seed, number)
-    begin = date_of(case.scene, case.catalog.year, streams)
+    begin = date_of(case.scene, case.catalog.year, core.Streams(seed, number))
     files = FrameFiles(recording.folder, name, recording.format, begin)
     camera = None if case.instrument.detector.scan else case.instrument.camera
     try:
@@ -505,11 +655,13 @@ def _frames(
 
 
 def _see(
-    case: Case, view: _View, camera: core.Camera, predicted: attitude.State | None, rate: Floats,
-    images: Images, alone: bool = False,
+    case: Case, view: _View, camera: core.Camera, predicted: tuple[Rotation, Floats] | None,
+    rate: Floats, images: Images, alone: bool,
 ) -> tuple[core.Spots, core.Matches, core.Estimate, Images]:  # fmt: skip
     """What the flight software does with a frame, with a prediction or without.
 
+    predicted  attitude, and its covariance (3, 3) radian^2; None: no prediction
+    rate       (3,) radian / second, that is believed
     images  of its stars, where the frame before left them; the last of the result: this one
     alone   whether the rate of a prediction is not known, so that a tracker which takes its rate
             from the images does so again, and searches the whole sky
@@ -524,9 +676,7 @@ def _see(
         x, y = (trial.SMEAR_STEP * round(smear / trial.SMEAR_STEP) for smear in smears)
     if trial.boxed(case) and predicted is not None and frame:
         plan = trial.detection_plan(case, smear=(x, y))
-        spots, matches, images = trial.follow_boxes(
-            case, frame, camera, predicted.icrs_to_camera, images, plan
-        )
+        spots, matches, images = trial.follow_boxes(case, frame, camera, predicted[0], images, plan)
         spots = trial.at_one_time(spots, case.believed_row_delay, rate, camera)
         return (
             spots,
@@ -540,13 +690,12 @@ def _see(
     if predicted is None:
         matches = identify(*rooms, tracker.identification)
     else:
-        spread = predicted.covariance[:3, :3]
-        matches = track(*rooms, predicted.icrs_to_camera, spread, tracker.identification)
+        matches = track(*rooms, *predicted, tracker.identification)
     return spots, matches, trial.estimate_of(case, tracker, spots, matches), Images()
 
 
-def _mode(known: TrackerState, estimate: core.Estimate) -> Mode:
-    if estimate.status is core.Status.SOLVED:
+def _mode(known: TrackerState, solved: bool) -> Mode:
+    if solved:
         return Mode.ACQUIRED if known.fresh else Mode.TRACKED
     return Mode.SEARCHING if known.predicted is None else Mode.COASTED
 
@@ -556,3 +705,11 @@ def _filtered(state: attitude.State | None, truth: Rotation) -> tuple[float, ...
         return (math.nan,) * 6
     error = (state.icrs_to_camera * truth.inv()).as_rotvec()
     return *error.tolist(), *np.sqrt(np.diag(state.covariance)[:3]).tolist()
+
+
+def _aligned(state: attitude.State | None, head: _Head) -> tuple[float, ...]:
+    if state is None or not head.number:
+        return (math.nan,) * 6
+    error = (state.to_head(head.number) * head.turn.inv()).as_rotvec()
+    place = state.alignment(head.number)
+    return *error.tolist(), *np.sqrt(np.diag(state.covariance)[place]).tolist()

@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Gyroscope, Lasting, correct, predict, start
 from startrack.core.units import arcsec, deg
+from startrack.mission.fusion import fused_variance
 
 GYROSCOPE = Gyroscope(angle_random_walk=2 * arcsec, rate_random_walk=0.05 * arcsec)
 SEEN = np.diag([3.0, 3.0, 20.0]) ** 2 * arcsec**2
@@ -82,7 +83,7 @@ def test_errors_that_last_are_followed_where_they_are_known(known):
     """Two thirds of the variance last for some 20 frames: 50 runs, false alarm 1e-4."""
     keep, total = 0.95, 0.0
     part, new = SEEN * 2 / 3, SEEN / 3
-    errors = Lasting(part[None], np.full((1, 3), keep)) if known else None
+    errors = Lasting(part[None], np.full(1, keep)) if known else None
     for seed in range(50):
         rng = np.random.default_rng(seed)
         sigma = np.sqrt(np.diag(part))
@@ -136,3 +137,65 @@ def test_the_axes_of_a_gyroscope_are_found_by_turning(sigma):
         assert np.sqrt(np.mean(np.square(left))) < 120 * arcsec
     else:
         assert total > 100 * 30 * 6
+
+
+TO_HEAD = Rotation.from_rotvec([70 * deg, 0, 0]) * Rotation.from_rotvec([0, 0, 30 * deg])
+
+
+def heads_of(seed, sigma, keep=0.9):
+    """A camera and a head 40 arcsec off, of which each fails in a third of 40 frames, at 1 deg/s.
+
+    Half of each variance lasts for some ten frames. Error (15 + 6,) and covariance at the end: of
+    attitude, bias, lasting errors of both heads, and alignment.
+    """
+    rng = np.random.default_rng(seed)
+    to_head = Rotation.from_rotvec(40 * arcsec * rng.standard_normal(3)) * TO_HEAD
+    truth, bias = Rotation.from_quat(rng.standard_normal(4)), 5 * arcsec * rng.standard_normal(3)
+    root = np.sqrt(np.diag(SEEN) / 2)
+    slow = root * rng.standard_normal((2, 3))
+    errors = Lasting(np.array([SEEN / 2] * 2), np.full(2, keep))
+    first = rng.integers(2)
+    turns = Rotation.identity(), to_head
+    seen = Rotation.from_rotvec(slow[first] + root * rng.standard_normal(3)) * turns[first] * truth
+    state = start(seen, SEEN, 5 * arcsec, errors, heads=[(TO_HEAD, sigma)], head=first)
+    rate = np.array([0.3, -0.8, 0.5]) * deg
+    for _ in range(40):
+        white = GYROSCOPE.angle_random_walk / np.sqrt(STEP) * rng.standard_normal(3)
+        state = predict(state, rate + bias + white, STEP, GYROSCOPE, errors)
+        truth = Rotation.from_rotvec(-rate * STEP) * truth
+        slow = keep * slow + np.sqrt(1 - keep**2) * root * rng.standard_normal((2, 3))
+        for head, turn in enumerate(turns):
+            if rng.random() < 2 / 3:
+                error = Rotation.from_rotvec(slow[head] + root * rng.standard_normal(3))
+                state = correct(state, error * turn * truth, SEEN / 2, head)
+    error = (truth * state.icrs_to_camera.inv()).as_rotvec()
+    align = (to_head * state.to_head(1).inv()).as_rotvec()
+    lasting = (slow - state.lasting).ravel()
+    return np.concatenate([error, bias - state.bias, lasting, align]), state.covariance
+
+
+@pytest.mark.parametrize("sigma", [40 * arcsec, 10 * arcsec])
+def test_a_head_is_aligned_by_attitudes_of_both(sigma):
+    """Normalised error squared of all 15 unknowns, 40 pairs of heads; false alarm 1e-4."""
+    total, left = 0.0, []
+    for seed in range(40):
+        error, covariance = heads_of(seed, sigma)
+        total += error @ np.linalg.solve(covariance, error)
+        left.append(error[-3:])
+    if sigma == 40 * arcsec:
+        assert stats.chi2.cdf(total, 40 * len(error)) == pytest.approx(0.5, abs=0.5 - 1e-4)
+        assert np.sqrt(np.mean(np.square(left))) < 15 * arcsec
+    else:
+        assert total > 1.3 * 40 * len(error)
+
+
+def test_heads_of_one_time_are_fused_by_their_variances():
+    """Beside the fused variance of missions, which has another formula: 70 and 20 degrees apart."""
+    for angle in (70 * deg, 20 * deg):
+        to_head = Rotation.from_rotvec([angle, 0, 0])
+        state = start(Rotation.identity(), SEEN, 0.0, heads=[(to_head, 0.0)])
+        state = correct(state, to_head, SEEN, 1)
+        axes = np.array([[0, 0, 1.0], to_head.inv().apply([0, 0, 1.0])])
+        across, about = (np.full((2, 1), SEEN[k, k]) for k in (0, 2))
+        want = fused_variance(axes, across, about, np.full((2, 1), True), np.zeros(3))[:, 0]
+        np.testing.assert_allclose(np.diag(state.covariance)[:3], want, rtol=1e-9)

@@ -137,15 +137,15 @@ def test_what_is_known_of_a_gyroscope_outlives_a_loss(small):
     gyro = dataclasses.replace(GYRO, misalignment=0.3 * deg)
     sequence = Sequence((CALM,), period=0.2, gyro=gyro, max_coasted_frames=3)
     bias, shown = np.array([1e-5, -2e-5, 3e-5]), np.array([3 * deg, 0, 0])
-    covariance = np.diag([1e-12] * 3 + [1e-14] * 3 + [1e-10] * 3 + [1e-9] * 3 + [1e-8] * 3)
+    covariance = np.diag([1e-12] * 3 + [1e-14] * 3 + [1e-10] * 6 + [1e-9] * 3 + [1e-8] * 3)
     state = State(
-        Rotation.identity(), bias, covariance, np.zeros((2, 3)), np.array([1e-3, 0, -1e-3])
+        Rotation.identity(), bias, covariance, np.zeros((3, 3)), np.array([1e-3, 0, -1e-3])
     )
     known, lengths = TrackerState(state), error_lengths(small.case)
     nothing = Estimate(Status.NO_MATCH, "clouds", None, np.full((3, 3), np.nan), math.nan, 0, 1.0)
     for frame in range(10):
         known = predict_state(known, shown, 0.2, sequence, lengths)
-        known = update_state(known, nothing, sequence, np.zeros((2, 3, 3)))
+        known = update_state(known, [nothing], sequence, np.zeros((1, 3, 3, 3)))
         assert (known.predicted is None) == (frame >= 3)
     assert known.state is not None
     walk = 2.0 * gyro.rate_random_walk**2
@@ -154,7 +154,7 @@ def test_what_is_known_of_a_gyroscope_outlives_a_loss(small):
     found = dataclasses.replace(
         nothing, status=Status.SOLVED, icrs_to_camera=where, covariance=np.eye(3) * 1e-10
     )
-    again = update_state(known, found, sequence, np.zeros((2, 3, 3)))
+    again = update_state(known, [found], sequence, np.zeros((1, 3, 3, 3)))
     assert again.fresh
     assert again.predicted is again.state
     assert again.state is not None
