@@ -23,8 +23,8 @@ declare = Options(
     "status is 3 if the attitude was not known after each frame.",
     *DESIGN,
     Option("--profile PROFILE.toml", "file with the legs of the attitude profile, frame rate and "
-           "gyroscope (default: the example, catalogs/sequences/slew.toml, with a slew too fast "
-           "for an attitude)", Path),
+           "gyroscope, and further heads (default: the example, catalogs/sequences/slew.toml, "
+           "with a slew too fast for an attitude)", Path),
     Option("--sequences N", "number of sequences, from random attitudes", whole(1), 8),
     Option("--frames", "keep the frames of all sequences in the folder frames: FITS with WCS, "
            "16-bit PNG, SER, raw, or lossless video (mkv), and a table of their times and true "
@@ -56,7 +56,7 @@ def command(options: argparse.Namespace) -> int:
         )  # fmt: skip
     tracking = summarise_sequences(table)
     result = {"design": str(design), "profile": str(profile), "seed": options.seed}
-    rows = _rows(tracking)
+    rows = _rows(tracking, len(sequence.heads))
     result |= to_json(rows) | {"frames": len(table), "out": str(options.out)}
     export(options.out / "frames.csv", table)
     first = table[table["sequence"] == 0]
@@ -71,7 +71,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if tracking.known.value == 1 else Exit.UNSOLVED
 
 
-def _rows(tracking: Tracking) -> list[Row]:
+def _rows(tracking: Tracking, heads: int) -> list[Row]:
     return [
         Row("across_rms_arcsec", tracking.across, "filter across the boresight", ARCSEC,
             note="rms per axis, after frames that measured it"),
@@ -85,5 +85,7 @@ def _rows(tracking: Tracking) -> list[Row]:
         Row("known", tracking.known, "attitude known", PERCENT, note="of the frames"),
         Row("losses_per_hour", tracking.losses_per_hour, "losses of track, per hour"),
         Row("reacquisition", tracking.reacquisition, "from loss to attitude", SECOND),
+        *[Row("alignment_rms_arcsec", tracking.alignment, "alignment of further heads", ARCSEC,
+              note="rms per axis, at the end")] * bool(heads),
         Row("sequences", tracking.sequences),
     ]  # fmt: skip

@@ -115,9 +115,15 @@ TYPICAL = 8.0  # median errors up to which the axis is linear
 
 @style.styled
 def draw_sequence(path: Path | None, table: Rows, title: str) -> Figure:
-    """Rate and mode, and the error about each axis: of each frame alone and of the filter."""
-    figure = style.picture(10.5, title)
-    rate, *panels = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1.6, 1.6, 1.6))
+    """Rate and mode, and the error about each axis: of each frame alone and of the filter.
+
+    Of the camera of the design; and of each further head, the error of its alignment.
+    """
+    further = [table[table["head"] == head] for head in range(1, int(table["head"].max()) + 1)]
+    table = table[table["head"] == 0]
+    figure = style.picture(10.5 + 2.5 * len(further), title)
+    ratios = 1.0, *[1.6] * (3 + len(further))
+    rate, *panels = figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
     time = table["time"]
     rate.step(time, table["rate"] / deg, where="mid", color=style.GREY, lw=1)
     for mode, (colour, marker) in MODES.items():
@@ -128,10 +134,14 @@ def draw_sequence(path: Path | None, table: Rows, title: str) -> Figure:
     rate.set(ylabel="rate (deg/s)")
     rate.set_ylim(0, 1.15 * max(float(table["rate"].max() / deg), 1e-6))
     style.legend_below(rate, 2, labels=False)
-    for axes, (axis, label) in zip(panels, AXES.items(), strict=True):
+    for axes, (axis, label) in zip(panels, AXES.items(), strict=False):
         _over_time(axes, table, axis, f"error {label} (arcsec)")
+    for axes, rows in zip(panels[3:], further, strict=True):
+        _alignment(axes, rows)
     panels[-1].set_xlabel("time (s)")
-    style.legend_below(panels[-1], 2)
+    style.legend_below(panels[2], 2, labels=bool(not further))
+    if further:
+        style.legend_below(panels[-1], 2)
     for axes in panels:
         axes.yaxis.set_minor_locator(NullLocator())
     return style.save_picture(path, figure)
@@ -167,6 +177,20 @@ def _over_time(axes: Axes, table: Rows, axis: str, label: str) -> None:
         )
     axes.set_ylim(-1.3 * largest, 1.3 * largest)
     axes.set_ylabel(label)
+    axes.axhline(0, color=style.GREY, lw=0.5)
+
+
+def _alignment(axes: Axes, table: Rows) -> None:
+    """The errors of the alignment of a head, over what the filter states of them."""
+    worst = np.zeros(len(table))
+    colours = style.BLUE, style.ORANGE, style.GREEN
+    for (axis, label), colour in zip(AXES.items(), colours, strict=True):
+        axes.plot(table["time"], table[f"alignment_{axis}"] / arcsec, lw=1.3, color=colour,
+                  label=f"error of its alignment {label}")  # fmt: skip
+        worst = np.fmax(worst, 3 * table[f"alignment_sigma_{axis}"] / arcsec)
+    axes.fill_between(table["time"], -worst, worst, color=style.GREY, alpha=0.15, lw=0,
+                      label="3 sigma of the least known axis")  # fmt: skip
+    axes.set_ylabel(f"alignment, head {int(table['head'][0]) + 1} (arcsec)")
     axes.axhline(0, color=style.GREY, lw=0.5)
 
 

@@ -66,7 +66,7 @@ class TrackerState:
     state   of the filter, None without any attitude yet; after a loss, too, without a gyroscope
     lasting (heads, 3, 3, 3) radian^2, what of the last attitude's error of each head lasts, as
             `lasting_parts`
-    missed  frames without attitude since the last one
+    missed  frames without an attitude that was used, since the last one
     fresh   whether the last frame started the filter, or ended a loss
     lost    whether there were too many of these for the attitude to be predicted; the filter of a
             gyroscope goes on, so that its bias and its axes stay known
@@ -204,20 +204,21 @@ def update_state(
 
     An attitude that contradicts the prediction is left out where one of another head agrees with
     it. Where none agrees, the first restarts the filter, because stars were measured and the
-    prediction was not.
+    prediction was not; but by a gyroscope it was, and then the frames count as missed.
 
     estimates  of the frames of one time, one for each head
     parts      (heads, 3, 3, 3) of the covariance of each attitude, as `lasting_parts`
     """
-    solved = _solved(estimates)
-    if not solved:
+    state, solved = known.state, _solved(estimates)
+    agreeing = [head for head in solved if state and not _contradicts(state, estimates[head], head)]
+    measured = state is not None and sequence.gyro and not known.lost and not known.fresh
+    if not solved or (measured and not agreeing):
         missed = known.missed + 1
         lost = missed > sequence.max_coasted_frames
         if lost and not sequence.gyro:
             return TrackerState()
         return replace(known, missed=missed, fresh=False, lost=lost)
-    state, fresh, lasting = known.state, known.lost, known.lasting.copy()
-    agreeing = [head for head in solved if state and not _contradicts(state, estimates[head], head)]
+    fresh, lasting = known.lost, known.lasting.copy()
     if state is None or not agreeing:
         head, *others = solved
         state = _started(estimates[head], sequence, parts[head], head)
@@ -298,8 +299,8 @@ class Mode(IntEnum):
 
     SEARCHING = 0  # no prediction, not solved
     ACQUIRED = 1  # solved without a prediction, or against it
-    TRACKED = 2  # solved, as predicted
-    COASTED = 3  # not solved; the prediction alone
+    TRACKED = 2  # solved, as predicted, by one head at least
+    COASTED = 3  # not solved, or against what a gyroscope predicts; the prediction alone
 
 
 def fly_sequences(
@@ -377,7 +378,8 @@ def run(
     table = np.empty((len(true.time), len(heads)), FRAMES)
     known, asked = TrackerState(), asked_of(case, true, streams)
     step, lengths = 0.0, error_lengths(case)
-    for k, time in enumerate(true.time.tolist()):
+    views = zip(true.time.tolist(), *(head.views for head in heads), strict=True)
+    for k, (time, *shown) in enumerate(views):
         before = known
         if k:
             step = time - float(true.time[k - 1])
@@ -385,7 +387,10 @@ def run(
             known = predict_state(known, turned, step, sequence, lengths)
         rate = known_rate(known.state, None if seen is None else seen[k])
         second = k > 0 and before.fresh and rates is None
-        estimates = [head.see(known.predicted, rate, step, alone=second) for head in heads]
+        estimates = [
+            head.see(time, view, known.predicted, rate, step, alone=second)
+            for head, view in zip(heads, shown, strict=True)
+        ]
         solved = _solved(estimates)
         if not solved:
             known = doubted(before, known, step, sequence, lengths)
@@ -400,7 +405,7 @@ def run(
                 head.number,
                 time,
                 float(np.linalg.norm(true.turns[k].speed)),
-                _mode(known, bool(solved)),
+                _mode(known),
                 *judge(estimate, head.turn * asked[k], head.spots),
                 *_filtered(known.predicted, asked[k]),
                 *_aligned(known.predicted, head),
@@ -415,16 +420,17 @@ class _Head:
 
     number   0: the camera of the design
     turn     true rotation to its axes from those of the camera of the design
+    views    of its frames, one after the other
     parts    (3, 3, 3) radian^2, of its last attitude's covariance, as `lasting_parts`
     spots    number of them in its last frame
     """
 
     def __init__(
-        self, case: Case, sequence: Sequence, head: int, turn: Rotation, time: Floats,
+        self, case: Case, sequence: Sequence, head: int, turn: Rotation,
         views: Iterator[_View], kept: Path | None,
     ) -> None:  # fmt: skip
         self.number, self.turn, self.parts, self.spots = head, turn, np.zeros((3, 3, 3)), 0
-        self._case, self._filter, self._time, self._views = case, sequence.camera, iter(time), views
+        self.views, self._case, self._filter = views, case, sequence.camera
         self._camera, self._images, self._since = case.believed_camera, Images(), 0.0
         self._learnt = None
         if self._filter:
@@ -432,16 +438,17 @@ class _Head:
         self._kept, self._stars = kept, _StarImages(case)
 
     def see(
-        self, known: attitude.State | None, rate: Floats, step: float, alone: bool
-    ) -> core.Estimate:
+        self, time: float, view: _View, known: attitude.State | None, rate: Floats, step: float,
+        alone: bool,
+    ) -> core.Estimate:  # fmt: skip
         """The attitude of the next frame.
 
+        time   second, of its middle
         known  the predicted state; None without one
         rate   (3,) radian / second, as `known_rate` gives it
         step   second, since the frame before
         alone  as of `_see`
         """
-        view, time = next(self._views), next(self._time)
         predicted = known.seen_by(self.number) if known else None
         to_head = known.to_head(self.number) if known else self.turn
         spots, matches, estimate, self._images = _see(
@@ -496,7 +503,7 @@ def _heads(
             else _windows(device, flown, seed, own, recording, fidelity)
         )
         kept = recording.folder / f"{name}-stars.npz" if recording and recording.stars else None
-        yield _Head(device, sequence, k, turn, true.time, views, kept)
+        yield _Head(device, sequence, k, turn, views, kept)
 
 
 def _other_device(case: Case, number: int) -> Case:
@@ -694,8 +701,8 @@ def _see(
     return spots, matches, trial.estimate_of(case, tracker, spots, matches), Images()
 
 
-def _mode(known: TrackerState, solved: bool) -> Mode:
-    if solved:
+def _mode(known: TrackerState) -> Mode:
+    if known.state and not known.missed:
         return Mode.ACQUIRED if known.fresh else Mode.TRACKED
     return Mode.SEARCHING if known.predicted is None else Mode.COASTED
 

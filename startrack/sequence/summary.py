@@ -15,6 +15,11 @@ from startrack.sequence.run import Mode
 class Tracking:
     """Statistics of many sequences; the intervals hold with 95 % confidence.
 
+    Of the filter and of the camera of the design; further heads show in the filter, and by:
+
+    alignment        radian, rms error per axis of their alignments as the filter knows them after
+                     the last frame of each sequence; NaN without further heads, or an attitude
+
     known            fraction of frames after which the filter is within half a degree of the truth
     across, about    radian, rms of the filter's error after these frames where they measured it,
                      per axis across and about the boresight
@@ -41,6 +46,7 @@ class Tracking:
     losses_per_hour: Interval
     reacquisition: Interval
     sequences: int
+    alignment: Interval
 
     @property
     def table(self) -> Rows:
@@ -50,7 +56,10 @@ class Tracking:
 
 def summarise_sequences(table: Rows) -> Tracking:
     """Statistics of a table as `run` and `fly_sequences` make it."""
+    table, further = table[table["head"] == 0], table[table["head"] > 0]
     apart = [table[table["sequence"] == number] for number in np.unique(table["sequence"])]
+    last = [further[further["sequence"] == number] for number in np.unique(further["sequence"])]
+    last = [rows[rows["time"] == rows["time"].max()] for rows in last]
     hours = sum(float(_span(sequence)) for sequence in apart) / 3600
     lost = [_losses(sequence) for sequence in apart]
     waits = np.array([wait for sequence in lost for wait in sequence])
@@ -66,6 +75,7 @@ def summarise_sequences(table: Rows) -> Tracking:
         _rate(count, hours),
         _mean(waits[np.isfinite(waits)]),
         len(apart),
+        rms_interval(_means(last, _aligned, *(f"alignment_{axis}" for axis in "xyz"))),
     )
 
 
@@ -75,6 +85,10 @@ Choice = Callable[[Rows], Flags]
 def _measured(sequence: Rows) -> Flags:
     seen = np.isin(sequence["mode"], (Mode.ACQUIRED, Mode.TRACKED))
     return np.asarray(seen & _known(sequence) & ~sequence["false"])
+
+
+def _aligned(sequence: Rows) -> Flags:
+    return np.asarray(np.isfinite(sequence["alignment_x"]))
 
 
 def _coasted(sequence: Rows) -> Flags:

@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack import Estimate, Status
-from startrack.attitude import CameraFilter, Mounting, State
+from startrack.attitude import CameraFilter, Mounting, State, start
 from startrack.attitude.camera import Calibration
 from startrack.core.units import arcsec, deg
 from startrack.design import Fidelity, load_design
@@ -24,6 +24,7 @@ from startrack.montecarlo.workers import Serial
 from startrack.motion import Motion, Tone
 from startrack.sequence import (
     Gyro,
+    Head,
     Leg,
     Mode,
     Recording,
@@ -323,3 +324,87 @@ def test_sequences_of_one_frame_tell_no_rate_of_losses(small):
     rate = summarise_sequences(table).losses_per_hour
     assert np.isnan(rate.value)
     assert (rate.low, rate.high) == (0, np.inf)
+
+
+PAIR = (Head(x=90 * deg, alignment_sigma=60 * arcsec),)
+
+
+@pytest.fixture(scope="module")
+def pairs(small):
+    """16 sequences of two heads, whose frames are alike; the second is 60 arcsec off."""
+    sequence = Sequence((Leg(4.0, rate_x=0.1 * deg),), period=0.2, gyro=GYRO, heads=PAIR)
+    return fly_sequences(small.case, sequence, 16, 8, Serial(), fidelity=Fidelity.WINDOW)
+
+
+def test_two_heads_know_all_axes_and_their_alignment(pairs):
+    """The mean of normalised errors squared of each sequence, 3 expected, within 4 sigma."""
+    first, second = (pairs[pairs["head"] == head] for head in (0, 1))
+    assert (pairs["mode"] != Mode.SEARCHING).all()
+    late = first["time"] > 2
+    for rows, name in ((first, "filtered"), (second, "alignment")):
+        square = sum((rows[f"{name}_{axis}"] / rows[f"{name}_sigma_{axis}"]) ** 2 for axis in AXES)
+        each = square[late].reshape(16, -1).mean(axis=1)
+        assert abs(each.mean() - 3) < 4 * each.std(ddof=1) / 4, name
+    assert np.isnan(first["alignment_x"]).all()
+    # The axis of the second head's boresight is the best known of its alignment by the first.
+    sigma = [np.mean(second[f"alignment_sigma_{axis}"][late]) / arcsec for axis in AXES]
+    assert sigma[0] < 2 < min(sigma[1:])
+    tracking = summarise_sequences(pairs)
+    rms = np.sqrt(
+        np.mean([second[f"alignment_{axis}"].reshape(16, -1)[:, -1] ** 2 for axis in AXES])
+    )
+    assert tracking.alignment.value == pytest.approx(rms)
+    assert tracking.sequences == 16
+
+
+def test_an_aligned_head_takes_the_place_of_the_roll_of_the_other(small, pairs):
+    """With a known alignment roll is as good as the rest; alone it is several times worse."""
+    known = (dataclasses.replace(PAIR[0], alignment_sigma=0.0),)
+    sequence = Sequence((Leg(0.5, rate_x=0.1 * deg),), period=0.2, gyro=GYRO, heads=known)
+    table = run(small.case, sequence, 8, 0, fidelity=Fidelity.WINDOW)[-2:]
+    single = float(table["sigma_z"][0])
+    assert table["filtered_sigma_z"][0] < 0.3 * single
+    alike = run(small.case, dataclasses.replace(sequence, heads=()), 8, 0, None, Fidelity.WINDOW)
+    first = pairs[(pairs["head"] == 0) & (pairs["sequence"] == 0)][: len(alike)]
+    assert len(np.unique(pairs["error_x"])) == len(pairs)
+    for axis in AXES:
+        assert alike[f"error_{axis}"][0] == first[f"error_{axis}"][0]
+
+
+def test_a_head_that_is_wrong_is_left_out_where_another_agrees():
+    """And alone, it restarts a filter without a gyroscope, or counts as missed with one."""
+    state = start(Rotation.identity(), np.eye(3) * arcsec**2, 1e-6, heads=[(PAIR[0].to_head, 0.0)])
+    state = dataclasses.replace(state, lasting=np.zeros((6, 3)))
+    covariance = np.pad(state.covariance[:6, :6], (0, 21)) + np.diag([0] * 6 + [1e-14] * 21)
+    known = TrackerState(dataclasses.replace(state, covariance=covariance), np.zeros((2, 3, 3, 3)))
+    right = Estimate(Status.SOLVED, "", Rotation.identity(), np.eye(3) * arcsec**2, 1.0, 9, 1.0)
+    wrong = dataclasses.replace(right, icrs_to_camera=Rotation.from_rotvec([0.1, 0, 0]))
+    blind = dataclasses.replace(right, status=Status.NO_MATCH, icrs_to_camera=None)
+    parts = np.zeros((2, 3, 3, 3))
+    for gyro in (GYRO, None):
+        sequence = Sequence((CALM,), gyro=gyro, heads=PAIR)
+        after = update_state(known, [right, wrong], sequence, parts)
+        assert after.state is not None
+        assert after.state.icrs_to_camera.magnitude() < arcsec
+        assert (after.missed, after.fresh) == (0, False)
+        after = update_state(known, [blind, wrong], sequence, parts)
+        assert after.state is not None
+        seen = (PAIR[0].to_head.inv() * wrong.icrs_to_camera).magnitude()
+        want = 0.0 if gyro else seen
+        assert after.state.icrs_to_camera.magnitude() == pytest.approx(want, abs=1e-9)
+        assert (after.missed, after.fresh) == ((1, False) if gyro else (0, True))
+
+
+def test_frames_of_all_heads_are_kept(small, tmp_path):
+    sequence = Sequence((Leg(0.4),), period=0.2, heads=PAIR)
+    table = run(small.case, sequence, 8, 0, Recording(tmp_path, "fits", stars=True))
+    assert table["head"].tolist() == [0, 1, 0, 1]
+    names = sorted(path.name for path in tmp_path.iterdir())
+    for name in ("sequence-0001", "sequence-0001-head-2"):
+        assert f"{name}-00002.fits" in names
+        assert f"{name}-stars.npz" in names
+        assert f"{name}.csv" in names
+    first, second = (
+        fits.getheader(tmp_path / f"sequence-0001{part}-00001.fits") for part in ("", "-head-2")
+    )
+    assert first["CRVAL1"] != second["CRVAL1"]
