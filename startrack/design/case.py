@@ -49,7 +49,7 @@ from startrack.optics import (
 )
 from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons
 
-PLACES = ("ground", "orbit")
+PLACES = ("ground", "orbit", "recursive")
 ORDERS = (1, 3, 5, 7)
 
 
@@ -59,12 +59,16 @@ class CameraCalibration(Parameters):
 
     On the ground, a collimator or a star simulator shows stars at `positions` evenly over the
     frame, in one attitude of the camera that is fitted too. In orbit, `frames` of random sky have
-    `stars` each, at random places, and an attitude each; a filter from frame to frame, as
-    `CameraFilter`, reaches the same bound.
+    `stars` each, at random places, and an attitude each. A recursive one is a filter from frame to
+    frame (`CameraFilter`, which reaches the bound of such a fit) whose memory are the last
+    `frames`: they last less than an environment does.
     """
 
     place: Annotated[str, Range(choices=PLACES),
-        '"ground": before launch, so that steps of the launch come after; "orbit": after it'
+        '"ground": before launch, so that steps of the launch come after; "orbit": once after it; '
+        '"recursive": as "orbit", and then focal length, distortion and map again and again, so '
+        "that they follow age and temperature; principal point and mounting stay, because stars "
+        "hardly tell them from a turn"
     ] = "ground"  # fmt: skip
     positions: Annotated[int, Range(10, 10**5), "on the ground"] = 100
     frames: Annotated[int, Range(1, 10**5), "in orbit"] = 50
@@ -95,6 +99,11 @@ class CameraCalibration(Parameters):
     def nodes(self) -> int:
         """Along each side of the map; 0 where there is none."""
         return self.map if self.map > 1 else 0
+
+    @property
+    def once(self) -> CameraCalibration:
+        """That of a whole camera, with which a recursive one begins."""
+        return replace(self, place="orbit") if self.place == "recursive" else self
 
 
 class Fidelity(StrEnum):

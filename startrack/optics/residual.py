@@ -208,11 +208,15 @@ def _oblique(camera: core.Camera, scale: float) -> Floats:
 
 
 def _smooth(columns: int, rows: int, scale: float) -> Floats:
-    """Matrix (n, n) from normal numbers to a field of variance one at the nodes."""
+    """Symmetric matrix (n, n) from normal numbers to a field of variance one at the nodes.
+
+    The symmetric root is the only one: places that lie evenly give several vectors the same value,
+    and which of their combinations come out depends on the processor.
+    """
     length = scale * np.hypot(columns, rows) / 2
     apart = distance.squareform(distance.pdist(core.node_places(columns, rows)))
     value, vector = np.linalg.eigh(np.exp(-((apart / length) ** 2) / 2))
-    return np.asarray(vector * np.sqrt(np.maximum(value, 0.0)))
+    return np.asarray(vector * np.sqrt(np.maximum(value, 0.0)) @ vector.T)
 
 
 def _weight() -> Floats:

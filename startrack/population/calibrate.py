@@ -1,6 +1,6 @@
 """Camera of a unit -> the camera model and alignment that its calibration finds, run or drawn."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -17,16 +17,18 @@ from startrack.design import CameraCalibration
 FOCAL, PRINCIPAL, DISTORTION = 0.02, 50.0, 1.0
 LEAST_NOISE = 1e-4  # pixel; below it the fit is as good
 FEW = 1e-3  # of the mean weight of a map's nodes, for those that few places are near
+Draws = Callable[[str], np.random.Generator]  # a generator by what it is for, as `Streams`
 LATTICE = 9  # places along each side, over which an alignment is fitted
 
 
 def calibrated(
-    camera: Camera, design: Camera, settings: CameraCalibration, streams: core.Streams
+    camera: Camera, design: Camera, settings: CameraCalibration, streams: Draws
 ) -> Camera:
     """The camera model that a calibration finds, by running it: `calibrate` on stars as measured.
 
     camera   of the unit as it is at the calibration, with its residual
-    design   from which the fit starts
+    design   from which the fit starts; of a recursive one the camera as it is known, whose
+             principal point is held
     streams  of the unit
     """
     spots, matches = [], []
@@ -35,21 +37,21 @@ def calibrated(
         seen = pixel + settings.noise * random.standard_normal(pixel.shape)
         spots.append(_as_spots(seen, settings))
         matches.append(_as_matches(direction, design, attitude))
-    model = calibrate(spots, matches, design, _priors(settings)).camera
+    model = calibrate(spots, matches, design.ideal, _priors(settings)).camera
     return _mapped(camera, model, settings, streams)
 
 
-def drawn(
-    camera: Camera, design: Camera, settings: CameraCalibration, streams: core.Streams
-) -> Camera:
+def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: Draws) -> Camera:
     """The camera model of a calibration, drawn from the distribution of `calibrated`.
 
-        estimate - truth = G residual + N(0, (H^T M H + P)^-1) - (H^T M H + P)^-1 P (truth - design)
+        estimate - truth = G residual + C (H^T M K (truth - design) - P (truth - design)) + N(0, C)
+        C = (H^T M H + P)^-1
 
-    with the slopes H of the camera at the design, M the inverse of the measurements' covariance
-    without the part that an attitude takes up, and P that of the priors. On the ground the
-    positions are known and the residual there acts through the gain G; in orbit stars are anywhere
-    and the residual counts as noise of its rms over the frame.
+    with the slopes H of what is fitted and K of what is held, at the design, M the inverse of the
+    measurements' covariance without the part that an attitude takes up, and P that of the priors.
+    On the ground the positions are known and the residual there acts through the gain G; in orbit
+    stars are anywhere and the residual counts as noise of its rms over the frame. Arguments as
+    `calibrated`.
 
     Accuracy  the rms of what is left over the frame is that of `calibrated` within 5 %.
     """
@@ -65,7 +67,10 @@ def drawn(
         else:
             rms = np.sqrt(np.mean(camera.residual(_lattice(camera)) ** 2))
             noise = float(np.hypot(noise, rms))
-    covariance = np.linalg.inv(fit.normal / noise**2 + fit.prior)
+    normal = fit.normal / noise**2
+    held = np.delete(np.arange(len(truth)), free)
+    covariance = np.linalg.inv(normal[np.ix_(free, free)] + fit.prior)
+    shift = shift + covariance @ normal[np.ix_(free, held)] @ (truth - start)[held]
     shift = shift + np.linalg.cholesky(covariance) @ random.standard_normal(len(free))
     shift = shift - covariance @ fit.prior @ (truth - start)[free]
     vector = start.copy()
@@ -74,9 +79,7 @@ def drawn(
     return _mapped(camera, model, settings, streams)
 
 
-def _mapped(
-    camera: Camera, model: Camera, settings: CameraCalibration, streams: core.Streams
-) -> Camera:
+def _mapped(camera: Camera, model: Camera, settings: CameraCalibration, streams: Draws) -> Camera:
     """A camera model with the map that a calibration fits to what the model leaves.
 
     At the places of the calibration, measured with noise of their own.
@@ -114,7 +117,7 @@ def left_over(camera: Camera, believed: Camera) -> Floats:
 
 
 def _frames(
-    camera: Camera, settings: CameraCalibration, streams: core.Streams
+    camera: Camera, settings: CameraCalibration, streams: Draws
 ) -> Iterator[tuple[Floats, Rotation, np.random.Generator]]:
     """Places of stars, attitude and random numbers of each frame of a calibration."""
     random = streams("calibration run")
@@ -169,14 +172,15 @@ def _as_matches(direction: Floats, camera: Camera, attitude: Rotation) -> core.M
 def _priors(settings: CameraCalibration) -> Calibration:
     k1, k2, k3 = (DISTORTION if settings.order >= order else 0.0 for order in (3, 5, 7))
     tangential = DISTORTION if settings.tangential else 0.0
-    return Calibration(FOCAL, PRINCIPAL, k1, k2, k3, tangential, floor=0.0)
+    principal = 0.0 if settings.place == "recursive" else PRINCIPAL
+    return Calibration(FOCAL, principal, k1, k2, k3, tangential, floor=0.0)
 
 
 class _Fit(NamedTuple):
     """A linear fit of the camera.
 
     free    (k,) which of UNKNOWNS are fitted
-    normal  (k, k) for a noise of one pixel, without the part of the attitudes
+    normal  (8, 8) of UNKNOWNS for a noise of one pixel, without the part of the attitudes
     prior   (k, k)
     noise   pixel rms per axis
     gain    (k, 2 n) change of the unknowns by the places on the ground, pixel
@@ -199,15 +203,16 @@ def _fit(design: Camera, settings: CameraCalibration) -> _Fit:
     if settings.place == "ground":
         noise = float(np.hypot(noise, direction))
         apart = _slopes(design, _positions(design, settings))
-        normal = apart[:, free].T @ apart[:, free]
-        gain = np.asarray(np.linalg.solve(normal + noise**2 * prior, apart[:, free].T), float)
+        normal = apart.T @ apart
+        both = normal[np.ix_(free, free)] + noise**2 * prior
+        gain = np.asarray(np.linalg.solve(both, apart[:, free].T), float)
         return _Fit(free, normal, prior, noise, gain)
     # In orbit: the expected information of a frame of so many stars, from many frames.
     random, size = core.Streams(0, 0)("places of a calibration"), (design.columns, design.rows)
-    normal, frames = np.zeros((len(free), len(free))), 200
+    normal, frames = np.zeros((len(UNKNOWNS), len(UNKNOWNS))), 200
     for _ in range(frames):
         apart = _slopes(design, random.random((settings.stars, 2)) * size - 0.5)
-        normal += apart[:, free].T @ apart[:, free] * (settings.frames / frames)
+        normal += apart.T @ apart * (settings.frames / frames)
     return _Fit(free, normal, prior, noise, np.zeros((len(free), 0)))
 
 

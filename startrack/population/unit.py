@@ -1,6 +1,9 @@
 """Case, seed, moment -> the case of one unit, with what its tracker was calibrated to."""
 
+from dataclasses import replace
 from functools import lru_cache
+
+from numpy.random import Generator
 
 from startrack.attitude import Mounting
 from startrack.core import Camera, Streams
@@ -21,7 +24,7 @@ def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
     unit = _built(case, seed, moment)
     if unit.design is None or case.tracker.calibration is None:
         return unit
-    camera, mounting = _beliefs(case, seed, moment.unit, run)
+    camera, mounting = _beliefs(case, seed, moment, run)
     return _believing(unit, camera, mounting)
 
 
@@ -49,7 +52,7 @@ def placed(case: Case, like: Case, seed: int, moment: Moment) -> Case:
     unit = _with_places(case, like, seed, moment)
     if case.tracker.calibration is None:
         return unit
-    camera, mounting = _beliefs(case, seed, moment.unit, False)
+    camera, mounting = _beliefs(case, seed, moment, False)
     return _believing(unit, camera, mounting)
 
 
@@ -96,23 +99,53 @@ def middle_of(case: Case, age: float) -> Case | None:
     return _imaged_as(middle_case(case, age, names), case)
 
 
+def _beliefs(case: Case, seed: int, moment: Moment, run: bool) -> tuple[Camera, Mounting]:
+    """Camera and mounting that the tracker of a unit believes at a moment."""
+    assert case.tracker.calibration
+    camera, mounting = _calibrated_once(case, seed, moment.unit, run)
+    if case.tracker.calibration.place == "recursive":
+        camera = _followed(case, seed, replace(moment, frame=-1), run)
+    return camera, mounting
+
+
 @lru_cache(maxsize=64)
-def _beliefs(case: Case, seed: int, number: int, run: bool) -> tuple[Camera, Mounting]:
+def _calibrated_once(case: Case, seed: int, number: int, run: bool) -> tuple[Camera, Mounting]:
     """Camera and mounting that the calibration of a unit finds; kept for the 64 last units."""
     settings = case.tracker.calibration
     assert settings
-    moment = Moment(number, launched=settings.place == "orbit")
-    if imaged_alike(case):
-        built = _with_places(case, _as_imaged(case), seed, moment)
-    else:
-        built = _built(case, seed, moment)
-    if built.instrument.residual is not None and settings.temperature:
-        warm = built.instrument.residual.temperature + settings.temperature
-        built = unchecked(built, {"instrument.residual.temperature": warm})
+    launched = settings.place != "ground"
+    built = _as_calibrated(case, seed, Moment(number, launched=launched), settings.temperature)
     find = calibrated if run else drawn
     truth, design = built.instrument.camera, built.as_designed.believed_camera
-    camera = find(truth, design, settings, Streams(seed, number))
+    camera = find(truth, design, settings.once, Streams(seed, number))
     # The alignment to the spacecraft is measured with the same stars.
     turn = built.instrument.mounting.still.camera_to_body() * alignment(truth, camera).inv()
     x, y, z = turn.as_rotvec().tolist()
     return camera, Mounting(x, y, z)
+
+
+@lru_cache(maxsize=64)
+def _followed(case: Case, seed: int, moment: Moment, run: bool) -> Camera:
+    """Camera that a recursive calibration knows at a moment; kept for the 64 last moments."""
+    settings = case.tracker.calibration
+    assert settings
+    known, _ = _calibrated_once(case, seed, moment.unit, run)
+    built = _as_calibrated(case, seed, moment, 0.0)
+
+    def streams(cause: str) -> Generator:
+        return Streams(seed, moment.unit)(f"{cause} {moment.environment} {moment.age!r}")
+
+    find = calibrated if run else drawn
+    return find(built.instrument.camera, known, settings, streams)
+
+
+def _as_calibrated(case: Case, seed: int, moment: Moment, warmer: float) -> Case:
+    """A unit as its calibration sees it, where its residual is warmer than at its reference."""
+    if imaged_alike(case):
+        built = _with_places(case, _as_imaged(case), seed, moment)
+    else:
+        built = _built(case, seed, moment)
+    if built.instrument.residual is not None and warmer:
+        warm = built.instrument.residual.temperature + warmer
+        built = unchecked(built, {"instrument.residual.temperature": warm})
+    return built

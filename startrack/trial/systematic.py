@@ -332,7 +332,7 @@ def _jitter(design: Case) -> Floats:
 def _turns(design: Case) -> Floats:
     """Radian^2 (3,) about each axis."""
     calibration, turn = design.tracker.calibration, np.zeros(3)
-    left = {Scope.ENVIRONMENT, Scope.FRAME}
+    left = {Scope.ENVIRONMENT, Scope.FRAME}  # which a recursive one does not follow, either
     if calibration is None or calibration.place == "ground":
         left.add(Scope.LAUNCH)
     if calibration is None:

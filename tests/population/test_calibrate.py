@@ -91,6 +91,49 @@ def test_a_launch_comes_between_ground_and_orbit():
     assert found["orbit"] < 0.01 < found["ground"]
 
 
+def test_a_recursive_calibration_follows_temperature_and_age():
+    """Focal length by environment and age; principal point and mounting stay as they were found."""
+    case = replace(
+        CASE,
+        variation=(
+            Variation("instrument.optics.focal_length", sigma=1e-3, vary="relative",
+                      per="environment"),
+            Variation("instrument.optics.k1", sigma=0.05, per="life"),
+            Variation("instrument.optics.principal_x", sigma=5.0),
+        ),
+    )  # fmt: skip
+    found = {}
+    moments = [Moment(0, 0, 0, 1e7), Moment(0, 0, 1, 1e7), Moment(0, 1, 0, 3e7)]
+    for place in ("orbit", "recursive"):
+        settings = CameraCalibration(place, noise=1e-3)
+        now = replace(case, tracker=replace(CASE.tracker, calibration=settings))
+        found[place] = [unit_of(now, 3, moment) for moment in moments]
+        left = [rms(left_over(one.instrument.camera, one.believed_camera)) for one in found[place]]
+        assert (max(left) < 0.01) == (place == "recursive"), left
+    once, again = found["orbit"][0], found["recursive"]
+    assert again[0].believed_camera == again[1].believed_camera != again[2].believed_camera
+    for one in again:
+        assert one.believed_mounting == once.believed_mounting
+        assert one.believed_camera.principal_x == once.believed_camera.principal_x
+        assert one.believed_camera.focal_length_px != once.believed_camera.focal_length_px
+
+
+def test_a_recursive_calibration_makes_up_for_the_principal_point_that_it_holds():
+    """One that is ten pixels off: tangential terms, of 24 fits, drawn and run."""
+    settings = CameraCalibration("recursive", frames=30, tangential=True, noise=0.002)
+    camera = unit_case(VARIED, 3, Moment(0)).instrument.camera.ideal
+    known = replace(camera, principal_x=camera.principal_x + 10)
+    tangential = []
+    for find in (calibrated, drawn):
+        models = [find(camera, known, settings, Streams(3, number)) for number in range(24)]
+        assert all(model.principal_x == known.principal_x for model in models)
+        assert max(rms(left_over(camera, model)) for model in models) < 0.01
+        tangential.append([model.p2 for model in models])
+    run, law = np.array(tangential) - camera.p2
+    assert abs(law.mean()) > 5 * law.std(ddof=1)
+    assert run.mean() == pytest.approx(law.mean(), rel=0.05)
+
+
 def test_settings_that_make_no_calibration_are_refused():
     with pytest.raises(ValueError, match="order must be"):
         CameraCalibration(order=2)
