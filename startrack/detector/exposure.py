@@ -313,9 +313,13 @@ def star_grid(
     row, column = np.divmod(np.arange(len(stars)), across)
     position = np.column_stack([column, row]) * side + side // 2 + stars[:, :2]
     for weight, dx, dy in smear:
-        for points in (stars, companions):
-            at = position if points is stars else position + companions[:, :2]
-            stamp(electrons, psf, at[:, 0] + dx, at[:, 1] + dy, weight * points[:, 2], gain)
+        for at, light in (
+            (position, stars[:, 2]),
+            (position + companions[:, :2], companions[:, 2]),
+        ):
+            lit = np.flatnonzero(light)
+            x, y = (at[lit] + (dx, dy)).T
+            stamp(electrons, psf, x, y, weight * light[lit], gain)
     if detector.crosstalk:
         electrons = diffuse(electrons, detector.crosstalk)
     electrons += detector.dark_rate * detector.exposure
