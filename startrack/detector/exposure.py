@@ -279,51 +279,57 @@ def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
 
 
 def star_grid(
-    stars: Floats,
-    companions: Floats,
-    across: int,
+    place: Floats,
+    flux: Floats,
     side: int,
     smear: Floats,
     psf: core.Psf,
     detector: Detector,
     sky: float,
+    companions: tuple[Floats, Floats] | None = None,
     dark: Floats | None = None,
 ) -> tuple[core.Frame, Floats]:
     """Expected digital numbers of stars, each in the middle of its cell.
 
-    Cells in the same column have pixels of the same random response and dark signal.
+    The places of stars are those of a row of cells, in rows of other fluxes. Cells in the same
+    column have pixels of the same random response and dark signal.
 
-    stars       (n, 3) x and y (pixel) from the middle of the cell, electron
-    companions  (n, 3) x and y (pixel) from the star, electron, of another star in the cell
-    across      cells in a row; n is a multiple of it
+    place       (c, 2) x and y (pixel) from the middle of the cell
+    flux        (r,) electron
     side        pixel, odd, of a cell
     smear       (m, 3) weight, x and y (pixel) of the points of a star's path
     sky         electron of the uniform background in a pixel of mean response
-    dark        (across, side, side) electron above the dark signal of all pixels; None: zero
-    Returns     Frame of numbers that are not rounded, and (n, 2) pixel, positions of the stars
+    companions  (c, 2) x and y (pixel) from the star, of another star in the cell, and their (r,)
+                electron; None: there are none
+    dark        (k c, side, side) electron above the dark signal of all pixels: the places are taken
+                k times in a row; None: zero
+    Returns     Frame of numbers that are not rounded, and (r k c, 2) pixel, positions of the stars
+    Accuracy    model: light that leaves the row of cells is lost.
     """
-    size = FRAME_BYTES * len(stars) * side**2
-    core.require_memory(size, f"images of {len(stars)} stars of {side} x {side} pixels")
-    gain = np.ones((side, across * side))
+    count = len(place) if dark is None else len(dark)
+    size = FRAME_BYTES * len(flux) * count * side**2
+    core.require_memory(size, f"images of {len(flux) * count} stars of {side} x {side} pixels")
+    middle = np.column_stack([np.arange(len(place)) * side, np.zeros(len(place), int)]) + side // 2
+    stars, electrons = middle + place, np.full((len(flux), side, count * side), sky)
+    every = [(stars, flux)]
+    if companions:
+        every.append((stars + companions[0], companions[1]))
+    for at, light in every:
+        image = np.zeros((side, len(place) * side))
+        for weight, dx, dy in smear:
+            stamp(image, psf, at[:, 0] + dx, at[:, 1] + dy, np.full(len(at), weight))
+        electrons += light[:, None, None] * np.tile(image, count // len(place))
     if detector.prnu:
-        draw = device_streams(detector)("response of a grid").standard_normal(gain.shape)
-        gain = np.maximum(1 + detector.prnu * draw, 0.0)
-    gain = np.tile(gain, (len(stars) // across, 1))
-    electrons = sky * gain
-    row, column = np.divmod(np.arange(len(stars)), across)
-    position = np.column_stack([column, row]) * side + side // 2 + stars[:, :2]
-    for weight, dx, dy in smear:
-        for at, light in (
-            (position, stars[:, 2]),
-            (position + companions[:, :2], companions[:, 2]),
-        ):
-            lit = np.flatnonzero(light)
-            x, y = (at[lit] + (dx, dy)).T
-            stamp(electrons, psf, x, y, weight * light[lit], gain)
+        shape = side, count * side
+        draw = device_streams(detector)("response of a grid").standard_normal(shape)
+        electrons *= np.maximum(1 + detector.prnu * draw, 0.0)
     if detector.crosstalk:
-        electrons = diffuse(electrons, detector.crosstalk)
+        electrons = diffuse(electrons.reshape(-1, count * side), detector.crosstalk)
+        electrons = electrons.reshape(len(flux), side, -1)
     electrons += detector.dark_rate * detector.exposure
     if dark is not None:
-        row_of_cells = dark.transpose(1, 0, 2).reshape(side, across * side)
-        electrons += np.tile(row_of_cells, (len(stars) // across, 1))
-    return to_frame(mean_numbers(electrons, law_of(detector)), detector), position
+        electrons += dark.transpose(1, 0, 2).reshape(side, count * side)
+    numbers = mean_numbers(electrons.reshape(-1, count * side), law_of(detector))
+    row, column = np.divmod(np.arange(len(flux) * count), count)
+    position = np.column_stack([column, row]) * side + side // 2
+    return to_frame(numbers, detector), position + np.resize(place, position.shape)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Flags, Floats, Ints, Psf, Streams
+from startrack.core import Flags, Floats, Psf, Streams
 from startrack.design import Case
 from startrack.detection import Expectation, expect, margin
 from startrack.detector import star_grid
@@ -71,26 +71,27 @@ class Grid:
         return within_frame(side, self.case.instrument.detector)
 
     def expect(
-        self, stars: Floats, companions: Floats, across: int, dark: Floats | None = None
-    ) -> tuple[Expectation, Floats]:
-        """What is to be expected of stars (n, 3), and their places; arguments as `star_grid`."""
+        self, place: Floats, flux: Floats, companions: tuple[Floats, Floats] | None = None,
+        dark: Floats | None = None,
+    ) -> tuple[Expectation, Floats]:  # fmt: skip
+        """What is to be expected of stars (n), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
         plan = detection_plan(self.case)
         psf, smear = shaken(self.case.instrument, self.psf), _smear(self.case)
-        cells = across, self.side, smear, psf, detector, self.sky, dark
-        frame, place = star_grid(stars, companions, *cells)
+        frame, at = star_grid(
+            place, flux, self.side, smear, psf, detector, self.sky, companions, dark
+        )
         empty = self.sky + detector.dark_rate * detector.exposure
         level = detector.offset + empty / detector.electrons_per_dn
         area = detector.columns * detector.rows
-        return expect(frame, place, level, area, plan, self.search), place
+        return expect(frame, at, level, area, plan, self.search), at
 
 
 def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
     """The response of the detection to stars of all fluxes and positions in the pixel."""
     flux = fluxes_between(faintest, brightest)
-    count = len(flux)
-    stars = np.column_stack([np.tile(phases(), (count, 1)), np.repeat(flux, PHASES**2)])
-    seen, place = grid.expect(stars, np.zeros_like(stars), PHASES**2)
+    count, light = len(flux), np.repeat(flux, PHASES**2)
+    seen, place = grid.expect(phases(), flux)
     shape = (count, PHASES, PHASES)
     bias = np.column_stack([seen.x, seen.y]) - place
     variance_x, variance_y = seen.covariance[:, 0, 0], seen.covariance[:, 1, 1]
@@ -99,13 +100,13 @@ def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
         xx = np.sqrt(variance_x)
         yx = seen.covariance[:, 0, 1] / xx
         root = np.stack([xx, yx, np.sqrt(np.maximum(variance_y - yx**2, 0))], axis=-1)
-        light = np.column_stack([seen.flux / stars[:, 2], seen.sigma / seen.flux])
-    root *= stars[:, 2:]
+        gain = np.column_stack([seen.flux / light, seen.sigma / seen.flux])
+    root *= light[:, None]
     return Response(
         math.log(faintest),
         np.where(good[:, None], bias, 0.0).reshape(1, *shape, 2),
         np.where(good[:, None], root, 0.0).reshape(1, *shape, 3),
-        np.where(good[:, None], light, 0.0).reshape(1, *shape, 2),
+        np.where(good[:, None], gain, 0.0).reshape(1, *shape, 2),
         np.where(good, seen.above / seen.spread, -np.inf).reshape(1, *shape),
         np.where(good, seen.kept, 0.0).reshape(1, *shape),
         _at_threshold(seen, good.reshape(count, -1)),
@@ -192,17 +193,16 @@ def hot_windows(
     samples, few = len(dark), min(len(dark), SAMPLES)  # of few places
     phase = Streams(0, 0)("places of stars near hot pixels").random((few, 2)) - 0.5
 
-    def expected(each: Ints, behind: Floats | None) -> tuple[Floats, Floats, Floats]:
+    def expected(behind: Floats | None, count: int) -> tuple[Floats, Floats, Floats]:
         """Displacement (l, k, 2), amount above the threshold and chance to be kept (l, k)."""
-        shape = len(flux), len(each)
-        stars = np.column_stack([np.tile(phase[each], (len(flux), 1)), np.repeat(flux, len(each))])
-        seen, place = grid.expect(stars, np.zeros_like(stars), len(each), behind)
+        shape = len(flux), count
+        seen, place = grid.expect(phase, flux, dark=behind)
         moved = np.column_stack([seen.x, seen.y]) - place
         return moved.reshape(*shape, 2), seen.above.reshape(shape), seen.kept.reshape(shape)
 
     of_place = np.arange(samples) % few
-    alone, above_alone, _ = (part[:, of_place] for part in expected(np.arange(few), None))
-    seen, above, kept = expected(of_place, dark)
+    alone, above_alone, _ = (part[:, of_place] for part in expected(None, few))
+    seen, above, kept = expected(dark, samples)
     shift = seen - alone
     shift[~(kept > KEPT)] = np.nan
     shift[~((above_alone > 0) & np.isfinite(alone[..., 0]))] = 0.0  # such a star is lost anyway
@@ -223,19 +223,16 @@ def companion_shift(grid: Grid, flux: float) -> Floats:
     offset = np.arange(-REACH, REACH + 1.0)
     y, x = np.meshgrid(offset, offset, indexing="ij")
     many = x.size
-    stars = np.tile([0.0, 0.0, flux], (len(RATIOS) * many, 1))
-    companions = np.column_stack([
-        np.tile(x.ravel(), len(RATIOS)), np.tile(y.ravel(), len(RATIOS)),
-        np.repeat(flux * np.exp(RATIOS), many),
-    ])  # fmt: skip
-    seen, place = grid.expect(stars, companions, many)
-    alone, _ = grid.expect(stars[:many], np.zeros((many, 3)), many)
+    middle, off = np.zeros((many, 2)), np.column_stack([x.ravel(), y.ravel()])
+    other = flux * np.exp(RATIOS)
+    seen, place = grid.expect(middle, np.full(len(RATIOS), flux), (off, other))
+    alone, _ = grid.expect(middle, np.array([flux]))
     centroid = np.column_stack([seen.x, seen.y])
     pull = centroid - np.tile(np.column_stack([alone.x, alone.y]), (len(RATIOS), 1))
     pull[:, 1] -= np.repeat(np.arange(len(RATIOS)), many) * (place[many, 1] - place[0, 1])
     away = np.hypot(*(centroid - place).T)
-    lost = away > np.hypot(*(centroid - place - companions[:, :2]).T)
-    pull[lost & (companions[:, 2] >= flux)] = np.nan
+    lost = away > np.hypot(*(centroid - place - np.tile(off, (len(RATIOS), 1))).T)
+    pull[lost & (np.repeat(other, many) >= flux)] = np.nan
     side = len(offset)
     return pull.reshape(len(RATIOS), side, side, 2)
 

@@ -9,6 +9,7 @@ from startrack.detector import Detector
 from startrack.detector.exposure import star_grid
 
 SIDE, ACROSS, SIGMA = 15, 3, 0.8
+MIDDLE = np.zeros((ACROSS, 2))
 STILL = np.array([[1.0, 0.0, 0.0]])
 DETECTOR = Detector(64, 64, 5e-6, 0.2, offset=50, full_well=65535.0, bits=16, read_noise=5.0)
 
@@ -19,17 +20,16 @@ def gaussian() -> Psf:
     return Psf(np.outer(line, line), 16, 1.0)
 
 
-def electrons(stars, companions=None, smear=STILL, sky=40.0, **changes):
+def electrons(place, flux, companions=None, smear=STILL, sky=40.0, dark=None, **changes):
     """Electrons (cells, SIDE, SIDE) above nothing, and the stars' places in their cells."""
     one = Detector(**{**DETECTOR.__dict__, **changes})
-    stars = np.atleast_2d(np.array(stars, float))
-    companions = np.zeros_like(stars) if companions is None else np.atleast_2d(companions)
-    frame, place = star_grid(stars, companions, ACROSS, SIDE, smear, gaussian(), one, sky)
-    down = len(stars) // ACROSS
+    place, flux = np.array(place, float), np.array(flux, float)
+    frame, at = star_grid(place, flux, SIDE, smear, gaussian(), one, sky, companions, dark)
+    across = frame.image.shape[1] // SIDE
     cells = (frame.image - frame.offset) * frame.electrons_per_dn
-    cells = cells.reshape(down, SIDE, ACROSS, SIDE).swapaxes(1, 2).reshape(-1, SIDE, SIDE)
-    corner = SIDE * np.stack(np.divmod(np.arange(len(stars)), ACROSS)[::-1], axis=1)
-    return cells, place - corner
+    cells = cells.reshape(len(flux), SIDE, across, SIDE).swapaxes(1, 2).reshape(-1, SIDE, SIDE)
+    corner = SIDE * np.stack(np.divmod(np.arange(len(cells)), across)[::-1], axis=1)
+    return cells, at - corner
 
 
 def centre(cell):
@@ -40,37 +40,44 @@ def centre(cell):
 
 
 def test_a_cell_without_a_star_holds_sky_and_dark_current():
-    cells, _ = electrons(np.zeros((6, 3)), dark_current=30.0)
+    cells, _ = electrons(MIDDLE, [0, 0], dark_current=30.0)
     np.testing.assert_allclose(cells, 40 + 30 * 0.2, atol=1e-3)
 
 
 def test_each_star_lies_in_its_own_cell_where_it_should():
-    stars = [
-        [0.3, -0.2, 1e4],
-        [0, 0, 2e4],
-        [-0.4, 0.1, 3e4],
-        [0, 0, 4e4],
-        [0, 0.5, 5e4],
-        [0.1, 0, 0],
-    ]
-    cells, place = electrons(stars)
-    np.testing.assert_allclose(place, np.array(stars)[:, :2] + SIDE // 2)
+    place, flux = [[0.3, -0.2], [0, 0.5], [-0.4, 0.1]], [1e4, 5e4]
+    cells, at = electrons(place, flux)
+    np.testing.assert_allclose(at, np.tile(place, (2, 1)) + SIDE // 2)
     light = cells.sum(axis=(1, 2)) - 40 * SIDE**2
-    np.testing.assert_allclose(light, np.array(stars)[:, 2], rtol=1e-4, atol=0.5)
-    for cell, wanted in zip(cells[:5], place[:5], strict=True):
+    np.testing.assert_allclose(light, np.repeat(flux, 3), rtol=1e-4, atol=0.5)
+    for cell, wanted in zip(cells, at, strict=True):
         np.testing.assert_allclose(centre(cell), wanted, atol=2e-3)
 
 
 def test_a_companion_stands_beside_its_star():
     """A third of the light two pixels to the right and one below pulls the centre by as much."""
-    cells, place = electrons([[0.2, 0.1, 2e4]] * 3, [[2.0, 1.0, 1e4]] * 3)
+    beside = np.tile([2.0, 1.0], (3, 1)), np.array([1e4, 0.0])
+    cells, place = electrons([[0.2, 0.1]] * 3, [2e4, 2e4], beside)
     np.testing.assert_allclose(centre(cells[1]) - place[1], [2 / 3, 1 / 3], atol=3e-3)
+    np.testing.assert_allclose(centre(cells[4]), place[4], atol=2e-3)
+
+
+def test_windows_of_dark_signal_take_the_places_again_and_again():
+    """Six windows behind three places: each holds its own above the star of its place."""
+    place, dark = [[0.3, -0.2], [0, 0.5], [-0.4, 0.1]], np.zeros((6, SIDE, SIDE))
+    dark[np.arange(6), 3, np.arange(6)] = 500.0 * np.arange(6)
+    plain, _ = electrons(place, [1e4, 5e4])
+    cells, at = electrons(place, [1e4, 5e4], dark=dark)
+    np.testing.assert_allclose(at, np.tile(place, (4, 1)) + SIDE // 2)
+    for k, cell in enumerate(cells):
+        star = plain[3 * (k // 6) + k % 3]
+        np.testing.assert_allclose(cell - star, dark[k % 6], atol=0.02)
 
 
 def test_a_path_spreads_a_star_over_its_points():
     """Second moments add: half of the time a pixel to the right, half a pixel to the left."""
     path = np.array([[0.5, 1.0, 0.0], [0.5, -1.0, 0.0]])
-    (cell, *_), _ = electrons([[0, 0, 2e4]] * 3, smear=path)
+    (cell, *_), _ = electrons(MIDDLE, [2e4], smear=path)
     light = cell - cell[0, 0]
     row, column = np.indices(cell.shape) - SIDE // 2
     spread = [(light * each**2).sum() / light.sum() for each in (column, row)]
@@ -79,8 +86,8 @@ def test_a_path_spreads_a_star_over_its_points():
 
 def test_crosstalk_spreads_and_keeps():
     """To the left and the right goes twice the fraction, one pixel far."""
-    (sharp, *_), _ = electrons([[0, 0, 2e4]] * 3)
-    (wide, *_), _ = electrons([[0, 0, 2e4]] * 3, crosstalk=0.1)
+    (sharp, *_), _ = electrons(MIDDLE, [2e4])
+    (wide, *_), _ = electrons(MIDDLE, [2e4], crosstalk=0.1)
     assert wide.sum() == pytest.approx(sharp.sum(), rel=1e-6)
     column = np.arange(SIDE) - SIDE // 2
     rise = ((wide - sharp) * column**2).sum() / 2e4
@@ -88,7 +95,7 @@ def test_crosstalk_spreads_and_keeps():
 
 
 def test_stars_of_one_column_share_unequal_pixels():
-    cells, _ = electrons(np.zeros((30, 3)), sky=1e4, prnu=0.05)
+    cells, _ = electrons(MIDDLE, np.zeros(10), sky=1e4, prnu=0.05)
     rows = cells.reshape(10, ACROSS, SIDE, SIDE)
     np.testing.assert_array_equal(rows, np.broadcast_to(rows[0], rows.shape))
     # Of 675 pixels, a deviation is known to 2.7 %.
