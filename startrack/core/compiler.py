@@ -32,6 +32,7 @@ from numba.core.sigutils import normalize_signature
 from startrack.core.interpret import interpreter
 
 config: Any = numba.config  # its names are made when it is read
+COUNTING = "_nrt"  # numba's option to count references to arrays
 DIGEST = 32  # byte, of the hash at the end of a file of compiled code
 FAILED = "kernels take twice as long to compile, because this version of numba has changed"
 KERNELS = list["KernelDispatcher"]()
@@ -39,14 +40,16 @@ REPORTS = list[Callable[[float], None]]()  # called with the seconds that compil
 
 
 def compiled(function: FunctionType, **options: Any) -> KernelDispatcher:
-    """As `numba.njit(cache=True)`."""
+    """As `uncached`, kept on disk."""
     made = uncached(function, **options)
     made._cache, made.kept_in = _Cache(function), config.CACHE_DIR
     return made
 
 
-def uncached(function: FunctionType, **options: Any) -> KernelDispatcher:
-    """As `numba.njit`."""
+def uncached(function: FunctionType, borrows: bool, **options: Any) -> KernelDispatcher:
+    """As `numba.njit`; for `borrows` see `kernel`."""
+    if borrows and hasattr(CPUDispatcher.targetdescr.options, COUNTING):
+        options[COUNTING] = False
     return KernelDispatcher(function, targetoptions={"nopython": True, **options})
 
 

@@ -41,17 +41,21 @@ except Exception as error:  # whatever a name raises that numba has no more, or 
     warnings.warn(f"{FAILED}: {error}", RuntimeWarning, stacklevel=2)
 
 
-def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+def kernel(
+    function: Callable[..., Any] | None = None, borrows: bool = False, **options: Any
+) -> Any:
     """Compile a function when it is first called, and keep it on disk.
 
     As `numba.njit(cache=True, error_model="numpy")`. Only kernels of this package are kept: of
     other code it is not known what they are made of.
 
+    borrows   whether it makes and returns no arrays: then numba need not count references to those
+              that it is given, which takes most of the time of short kernels
     options   further ones of njit, such as fastmath or forceinline
     Returns   what njit returns; a decorator where there is no function
     """
     if function is None:
-        return partial(kernel, **options)
+        return partial(kernel, borrows=borrows, **options)
     if getattr(config, "DISABLE_JIT", False):
         plain: Any = function
         plain.py_func = function  # where those look who call the Python code of a kernel
@@ -60,7 +64,8 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     global compiler
     if compiler:
         try:
-            return in_folder(compiler.compiled, compiler.uncached)(function, **options)
+            decorate = in_folder(compiler.compiled, compiler.uncached)
+            return decorate(function, borrows=borrows, **options)
         except Exception as error:
             compiler = None
             warnings.warn(f"{FAILED}: {error}", RuntimeWarning, stacklevel=2)

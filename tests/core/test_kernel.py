@@ -12,6 +12,7 @@ from io import StringIO
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 from numba import config
 from numba.core.errors import TypingError
@@ -295,6 +296,37 @@ def test_an_error_of_a_kernel_itself_is_raised_and_changes_nothing():
     with pytest.raises(TypingError):
         wrong(1.0)
     assert not compiler.KernelDispatcher.plain
+
+
+def total_of(kernel, **options):
+    """A number that a kernel takes from an array, by an inner one with these options."""
+
+    @kernel(**options)
+    def inner(values, i):
+        return values[i]
+
+    @kernel
+    def total(values):
+        return inner(values, 0) + inner(values, 1)
+
+    return total(np.array([1.0, 2.0]))
+
+
+def test_a_kernel_that_borrows_cannot_make_an_array():
+    """As nothing would count the references to it."""
+
+    def new(n):
+        return np.zeros(n)
+
+    assert total_of(core.kernel, borrows=True) == 3.0
+    assert len(core.kernel(new)(2)) == 2
+    with pytest.raises(TypingError):
+        core.kernel(new, borrows=True)(2)
+
+
+def test_without_the_option_not_to_count_references_they_are_counted(monkeypatch):
+    monkeypatch.setattr(compiler, "COUNTING", "no_such_option")
+    assert total_of(core.kernel, borrows=True) == 3.0
 
 
 def test_an_error_that_an_inner_kernel_raises_arrives():

@@ -48,7 +48,7 @@ def refine(
     return converged, guess + t, u + i, v + j, height, path.sine, path.cosine
 
 
-@kernel
+@kernel(borrows=True)
 def settle(
     lines: Lattice, heights: Singles, ray: Ray, slot: int, j: int, i: int, low: float, high: float,
     s: float,
@@ -129,7 +129,7 @@ def empty_bundle() -> Floats:
     return bundle
 
 
-@kernel
+@kernel(borrows=True)
 def lay_all(bundle: Floats, lines: Lattice, exact: bool) -> None:
     """The first path of each ray, by `entry_and_exit` and `lay`."""
     for k in range(WIDTH):
@@ -146,7 +146,7 @@ def lay_all(bundle: Floats, lines: Lattice, exact: bool) -> None:
         bundle[SINE + k], bundle[COSINE + k] = path.sine, path.cosine
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def ray_of(bundle: Floats, k: int) -> Ray:
     """Ray k."""
     return Ray(
@@ -155,7 +155,7 @@ def ray_of(bundle: Floats, k: int) -> Ray:
     )  # fmt: skip
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def segment_of(bundle: Floats, k: int) -> Segment:
     """The first segment of ray k."""
     path = Path(
@@ -167,7 +167,7 @@ def segment_of(bundle: Floats, k: int) -> Segment:
     return Segment(bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k], path)
 
 
-@kernel
+@kernel(borrows=True)
 def refine_all(bundle: Floats, lines: Lattice) -> None:
     """The point and the normal in each ray's cell, by `refine` and `normal_at`."""
     for k in range(WIDTH):

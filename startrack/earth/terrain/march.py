@@ -76,7 +76,7 @@ def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool
     return Segment(middle, half, margin, path_at(lines, ray, middle))
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def march(
     lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float, end: float,
 ) -> tuple[int, float, float, float, int, int]:  # fmt: skip
@@ -99,7 +99,7 @@ def march(
         segment = segment_from(lines, ray, begin, end, False)
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _along(
     lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float,
 ) -> tuple[int, float, float, float, int, int]:  # fmt: skip
@@ -247,7 +247,7 @@ def _exits(
     return exit_u, exit_v
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _through(
     lines: Lattice, surface: Surface, ray: Ray, segment: Segment, piece: Piece, s: float,
 ) -> tuple[int, float, float, float, int, int]:  # fmt: skip
@@ -336,7 +336,7 @@ def _at(q0: float, q1: float, q2: float, s: float) -> float:
     return q0 + s * (q1 + s * q2)
 
 
-@kernel
+@kernel(borrows=True)
 def _first_block(
     heights: Singles, maxima: Singles, steepness: Singles, used: NDArray[np.uint8],
     segment: Segment, u0: float, rates: Rates, slot: int, j: int, i: int, s: float, extent: float,
@@ -376,7 +376,7 @@ def _lowest(path: Path, slope: float, s: float, leave: float) -> float:
     return _at(path.h0, path.h1, path.h2, s if slope >= 0 else leave)
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _highest(top: Floats, maxima: Singles, slot: int, level: int, j: int, i: int) -> float:
     """Largest height of the block around the cell [j, i]; infinity of a single cell."""
     if level == SIZE:
@@ -401,7 +401,7 @@ def _next_block(cell: int, level: int, sign: int) -> int:
     return first + (1 << level) if sign > 0 else first - 1
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _horizon_at(horizon: Horizon, u: float, v: float) -> float:
     """Height above which rays at a place meet nothing any more."""
     ahead, across = (v, u) if horizon.by_rows else (u, v)
@@ -414,7 +414,7 @@ def _horizon_at(horizon: Horizon, u: float, v: float) -> float:
     return float(horizon.bound[column, strip])
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _cell_by_parabola(
     heights: Singles, segment: Segment, u0: float, s: float, leave: float, slot: int, j: int,
     i: int,
@@ -441,7 +441,7 @@ def _cell_by_parabola(
     return ABSENT, s, s, s
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _too_steep(
     steepness: Singles, slot: int, level: int, j: int, i: int, slope: float, rates: Rates,
 ) -> bool:  # fmt: skip
@@ -451,7 +451,7 @@ def _too_steep(
     return ground < slope - rates.slack
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _start(
     maxima: Singles, steepness: Singles, slot: int, j: int, i: int, height: float, slope: float,
     rates: Rates,
@@ -475,7 +475,7 @@ def _start(
     return level
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _over(heights: Singles, path: Path, u0: float, slot: int, j: int, i: int, s: float) -> bool:
     """Whether a path is above the surface of a cell; not so in a hole."""
     a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
@@ -491,7 +491,7 @@ def _clear(
     return path.h0 + s * (path.h1 + s * path.h2) - (a + b * u + (c + d * u) * v)
 
 
-@kernel
+@kernel(borrows=True)
 def _cell_exact(
     lines: Lattice, heights: Singles, ray: Ray, middle: float, piece: Piece, s: float, leave: float,
     slot: int, j: int, i: int,
@@ -546,7 +546,7 @@ def _parabola_minimum(first: float, second: float, third: float) -> tuple[float,
     return third, 1.0  # of NaN, NaN
 
 
-@kernel
+@kernel(borrows=True)
 def above(
     lines: Lattice, heights: Singles, slot: int, j: int, i: int, path: Path, s: float,
 ) -> tuple[float, float, float]:  # fmt: skip

@@ -219,7 +219,7 @@ class Lattice(NamedTuple):
     highest: float
 
 
-@kernel
+@kernel(borrows=True)
 def lattice(surface):  # type: ignore[no-untyped-def]
     """The lines of a surface."""
     longitude = surface.west + 0.5 * surface.columns * surface.step_x
@@ -244,7 +244,7 @@ def locate(lines, x, y, z):  # type: ignore[no-untyped-def]
     return u, v, height, sine, cosine, across
 
 
-@kernel
+@kernel(borrows=True)
 def corners(heights, slot, j, i):  # type: ignore[no-untyped-def]
     """Height = a + b x + c y + d x y within the cell [j, i] of a slot; NaN in a hole."""
     a = float(heights[slot, j, i])

@@ -122,7 +122,7 @@ def go_on(surface: Surface, origin: Floats, direction: Floats, hits: Hits, exact
             _describe_all(surface, lines, bundle, who[:count], hits)
 
 
-@kernel
+@kernel(borrows=True)
 def _gather(
     bundle: Floats, who: Ints, n: int, origin: Floats, direction: Floats, hits: Hits,
 ) -> tuple[int, int]:  # fmt: skip
@@ -143,7 +143,7 @@ def _gather(
     return n, count
 
 
-@kernel
+@kernel(borrows=True)
 def _march_all(
     surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: Hits, exact: bool,
 ) -> None:  # fmt: skip
@@ -174,7 +174,7 @@ def _march_all(
             bundle[of.B + k], bundle[of.C + k], bundle[of.D + k] = b, c, d
 
 
-@kernel
+@kernel(borrows=True)
 def _describe_all(surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: Hits) -> None:
     """Point and normal of each ray that hit; by `settle` where `refine` did not find them."""
     status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
@@ -203,14 +203,14 @@ def _describe_all(surface: Surface, lines: Lattice, bundle: Floats, who: Ints, h
         _describe(surface, lines, j >> SIZE, i >> SIZE, x, y, over, place[n], normal[n])
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _put_place(surface: Surface, u: float, v: float, place: Floats) -> None:
     longitude = surface.west + u * surface.step_x
     place[0] = longitude - FULL_TURN * math.floor(longitude / FULL_TURN + 0.5)
     place[1] = surface.north - v * surface.step_y
 
 
-@kernel
+@kernel(borrows=True)
 def _describe(
     surface: Surface, lines: Lattice, tile_j: int, tile_i: int, x: float, y: float,
     over: tuple[float, float, float, float, float], place: Floats, normal: Floats,
