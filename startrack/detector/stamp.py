@@ -114,7 +114,7 @@ def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-unty
         add_path(image, shape, weight, x, y, electrons, n, 0, 0, gain, work)
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def add_path(
     image: Floats, shape: PsfTable, weight: Floats, x: Floats, y: Floats, electrons: Floats,
     n: int, left: int, top: int, gain: Floats, work: Work,
@@ -137,7 +137,7 @@ def add_path(
             _add_about(image, shape, first, many, electrons[n], gain, work)
 
 
-@kernel
+@kernel(borrows=True)
 def _places(
     size: tuple[int, int], shape: PsfTable, weight: Floats, x: Floats, y: Floats, n: int,
     left: int, top: int, work: Work,
@@ -158,14 +158,14 @@ def _places(
     return many
 
 
-@kernel
+@kernel(borrows=True)
 def _is_seen(u, v, rows, columns, shape):  # type: ignore[no-untyped-def]
     """Whether light of a point reaches an image; of NaN, behind the camera, none does."""
     reach = (shape.samples // 2 - 3) // shape.oversampling
     return -reach - 1 < u < columns + reach and -reach - 1 < v < rows + reach
 
 
-@kernel
+@kernel(borrows=True)
 def _place(centre: float, pixels: int, shape: PsfTable) -> tuple[int, int, int, int, float]:
     """Along one axis: the nearest pixel, the first and last around it where its image is seen.
 
@@ -183,7 +183,7 @@ def _place(centre: float, pixels: int, shape: PsfTable) -> tuple[int, int, int, 
     return pixel, first, last, base, at - base
 
 
-@kernel(forceinline=True)
+@kernel(borrows=True, forceinline=True)
 def _add_product(
     image: Floats, shape: PsfTable, weight: float, u: float, v: float, light: float,
     gain: Floats, work: Work,
@@ -212,7 +212,7 @@ def _add_product(
     _add_light(image, star, across, top, bottom, left, right, light, gain)
 
 
-@kernel
+@kernel(borrows=True)
 def _add_about(image, shape, first, many, electrons, gain, work):  # type: ignore[no-untyped-def]
     """Add the light of all points about the pixel of the first one."""
     column, left, right, row, lowest, highest = work.about[first]
@@ -225,7 +225,7 @@ def _add_about(image, shape, first, many, electrons, gain, work):  # type: ignor
     _add_light(image, star, shape.across, top, bottom, left, right, electrons[0], gain)
 
 
-@kernel
+@kernel(borrows=True)
 def _sum(
     star: Floats, shape: PsfTable, electrons: Floats, first: int, many: int, work: Work
 ) -> None:
@@ -244,7 +244,7 @@ def _sum(
             _add_images(star, shape.several[k].reshape(-1), work.begin, work.short, count)
 
 
-@kernel
+@kernel(borrows=True)
 def _alike(about, other):  # type: ignore[no-untyped-def]
     alike = True
     for k in range(6):
@@ -252,7 +252,7 @@ def _alike(about, other):  # type: ignore[no-untyped-def]
     return alike
 
 
-@kernel
+@kernel(borrows=True)
 def _collect(shape: PsfTable, first: int, many: int, curved: bool, work: Work) -> int:
     """Write where the images of samples begin, and their weights; how many, a multiple of four.
 
@@ -299,7 +299,7 @@ def _collect(shape: PsfTable, first: int, many: int, curved: bool, work: Work) -
     return count
 
 
-@kernel
+@kernel(borrows=True)
 def _add_images(star, table, begin, share, count):  # type: ignore[no-untyped-def]
     """Add the weighted images of samples, all rows in one loop."""
     many = len(star)
@@ -319,7 +319,7 @@ def _add_images_of_arrays(star, table, begin, share, count):  # type: ignore[no-
     star += share[:count] @ table[begin[:count, None] + np.arange(len(star))]
 
 
-@kernel
+@kernel(borrows=True)
 def _add_light(image, star, across, top, bottom, left, right, light, gain):  # type: ignore[no-untyped-def]
     even = gain.size == 1
     for j in range(top, bottom + 1):
