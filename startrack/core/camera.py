@@ -244,7 +244,8 @@ class Camera(Parameters):
         if self.polynomial is not None:
             return self._without_polynomial(pixel, self.polynomial)
         if self.distorted and len(pixel):
-            plane = self._undistorted((pixel - self.centre) / self.focal_length_px)
+            distorted = (pixel - self.centre) / self.focal_length_px
+            plane = _undistorted(distorted, self.k1, self.k2, self.p1, self.p2, self.k3)
         else:
             plane = (pixel - self.centre) / self.focal_length_px
         direction = np.column_stack([plane, np.ones(len(plane))])
@@ -261,28 +262,6 @@ class Camera(Parameters):
             if not np.abs(plane - before).max(initial=0.0) > SMALLEST_STEP:
                 break
         return direction
-
-    def _undistorted(self, distorted: Floats) -> Floats:
-        """The points (n, 2) that `distort` makes these of, by OpenCV's iteration to its end."""
-        start_x, start_y = distorted.T
-        x, y = start_x, start_y
-        for _ in range(ROUNDS):
-            r2 = x * x + y * y
-            radial = 1 + ((self.k3 * r2 + self.k2) * r2 + self.k1) * r2
-            off_x = 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x)
-            off_y = self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                new_x, new_y = (start_x - off_x) / radial, (start_y - off_y) / radial
-            # Beyond the turning point of the distortion there is no inverse; OpenCV's answer.
-            new_x, new_y = (
-                np.where(radial > 0, new_x, start_x),
-                np.where(radial > 0, new_y, start_y),
-            )
-            moved = np.abs(new_x - x).max() + np.abs(new_y - y).max()
-            x, y = new_x, new_y
-            if not moved > LEAST_STEP:
-                break
-        return np.column_stack([x, y])
 
     def holds(self, pixel: Floats, margin: float = 0.0) -> Flags:
         """Which pixels (n, 2) lie on the array, or at most `margin` pixel outside."""
@@ -305,6 +284,31 @@ def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
             pixel[k, 0] = direction[k, 0] / direction[k, 2] * focal + x
             pixel[k, 1] = direction[k, 1] / direction[k, 2] * focal + y
     return pixel
+
+
+@kernel
+def _undistorted(
+    distorted: Floats, k1: float, k2: float, p1: float, p2: float, k3: float
+) -> Floats:
+    """The points (n, 2) that `distort` makes these of, by OpenCV's iteration to its end."""
+    plane = distorted.copy()
+    for _ in range(ROUNDS):
+        most_x = most_y = 0.0
+        for n in range(len(plane)):
+            start_x, start_y = distorted[n]
+            x, y = plane[n]
+            r2 = x * x + y * y
+            radial = 1 + ((k3 * r2 + k2) * r2 + k1) * r2
+            off_x = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+            off_y = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+            # Beyond the turning point of the distortion there is no inverse; OpenCV's answer.
+            plane[n] = start_x, start_y
+            if radial > 0:
+                plane[n] = (start_x - off_x) / radial, (start_y - off_y) / radial
+            most_x, most_y = max(most_x, abs(plane[n, 0] - x)), max(most_y, abs(plane[n, 1] - y))
+        if not most_x + most_y > LEAST_STEP:
+            break
+    return plane
 
 
 @kernel(inline="always")
