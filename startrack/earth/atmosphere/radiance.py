@@ -90,15 +90,10 @@ class Terms(NamedTuple):
 
 
 def radiance(
-    table: FineTable,
-    sight: Sight,
-    reflectance: Reals,
-    surroundings: Reals,
-    heat: Heat | None = None,
-    temperature: Floats | None = None,
-    air_temperature: float = 275.0,
+    table: FineTable, sight: Sight, reflectance: Reals, surroundings: Reals,
+    heat: Heat | None = None, temperature: Floats | None = None, air_temperature: float = 275.0,
     direct: Reals | None = None,
-) -> Terms:
+) -> Terms:  # fmt: skip
     """Radiance of n pixels of ground.
 
         L_em = (1 - rho) B(T) t
@@ -171,14 +166,9 @@ def sight_of(ground: Ground) -> Sight:
 
 
 def at_sensor(
-    ground: Ground,
-    table: BandTable,
-    reflectance: Reals,
-    surroundings: Reals,
-    heat: Heat | None = None,
-    temperature: Floats | None = None,
-    direct: Reals | None = None,
-) -> Terms:
+    ground: Ground, table: BandTable, reflectance: Reals, surroundings: Reals,
+    heat: Heat | None = None, temperature: Floats | None = None, direct: Reals | None = None,
+) -> Terms:  # fmt: skip
     """Radiance of n rays; those that miss the ground see a black sky.
 
     reflectance  (n, b) or (b,) 1, of the ground; without effect where a ray misses

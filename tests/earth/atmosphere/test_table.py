@@ -8,6 +8,7 @@ from air_files import save_table
 
 from startrack.core.units import deg, nm, um
 from startrack.earth.atmosphere import (
+    SPREADS,
     Air,
     AirTable,
     Reach,
@@ -255,15 +256,37 @@ def test_shipped_tables_are_those_that_were_built():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
 
+def three_tables():
+    names = ("molecules", "rural-23km", "rural-5km")
+    return [load_table(shipped(f"atmosphere/{name}.fits")) for name in names]
+
+
+@pytest.mark.parametrize("which", [1, 2])
+def test_at_the_visibility_of_a_table_the_mixture_is_that_table(which):
+    tables = three_tables()
+    made = mixed(tables[which].air, tables)
+    for name in ("path", "seen", "around", "beam", "skylight", "backscatter", "returned", "spread"):
+        np.testing.assert_allclose(
+            getattr(made, name), getattr(tables[which], name), rtol=1e-5, atol=1e-7
+        )
+
+
+@pytest.mark.parametrize("visibility", [7e3, 12e3, 60e3, 120e3])
+def test_no_more_light_comes_from_the_ground_than_there_is(visibility):
+    made = mixed(Air(visibility=visibility), three_tables())
+    for part in (made.spread.sum(-1), made.returned.sum(-1), made.seen + made.around):
+        assert part.max() <= 1.005
+
+
 @pytest.mark.parametrize("visibility", [12e3, pytest.param(40e3, marks=pytest.mark.slow)])
 def test_other_visibility_is_between_the_tables(visibility):
-    """Light of the air and through it, against the solver."""
+    """Light of the air and through it, against the solver; from how far, against photon paths."""
     pytest.importorskip("sasktran2")
+    from air_photons import spread
     from air_solver import columns_of
     from air_solver import solve_radiance as solved
 
-    names = ("molecules", "rural-23km", "rural-5km")
-    tables = [load_table(shipped(f"atmosphere/{name}.fits")) for name in names]
+    tables = three_tables()
     wavelength = np.array([550e-9])  # the same to the last digit: its particles are kept
     air = Air(visibility=visibility)
     table = mixed(air, tables)
@@ -274,4 +297,9 @@ def test_other_visibility_is_between_the_tables(visibility):
     assert table.path[6, 0, -1, 0, 4, 4] == pytest.approx(float(black[0, 0, 0]), rel=0.03)
     (column,) = columns_of(air, wavelength, 0.0)
     depth = np.trapezoid(column.molecules + column.aerosol, column.height)
-    assert table.seen[6, 0, -1, 0] == pytest.approx(np.exp(-depth), rel=0.01)
+    assert table.seen[6, 0, -1, 0] == pytest.approx(np.exp(-depth), rel=1e-3)
+    weights, _ = spread(column, table.altitude[-1:], 100_000, np.random.default_rng(1))
+    within = -np.expm1(-((SPREADS[:, None] / SPREADS) ** 2) / 2) @ (
+        np.stack([weights[0], table.spread[6, 0, -1]]).T
+    )
+    np.testing.assert_allclose(*within.T, atol=0.02)
