@@ -239,14 +239,16 @@ def observe_earth(
     folder: Path,
     turn: sight.Jitter | None = None,
     camera: core.Camera | None = None,
+    terrain: Pyramid | None = None,
 ) -> Iterator[Strip]:
     """Ground that all pixels of a scene see, some lines at a time.
 
     folder   folder of the files
     turn     attitude jitter, as in `sight`
     camera   of the sensor's pixels, with its distortion; None: the sensor's own, without
+    terrain  of the scene, with the tiles that were read before; None: opened here
     """
-    terrain, charts = scene.terrain.open(folder), scene.terrain.charts(folder)
+    terrain, charts = terrain or scene.terrain.open(folder), scene.terrain.charts(folder)
     cell = terrain.terrain.grid.step_y
     sensor, orbit = scene.sensor, scene.carrier
     elements, dating = sensor.elements(orbit), sensor.dating(orbit)

@@ -29,7 +29,7 @@ from startrack.earth.imager.lens import (
     nominal,
 )
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
-from startrack.earth.terrain import Ground, geodetic
+from startrack.earth.terrain import Ground, Pyramid, geodetic
 from startrack.motion import Motion, realise_motion
 from startrack.motion import blur as motion_blur
 from startrack.optics import Optics
@@ -84,6 +84,7 @@ class Setting(NamedTuple):
     smile        bands of a line that smile bends, and the share of each in each column (columns,)
     clouds       layers in this band
     environment  reflectance around each pixel; None: `surroundings` everywhere
+    terrain      of the scene, with the tiles that were read; None: not opened yet
     """
 
     period: float
@@ -98,6 +99,7 @@ class Setting(NamedTuple):
     smile: tuple[tuple[Band, Floats], ...] = ()
     clouds: tuple[Deck, ...] = ()
     environment: Environment | None = None
+    terrain: Pyramid | None = None
 
 
 def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
@@ -111,7 +113,8 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     """
     scene = survey.scene(channel)
     flight = scene.carrier
-    glimpse = _coarse_ground(scene, channel, folder)
+    terrain = scene.terrain.open(folder)
+    glimpse = _coarse_ground(scene, channel, folder, terrain)
     start = geometry.fly(flight, np.zeros(1)).position
     ground = np.concatenate([seen.height for seen in glimpse])
     above = float(geodetic(start)[2][0]) - (float(ground.mean()) if len(ground) else 0.0)
@@ -126,12 +129,12 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     if around is None:
         around = _mean_reflectance(survey.land, glimpse, band)
         if band.table.spread is not None and len(ground):
-            environment = _environment(survey, channel, folder, glimpse, band)
+            environment = _environment(survey, channel, folder, terrain, glimpse, band)
     electrons = channel.etendue() * exposure * band.electrons
     drift = smear(channel, period, geometry.ground_rate(flight))
     setting = Setting(
         period, exposure, drift, lens.images, band, around, electrons, lens.camera, lens.light,
-        clouds=decks_of(survey.clouds, band, folder), environment=environment,
+        clouds=decks_of(survey.clouds, band, folder), environment=environment, terrain=terrain,
     )  # fmt: skip
     return _with_smile(survey, channel, setting, max(above, 1.0))
 
@@ -294,7 +297,7 @@ def _strips(
     """Radiance (lines, columns, rays), before the lens; also fills in the picture's terms."""
     scene = survey.scene(channel)
     spread = channel.detector.pitch / channel.optics.image_distance / survey.rays
-    for strip in geometry.observe_earth(scene, folder, turn, setting.camera):
+    for strip in geometry.observe_earth(scene, folder, turn, setting.camera, setting.terrain):
         lines, columns, rays = strip.shape
         here = slice(strip.first, strip.first + lines)
         terms = _along_smile(survey.land, strip, setting, spread)
@@ -360,13 +363,15 @@ def _place(strip: geometry.Strip) -> tuple[Floats, Floats]:
     return geodetic(point)[:2]
 
 
-def _coarse_ground(scene: geometry.EarthScene, channel: Channel, folder: Path) -> list[Ground]:
+def _coarse_ground(
+    scene: geometry.EarthScene, channel: Channel, folder: Path, terrain: Pyramid
+) -> list[Ground]:
     """The ground of the image by a few rays."""
     coarse = replace(scene, sensor=_coarse(scene.sensor, scene.carrier), sky_rays=0)
     camera = nominal(channel, coarse.sensor)
     return [
         strip.ground[strip.ground.hit]
-        for strip in geometry.observe_earth(coarse, folder, None, camera)
+        for strip in geometry.observe_earth(coarse, folder, None, camera, terrain)
     ]
 
 
@@ -377,8 +382,9 @@ def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
 
 
 def _environment(
-    survey: Survey, channel: Channel, folder: Path, glimpse: list[Ground], band: Band
-) -> Environment:
+    survey: Survey, channel: Channel, folder: Path, terrain: Pyramid, glimpse: list[Ground],
+    band: Band,
+) -> Environment:  # fmt: skip
     def sent(ground: Ground) -> Floats:
         seen = reflection(survey.land, ground, band.wavelength, band.weight)
         return leaving(ground, band, seen.sky, None if seen.direct is seen.sky else seen.direct)
@@ -386,7 +392,8 @@ def _environment(
     distance = float(np.median(np.concatenate([ground.distance for ground in glimpse])))
     spacing = distance * channel.detector.pitch / channel.optics.image_distance / survey.rays
     mean = float(np.concatenate([sent(ground) for ground in glimpse]).mean())
-    return around_scene(survey.scene(channel), folder, glimpse, spacing, mean, band, sent)
+    scene = survey.scene(channel)
+    return around_scene(scene, folder, terrain, glimpse, spacing, mean, band, sent)
 
 
 def around_of(setting: Setting, ground: Ground) -> Floats | float:

@@ -93,7 +93,7 @@ def make_product(
     saturated = numbers >= calibration.saturation
     scene = survey.scene(channel)
     grounds = []
-    for strip in observe_earth(scene, folder, None, setting.camera):
+    for strip in observe_earth(scene, folder, None, setting.camera, setting.terrain):
         which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
         grounds.append(strip.ground[which.ravel()])
         advance(0.3 * strip.shape[0] / lines)

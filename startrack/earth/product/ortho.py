@@ -18,12 +18,10 @@ from startrack.earth.terrain import (
     EQUATORIAL,
     Ground,
     NorthUp,
-    Rays,
     between,
-    cartesian,
+    rays_down,
     require_rasterio,
     survey,
-    up,
 )
 from startrack.space import sun_direction
 
@@ -39,7 +37,6 @@ QUALITY = {
 PROJECTIONS = "utm", "geographic"
 RESAMPLING = {"nearest": 0, "bilinear": 1, "cubic": 3}  # order of the spline
 STEEPEST = 60 * deg  # between a slope's normal and the camera; chosen by hand
-ABOVE = 20e3  # metre from which a ray looks down on each cell
 CLOUDY = 0.1  # vertical optical depth from which a layer counts as cloud; chosen by hand
 CELLS = 2**17  # at a time, which limits the memory
 SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one that is seen
@@ -230,10 +227,8 @@ def place_cells(
     for first in range(0, grid.rows, step):
         rows = slice(first, min(first + step, grid.rows))
         place = grid.places(rows)
-        above, rise = cartesian(*place, np.full(len(place[0]), ABOVE)), up(*place)
-        rays = Rays(above, -rise, np.full(len(above), spread / ABOVE))
-        ground = survey(terrain, rays, sun)
-        pixel = np.full((len(above), 2), math.nan)
+        ground = survey(terrain, rays_down(*place, spread), sun)
+        pixel = np.full((len(ground), 2), math.nan)
         hit = ground.hit
         pixel[hit] = locator.locate(ground.point[hit])
         quality = _quality(ground, locator, pixel, farthest, spread * SLACK, clouds)

@@ -28,7 +28,7 @@ survey           Ground from rays: what each ray meets, its illumination by the 
 
 from startrack.earth.terrain.constant_height import ConstantHeight
 from startrack.earth.terrain.ellipsoid import EQUATORIAL, cartesian, geodetic, up
-from startrack.earth.terrain.ground import Ground, Rays, between, joined
+from startrack.earth.terrain.ground import Ground, Rays, between, joined, rays_down
 from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.pyramid import Pyramid
 from startrack.earth.terrain.scan import Scan

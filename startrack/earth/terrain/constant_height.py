@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Flags, Floats, finite, kernel
-from startrack.earth.terrain.ellipsoid import shell, vertical
+from startrack.earth.terrain.ellipsoid import angle, shell, vertical
 from startrack.earth.terrain.ground import Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
 from startrack.earth.terrain.trace import Hits, no_hits
@@ -72,10 +72,9 @@ def _meet(
         x, y, z = ox + s * dx, oy + s * dy, oz + s * dz
         sine, cosine, above, across = vertical(x, y, z)
         status[n], distance[n] = HIT, s
-        longitude = math.atan2(y, x)
-        place[n, 0], place[n, 1], place[n, 2] = longitude, math.atan2(sine, cosine), above
-        normal[n, 0], normal[n, 1] = cosine * math.cos(longitude), cosine * math.sin(longitude)
-        normal[n, 2] = sine
+        place[n, 0], place[n, 1], place[n, 2] = angle(y, x), angle(sine, cosine), above
+        scale = cosine / max(across, 1e-3)
+        normal[n, 0], normal[n, 1], normal[n, 2] = scale * x, scale * y, sine
 
 
 def tangent_height(rays: Rays) -> np.ndarray:

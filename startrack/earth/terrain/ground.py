@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Flags, Floats, printed
-from startrack.earth.terrain.ellipsoid import up
+from startrack.earth.terrain.ellipsoid import cartesian, up
 
+ABOVE = 20e3  # metre from which rays look straight down
 Levels = NDArray[np.int8]  # of a pyramid of terrain, 0 the finest
 
 
@@ -33,6 +35,12 @@ class Rays:
 
     def __getitem__(self, choice: Flags | NDArray[np.intp] | slice) -> Rays:
         return Rays(self.origin[choice], self.direction[choice], self.spread[choice])
+
+
+def rays_down(longitude: Floats, latitude: Floats, spacing: float) -> Rays:
+    """Rays straight down to places (n,) radian, `spacing` metre apart on the ground."""
+    above = cartesian(longitude, latitude, np.full(len(longitude), ABOVE))
+    return Rays(above, -up(longitude, latitude), np.full(len(above), spacing / ABOVE))
 
 
 @printed
@@ -82,14 +90,7 @@ class Ground:
         return len(self.hit)
 
     def __getitem__(self, choice: Flags | NDArray[np.intp] | slice) -> Ground:
-        maps = {name: values[choice] for name, values in self.maps.items()}
-        apart = ("sun", "maps")
-        of_rays = {
-            field.name: getattr(self, field.name)[choice]
-            for field in fields(self)
-            if field.name not in apart
-        }
-        return replace(self, **of_rays, maps=maps)
+        return _changed([self], lambda values: values[0][choice])
 
     @property
     def view_zenith(self) -> Floats:
@@ -104,15 +105,15 @@ class Ground:
 
 def joined(parts: Sequence[Ground]) -> Ground:
     """Ground of several parts of an image, under one Sun."""
-    first = parts[0]
-    apart = ("sun", "maps")
-    of_rays = {
-        field.name: np.concatenate([getattr(part, field.name) for part in parts])
-        for field in fields(first)
-        if field.name not in apart
-    }
-    maps = {name: np.concatenate([part.maps[name] for part in parts]) for name in first.maps}
-    return replace(first, **of_rays, maps=maps)
+    return _changed(parts, np.concatenate)
+
+
+def _changed(parts: Sequence[Ground], change: Callable[[list[Any]], Any]) -> Ground:
+    """The first part with what `change` makes of each array of all parts."""
+    names = [field.name for field in fields(Ground) if field.name not in ("sun", "maps")]
+    maps = {name: change([part.maps[name] for part in parts]) for name in parts[0].maps}
+    arrays = {name: change([getattr(part, name) for part in parts]) for name in names}
+    return replace(parts[0], **arrays, maps=maps)
 
 
 def between(first: Floats, second: Floats) -> Floats:

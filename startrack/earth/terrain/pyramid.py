@@ -17,11 +17,8 @@ from startrack.earth.terrain.tile import CELLS, Cache
 from startrack.earth.terrain.trace import Hits, go_on, no_hits, waiting
 
 
-def beside(surface: Surface, sea: float | None, rays: Rays, hits: Hits) -> Hits:
-    """The same hits, replaced by the sea where a ray meets it first, beside the surface."""
-    if sea is None:
-        return hits
-    wet = meet_constant_height(rays, sea)
+def beside(surface: Surface, wet: Hits, hits: Hits) -> Hits:
+    """The same hits, replaced by those of the sea where it is met first, beside the surface."""
     first = wet.hit & (wet.distance < hits.distance) & ~covered(surface, wet.place)
     hits.put(first, wet.of(first))
     return hits
@@ -75,16 +72,17 @@ class Pyramid:
 
         Raises    OSError where a tile cannot be read; ValueError where a height lies beyond the
                   bounds.
-        Accuracy  model: a ray keeps the level that follows from its resolution at the ellipsoid.
+        Accuracy  model: a ray keeps the level that follows from its resolution at the sea.
         """
-        level, out = self.choose(rays), no_hits(len(rays))
+        wet, out = meet_constant_height(rays, self.sea), no_hits(len(rays))
+        level = self.choose(rays, wet)
         for own_level in np.unique(level):
             mine = np.flatnonzero(level == own_level)
             some, surface = rays[mine], self._surface(int(own_level))
             hits = waiting(len(mine), 0.0)
             while self._fetch(int(own_level), hits):
                 go_on(surface, some.origin, some.direction, hits, True)
-            out.put(mine, beside(surface, self.sea, some, hits))
+            out.put(mine, beside(surface, wet.of(mine), hits))
         return out, level
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
@@ -100,12 +98,11 @@ class Pyramid:
             out[mine] = hits.hit | under(surface, self.sea, some, start)
         return out
 
-    def choose(self, rays: Rays) -> Levels:
-        """The level of each ray, from its resolution where it meets the ellipsoid.
+    def choose(self, rays: Rays, there: Hits) -> Levels:
+        """The level of each ray, from its resolution where it meets the sea.
 
         level = floor(log2(sharpness * distance * spread / cell)),  at least that of the source
         """
-        there = meet_constant_height(rays, 0.0)
         seen = there.hit & (rays.spread > 0) & (self.sharpness > 0)
         cell = self.terrain.grid.step_y * EQUATORIAL
         with np.errstate(divide="ignore", invalid="ignore"):

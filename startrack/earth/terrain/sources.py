@@ -235,7 +235,8 @@ def bilinear(
         (j + 1, i, y * (1 - x)), (j + 1, after, y * x),
     ):  # fmt: skip
         # A vertex without a fraction has no say, be it a hole.
-        out += np.where(fraction > 1e-9, values[row, column] * fraction, 0.0)
+        used = fraction > 1e-9
+        out += np.where(used, values[row, column] * fraction, 0.0) if used.any() else 0.0
     return np.where(inside, out, np.nan).astype(np.float32)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,19 +46,13 @@ class Hits(NamedTuple):
 
     def put(self, choice: NDArray[np.intp] | Flags, other: Hits) -> None:
         """Take the rays of `choice` from other hits, in their order."""
-        self.status[choice], self.distance[choice] = other.status, other.distance
-        self.place[choice], self.normal[choice] = other.place, other.normal
-        self.tile[choice] = other.tile
+        pairs: Any = zip(self, other, strict=True)
+        for mine, theirs in pairs:
+            mine[choice] = theirs
 
     def of(self, choice: NDArray[np.intp] | Flags) -> Hits:
         """The hits of some rays."""
-        return Hits(
-            self.status[choice],
-            self.distance[choice],
-            self.place[choice],
-            self.normal[choice],
-            self.tile[choice],
-        )
+        return Hits._make(values[choice] for values in self)
 
     status: NDArray[np.uint8]
     distance: Floats

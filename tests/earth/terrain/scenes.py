@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from startrack.core.streams import Streams
 from startrack.earth.terrain import Grid, Rays, cartesian, fractal, up
+from startrack.earth.terrain.constant_height import meet_constant_height
 from startrack.earth.terrain.pyramid import Flags, Levels, beside, under
 from startrack.earth.terrain.surface import Surface
 from startrack.earth.terrain.trace import Hits, blocked, trace
@@ -27,7 +28,9 @@ class Relief:
     def meet(self, rays: Rays) -> tuple[Hits, Levels]:
         """As `trace`, or the sea where that is nearer and beside the surface."""
         hits = trace(self.surface, rays)
-        return beside(self.surface, self.sea, rays, hits), np.zeros(len(rays), np.int8)
+        if self.sea is not None:
+            hits = beside(self.surface, meet_constant_height(rays, self.sea), hits)
+        return hits, np.zeros(len(rays), np.int8)
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
         """As `blocked`; the sea stops rays, too, and so does the Earth below all heights."""
