@@ -4,7 +4,8 @@
 
 `adjacency_error`: the largest relative error of the radiance at a satellite, at places around a
 coast and a bright patch of 1 km, beside photons that fly in three dimensions
-(`tests/oracle/adjacency.py`); `adjacency_of_mean` with the mean of the surroundings alone.
+(`tests/oracle/adjacency.py`), with rays of three distances, which lie on other cells of the
+surroundings; `adjacency_of_mean` with the mean of the surroundings alone.
 `adjacency_cost`: CPU time of an image with the light of its surroundings over one with their mean,
 in turns. `within_one_sigma`, `within_two_sigma`: shares of pixels of trials (`earth_trials.py`),
 of the layer that is farthest from 68 and 95 %. `real_*`: a Landsat 7 image (`earth_real.py`), with
@@ -55,7 +56,7 @@ from startrack.plots import BLUE, GREY, RED, picture, save_picture, styled
 Floats = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
 ORACLE = ROOT / "tests/oracle/adjacency.json"
-SPACING = 15.0  # metre between rays: pixels of 30 m with 2 x 2 rays
+SPACINGS = 15.0, 12.0, 20.0  # metre between rays; 15: pixels of 30 m with 2 x 2 rays
 COAST = Fractal(0.0, 0.0, 200.0, 64, 1e-3)  # flat
 MEANS = {"coast": 0.16, "patch": 0.1}
 SUN = 40 * deg  # from the zenith
@@ -79,7 +80,10 @@ def main() -> None:
     parser.add_argument("--rays", type=int, default=RAYS, help="along a side, beside Embree")
     parser.add_argument("--picture", type=Path, help="draw the coast and the patch here")
     options = command.read(parser, trials=2, size=48, rays=20)
-    found = {(c["wavelength"], case): shining(c, case) for c in columns() for case in MEANS}
+    found = {
+        (column["wavelength"], column["visibility"], case, spacing): shining(column, case, spacing)
+        for column in columns() for case in MEANS for spacing in SPACINGS
+    }  # fmt: skip
     shares = earth_trials.shares(options.trials)
     warm = earth_trials.shares(options.trials, thermal=True)
     shares |= {f"{layer} of a thermal channel": found for layer, found in warm.items()}
@@ -110,7 +114,7 @@ def main() -> None:
 
 
 def columns() -> list[dict[str, Any]]:
-    """What photons say, at two wavelengths."""
+    """What photons say, at two wavelengths and two visibilities."""
     told: list[dict[str, Any]] = json.loads(ORACLE.read_text())["columns"]
     return told
 
@@ -122,19 +126,22 @@ def reflectance(case: str, x: Floats, y: Floats) -> Floats:
     return np.where(np.maximum(abs(x), abs(y)) < 500, 0.8, 0.1)
 
 
-def shining(column: dict[str, Any], case: str) -> Shining:
-    """The radiance of one case at one wavelength, with its surroundings and with their mean."""
+def shining(column: dict[str, Any], case: str, spacing: float) -> Shining:
+    """The radiance of one case in one air, with its surroundings and with their mean.
+
+    spacing  metre between rays
+    """
     wavelength = column["wavelength"] * nm
     edges = np.array([-1.5, -1.0, 1.0, 1.5]) * nm + wavelength
     channel = Channel("one", Optics(0.1, 4.0), _detector(40), Curve(tuple(edges), (0, 1, 1, 0)))
-    band = band_of(channel, Air(), 700e3, 1.0)
+    band = band_of(channel, Air(visibility=column["visibility"]), 700e3, 1.0)
     theirs = column["collected"][case]
     x = np.array(theirs["place"], float)
     ground, mean = nadir(x, np.zeros(len(x))), MEANS[case]
     rho = reflectance(case, x, np.zeros(len(x)))
     corners = nadir(np.array([-6e3, 6e3, 0.0]), np.array([-6e3, 6e3, 0.0]))
     around = surrounded(
-        [corners], SPACING, mean, band,
+        [corners], spacing, mean, band,
         lambda *place: reflectance(case, *(angle * EQUATORIAL for angle in place)),
     )  # fmt: skip
     unused: Any = None
@@ -188,13 +195,13 @@ def _detector(size: int) -> Detector:
 
 
 @styled
-def draw(found: dict[tuple[float, str], Shining], path: Path) -> None:
+def draw(found: dict[tuple[float, float, str, float], Shining], path: Path) -> None:
     """Radiance over that of photons, with the surroundings and with their mean."""
     figure = picture(3.4, "Radiance at a satellite beside photons in three dimensions")
     axes = figure.subplots(1, 2, sharey=True)
     for ax, case in zip(axes, MEANS, strict=True):
-        for (wavelength, kind), one in found.items():
-            if kind == case:
+        for (wavelength, visibility, kind, spacing), one in found.items():
+            if (visibility, kind, spacing) == (23e3, case, SPACINGS[0]):
                 style, band = {470: "o", 865: "s"}[int(wavelength)], f"{wavelength:g} nm"
                 ax.plot(one.place / 1e3, one.plain, style, color=RED, label=f"{band}, mean")
                 ax.plot(one.place / 1e3, one.ours, style, color=BLUE, label=f"{band}, as it is")

@@ -2,11 +2,12 @@
 
     python tests/oracle/adjacency.py
 
-writes adjacency.json in two minutes. Photons start down from 60 km and fly through the air by null
-collisions (Woodcock et al., 1965) in metres, not in optical depths; ground reflects them like
+writes adjacency.json in three minutes. Photons start down from 60 km and fly through the air by
+null collisions (Woodcock et al., 1965) in metres, not in optical depths; ground reflects them like
 Lambert's, and each time they meet it they collect its reflectance. Nothing of the package takes
-part; extinction and phase functions of `startrack`'s air at two wavelengths are inputs, which
-adjacency.json keeps. With 4e6 photons the standard error is below 2e-4 of the irradiance.
+part; extinction and phase functions of `startrack`'s air at two wavelengths and two visibilities
+are inputs, which adjacency.json keeps. With 4e6 photons the standard error is below 2e-4 of the
+irradiance.
 """
 
 from __future__ import annotations
