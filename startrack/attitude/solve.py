@@ -131,6 +131,7 @@ def solve(
     tolerance: float = 0.0,
     own: Floats | None = None,
     shared: SharedErrors | None = None,
+    beside: Floats | None = None,
 ) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
@@ -147,6 +148,8 @@ def solve(
     own        (m,) pixel^2 per axis, systematic variance of the matched stars' centroids; None: the
                square of `settings.centroid_floor`
     shared     errors that stars have alike, which the covariance then holds; None: none are known
+    beside     (m,) pixel^2 per axis, errors of unknown stars of these, which weight none; the
+               covariance holds them where the residuals are no larger than noise; None: zero
     Returns    Estimate; not solved where the matches are not, or do not determine the attitude
     """
     if matches.status is not core.Status.SOLVED:
@@ -179,12 +182,17 @@ def solve(
     chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
     excess = total / freedom if chance < SIGNIFICANCE else 1.0
     stated = best.covariance * excess
-    if shared is not None:
+    if excess > 1 or (beside is not None and not beside.any()):
+        beside = None
+    if shared is not None or beside is not None:
         plane = _plane(matches, best, used)
         focal = matches.camera.focal_length_px
         inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)
         gain = attitude_gain(plane, inverse, focal, tolerance)
-        stated = stated + shared.added(gain, pixel[used])
+        if shared is not None:
+            stated = stated + shared.added(gain, pixel[used])
+        if beside is not None:
+            stated = stated + np.einsum("inx,n,jnx->ij", gain, beside[used], gain)
     return Estimate(
         core.Status.SOLVED,
         matches.reason,

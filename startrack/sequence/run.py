@@ -132,9 +132,9 @@ def lasting_parts(
     """What of a measured attitude's covariance lasts (3, 3, 3): over pixels in x, in y, and over
     the field.
 
-    Of least squares with the weights w of stars, of whose variance a part v lasts,
+    Of least squares with the weights w of stars, of whose variance a fraction f lasts,
 
-        P [sum w^2 v (J_x J_x' + J_y J_y')] P,   P^-1 = sum w (J_x J_x' + J_y J_y')
+        P [sum w f (J_x J_x' + J_y J_y')] P,   P^-1 = sum w (J_x J_x' + J_y J_y')
 
     with the slopes J_x and J_y of a star's place by turns about the axes, of which an error in x
     has the first and one in y the second; in proportion to what the estimate states of itself.
@@ -143,8 +143,9 @@ def lasting_parts(
     """
     assert estimate.icrs_to_camera is not None
     noise = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
-    systematic, pixel = (
-        part(case)[matches.star] for part in (trial.systematic_variance, trial.pixel_variance)
+    systematic, pixel, hot = (
+        part(case)[matches.star]
+        for part in (trial.systematic_variance, trial.pixel_variance, trial.hot_variance)
     )
     weight = 1 / (noise + systematic)
     u, v, w = estimate.icrs_to_camera.apply(matches.direction).T
@@ -160,8 +161,8 @@ def lasting_parts(
     # Triangles of P^-1 and of the inverse of what is stated: P is stretched to it.
     fit = np.linalg.cholesky(summed(weight, in_x, in_y))
     stretch = np.linalg.solve(np.linalg.cholesky(np.linalg.inv(still)).T, np.linalg.inv(fit))
-    of_pixel = weight**2 * np.maximum(pixel, 0.0)
-    of_field = weight**2 * np.maximum(systematic - pixel, 0.0)
+    share = weight / (noise + systematic + hot)
+    of_pixel, of_field = share * (pixel + hot), share * np.maximum(systematic - pixel, 0.0)
     sums = summed(of_pixel, in_x), summed(of_pixel, in_y), summed(of_field, in_x, in_y)
     return np.array([stretch @ part @ stretch.T for part in sums])
 

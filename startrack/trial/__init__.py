@@ -101,6 +101,7 @@ from startrack.trial.stars import (
 from startrack.trial.systematic import (
     blending_shift,
     focal_stretches,
+    hot_variance,
     pixel_variance,
     pixel_variance_of,
     shared_errors,

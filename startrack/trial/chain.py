@@ -24,7 +24,12 @@ from startrack.trial.exposure import at_one_time, exposure_of, straighten, sweep
 from startrack.trial.pointing import line_of_sight, random_attitude, reference_attitude
 from startrack.trial.spots import spots_of
 from startrack.trial.stars import light_of, stars_in_field
-from startrack.trial.systematic import focal_stretches, shared_errors, systematic_variance
+from startrack.trial.systematic import (
+    focal_stretches,
+    hot_variance,
+    shared_errors,
+    systematic_variance,
+)
 from startrack.trial.window import spots_in_windows
 
 MANY = 0.8  # of the stars that match, with which a motion may be the right one
@@ -266,7 +271,8 @@ def identify_and_solve(
 def estimate_of(case: Case, tracker: Tracker, spots: Spots, matches: Matches) -> Estimate:
     """The attitude from matched stars, with what the tracker of a case knows of their errors."""
     systematic, stretch = systematic_variance(case), focal_stretches(case)
-    return solve_matches(spots, matches, tracker, systematic, stretch, shared_errors(case))
+    shared, hot = shared_errors(case), hot_variance(case)
+    return solve_matches(spots, matches, tracker, systematic, stretch, shared, hot)
 
 
 def solve_matches(
@@ -276,16 +282,19 @@ def solve_matches(
     systematic: Floats | None = None,
     stretch: Floats | None = None,
     shared: SharedErrors | None = None,
+    hot: Floats | None = None,
 ) -> Estimate:
     """The attitude from matched stars; arguments as of `identify_and_solve`.
 
     shared   errors that stars have alike; None: none are known
+    hot      (n,) pixel^2, as `hot_variance`, for the stars of the catalogue; None: zero
     """
     tolerance = tracker.identification.focal_tolerance
     if stretch is not None and len(matches):
         spots, matches = shrunk(spots, matches, tracker, stretch)
     variance = None if systematic is None else systematic[matches.star]
-    return solve(spots, matches, tracker.attitude, tolerance, variance, shared)
+    beside = None if hot is None else hot[matches.star]
+    return solve(spots, matches, tracker.attitude, tolerance, variance, shared, beside)
 
 
 def shrunk(
