@@ -156,7 +156,8 @@ def lasting_parts(
     def summed(weight: Floats, *slopes: Floats) -> Floats:
         return np.asarray(sum((weight[:, None] * slope).T @ slope for slope in slopes))
 
-    shared = trial.shared_errors(case)
+    # Code of one's own states its covariance itself.
+    shared = None if core.is_code(case.tracker.attitude.method) else trial.shared_errors(case)
     still = estimate.covariance - np.diag(shared.turn) if shared else estimate.covariance
     # Triangles of P^-1 and of the inverse of what is stated: P is stretched to it.
     fit = np.linalg.cholesky(summed(weight, in_x, in_y))
@@ -364,7 +365,8 @@ def run(
              fields of Outcome for the frame alone, error and stated sigma (radian, axes of the
              camera of the design) of the filter after the frames of all heads, and of the
              alignment of a further head about its axes; NaN where there is none
-    Raises    those of `flight` and of the chain's rooms; Refused that names what windows cannot do.
+    Raises    those of `flight` and of the chain's rooms; Refused that names what windows cannot
+              do, or heads of a unit.
     Accuracy  model: the tracker gets each frame at the end of its exposure. A swing of the
               mounting stays where it is for the whole sequence, at a random phase; the mounting
               is that of the bench which all heads stand on, and moves them together. Windows have
@@ -436,6 +438,7 @@ class _Head:
         self._learnt = None
         if self._filter:
             self._learnt = attitude.first_camera(self._camera, self._filter)
+        self._believed = sequence.heads[head - 1].to_head if head else turn
         self._kept, self._stars = kept, _StarImages(case)
 
     def see(
@@ -451,7 +454,7 @@ class _Head:
         alone  as of `_see`
         """
         predicted = known.seen_by(self.number) if known else None
-        to_head = known.to_head(self.number) if known else self.turn
+        to_head = known.to_head(self.number) if known else self._believed
         spots, matches, estimate, self._images = _see(
             self._case, view, self._camera, predicted, to_head.apply(rate), self._images, alone
         )
@@ -491,6 +494,8 @@ def _heads(
     """The camera of the design, and the further heads, whose alignments are drawn."""
     # As trials in windows, whose pixels that flicker need the whole frame.
     whole_alone = fidelity is Fidelity.WINDOW and case.instrument.detector.flickers
+    if sequence.heads and case.design is not None:
+        raise Refused("heads must be left out of a sequence of a unit, which is one camera")
     error = core.Streams(seed, number)("alignment of heads").standard_normal
     turns = [Rotation.identity()]
     for head in sequence.heads:

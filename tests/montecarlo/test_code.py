@@ -306,6 +306,20 @@ def test_an_own_attitude_is_exact_for_exact_stars_and_not_for_covariance(others)
         run_trials(case, 5, range(1), Fidelity.COVARIANCE)
 
 
+def test_an_own_attitude_goes_through_a_sequence(others):
+    """Its covariance is its own, with jitter or without: nothing is taken off it."""
+    from startrack.sequence import Leg, Sequence
+    from startrack.sequence import run as fly
+
+    case = others(
+        "tracker.attitude.method=mylab.others:wahba",
+        'instrument.motion.tones=[{frequency = "20 Hz", rms_x = "20 arcsec"}]',
+    ).case
+    table = fly(case, Sequence((Leg(1.0),), period=0.3), 3, 0, fidelity=Fidelity.WINDOW)
+    assert table["solved"].all()
+    assert (table["filtered_sigma_x"] <= table["sigma_x"] * 1.001).all()
+
+
 def test_an_own_light_is_as_the_uniform_background_that_it_repeats(others):
     from startrack import observe
     from startrack.core import Streams

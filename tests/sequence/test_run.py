@@ -273,6 +273,9 @@ def test_what_windows_of_a_sequence_cannot_do_is_named(small, tmp_path):
         run(dataclasses.replace(small.case, tracker=boxes), sequence, 3, 0, None, Fidelity.WINDOW)
     with pytest.raises(ValueError, match="must be frame or window in a sequence, got spots"):
         run(small.case, sequence, 3, 0, None, Fidelity.SPOTS)
+    pair = dataclasses.replace(sequence, heads=PAIR)
+    with pytest.raises(ValueError, match="heads must be left out of a sequence of a unit"):
+        run(small.case.unit_of(small.case), pair, 3, 0, None, Fidelity.WINDOW)
 
 
 def test_windows_of_pixels_that_flicker_are_the_whole_frame(small):
