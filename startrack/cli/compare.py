@@ -12,7 +12,7 @@ from startrack.cli.options import Exit, Option, Options, WrongUse, fidelity, wan
 if wanted(__name__):
     import numpy as np
 
-    from startrack.cli.terminal import found_design, print_result, progress, read_design
+    from startrack.cli.terminal import found_file, print_result, progress, read_design
     from startrack.core import Rows
     from startrack.design import Campaign, Case, Fidelity
     from startrack.io import aligned, to_table
@@ -80,7 +80,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _read(path: Path, changes: list[str]) -> Side:
     with shared.as_wrong_use():
-        path = found_design(path)
+        path = found_file(path)
     if path.suffix == ".toml":
         design = read_design(path, changes)
         return Side(design.case, design.campaign, None, None)

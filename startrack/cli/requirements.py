@@ -12,7 +12,7 @@ from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaig
 
 if wanted(__name__):
     from startrack.budget import caveats, refusal
-    from startrack.cli.terminal import example, found_design, print_result, read_design, stage
+    from startrack.cli.terminal import example, found_file, print_result, read_design, stage
     from startrack.core import arcsec, deg, um
     from startrack.design import Objective, Requirements
     from startrack.earth import imager
@@ -139,7 +139,7 @@ def _earth_requirements(options: argparse.Namespace) -> int | None:
     if str(path) in imager.cameras():
         path = shipped(f"scenes/{path}.toml")
     with as_wrong_use():
-        path = found_design(path)
+        path = found_file(path)
         table = read_table(path, f"a design file, or one of {', '.join(imager.cameras())}")
         if options.set and ("camera" in table or "goals" in table):
             raise ValueError(f"--set must be given with design files alone, got {path}")

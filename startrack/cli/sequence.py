@@ -23,8 +23,8 @@ declare = Options(
     "status is 3 if the attitude was not known after each frame.",
     *DESIGN,
     Option("--profile PROFILE.toml", "file with the legs of the attitude profile, frame rate and "
-           "gyroscope, and further heads (default: the example, catalogs/sequences/slew.toml, "
-           "with a slew too fast for an attitude)", Path),
+           "gyroscope, and further heads, or the name of a shipped one: slew, with a slew too fast "
+           "for an attitude (the default), or two_heads", Path),
     Option("--sequences N", "number of sequences, from random attitudes", whole(1), 8),
     Option("--frames", "keep the frames of all sequences in the folder frames: FITS with WCS, "
            "16-bit PNG, SER, raw, or lossless video (mkv), and a table of their times and true "

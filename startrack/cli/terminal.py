@@ -51,19 +51,19 @@ def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
     A file that is not there is looked for among those that are shipped, by its path or name alone.
     """
     with as_wrong_use():
-        design = load_design(found_design(path), list(changes))
+        design = load_design(found_file(path), list(changes))
     for code in used_code():
         print_message(f"startrack: {code}")
     return design
 
 
-def found_design(path: Path) -> Path:
-    """The path of a design file, of one that is shipped where there is none; close names said."""
+def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a design file") -> Path:
+    """The path of a file, of one that is shipped where there is none; close names said."""
     if path.exists():
         return path
     known = {
         f"{folder}/{file.name}": file
-        for folder in SHIPPED
+        for folder in folders
         for file in sorted(io.shipped(folder).glob("*.toml"))
     }
     asked = path.as_posix().removesuffix(".toml") + ".toml"
@@ -78,7 +78,7 @@ def found_design(path: Path) -> Path:
     ]  # fmt: skip
     if names:
         raise ValueError(
-            f"{path} must be a design file, but there is none; shipped are {', '.join(names)}"
+            f"{path} must be {kind}, but there is none; shipped are {', '.join(names)}"
         )
     return path
 
@@ -92,9 +92,9 @@ def read_campaign(path: Path, changes: Iterable[str] = ()) -> tuple[Design, Camp
 
 
 def read_sequence(path: Path) -> Sequence:
-    """The sequence of a file; raises WrongUse where it cannot be used."""
+    """The sequence of a file, or of a shipped one; raises WrongUse where it cannot be used."""
     with as_wrong_use():
-        return load_sequence(path)
+        return load_sequence(found_file(path, ("sequences",), "a sequence file"))
 
 
 def read_camera(path: Path) -> Camera:

@@ -266,6 +266,28 @@ def test_every_command_suggests_a_shipped_design(call, command, tmp_path, monkey
         assert "f_number must lie in [0.3, 200], got -3" in err
 
 
+def test_a_shipped_profile_is_read_by_its_name(call, tmp_path, monkeypatch):
+    """From any folder: its heads come with it, and show in what is printed."""
+    monkeypatch.chdir(tmp_path)
+    status, _, err = call("sequence", EXAMPLE, "--profile", "two_head")
+    assert status == 2
+    assert err.endswith("there is none; shipped are sequences/two_heads.toml\n")
+    for name in ("two_heads", "sequences/two_heads.toml"):
+        status, out, _ = call(
+            "sequence",
+            EXAMPLE,
+            "--profile",
+            name,
+            "--fidelity",
+            "window",
+            "--sequences",
+            1,
+            "--json",
+        )
+        assert status == 0
+        assert out[0]["alignment_rms_arcsec"] > 0
+
+
 def test_no_design_is_suggested_where_none_is_close(call):
     assert call("psf", "nosuch.toml")[2].endswith("must be a design file, but there is none\n")
 
