@@ -207,6 +207,15 @@ class SharedErrors:
         return moved @ moved.swapaxes(-1, -2) - apart + np.diag(self.turn)
 
 
+def independent(gain: Floats, variance: Floats) -> Floats:
+    """Covariance (..., 3, 3) radian^2 by errors of stars that are independent of each other.
+
+    gain      (..., 3, n, 2) radian per pixel, of the attitude
+    variance  (..., n) pixel^2 per axis
+    """
+    return np.einsum("...inx,...n,...jnx->...ij", gain, variance, gain)
+
+
 def attitude_gain(plane: Floats, inverse: Floats, focal: float, tolerance: float = 0.0) -> Floats:
     """Slope of the attitude that least squares find by the measured places of its stars.
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from startrack import core
 from startrack.attitude.consensus import consensus
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
-from startrack.attitude.refine import Refinement, SharedErrors, attitude_gain, refine
+from startrack.attitude.refine import Refinement, SharedErrors, attitude_gain, independent, refine
 from startrack.attitude.wahba import svd
 from startrack.core import Estimate, Floats, Ints, Refused, kernel
 
@@ -192,7 +192,7 @@ def solve(
         if shared is not None:
             stated = stated + shared.added(gain, pixel[used])
         if beside is not None:
-            stated = stated + np.einsum("inx,n,jnx->ij", gain, beside[used], gain)
+            stated = stated + independent(gain, beside[used])
     return Estimate(
         core.Status.SOLVED,
         matches.reason,

@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Alignment, Observability, align, attitude_gain, scale_unknown
+from startrack.attitude import (
+    Alignment,
+    Observability,
+    align,
+    attitude_gain,
+    independent,
+    scale_unknown,
+)
 from startrack.core import Flags, Floats, Ints, Rows, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
@@ -22,12 +29,14 @@ SURPRISE = 1e-3  # probability below which noise alone does not explain the resi
 
 
 def fitted(
-    case: Case, matrix: Floats, seen: Floats, reference: Floats, noise: Floats, there: Flags
-) -> tuple[Alignment, Floats]:
+    case: Case, matrix: Floats, seen: Floats, reference: Floats, noise: Floats, hot: Floats,
+    there: Flags,
+) -> tuple[Alignment, Floats]:  # fmt: skip
     """Attitudes of m trials with up to n stars each, and the covariances that the tracker states.
 
     matrix     (m, 3, 3) true icrs_to_camera, at which the identification predicts its stars
-    seen       (m, n, 2) pixel;  reference  (m, n, 3) directions;  noise  (m, n) pixel^2
+    seen       (m, n, 2) pixel;  reference  (m, n, 3) directions
+    noise, hot (m, n) pixel^2; the latter as `hot_variance`
     there      (m, n) which of the n exist
     """
     camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
@@ -50,12 +59,14 @@ def fitted(
         covariance = scale_unknown(covariance, observed, weight, tolerance)
     covariance = covariance * excess[:, None, None]
     shared = shared_errors(case)
-    if shared is not None:
+    if shared is not None or hot.any():
         enough = alignment.observability == Observability.OBSERVED
         inverse = (there / noise)[enough, :, None, None] * np.eye(2)
         plane = observed[enough, :, :2] / observed[enough, :, 2:]
         gain = attitude_gain(plane, inverse, camera.focal_length_px, tolerance)
-        covariance[enough] += shared.added(gain, seen[enough])
+        if shared is not None:
+            covariance[enough] += shared.added(gain, seen[enough])
+        covariance[enough] += independent(gain, (hot * (excess == 1)[:, None])[enough])
     return alignment, covariance
 
 
@@ -197,8 +208,9 @@ def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: 
         stars = np.where(there, drawn.star[part, :used], 0)
         reference = plan.field.believed[stars]
         noise = np.where(there, drawn.variance[part, :used], 1.0) + plan.field.systematic[stars]
+        hot = np.where(there, plan.field.hot[stars], 0.0)
         seen = np.where(there[..., None], drawn.pixel[part, :used], 0.0)
-        alignment, covariance = fitted(case, matrix[part], seen, reference, noise, there)
+        alignment, covariance = fitted(case, matrix[part], seen, reference, noise, hot, there)
         solved = (matched[part] >= case.tracker.identification.min_matches) & (
             alignment.observability == Observability.OBSERVED
         )

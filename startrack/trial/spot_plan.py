@@ -20,7 +20,7 @@ from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, w
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
 from startrack.trial.images import colour_range, field_psf_of, psf_of
 from startrack.trial.stars import mean_colour, sky_electrons, throughput
-from startrack.trial.systematic import systematic_variance
+from startrack.trial.systematic import hot_variance, systematic_variance
 from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
@@ -38,7 +38,8 @@ class Field(NamedTuple):
     known                (n,) whether they are in that
     flux                 (n,) logarithm of electrons
     number               (n,) index into the sky, which names a star in the draws
-    systematic           (n,) pixel^2 per axis, systematic variance that the tracker assumes
+    systematic, hot      (n,) pixel^2 per axis, systematic variance that the tracker assumes, and
+                         `hot_variance`
     colour               (n,) class of `Through`;  zone  (n,) first zone of the class of the zones
     stretch              (n,) 1, by which the tracker's focal length is longer for the star's colour
     """
@@ -49,6 +50,7 @@ class Field(NamedTuple):
     flux: Floats
     number: NDArray[np.uint64]
     systematic: Floats
+    hot: Floats
     colour: Ints
     zone: Ints
     stretch: Floats
@@ -228,6 +230,7 @@ def plan_within(case: Case, limits: Limits) -> Plan:
             np.ascontiguousarray(believed.direction[there]), is_known,
             np.log(flux[detectable]), detectable.astype(np.uint64),
             systematic_variance(case)[there],
+            hot_variance(case)[there],
             *_colours(case, stars.colour[detectable], believed.colour[there]),
         ),
         _companions(stars.direction, flux, detectable, radius),

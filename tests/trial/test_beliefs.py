@@ -127,7 +127,8 @@ def test_a_calibrated_camera_is_believed():
 def test_covariances_hold_what_hot_pixels_do_at_the_age_of_a_unit():
     """The squared errors of 150 windows over those stated: nearer to 3, and of the same errors.
 
-    Without what hot pixels near stars add, they are 4.9 on these frames, and no star weighs more.
+    Without what hot pixels near stars add, they are 4.9 on these frames, and no star weighs more;
+    3.6 where 400 covariances are drawn.
     """
     age = Age(time=2 * YEAR, fluence=3e3)
     case = load_design(shipped("designs/noise_only.toml")).case
@@ -145,3 +146,5 @@ def test_covariances_hold_what_hot_pixels_do_at_the_age_of_a_unit():
     square = right["nees"]
     assert abs(square.mean() - 3) < 4 * square.std() / len(square) ** 0.5
     assert square.mean() < 4
+    drawn = run_trials(case, 3, range(400), Fidelity.COVARIANCE)
+    assert drawn["nees"][drawn["solved"] & ~drawn["false"]].mean() < 3.3
