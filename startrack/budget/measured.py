@@ -332,8 +332,8 @@ def indices_of(
              frames. Frames without an attitude are left out of all sequences, so that the windows
              of all members are the same.
     """
-    table = fly_sequences(case, sequence, members, seed, executor, progress)
-    table = table[table["head"] == 0]
+    alone = replace(sequence, heads=())  # whose frames are those of the camera of the design
+    table = fly_sequences(case, alone, members, seed, executor, progress)
     frames = len(table) // members
     error = np.stack([table[f"error_{axis}"] for axis in "xyz"], axis=-1).reshape(
         members, frames, 3

@@ -618,6 +618,11 @@ def _windows(
         yield _View(partial(trial.spots_in_windows, case, true.attitude[k], noise, turn), None)
 
 
+def _sky(seed: int, number: int) -> core.Streams:
+    """What the sky of a sequence is drawn from, its date too: the same for all of its heads."""
+    return core.Streams(seed, number % NUMBER_OF_HEAD)
+
+
 def _kept(
     case: Case, true: Flight, seed: int, number: int, recording: Recording | None, name: str
 ) -> Iterator[core.Frame]:
@@ -625,7 +630,7 @@ def _kept(
     if recording is None or recording.format is None:
         yield from (frame for frame, _ in _frames(case, true, seed, number))
         return
-    begin = date_of(case.scene, case.catalog.year, core.Streams(seed, number))
+    begin = date_of(case.scene, case.catalog.year, _sky(seed, number))
     files = FrameFiles(recording.folder, name, recording.format, begin)
     camera = None if case.instrument.detector.scan else case.instrument.camera
     try:
@@ -649,7 +654,7 @@ def _frames(
         stars = trial.stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
         exposure = Exposure(
-            trial.light_of(case, stars, true.attitude[k], core.Streams(seed, number)),
+            trial.light_of(case, stars, true.attitude[k], _sky(seed, number)),
             trial.images_of(instrument),
             path,
             true.attitude[k],

@@ -15,10 +15,7 @@ from startrack.sequence.run import Mode
 class Tracking:
     """Statistics of many sequences; the intervals hold with 95 % confidence.
 
-    Of the filter and of the camera of the design; further heads show in the filter, and by:
-
-    alignment        radian, rms error per axis of their alignments as the filter knows them after
-                     the last frame of each sequence; NaN without further heads, or an attitude
+    Frames are those of the camera of the design; further heads show in the filter.
 
     known            fraction of frames after which the filter is within half a degree of the truth
     across, about    radian, rms of the filter's error after these frames where they measured it,
@@ -34,6 +31,9 @@ class Tracking:
                      last to the end of their sequence are left out
     sequences        number of sequences; the intervals of errors and fractions assume that they,
                      not the frames, are independent
+    alignment        radian, rms error per axis of the alignments of further heads, as the filter
+                     knows them after the last frame of each sequence; NaN without such heads, or
+                     without an attitude
     """
 
     across: Interval

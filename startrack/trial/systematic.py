@@ -289,7 +289,7 @@ def hot_variance(case: Case) -> Floats:
     return _of_hot_pixels(design if age is None or age.time is None else _at_age(design, age.time))
 
 
-_at_age = kept(8)(aged)
+_at_age = lru_cache(maxsize=8)(aged)
 
 
 @lru_cache(maxsize=8)

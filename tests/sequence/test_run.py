@@ -399,8 +399,11 @@ def test_a_head_that_is_wrong_is_left_out_where_another_agrees():
 
 
 def test_frames_of_all_heads_are_kept(small, tmp_path):
+    """And all see the sky of one date, though each sequence draws its own within 300 days."""
     sequence = Sequence((Leg(0.4),), period=0.2, heads=PAIR)
-    table = run(small.case, sequence, 8, 0, Recording(tmp_path, "fits", stars=True))
+    scene = dataclasses.replace(small.case.scene, date="2026-03-20T12:00:00", days=300.0)
+    case = dataclasses.replace(small.case, scene=scene)
+    table = run(case, sequence, 8, 0, Recording(tmp_path, "fits", stars=True))
     assert table["head"].tolist() == [0, 1, 0, 1]
     names = sorted(path.name for path in tmp_path.iterdir())
     for name in ("sequence-0001", "sequence-0001-head-2"):
@@ -411,3 +414,5 @@ def test_frames_of_all_heads_are_kept(small, tmp_path):
         fits.getheader(tmp_path / f"sequence-0001{part}-00001.fits") for part in ("", "-head-2")
     )
     assert first["CRVAL1"] != second["CRVAL1"]
+    assert first["DATE-OBS"] == second["DATE-OBS"]
+    assert first["DATE-OBS"][:10] != "2026-03-20"
