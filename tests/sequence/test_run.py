@@ -163,6 +163,19 @@ def test_what_is_known_of_a_gyroscope_outlives_a_loss(small):
     np.testing.assert_allclose(again.state.misalignment, state.misalignment, atol=1e-6)
 
 
+@pytest.mark.parametrize(("turn", "kept"), [([1, 0, 0], [1, 0]), ([0, 1, 0], [0, 1])])
+def test_a_turn_renews_the_errors_of_stars_along_which_they_move(small, turn, kept):
+    """About x, stars move along y: over five pixels their errors in x last, those in y do not."""
+    covariance = np.diag([1e-12] * 3 + [1e-16] * 3 + [1e-10] * 9)
+    state = State(Rotation.identity(), np.zeros(3), covariance, np.full((3, 3), 1e-6))
+    angle = 5 / small.case.believed_camera.focal_length_px
+    sequence, lengths = Sequence((CALM,), gyro=GYRO), error_lengths(small.case)
+    known = predict_state(TrackerState(state), angle * np.array(turn), 1.0, sequence, lengths)
+    assert known.state is not None
+    np.testing.assert_allclose(known.state.lasting[:2, 0] / 1e-6, kept, atol=1e-3)
+    assert (known.state.lasting[2] > 0.9e-6).all()
+
+
 def test_a_gyroscope_of_other_axes_is_aligned_by_the_first_slew(small):
     """Turns of 12 degrees about x and y, in windows; the axes are off by 0.3 degrees (1 sigma)."""
     gyro = dataclasses.replace(GYRO, misalignment=0.3 * deg)
