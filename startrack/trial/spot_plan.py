@@ -1,12 +1,10 @@
 """Case -> plan of its statistical trials: detectable stars, their response, what is refused."""
 
 import math
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Flags, Floats, Ints, Light, Refused, kept
@@ -19,7 +17,7 @@ from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, with_uniform_dark
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
 from startrack.trial.images import colour_range, field_psf_of, psf_of
-from startrack.trial.stars import mean_colour, sky_electrons, throughput
+from startrack.trial.stars import mean_colour, near_pairs, sky_electrons, throughput
 from startrack.trial.systematic import hot_variance, systematic_variance
 from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
@@ -219,7 +217,6 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
     grid = spot_response.Grid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
-    radius = (spot_response.REACH + 1) / camera.focal_length_px
     return Plan(
         spot_response.response_of_zones(grid, faintest, brightest)
         if lens
@@ -233,7 +230,7 @@ def plan_within(case: Case, limits: Limits) -> Plan:
             hot_variance(case)[there],
             *_colours(case, stars.colour[detectable], believed.colour[there]),
         ),
-        _companions(stars.direction, flux, detectable, radius),
+        _companions(case, flux, detectable),
         view_of(camera, peak_border(settings)),
         case.tracker.attitude.gate,
         false_alarms(detection_plan(even), detector.columns, detector.rows)
@@ -322,16 +319,19 @@ def _light(catalog: Selection, scene: Scene) -> Light:
     return illuminate(scene, open_sky(catalog).stars)
 
 
-def _companions(directions: Floats, flux: Floats, detectable: Ints, radius: float) -> Companions:
-    """The stars within an angle of each of these, except those that are much fainter."""
-    pairs = cKDTree(directions[detectable]).query_ball_tree(cKDTree(directions), radius)
-    row = np.repeat(np.arange(len(detectable)), [len(near) for near in pairs])
-    other = np.fromiter(chain.from_iterable(pairs), np.int64, len(row))
-    bright = flux[other] > flux[detectable][row] * math.exp(spot_response.RATIOS[0])
-    kept = (other != np.asarray(detectable)[row]) & bright
-    start = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=len(detectable)))])
-    other = other[kept]
-    return Companions(start, directions[other].reshape(-1, 3), np.log(flux[other]))
+def _companions(case: Case, flux: Floats, detectable: Ints) -> Companions:
+    """The stars near each of the detectable ones, except those that are much fainter."""
+    stars, row = open_sky(case.catalog).stars, np.full(len(flux), -1)
+    row[detectable] = np.arange(len(detectable))
+    radius = (spot_response.REACH + 1) / case.instrument.camera.focal_length_px
+    faintest = float(stars.magnitude_g[detectable].max())
+    star, other = near_pairs(case.catalog, radius, faintest)
+    kept = (row[star] >= 0) & (flux[other] > flux[star] * math.exp(spot_response.RATIOS[0]))
+    star, other = star[kept], other[kept]
+    order = np.argsort(row[star], kind="stable")
+    other, count = other[order], np.bincount(row[star], minlength=len(detectable))
+    start = np.concatenate([[0], np.cumsum(count)])
+    return Companions(start, stars.direction[other].reshape(-1, 3), np.log(flux[other]))
 
 
 def require_fidelity(case: Case, fidelity: Fidelity) -> None:
