@@ -1,9 +1,10 @@
 """How fast and how right are forecasts, and how near do searches on them come to the best?
 
-python experiments/search.py [--json FILE] [--designs 20] [--seeds 10] [--no-commands] [--quick]
+python experiments/search.py [--json FILE] [--designs 20] [--seeds 10] [--trials 2000] [--quick]
 
 A forecast is beside the whole budgets of the same units; the best is that of all searches: those
-of all seeds, and long ones by nlopt from the best of each. At last whole commands are timed.
+of all seeds, and a long one by nlopt from the best of them. Fresh trials judge the ends, too. At
+last whole commands are timed, unless --no-commands is given.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import command
@@ -35,11 +36,13 @@ from startrack.budget import units
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Moment, Objective, Variable, branches
 from startrack.optimise import Search, least
-from startrack.optimise.evaluate import foresee_all
+from startrack.optimise.evaluate import Foresight, foresee_all
 from startrack.optimise.evaluate import missed as missed_of
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import budgets_of_units, forecasts
+from startrack.optimise.runner import TrialRunner
 from startrack.optimise.steps import explore
+from startrack.optimise.units import compare_units, fresh_units
 from startrack.population import middle_of
 
 
@@ -49,6 +52,8 @@ def _if_installed(name: str) -> Any:
 
 
 cma, optuna = _if_installed("cma"), _if_installed("optuna")
+ARCSEC = math.radians(1 / 3600)
+FRESH = 20001  # seed of the trials that judge where searches end
 UNITS = ("nanosatellite", "high_accuracy")  # judged over their units
 ALONE = "noise_only"
 LONG = 400  # forecasts of each long search
@@ -95,16 +100,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--designs", type=int, default=20, help="random designs of each campaign")
     parser.add_argument("--seeds", type=int, default=10, help="searches of each campaign")
+    parser.add_argument("--trials", type=int, default=2000, help="fresh ones, which judge each end")
     parser.add_argument("--no-commands", action="store_true", help="time no whole commands")
-    options = command.read(parser, designs=1, seeds=1)
+    options = command.read(parser, designs=1, seeds=1, trials=20)
     figures: dict[str, Any] = {"forecast_s": {}, "forecast_error": 0.0, "regret": {}}
     figures |= dict.fromkeys(COMMANDS)
     for name in UNITS[: 1 if options.quick else None]:
         seconds, error = beside_whole_budgets(name, options.designs, options.quick)
         figures["forecast_s"][name] = seconds
         figures["forecast_error"] = max(figures["forecast_error"], error)
-    for name in (ALONE,) if options.quick else (ALONE, "nanosatellite"):
-        figures["regret"][name] = regrets(name, options.seeds, options.quick)
+    for name in (ALONE,) if options.quick else (ALONE, *UNITS):
+        figures["regret"][name] = regrets(name, options.seeds, options.trials, options.quick)
     figures["unmoved"] = [each for one in figures["regret"].values() for each in one.pop("unmoved")]
     figures["peers"] = {name: one.pop("peers") for name, one in figures["regret"].items()}
     figures |= thirty_variables(options.quick)
@@ -120,16 +126,21 @@ def campaign_of(name: str) -> tuple[Case, Campaign]:
     return design.case, design.campaign
 
 
+def spaces_of(case: Case, campaign: Campaign) -> dict[str, DesignSpace]:
+    """The space of each combination of the choices of a campaign."""
+    return {
+        branch.label: DesignSpace(branch.case, campaign.variables, campaign.links)
+        for branch in branches(case, campaign.choices)
+    }
+
+
 def beside_whole_budgets(name: str, count: int, quick: bool) -> tuple[float, float]:
     """CPU seconds of a forecast in the median, and its worst relative difference from budgets in
     which each unit has its own stars."""
     case, campaign = campaign_of(name)
     if quick:
         campaign = replace(campaign, unit_count=2)
-    spaces = [
-        DesignSpace(branch.case, campaign.variables, campaign.links)
-        for branch in branches(case, campaign.choices)
-    ]
+    spaces = list(spaces_of(case, campaign).values())
     random, seconds, errors = np.random.default_rng(7), list[float](), list[float]()
     for number in range(count):
         space = spaces[number % len(spaces)]
@@ -166,55 +177,118 @@ def in_whole_budgets(space: DesignSpace, campaign: Campaign, point: Floats) -> f
             budgets_of_units.cache_clear()
 
 
-def regrets(name: str, seeds: int, quick: bool) -> dict[str, Any]:
-    """How far searches of several seeds end from the best, by forecasts of one seed of units."""
+class End(NamedTuple):
+    """Where a search ended: the branch, its space, the design and what is expected of it."""
+
+    branch: str
+    space: DesignSpace
+    point: Floats
+    value: Foresight
+
+
+def regrets(name: str, seeds: int, trials: int, quick: bool) -> dict[str, Any]:
+    """How far searches of several seeds end from the best, by forecasts of one seed of units.
+
+    trials  fresh ones, which judge the ends, too; 0: none
+    """
     case, campaign = campaign_of(name)
     if quick:
         campaign = replace(campaign, analytic_evaluations=4)
-    space, ends = DesignSpace(case, campaign.variables, campaign.links), list[Floats]()
-    counts, unmoved = list[int](), list[str]()
+    spaces = spaces_of(case, campaign)
+    ends, counts, unmoved = list[End](), list[int](), list[str]()
     for seed in range(1, seeds + 1):
-        explorer, began = Explorer(space, campaign, label=f"seed {seed}"), time.process_time()
-        explore({"": explorer}, {"": space.start}, campaign)
-        ends.append(explorer.best)
-        counts.append(sum(not value.left_out for value in explorer.values))
-        spans = explorer.spans(explorer.best)
-        still = np.abs(explorer.best - space.start) < 1e-6
+        explorers = {
+            label: Explorer(space, campaign, label=f"seed {seed} {label}".strip())
+            for label, space in spaces.items()
+        }
+        began, starts = time.process_time(), {label: space.start for label, space in spaces.items()}
+        left = explore(explorers, starts, campaign)
+        label = min(left, key=lambda label: left[label].score)
+        best, space = left[label], spaces[label]
+        ends.append(End(label, space, best.best, _value(space, campaign, best.best)))
+        counts.append(
+            sum(not value.left_out for each in explorers.values() for value in each.values)
+        )
+        spans, still = best.spans(best.best), np.abs(best.best - space.start) < 1e-6
         unmoved += [
             f"{name}: {variable.name}"
             for variable, span, held in zip(space.variables, spans, still, strict=True)
             if held and not span.everywhere
         ]
         print(
-            f"{name} seed {seed}: {counts[-1]} forecasts, {explorer.score:.4f}, "
-            f"{explorer.best.round(3)}, {time.process_time() - began:.0f} s", flush=True,
+            f"{name} seed {seed}: {counts[-1]} forecasts, {best.score:.4f}, {label} "
+            f"{best.best.round(3)}, {time.process_time() - began:.0f} s", flush=True,
         )  # fmt: skip
 
-    values = foresee_all(space, campaign, ends)
-    scores = [value.score for value in values]
-    start, long = ends[int(np.argmin(scores))], Scores(space, campaign)
-    least(long, start, Search(evaluations=10 if quick else LONG, first_step=0.1, last_step=1e-4))
-    most = int(np.median(counts))
+    scores = [end.value.score for end in ends]
+    first = ends[int(np.argmin(scores))]
+    long, most = Scores(first.space, campaign), 10 if quick else LONG
+    least(long, first.point, Search(evaluations=most, first_step=0.1, last_step=1e-4))
     others = {
         peer: [
-            _least_of(search, Scores(space, campaign), len(space), most, seed)
+            _least_of(search, Scores(first.space, campaign), int(np.median(counts)), seed)
             for seed in range(1, min(seeds, PEER_SEEDS) + 1)
         ]
-        for peer, search in PEERS.items()
+        for peer, search in ({} if campaign.choices else PEERS).items()
     }
-    meeting = [one.score for one in values if not missed_of(one.margins)]
-    best = min([*meeting, long.least, *chain(*others.values())])
-    missed = [math.expm1(one - best) for one in scores]
+    meeting = [end.value.score for end in ends if not missed_of(end.value.margins)]
+    best_score = min([*meeting, long.least, *chain(*others.values())])
+    missed = [math.expm1(score - best_score) for score in scores]
     for peer, least_scores in others.items():
-        print(f"{name} {peer}: {np.median(least_scores):.4f}, best {best:.4f}", flush=True)
-    return {
-        "peers": {peer: _regret(np.median(values), best) for peer, values in others.items()},
+        print(f"{name} {peer}: {np.median(least_scores):.4f}, best {best_score:.4f}", flush=True)
+    figures = {
+        "peers": {peer: _regret(np.median(values), best_score) for peer, values in others.items()},
         "median": float(np.median(missed)),
         "worst": max(missed),
-        "infeasible": sum(missed_of(value.margins) > 0 for value in values),
+        "infeasible": sum(missed_of(end.value.margins) > 0 for end in ends),
         "forecasts": float(np.median(counts)),
         "unmoved": unmoved,
     }
+    if trials:
+        figures |= by_trials(name, campaign, ends, End(*first[:2], long.point, first.value), trials)
+    return figures
+
+
+def by_trials(
+    name: str, campaign: Campaign, ends: list[End], best: End, trials: int
+) -> dict[str, float]:
+    """How far designs are from the best one by trials of units, and noise, that no search saw.
+
+    Of all designs with the same units and noise, so that the error of a ratio is less than that of
+    a level; a search that ends better by trials than the best by forecasts has a negative regret.
+    """
+    runner, level = TrialRunner(seed=FRESH), dict[tuple[str, bytes], float]()
+    for end in (best, *ends):
+        key = end.branch, end.point.tobytes()
+        if key not in level:
+            level[key] = _level(end, campaign, runner, trials)
+            print(f"{name}: {level[key]:.4g} arcsec by trials of {end.point.round(3)}", flush=True)
+    reference = level[best.branch, best.point.tobytes()]
+    missed = [level[end.branch, end.point.tobytes()] / reference - 1 for end in ends]
+    return {"median_by_trials": float(np.median(missed)), "worst_by_trials": float(max(missed))}
+
+
+def _level(end: End, campaign: Campaign, runner: TrialRunner, trials: int) -> float:
+    """The objective, arcsec, by so many trials, in its weighted conditions."""
+    weighted = [one for one in campaign.judged(end.space.design(end.point)) if one.weight]
+    objective = Objective.read(campaign.objective)
+    if not weighted[0].units:
+        levels = [
+            objective.of(objective.squares(runner.run(one.case, trials, campaign.fidelity)))
+            for one in weighted
+        ]
+        weights = [one.weight for one in weighted]
+        return float(np.exp(np.average(np.log(levels), weights=weights))) / ARCSEC
+    campaign = replace(campaign, fresh_units=math.ceil(trials / campaign.trials_per_unit))
+    rows = [fresh_units(one, campaign, runner) for one in weighted]
+    compared = compare_units(campaign, (weighted, rows), (weighted, rows), 1.0, runner)
+    assert compared
+    return compared.best.value / ARCSEC
+
+
+def _value(space: DesignSpace, campaign: Campaign, point: Floats) -> Foresight:
+    [value] = foresee_all(space, campaign, [point])
+    return value
 
 
 def thirty_variables(quick: bool) -> dict[str, float]:
@@ -256,20 +330,20 @@ Score = Callable[[Floats], float]
 
 
 class Scores:
-    """The score of each point, and the least of those that meet all limits so far."""
+    """The score of each point; the least so far of those that meet all limits, and its point."""
 
     def __init__(self, space: DesignSpace, campaign: Campaign) -> None:
-        self.space, self.campaign, self.least = space, campaign, math.inf
+        self.space, self.campaign, self.least, self.point = space, campaign, math.inf, space.start
 
     def __call__(self, point: Floats) -> float:
-        [value] = foresee_all(self.space, self.campaign, [point])
-        if not missed_of(value.margins):
-            self.least = min(self.least, value.score)
+        value = _value(self.space, self.campaign, point)
+        if value.score < self.least and not missed_of(value.margins):
+            self.least, self.point = value.score, np.array(point)
         return value.score
 
 
 def _least_of(
-    search: Callable[[Score, int, int, int], None], score: Scores, count: int, most: int, seed: int
+    search: Callable[[Score, int, int, int], None], score: Scores, most: int, seed: int
 ) -> float:
     """The least score that a search finds in so many forecasts, of designs that meet all limits."""
     used = 0
@@ -282,7 +356,7 @@ def _least_of(
         return value if math.isfinite(value) else BAD
 
     with suppress(_Used):
-        search(kept, count, most, seed)
+        search(kept, len(score.space), most, seed)
     return score.least
 
 
