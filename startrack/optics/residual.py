@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from scipy.linalg import lstsq
 from scipy.spatial import distance
 
 from startrack import core
@@ -227,12 +228,14 @@ def _weight() -> Floats:
 
 
 def _without(model: Floats, root: Floats) -> Floats:
-    """A root (2 n, m) without the part that columns of a model (2 n, k) could take up."""
-    weight = _weight()[:, None]
-    normal = model.T @ (weight * model)
-    return np.asarray(
-        root - model @ np.linalg.lstsq(normal, model.T @ (weight * root), rcond=1e-12)[0]
-    )
+    """A root (2 n, m) without the part that columns of a model (2 n, k) could take up.
+
+    Columns are scaled, and solved without a singular value decomposition, which need not converge.
+    """
+    weight = np.sqrt(_weight())[:, None]
+    scaled = weight * model / np.linalg.norm(weight * model, axis=0)
+    taken, *_ = lstsq(scaled, weight * root, cond=1e-9, lapack_driver="gelsy")
+    return np.asarray(root - scaled @ taken / weight)
 
 
 def taken_up(camera: core.Camera, place: Floats) -> Floats:

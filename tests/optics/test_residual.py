@@ -1,11 +1,15 @@
 """A field of displacements that no camera model holds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.linalg import svd
 
-from startrack.core import NODES, Camera, Displacement, node_places
+from startrack import load_design, shipped
+from startrack.core import NODES, Camera, Displacement, map_weights, node_places
 from startrack.optics import Optics, Residual
-from startrack.optics.residual import _smooth, taken_up
+from startrack.optics.residual import _smooth, _weight, _without, taken_up
 
 CAMERA = Camera(1024, 768, 2000.0)
 LENS = Optics(focal_length=0.036, f_number=2.0), 18e-6  # and the pitch of a pixel
@@ -69,3 +73,35 @@ def test_a_draw_is_the_same_on_every_processor():
     exchanged = np.arange(NODES**2).reshape(NODES, NODES).T.ravel()
     np.testing.assert_allclose(root[np.ix_(exchanged, exchanged)], root, atol=1e-10)
     np.testing.assert_allclose(np.diag(root @ root.T), 1.0, rtol=1e-9)
+
+
+def test_what_a_dense_map_leaves_is_that_of_an_orthogonal_projection():
+    """A case in which the singular values of the normal equations did not converge: a map holds
+    shifts and linear terms of the camera's model twice."""
+    camera = Camera(512, 512, 0.01931406990365406 / 11e-6)
+    place = node_places(512, 512)
+    model = np.concatenate(
+        [taken_up(camera, place), np.kron(np.eye(2), map_weights(512, 512, place, 8))], axis=1
+    )
+    root = np.kron(np.eye(2), _smooth(512, 512, 0.3))
+    left = _without(model, root)
+    half = np.sqrt(_weight())[:, None]
+    basis, size, _ = svd(half * model / np.linalg.norm(model, axis=0), lapack_driver="gesvd")
+    basis = basis[:, : (size > 1e-9 * size[0]).sum()]
+    np.testing.assert_allclose(
+        half * left, half * root - basis @ (basis.T @ (half * root)), atol=1e-12 * root.max()
+    )
+    np.testing.assert_allclose(model.T @ (half**2 * left), 0, atol=1e-9 * abs(model).max())
+
+
+def test_what_calibration_leaves_is_found_for_each_of_a_familys_lenses():
+    """Singular values of one of them did not converge."""
+    design = load_design(shipped("designs/nanosatellite.toml")).case.instrument
+    lens = replace(
+        design.optics, focal_length=0.01931406990365406, f_number=2.008536029750314,
+        defocus=4.2054714704428744e-05,
+    )  # fmt: skip
+    camera = replace(design, optics=lens, residual=None).camera
+    law = design.residual.law(camera, lens, design.detector.pitch, 5, True, 8)
+    assert np.isfinite(law).all()
+    assert 0.001 < np.sqrt((law**2).sum(-1).mean()) < 0.1  # pixel
