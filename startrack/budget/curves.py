@@ -1,6 +1,7 @@
 """Case -> its error over the sky and over slew rate, by analysis and by trials, and of stars."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple
 
@@ -89,7 +90,9 @@ def slew_rates(case: Case, longest: float = math.inf) -> Floats:
     return smears * pixel / instrument.detector.exposure
 
 
-def analytic_curve(case: Case, rates: Floats, advance: Advance | None = None) -> Curve:
+def analytic_curve(
+    case: Case, rates: Floats, advance: Callable[[float], None] | None = None
+) -> Curve:
     """The analytic budget at some slew rates, of which `advance` is called after each."""
     found = []
     for rate in rates:
@@ -160,7 +163,7 @@ class ErrorCurves(NamedTuple):
 
 
 def error_curves(
-    case: Case, seed: int, trials: int = TRIALS, advance: Advance = lambda _: None
+    case: Case, seed: int, trials: int = TRIALS, advance: Callable[[float], None] = lambda _: None
 ) -> ErrorCurves:
     """The error over slew rate, and that of single stars.
 
@@ -174,15 +177,16 @@ def error_curves(
         if budget:
             tried.append((rate, check(slewing(case, rate), budget, seed)))
         advance(1)
-    seen = residuals(case, seed, trials, advance)
+    seen = residuals(case, seed, trials, lambda frames: advance(frames / trials))
     in_boxes = boxed_stars(case) if boxed(case) else None
     return ErrorCurves(curve, BETWEEN + 1, tuple(tried), errors(case), in_boxes, seen, trials)
 
 
-def curve_steps(case: Case, trials: int = TRIALS) -> int:
-    """Steps of `error_curves`: rates of the formula, those of the trials, and frames of stars."""
+def curve_steps(case: Case) -> int:
+    """Steps of `error_curves`: rates of the formula, those of the trials, and all frames of stars,
+    which take as long as a rate."""
     rates = slew_rates(case, LONGEST)
-    return len(between(rates)) + len(rates) + trials
+    return len(between(rates)) + len(rates) + 1
 
 
 DIRECTIONS = 3072
