@@ -151,27 +151,7 @@ def optimize(
         if watch:
             watch(done)
 
-    nearest = {
-        label: steps.feasible_start(space, campaign.requirements) for label, space in spaces.items()
-    }
-    starts = {label: one.coordinates for label, one in nearest.items() if one.short == 0}
-    landscape = None
-    if starts:
-        explorers = {label: Explorer(spaces[label], campaign, runner, label) for label in starts}
-        for explorer in explorers.values():
-            explorer.watch = partial(progress.forecast, explorers)
-        left = steps.explore(explorers, starts, campaign)
-        label = steps.best_branch(left, campaign, runner, record)
-        rest = replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
-        finalists, ending = steps.refine(left[label], rest, runner, record)
-        landscape = landscape_of(left[label], np.array(finalists[0].coordinates))
-    else:
-        label = min(nearest, key=lambda label: nearest[label].short)
-        record(evaluate(spaces[label], campaign, nearest[label].coordinates, runner))
-        finalists, ending = (
-            tried,
-            "no design in the design space meets the requirements that need no trials",
-        )
+    label, finalists, ending, landscape = _search(spaces, campaign, runner, tried, record, progress)
     space = spaces[label]
     first = _fresh_frames(campaign.judged(case), campaign, runner, progress.fresh)
     best, second, assured = _verify(space, finalists[:FINALISTS], campaign, runner, progress.fresh)
@@ -184,13 +164,8 @@ def optimize(
         for one, after in zip(counted, second.values(), strict=True)
     }
     began = [one for one in campaign.judged(case) if one.weight]
-    units = compare_units(
-        campaign,
-        (began, list(first.values())),
-        (counted, list(second.values())),
-        best.error,
-        runner,
-    )
+    start, end = (began, list(first.values())), (counted, list(second.values()))
+    units = compare_units(campaign, start, end, best.error, runner)
     before, after, tuned = (
         [objective.squares(each) for each in trials.values()] for trials in (first, second, tuning)
     )
@@ -216,6 +191,47 @@ def optimize(
         units,
         landscape,
     )
+
+
+class _Searched(NamedTuple):
+    """The branch of the best designs, these, why the search ended, and what forecasts say."""
+
+    label: str
+    finalists: Sequence[Evaluation]
+    ending: str
+    landscape: Landscape | None
+
+
+def _search(
+    spaces: Mapping[str, design.DesignSpace],
+    campaign: Campaign,
+    runner: TrialRunner,
+    tried: Sequence[Evaluation],
+    record: steps.Watch,
+    progress: _Progress,
+) -> _Searched:
+    """Forecasts of all branches, then trials of the best designs; of the nearest one if none fits.
+
+    tried, record  the evaluations so far, and what adds one
+    """
+    nearest = {
+        label: steps.feasible_start(space, campaign.requirements) for label, space in spaces.items()
+    }
+    starts = {label: one.coordinates for label, one in nearest.items() if one.short == 0}
+    if not starts:
+        label = min(nearest, key=lambda label: nearest[label].short)
+        record(evaluate(spaces[label], campaign, nearest[label].coordinates, runner))
+        ending = "no design in the design space meets the requirements that need no trials"
+        return _Searched(label, tried, ending, None)
+    explorers = {label: Explorer(spaces[label], campaign, runner, label) for label in starts}
+    for explorer in explorers.values():
+        explorer.watch = partial(progress.forecast, explorers)
+    left = steps.explore(explorers, starts, campaign)
+    label = steps.best_branch(left, campaign, runner, record)
+    rest = replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
+    finalists, ending = steps.refine(left[label], rest, runner, record)
+    landscape = landscape_of(left[label], np.array(finalists[0].coordinates))
+    return _Searched(label, finalists, ending, landscape)
 
 
 class _Shown(NamedTuple):
