@@ -27,7 +27,7 @@ from startrack.verification import margins as margins_of
 PENALTY = 10.0
 # Amount by which mass, power and other costs may miss their limits where a budget is computed: so
 # much, that emulators know both sides of a limit. Chosen by hand.
-DEAR = 0.05
+MOST_EXCESS = 0.05
 LOST = 20.0  # ln(arcsec) of a design that no trial solves; chosen by hand: far above any error
 
 
@@ -223,7 +223,7 @@ def foresee_all(
     runner: TrialRunner | None = None,
     seed: int = 1,
     enough: float = math.inf,
-    dear: float = DEAR,
+    most_excess: float = MOST_EXCESS,
     known: Mapping[str, Forecast] | None = None,
     progress: Advance | None = None,
 ) -> list[Foresight]:
@@ -232,18 +232,26 @@ def foresee_all(
     A runner's ledger keeps them, so that none is computed again after an interruption.
 
     enough  score, above which a design is not forecast in conditions without a weight
-    dear    amount by which costs miss their limits, above which a design is not forecast
+    most_excess  amount by which costs miss their limits, above which a design is not forecast
     known   what is expected in some conditions already, of a single design
     progress  called with how many designs are known, and 1 for each that a runner computes
     """
     cases = [_built(space, coordinates) for coordinates in points]
     seed = runner.seed if runner else seed
     one = partial(
-        _foreseen, campaign=campaign, seed=seed, enough=enough, dear=dear, known=known or {}
+        _foreseen,
+        campaign=campaign,
+        seed=seed,
+        enough=enough,
+        most_excess=most_excess,
+        known=known or {},
     )
     if runner is None:
         return [one(case) for case in cases]
-    keys = [runner.forecast_key(case, campaign, (enough, dear)) if case else b"" for case in cases]
+    keys = [
+        runner.forecast_key(case, campaign, (enough, most_excess)) if case else b""
+        for case in cases
+    ]
     held = {key: runner.ledger.note(FORECAST, key) for key in keys}
     new = {key: case for key, case in zip(keys, cases, strict=True) if key and not held[key]}
     if progress and len(keys) > len(new):
@@ -268,7 +276,7 @@ def _foreseen(
     campaign: Campaign,
     seed: int,
     enough: float,
-    dear: float,
+    most_excess: float,
     known: Mapping[str, Forecast],
 ) -> Foresight:
     """What is expected of a design; nothing for None, and where it contradicts itself."""
@@ -277,7 +285,7 @@ def _foreseen(
     objective = Objective.read(campaign.objective)
     try:
         costs, judged = cost_margins(campaign.requirements, case), campaign.judged(case)
-        if missed(costs) > dear:
+        if missed(costs) > most_excess:
             return Foresight(math.nan, costs)
         margins = margins_of(campaign.requirements, case)
         weighted = [one for one in judged if one.weight]

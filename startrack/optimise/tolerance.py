@@ -136,7 +136,7 @@ def sample(
 
     def forecast(points: Floats) -> list[Foresight]:
         designs = list(low + (high - low) * points)
-        return foresee_all(space, campaign, designs, runner, dear=math.inf, progress=watch)
+        return foresee_all(space, campaign, designs, runner, most_excess=math.inf, progress=watch)
 
     known = forecast(cube)
     centre = evaluate(space, campaign, space.start, runner, campaign.sample_trials, known=known[0])
