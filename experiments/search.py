@@ -35,12 +35,11 @@ from startrack import Case, load_design, shipped
 from startrack.budget import units
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Moment, Objective, Variable, branches
-from startrack.optimise import Search, least
-from startrack.optimise.evaluate import Foresight, foresee_all
+from startrack.optimise import Foresight, Search, TrialRunner, least
+from startrack.optimise.evaluate import foresee_all
 from startrack.optimise.evaluate import missed as missed_of
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import budgets_of_units, forecasts
-from startrack.optimise.runner import TrialRunner
 from startrack.optimise.steps import explore
 from startrack.optimise.units import compare_units, fresh_units
 from startrack.population import middle_of
