@@ -38,7 +38,10 @@ units_sequence_ratio      the same of sequences of a few frames of these units
 aligned_gain              error that 95 % of these spacecraft keep, over that with heads aligned to
                           each other in flight
 dose_ratio                orbit and aluminium: dose over that of SPENVIS (550 km), or over that of
-                          its spectra of AP-8 (530, 825 km)
+                          its spectra of AP-8 (530, 825 km), or, of protons and electrons, over that
+                          of SHIELDOSE-2 for the same spectra of AE-8 and AP-8 (six orbits from 400 to
+                          35,786 km, 1 to 10 mm); within 1.3 is expected, which was written before
+                          SHIELDOSE-2 was run or the electrons computed
 late_availability_z       attitudes of a tracker eight years old, less those of its error budget, in
                           standard deviations
 late_available            fraction of these trials with an attitude
