@@ -540,8 +540,8 @@ def _left_out(plan: mission.Plan) -> list[str]:
     if plan.loaded.mission.radiation.hits is None:
         return []
     return [
-        "hits of protons (radiation.hits), in the availability and the errors; rendered frames "
-        "have them (--frames)"
+        "hits of protons and electrons (radiation.hits), in the availability and the errors; "
+        "rendered frames have them (--frames)"
     ]
 
 

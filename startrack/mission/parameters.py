@@ -240,9 +240,9 @@ class Radiation(Parameters):
     longitude: Annotated[tuple[float, ...], Unit("rad", "deg"),
         "west and east"] = (-90 * deg, 40 * deg)  # fmt: skip
     hits: Annotated[float | None, Unit("m", "mm"), core.POSITIVE,
-        "aluminium through which trapped protons hit the detectors in rendered frames, at the rate "
-        "of each place of the orbit, beside those of their designs; None: none do (extra "
-        "`radiation`)"] = None  # fmt: skip
+        "aluminium through which trapped protons and electrons hit the detectors in rendered "
+        "frames, at the rate of each place of the orbit, beside those of their designs; None: none "
+        "do (extra `radiation`)"] = None  # fmt: skip
     ageing: Annotated[str, Range(choices=("design", "orbit")),
         '"design": detectors age in the orbit that their designs name; "orbit": in that of the '
         'mission, of a given altitude (extra `radiation`)'] = "design"  # fmt: skip

@@ -13,7 +13,7 @@ from startrack.detector import Hits
 from startrack.mission.engine import Chunk, Plan, at, conditions_of, groups_of
 from startrack.mission.heads import state_of
 from startrack.mission.surrogate import Correction
-from startrack.space import proton_map
+from startrack.space import hit_map
 from startrack.trial import run_trial
 
 DIGITS = 7  # of rates in radian / second; 0.02 arcsec / s
@@ -75,18 +75,19 @@ def scene_at(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
 
 
 def hit_at(plan: Plan, case: Case, chunk: Chunk, k: int) -> Case:
-    """The case whose detector is hit by the trapped protons of an instant of a chunk, too."""
+    """The case whose detector is hit by the trapped particles of an instant of a chunk, too."""
     mission, detector = plan.loaded.mission, case.instrument.detector
     if mission.radiation.hits is None:
         return case
     assert mission.orbit.altitude is not None
-    where = proton_map(mission.orbit.altitude, mission.radiation.hits)
-    rate = float(where(chunk.instants.latitude[k : k + 1], chunk.instants.longitude[k : k + 1])[0])
+    where = hit_map(mission.orbit.altitude, mission.radiation.hits)
+    here = where(chunk.instants.latitude[k : k + 1], chunk.instants.longitude[k : k + 1])
+    rate, charge = (float(one[0]) for one in here)
     if not rate:
         return case
-    own = detector.hits or Hits(0.0, where.charge)
+    own = detector.hits or Hits(0.0, charge)
     # All tracks have the mean charge of both.
-    charge = (own.rate * own.charge + rate * where.charge) / (own.rate + rate)
+    charge = (own.rate * own.charge + rate * charge) / (own.rate + rate)
     hits = replace(own, rate=own.rate + rate, charge=charge)
     return replaced_all(case, {"instrument.detector.hits": hits}).unit_of(case.design or case)
 

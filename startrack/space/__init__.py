@@ -5,7 +5,8 @@ earth    Size, gravity and spin of the Earth; place and line of sight -> angle t
 bodies   Dates -> Sun, Moon, planets and axes of the Earth: one at a time, and as tables.
 orbit    Elements, two lines or a table of states -> position and velocity over time.
 heat     Orbit, Sun and surfaces -> temperatures of a platform and of heads on it.
-radiation  Orbit and shielding -> protons of the belts and of the Sun behind it, their dose.
+radiation  Orbit and shielding -> particles of the belts and of the Sun behind it, their dose.
+electrons  Electrons around a sphere of aluminium -> what is left of them at its centre.
 """
 
 from startrack.space.bodies import (
@@ -63,7 +64,7 @@ from startrack.space.orbit import (
     sun_synchronous,
     two_line_record,
 )
-from startrack.space.radiation import proton_map, solar_protons, trapped_protons
+from startrack.space.radiation import hit_map, solar_protons, trapped_electrons, trapped_protons
 
 # Public; the other imports serve other rooms.
 __all__ = ["Heat"]

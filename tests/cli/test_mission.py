@@ -199,7 +199,7 @@ def test_several_missions_over_workers(capsys, tmp_path):
         lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
         assert [one["steps"] for one in lines] == [1440, 720]
         assert not lines[0]["left_out"]
-        assert "hits of protons (radiation.hits)" in lines[1]["left_out"][0]
+        assert "hits of protons and electrons (radiation.hits)" in lines[1]["left_out"][0]
         found.append([{**one, "out": ""} for one in lines])
         assert (tmp_path / workers / "b" / "report.html").exists()
     assert found[0] == found[1]

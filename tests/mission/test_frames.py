@@ -19,7 +19,7 @@ from startrack.mission import (
 )
 from startrack.mission.frames import AXES, FRAMES
 from startrack.mission.parameters import Radiation
-from startrack.space.radiation import ProtonMap
+from startrack.space.radiation import HitMap
 from tests.mission.test_units import plan_with
 
 HEADS = ("left", -90, 5), ("right", 90, 5), ("behind", 0, 179)
@@ -59,11 +59,13 @@ def test_a_blind_head_has_no_frames(plan):
     assert 0.1 < seen.across[0] < 0.6
 
 
-def test_protons_of_a_place_hit_the_detector(plan, monkeypatch):
-    """Twice as many over the southern half of a map as over the northern."""
-    rate = np.repeat([2e4, 1e4], 23)[:, None] * np.ones((46, 90))
-    where = ProtonMap(rate, 400e6)
-    monkeypatch.setattr(rendered, "proton_map", lambda altitude, shielding: where)
+def test_particles_of_a_place_hit_the_detector(plan, monkeypatch):
+    """Protons over the southern half of a map, and as many electrons over all of it."""
+    rate = np.stack(
+        [np.repeat([1e4, 0.0], 23)[:, None] * np.ones((46, 90)), np.full((46, 90), 1e4)]
+    )
+    where = HitMap(rate, np.array([400e6, 100e6]))
+    monkeypatch.setattr(rendered, "hit_map", lambda altitude, shielding: where)
     radiation = Radiation(hits=5e-3)
     mission = dataclasses.replace(plan.loaded.mission, radiation=radiation)
     hit = dataclasses.replace(plan, loaded=dataclasses.replace(plan.loaded, mission=mission))
@@ -73,7 +75,7 @@ def test_protons_of_a_place_hit_the_detector(plan, monkeypatch):
         if abs(latitude) < math.radians(5):
             continue
         hits = scenes_at(hit, float(second))[0].case.instrument.detector.hits
-        assert hits.charge == pytest.approx(400e6)
+        assert hits.charge == pytest.approx(100e6 if latitude > 0 else 250e6)
         assert hits.rate == pytest.approx(1e4 if latitude > 0 else 2e4)
         seen.add(latitude > 0)
     assert seen == {True, False}
