@@ -183,20 +183,20 @@ def attitude_doubt(
     return block.turned_by(view @ known.covariance @ view.T)
 
 
-def _view(known: KnownCamera, warmer: float) -> Floats:
+def _view(state: KnownCamera, warmer: float) -> Floats:
     """What a frame sees of all unknowns: (8 + 2 k, 16 + 2 k)."""
-    nodes = 2 * len(known.nodes)
+    nodes = 2 * len(state.nodes)
     view = np.zeros((COUNT + nodes, 2 * COUNT + nodes))
     view[:COUNT, :COUNT], view[:COUNT, COUNT : 2 * COUNT] = np.eye(COUNT), warmer * np.eye(COUNT)
     view[COUNT:, 2 * COUNT :] = np.eye(nodes)
     return view
 
 
-def _slopes_of_nodes(known: KnownCamera, frame: MatchedFrame) -> Floats | None:
+def _slopes_of_nodes(state: KnownCamera, frame: MatchedFrame) -> Floats | None:
     """Slopes (n, 2, 2 k) of the stars' pixels by x and y of the nodes; None without a map."""
-    if not len(known.nodes):
+    if not len(state.nodes):
         return None
-    camera, count = known.camera, len(known.nodes)
+    camera, count = state.camera, len(state.nodes)
     weight = core.map_weights(camera.columns, camera.rows, frame.pixel, math.isqrt(count))
     slopes = np.zeros((len(weight), 2, 2 * count))
     slopes[:, 0, :count], slopes[:, 1, count:] = weight, weight

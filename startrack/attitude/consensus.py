@@ -41,7 +41,7 @@ def _search(
 ) -> None:  # fmt: skip
     count = len(sigma)
     trial, products = np.zeros(count, np.bool_), np.empty((3, 3))
-    seen, known, attitude = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    seen, reference_axes, attitude = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     best_count, least = 2, np.inf
     for i in range(count):
         for j in range(i + 1, count):
@@ -50,12 +50,12 @@ def _search(
             if abs(near - far) > gate * spread or far <= gate * spread:
                 continue
             axes_of_pair(observed[i], observed[j], seen)
-            axes_of_pair(reference[i], reference[j], known)
+            axes_of_pair(reference[i], reference[j], reference_axes)
             for m in range(3):
                 for n in range(3):
                     attitude[m, n] = 0.0
                     for axis in range(3):
-                        attitude[m, n] += seen[axis, m] * known[axis, n]
+                        attitude[m, n] += seen[axis, m] * reference_axes[axis, n]
             agree = 0
             for k in range(count):
                 # Error of the pair's middle: spread / 2; of the rotation about it: spread / far.
@@ -98,9 +98,9 @@ def _apart(direction: Floats, i: int, j: int) -> float:
 
 
 @kernel
-def _distance(seen: Floats, attitude: Floats, known: Floats) -> float:
+def _distance(seen: Floats, attitude: Floats, star: Floats) -> float:
     square = 0.0
     for k in range(3):
-        turned = attitude[k, 0] * known[0] + attitude[k, 1] * known[1] + attitude[k, 2] * known[2]
+        turned = attitude[k, 0] * star[0] + attitude[k, 1] * star[1] + attitude[k, 2] * star[2]
         square += (seen[k] - turned) ** 2
     return math.sqrt(square)

@@ -233,9 +233,9 @@ def attitude_gain(plane: Floats, inverse: Floats, focal: float, tolerance: float
     slopes = focal * tangent(plane.reshape(-1, 2)).reshape(*plane.shape, 3)
     if tolerance:
         slopes = np.concatenate([slopes, focal * plane[..., None]], axis=-1)
-    known = np.zeros(slopes.shape[-1])
-    known[3:] = tolerance**-2 if tolerance else 0.0
+    prior = np.zeros(slopes.shape[-1])
+    prior[3:] = tolerance**-2 if tolerance else 0.0
     flat = slopes.reshape(*slopes.shape[:-3], 2 * count, -1)
     left = (inverse @ slopes).reshape(flat.shape).swapaxes(-1, -2)
-    gain = np.linalg.solve(left @ flat + np.diag(known), left)
+    gain = np.linalg.solve(left @ flat + np.diag(prior), left)
     return np.asarray(gain[..., :3, :].reshape(*gain.shape[:-2], 3, count, 2))

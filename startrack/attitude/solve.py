@@ -108,10 +108,10 @@ def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: f
 
 
 @kernel
-def _enlarge(covariance, seen, weight, known, enlarged):  # type: ignore[no-untyped-def]
+def _enlarge(covariance, seen, weight, prior, enlarged):  # type: ignore[no-untyped-def]
     """Star by star, so that stars without weight change no digit."""
     for m in range(len(covariance)):
-        cross_x, cross_y, left = 0.0, 0.0, known
+        cross_x, cross_y, left = 0.0, 0.0, prior
         for n in range(weight.shape[1]):
             x, y, z = seen[m, n]
             w = weight[m, n] * z
@@ -209,10 +209,10 @@ def _by_code(name: str, pixel: Floats, covariance: Floats, matches: core.Matches
     camera = matches.camera
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / camera.focal_length_px
     given = AttitudeInput(camera.unproject(pixel), matches.direction, sigma)
-    attitude, known = attitude_by_code(name, given)
+    attitude, attitude_covariance = attitude_by_code(name, given)
     residual = pixel - camera.project(attitude.apply(matches.direction))
     return Estimate(
-        *(core.Status.SOLVED, matches.reason, attitude, known),
+        *(core.Status.SOLVED, matches.reason, attitude, attitude_covariance),
         *(float(np.sqrt(np.mean(residual**2))), len(matches), matches.false_probability),
     )
 

@@ -20,10 +20,10 @@ NEAR = 1.5  # pixel
 
 def paint(image: Floats, x: Floats, y: Floats, flux: Floats | float, sigma: float) -> None:
     """Add stars to an image of electrons."""
-    reach = int(np.ceil(6 * sigma)) + 1
+    half = int(np.ceil(6 * sigma)) + 1
     for cx, cy, light in np.broadcast(x, y, flux):
-        u = np.arange(max(round(cx) - reach, 0), min(round(cx) + reach + 1, image.shape[1]))
-        v = np.arange(max(round(cy) - reach, 0), min(round(cy) + reach + 1, image.shape[0]))
+        u = np.arange(max(round(cx) - half, 0), min(round(cx) + half + 1, image.shape[1]))
+        v = np.arange(max(round(cy) - half, 0), min(round(cy) + half + 1, image.shape[0]))
         along = ndtr((u + 0.5 - cx) / sigma) - ndtr((u - 0.5 - cx) / sigma)
         down = ndtr((v + 0.5 - cy) / sigma) - ndtr((v - 0.5 - cy) / sigma)
         image[v[0] : v[-1] + 1, u[0] : u[-1] + 1] += light * np.outer(down, along)

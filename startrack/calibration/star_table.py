@@ -198,8 +198,8 @@ def _alone(name: str) -> str:
 def _directions(path: Path, names: Names, bare: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
     if names.directions:
         plain = tuple(_bare(_alone(name))[0] for name in names.directions)
-        known = {pair: kind for kind, pair in DIRECTIONS}
-        kind = names.kind or known.get(plain) or ("vectors" if len(plain) == 3 else None)
+        kind_of = {pair: kind for kind, pair in DIRECTIONS}
+        kind = names.kind or kind_of.get(plain) or ("vectors" if len(plain) == 3 else None)
         if kind is None:
             raise Refused(
                 f"the kind of directions must be given for columns {', '.join(names.directions)}: "
@@ -235,13 +235,13 @@ def _named(path: Path, given: Sequence[str], bare: Mapping[str, str], what: str)
 
 def _found(
     path: Path, given: tuple[str, ...], bare: Mapping[str, str],
-    known: Sequence[tuple[str, ...]], what: str, taken: set[str],
+    usual: Sequence[tuple[str, ...]], what: str, taken: set[str],
 ) -> tuple[str, ...]:  # fmt: skip
     if given:
         if len(given) != 2:
             raise Refused(f"{what} must be 2 columns, column and row, got {len(given)}")
         return _named(path, given, bare, what)
-    for pair in known:
+    for pair in usual:
         if set(pair) <= set(bare) and not taken & {bare[name] for name in pair}:
             return tuple(bare[name] for name in pair)
     raise Refused(
@@ -251,13 +251,13 @@ def _found(
 
 
 def _optional(
-    given: str | None, bare: Mapping[str, str], known: Sequence[str], path: Path, what: str
+    given: str | None, bare: Mapping[str, str], usual: Sequence[str], path: Path, what: str
 ) -> str | None:
     if given == "":
         return None
     if given is not None:
         return _named(path, (given,), bare, what)[0]
-    return next((bare[name] for name in known if name in bare), None)
+    return next((bare[name] for name in usual if name in bare), None)
 
 
 def _unit(column: _Column, name: str) -> str:

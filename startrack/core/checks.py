@@ -87,10 +87,10 @@ def finite(**values: float) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise refusal(name, "must be a number", value, WrongType)
         try:
-            known = math.isfinite(value)
+            is_finite = math.isfinite(value)
         except OverflowError:  # a whole number beyond all floats
-            known = False
-        if not known:
+            is_finite = False
+        if not is_finite:
             raise refusal(name, "must be finite", value)
 
 

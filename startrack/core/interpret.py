@@ -78,9 +78,9 @@ def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionTy
     names, asked = dict[str, Any](), function
     function = STAND_INS.get(function, function)
     cells = tuple(CellType() for _ in function.__closure__ or ())
-    found = FunctionType(_strong(function.__code__), names, function.__name__, None, cells)
-    found.__defaults__ = function.__defaults__ and tuple(map(_as_argument, function.__defaults__))
-    _TWINS[asked] = found
+    plain = FunctionType(_strong(function.__code__), names, function.__name__, None, cells)
+    plain.__defaults__ = function.__defaults__ and tuple(map(_as_argument, function.__defaults__))
+    _TWINS[asked] = plain
 
     def inner(value: Any) -> Any:
         return _looking(twin(value.py_func, is_kernel)) if is_kernel(value) else _as_argument(value)
@@ -88,7 +88,7 @@ def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionTy
     names |= {name: inner(value) for name, value in function.__globals__.items()}
     for cell, original in zip(cells, function.__closure__ or (), strict=True):
         cell.cell_contents = inner(original.cell_contents)
-    return found
+    return plain
 
 
 def _strong(code: CodeType) -> CodeType:

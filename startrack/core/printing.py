@@ -84,7 +84,7 @@ def rows_of(result: Any) -> Iterator[tuple[str, str]]:
 @cache
 def _units(kind: type) -> dict[str, Unit | None]:
     """The public fields of a dataclass or NamedTuple, with their units."""
-    names = getattr(kind, "_fields", None) or [one.name for one in dataclasses.fields(kind)]
+    names = getattr(kind, "_fields", None) or [field.name for field in dataclasses.fields(kind)]
     hints = typing.get_type_hints(kind, include_extras=True)
     return {name: bare(hints[name]).unit for name in names if not name.startswith("_")}
 
@@ -109,9 +109,9 @@ def text_of(value: Any, unit: Unit | None = None) -> str:
     if isinstance(value, np.ndarray):
         return _array(value, unit)
     if isinstance(value, dict):
-        return _few([f"{key} {text_of(one, unit)}" for key, one in value.items()], value.values())
+        return _few([f"{key} {text_of(part, unit)}" for key, part in value.items()], value.values())
     if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
-        return _few([text_of(one, unit) for one in value], value)
+        return _few([text_of(part, unit) for part in value], value)
     if value is None:
         return "none"
     kind: Any = type(value)
@@ -127,7 +127,7 @@ def _is_record(value: Any) -> bool:
 
 def _few(texts: list[str], values: Collection[Any]) -> str:
     """The texts of some scalars, or how many there are."""
-    if len(values) <= FEW and all(isinstance(one, SCALAR) for one in values):
+    if len(values) <= FEW and all(isinstance(value, SCALAR) for value in values):
         return ", ".join(texts) or "none"
     return f"{len(values)} of {type(next(iter(values))).__name__}"
 
@@ -149,10 +149,10 @@ def _array(values: np.ndarray, unit: Unit | None) -> str:
         return f"{int(values.sum())} true {shape}"
     if values.ndim == 1 and len(values) <= FEW:
         return _numbers(values, unit)
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return f"none known {shape}"
-    return f"{_numbers(np.array([known.min(), known.max()]), unit, ' to ')} {shape}"
+    return f"{_numbers(np.array([finite.min(), finite.max()]), unit, ' to ')} {shape}"
 
 
 def _numbers(values: np.ndarray, unit: Unit | None, between: str = ", ") -> str:

@@ -41,11 +41,11 @@ def centroid_bound(star: Star) -> tuple[float, float]:
               noise of one electron the exact bound is 1.4 % lower, above 300 electrons less than
               0.2 %. numerical: 1e-3, from 8 x 8 sub-pixel positions, above sigma = 0.35 pixel.
     """
-    reach = math.ceil(REACH * star.sigma + star.smear / 2) + 2
+    half = math.ceil(REACH * star.sigma + star.smear / 2) + 2
     total = np.zeros(2)
     phases = (np.arange(PHASES) + 0.5) / PHASES - 0.5
-    across = [profile(phase, star.sigma, 0.0, reach) for phase in phases]
-    along = [profile(phase, star.sigma, star.smear, reach) for phase in phases]
+    across = [profile(phase, star.sigma, 0.0, half) for phase in phases]
+    along = [profile(phase, star.sigma, star.smear, half) for phase in phases]
     for fraction_x, slope_x in along:
         for fraction_y, slope_y in across:
             fractions = np.outer(fraction_y, fraction_x)
@@ -64,9 +64,9 @@ def centroid_bound(star: Star) -> tuple[float, float]:
     return x, y
 
 
-def profile(centre: float, sigma: float, smear: float, reach: int) -> tuple[Floats, Floats]:
-    """Fraction of the light in each pixel from -reach to reach; its derivative by the centre."""
-    edge = np.asarray(np.arange(-reach, reach + 2) - 0.5 - centre, np.float64)
+def profile(centre: float, sigma: float, smear: float, half: int) -> tuple[Floats, Floats]:
+    """Fraction of the light in each pixel from -half to half; its derivative by the centre."""
+    edge = np.asarray(np.arange(-half, half + 2) - 0.5 - centre, np.float64)
     if smear == 0:
         below, density = ndtr(edge / sigma), _normal(edge / sigma) / sigma
     else:  # the mean over the smear, in closed form

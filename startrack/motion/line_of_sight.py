@@ -85,9 +85,9 @@ def trace(
         return LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     wave, damping = _probes(pixel_angle, half_field)
     # Pixel by which a rotation of one radian about x, y or z moves a star in the corner.
-    reach = np.array([1 + math.tan(half_field) ** 2] * 2 + [math.tan(half_field)]) / pixel_angle
-    smear = float(np.linalg.norm(motion.speed * reach)) * exposure
-    visible = np.hypot(motion.cosine, motion.sine) @ reach > TOLERANCE
+    lever = np.array([1 + math.tan(half_field) ** 2] * 2 + [math.tan(half_field)]) / pixel_angle
+    smear = float(np.linalg.norm(motion.speed * lever)) * exposure
+    visible = np.hypot(motion.cosine, motion.sine) @ lever > TOLERANCE
     cycles = motion.frequency.max(where=visible, initial=0.0) * exposure
     count = FEWEST_POINTS + max(POINTS_PER_PIXEL * smear, POINTS_PER_CYCLE * cycles)
     coarse: LineOfSight | None = None

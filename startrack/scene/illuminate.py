@@ -170,8 +170,8 @@ def _with_bodies(
     """Add the bodies from the farthest to the nearest, each of which hides what is behind it."""
     if "planets" in scene.lights:
         light = _with_points(light, *_planets(observer, scene))
-    known = ("sun", sun_of), ("moon", moon_of)
-    discs = [body_of(observer) for name, body_of in known if name in scene.lights]
+    bodies = ("sun", sun_of), ("moon", moon_of)
+    discs = [body_of(observer) for name, body_of in bodies if name in scene.lights]
     for disc in discs:
         light = _with_disc(light, disc, sight)
     light = replace(light, stray_sources=tuple(_stray_sources(discs, earth)))

@@ -58,8 +58,8 @@ def colour_temperature(colour: Floats) -> Floats:
     Returns  (n,) kelvin, within [1500, 50000]
     """
     colours, temperatures = _colour_table()
-    known = np.interp(colour, colours, np.log(temperatures))
-    return np.where(np.isnan(colour), UNKNOWN_COLOUR, np.exp(known))
+    log_temperature = np.interp(colour, colours, np.log(temperatures))
+    return np.where(np.isnan(colour), UNKNOWN_COLOUR, np.exp(log_temperature))
 
 
 @lru_cache(maxsize=1)
