@@ -123,7 +123,7 @@ def box_reach(box: Box, focal_length_px: float) -> float:
 
 def take(
     frame: core.Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan,
-    held: Ints | None = None,
+    corners: Ints | None = None,
 ) -> Taken:  # fmt: skip
     """Search a box about each place.
 
@@ -131,7 +131,7 @@ def take(
     flux     (m,) digital number of each star, by the catalogue
     reach    pixel, half side of a box
     plan     of the tracker; its dark map, if it has one, is subtracted
-    held     (m, 2) pixel, corners of images that the exposure before left, as `Taken` has them; one
+    corners  (m, 2) pixel, of images that the exposure before left, as `Taken` has them; one
              in its box is measured where it is, without a search
     Returns  Taken; NaN where a box leaves the frame or nothing in it passes the limits
     """
@@ -140,12 +140,12 @@ def take(
     gain = gain_of(frame, 0.0)
     measured = []
     for n, (at, light) in enumerate(zip(place, flux, strict=True)):
-        corner = (-1, -1) if held is None else (int(held[n, 0]), int(held[n, 1]))
+        corner = (-1, -1) if corners is None else (int(corners[n, 0]), int(corners[n, 1]))
         if min(corner) >= 0 and (np.abs(np.array(corner) - 0.5 - at) <= reach).all():
             measured.append(_measure(image, corner, box, expected, gain))
             continue
-        found = _search(image, at, light, reach, box, expected, gain.offset)
-        measured.append(_settled(image, found, box, expected, gain) if found else NOTHING)
+        peak = _search(image, at, light, reach, box, expected, gain.offset)
+        measured.append(_settled(image, peak, box, expected, gain) if peak else NOTHING)
     return _taken(measured)
 
 
@@ -238,7 +238,7 @@ def _moment(light: Floats) -> Floats:
 
 
 def _search(
-    image: Singles, at: Floats, flux: float, reach: float, box: Box,
+    image: Singles, at: Floats, flux: float, half_side: float, box: Box,
     expected: StarImage, offset: float,
 ) -> tuple[int, int] | None:  # fmt: skip
     """Column and row of the pixel right below the middle of the image that is taken."""
@@ -246,8 +246,8 @@ def _search(
     # The middle of an even image lies between pixels.
     if not (np.abs(at) < rows + columns).all():
         return None
-    low = np.ceil(at - reach).astype(int)
-    high = np.floor(at + reach).astype(int) + 1
+    low = np.ceil(at - half_side).astype(int)
+    high = np.floor(at + half_side).astype(int) + 1
     half = IMAGE // 2
     if (low < half).any():
         return None

@@ -63,14 +63,14 @@ def peaks(
     waiting: NDArray[np.uint8],
     min_area: int,
     max_area: int,
-    reach: int,
+    half: int,
     border: int,
 ) -> Peaks:
     """Local maxima of the components whose size is right; several where stars touch.
 
     pixels   (n,) lit ones, as from `lit`; those that touch, corners included, are a component
     waiting  (rows, columns) of zeros for the work, which are zeros again at the end
-    reach    pixel, half side of the square in which a peak must be the highest
+    half     pixel, half side of the square in which a peak must be the highest
     border   pixel, distance that a peak must keep from the border
     """
     rows, columns = image.shape
@@ -89,7 +89,7 @@ def peaks(
         for n in range(size):
             u, v = member_x[n], member_y[n]
             inside = border <= u < columns - border and border <= v < rows - border
-            if inside and highest(image, u, v, reach):
+            if inside and highest(image, u, v, half):
                 x[count], y[count], area[count] = u, v, size
                 count += 1
     return Peaks(x[:count], y[:count], area[:count])
@@ -117,12 +117,12 @@ def _component(waiting: NDArray[np.uint8], x: int, y: int, member_x: Ints, membe
 
 
 @kernel
-def highest(image: Singles, x: int, y: int, reach: int) -> bool:
+def highest(image: Singles, x: int, y: int, half: int) -> bool:
     """Whether no pixel around is higher; of equals the first counts as the highest."""
     here = image[y, x]
     rows, columns = image.shape
-    for v in range(max(y - reach, 0), min(y + reach + 1, rows)):
-        for u in range(max(x - reach, 0), min(x + reach + 1, columns)):
+    for v in range(max(y - half, 0), min(y + half + 1, rows)):
+        for u in range(max(x - half, 0), min(x + half + 1, columns)):
             earlier = v < y or (v == y and u < x)
             if image[v, u] > here or (earlier and image[v, u] == here):
                 return False

@@ -157,13 +157,13 @@ def detect_near(
     return centroid(frame, image, _near(image, place, reach, plan), plan)
 
 
-def _near(image: Pixels, place: Floats, reach: float, plan: DetectionPlan) -> Candidates:
+def _near(image: Pixels, place: Floats, half_side: float, plan: DetectionPlan) -> Candidates:
     settings = plan.settings
     rows, columns = image.value.shape
     inside = (place > -0.5).all(axis=1) & (place < [columns - 0.5, rows - 0.5]).all(axis=1)
     centre = np.rint(place[inside]).astype(np.int64)
     # Room for the kernel, for the ring about a star at the edge of the reach, and for the noise.
-    half = math.ceil(reach) + max(plan.kernel.half, settings.window // 2 + 4)
+    half = math.ceil(half_side) + max(plan.kernel.half, settings.window // 2 + 4)
     half = min(max(half, LEAST_SIDE // 2), (min(rows, columns) - 1) // 2)
     side = 2 * half + 1
     # A window at the border is moved inwards to be whole.
@@ -181,7 +181,7 @@ def _near(image: Pixels, place: Floats, reach: float, plan: DetectionPlan) -> Ca
     x, y = candidates.x + corner[window, 0], candidates.y - window * side + corner[window, 1]
     off = np.maximum(abs(x - place[inside][window, 0]), abs(y - place[inside][window, 1]))
     border = settings.window // 2 + settings.edge
-    good = (off <= reach + 1) & (np.minimum(x, columns - 1 - x) >= border)
+    good = (off <= half_side + 1) & (np.minimum(x, columns - 1 - x) >= border)
     good &= np.minimum(y, rows - 1 - y) >= border
     return Candidates(x[good], y[good], candidates.area[good])
 

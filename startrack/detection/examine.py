@@ -25,7 +25,7 @@ def stands_out(
     filters: Floats,
     x: Ints,
     y: Ints,
-    reach: int,
+    ring_half: int,
     sigmas: Singles,
     sky: Sky,
     floor: float,
@@ -45,28 +45,28 @@ def stands_out(
         level, noise, far = _of_tile(x[i], y[i], sigmas, sky)
         good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
         if good[i]:
-            others = _others(x[i], y[i], reach, x, y)
-            level, noise = _of_ring(filtered, x[i], y[i], reach, floor, others, level, noise)
+            others = _others(x[i], y[i], ring_half, x, y)
+            level, noise = _of_ring(filtered, x[i], y[i], ring_half, floor, others, level, noise)
             good[i] = _stands_out(image, filtered, filters, x[i], y[i], level, far * noise)
     return good
 
 
 @kernel
 def levels_to_pass(
-    filtered: Singles, x: Ints, y: Ints, reach: int, sigmas: Singles, sky: Sky, floor: float,
+    filtered: Singles, x: Ints, y: Ints, ring_half: int, sigmas: Singles, sky: Sky, floor: float,
     peaks: Ints,
 ) -> Floats:  # fmt: skip
     """Digital number (n,) that a star must show at some places to pass `stands_out`.
 
     peaks  (2, k) x and y of the frame's own, which its rings leave out; else as `stands_out`
     """
-    found = np.empty(len(x))
+    levels = np.empty(len(x))
     for i in range(len(x)):
         level, noise, far = _of_tile(x[i], y[i], sigmas, sky)
-        others = _others(x[i], y[i], reach, peaks[0], peaks[1])
-        level, noise = _of_ring(filtered, x[i], y[i], reach, floor, others, level, noise)
-        found[i] = level + far * noise
-    return found
+        others = _others(x[i], y[i], ring_half, peaks[0], peaks[1])
+        level, noise = _of_ring(filtered, x[i], y[i], ring_half, floor, others, level, noise)
+        levels[i] = level + far * noise
+    return levels
 
 
 @kernel
@@ -81,9 +81,9 @@ def _of_tile(x: int, y: int, sigmas: Singles, sky: Sky) -> tuple[float, float, f
 
 
 @kernel
-def _others(x: int, y: int, reach: int, peaks_x: Ints, peaks_y: Ints) -> Ints:
+def _others(x: int, y: int, ring_half: int, peaks_x: Ints, peaks_y: Ints) -> Ints:
     """Peaks (2, k) whose squares may touch the ring about one, which is not among them."""
-    far_off = 2 * reach + 4
+    far_off = 2 * ring_half + 4
     near = (np.abs(peaks_x - x) <= far_off) & (np.abs(peaks_y - y) <= far_off)
     near &= (peaks_x != x) | (peaks_y != y)
     return np.stack((peaks_x[near], peaks_y[near]))
@@ -91,11 +91,11 @@ def _others(x: int, y: int, reach: int, peaks_x: Ints, peaks_y: Ints) -> Ints:
 
 @kernel
 def _of_ring(
-    filtered: Singles, x: int, y: int, reach: int, floor: float, others: Ints, level: float,
+    filtered: Singles, x: int, y: int, ring_half: int, floor: float, others: Ints, level: float,
     noise: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Level and noise, those of the ring where it is brighter or less even."""
-    ring, _, _, spread, _ = around_among(filtered, x, y, reach, floor, others[0], others[1])
+    ring, _, _, spread, _ = around_among(filtered, x, y, ring_half, floor, others[0], others[1])
     level = ring if ring > level + HIGHER * noise else level
     return level, spread if spread > UNEVEN * noise else noise
 
@@ -111,7 +111,7 @@ def _stands_out(
 
 
 @kernel
-def is_hot(image: Singles, x: int, y: int, reach: int, fraction: float) -> bool:
+def is_hot(image: Singles, x: int, y: int, ring_half: int, fraction: float) -> bool:
     """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
     The four neighbours of a hot pixel hold less than the sharpest star puts there; a hot row's
@@ -120,7 +120,7 @@ def is_hot(image: Singles, x: int, y: int, reach: int, fraction: float) -> bool:
 
     fraction  1, of the sharpest star's light that falls on one row of pixels at most
     """
-    level, _, _, noise, _ = around(image, x, y, reach, 0.0)
+    level, _, _, noise, _ = around(image, x, y, ring_half, 0.0)
     core = image[y - 1 : y + 2, x - 1 : x + 2].astype(np.float64) - level
     return bool(_is_sharp(core, noise, fraction))
 
@@ -209,10 +209,10 @@ def _line_sigma(fraction: float) -> float:
 
 
 @kernel
-def has_dead_pixel(dead: NDArray[np.uint8], x: int, y: int, reach: int) -> bool:
+def has_dead_pixel(dead: NDArray[np.uint8], x: int, y: int, half: int) -> bool:
     """Whether a peak has a dead pixel in a square of that half side about it."""
-    left, top = max(x - reach, 0), max(y - reach, 0)
-    return bool(dead[top : y + reach + 1, left : x + reach + 1].any())
+    left, top = max(x - half, 0), max(y - half, 0)
+    return bool(dead[top : y + half + 1, left : x + half + 1].any())
 
 
 def largest_fraction(sigma: float) -> float:

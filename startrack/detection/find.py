@@ -115,13 +115,13 @@ def levels_at(pixels: Pixels, plan: DetectionPlan, x: Ints, y: Ints) -> Floats:
     ground = ground_of(pixels, image, kernel, settings.mesh)
     far = threshold_grid(ground, plan.threshold(image.size))
     bright = lit(image, examination_level(ground, far), ground.mesh)
-    reach, waiting = settings.window // 2, np.zeros(image.shape, np.uint8)
-    border, shot = reach + settings.edge, 1 / pixels.gain.electrons_per_dn
-    merged = peaks(image, bright, waiting, settings.min_area, settings.max_area, reach, border)
+    half, waiting = settings.window // 2, np.zeros(image.shape, np.uint8)
+    border, shot = half + settings.edge, 1 / pixels.gain.electrons_per_dn
+    merged = peaks(image, bright, waiting, settings.min_area, settings.max_area, half, border)
     own = split(pixels.value, merged, ground, kernel.noise, shot, border)
-    half, floor = ring_half(settings, kernel), rounding(pixels, kernel)
+    ring, floor = ring_half(settings, kernel), rounding(pixels, kernel)
     near = np.stack([own.x, own.y])
-    return np.asarray(levels_to_pass(image, x, y, half, far, ground, floor, near))
+    return np.asarray(levels_to_pass(image, x, y, ring, far, ground, floor, near))
 
 
 def ground_of(pixels: Pixels, image: Singles, kernel: Kernel, mesh: int) -> Sky:
@@ -161,12 +161,12 @@ def choose(
     regions  (w, 4) left, top, right, bottom that peaks must lie in, None for all of the frame
     """
     settings, kernel = plan.settings, plan.kernel
-    reach, sharpest = settings.window // 2, settings.sharpest_sigma
+    half, sharpest = settings.window // 2, settings.sharpest_sigma
     rules = _Rules(
         settings.min_area,
         settings.max_area,
-        reach,
-        reach + settings.edge,
+        half,
+        half + settings.edge,
         ring_half(settings, kernel),
         kernel.noise,
         1 / pixels.gain.electrons_per_dn,
@@ -185,7 +185,7 @@ class _Rules(NamedTuple):
     """What a peak must meet, for the kernel.
 
     min_area, max_area  of its connected component, pixel
-    reach     half side of the square in which it is the highest, pixel
+    half      half side of the square in which it is the highest, pixel
     border    distance from the frame's border, pixel
     ring      half side of the square that the ring about it leaves free, pixel
     noise     fraction of a pixel's noise that the filter leaves
@@ -197,7 +197,7 @@ class _Rules(NamedTuple):
 
     min_area: int
     max_area: int
-    reach: int
+    half: int
     border: int
     ring: int
     noise: float
@@ -214,9 +214,7 @@ def _choose(
     rules: _Rules,
 ) -> tuple[Ints, Ints, Ints]:  # fmt: skip
     """Columns, rows and areas of the peaks that `choose` keeps."""
-    merged = peaks(
-        image, bright, waiting, rules.min_area, rules.max_area, rules.reach, rules.border
-    )
+    merged = peaks(image, bright, waiting, rules.min_area, rules.max_area, rules.half, rules.border)
     x, y, area = split(value, merged, ground, rules.noise, rules.shot, rules.border)
     good = _inside(x, y, regions)
     x, y, area = x[good], y[good], area[good]

@@ -80,8 +80,8 @@ def kernel_of(settings: Detection, psf: Psf) -> Kernel:
 @lru_cache(maxsize=64)
 def gaussian_kernel(sigma: float) -> Kernel:
     """Of a Gaussian star, integrated over pixels; sigma in pixel."""
-    reach = max(1, round(REACH * sigma))
-    edge = (np.arange(-reach, reach + 2) - 0.5) / (sigma * math.sqrt(2))
+    half = max(1, round(REACH * sigma))
+    edge = (np.arange(-half, half + 2) - 0.5) / (sigma * math.sqrt(2))
     return _kernel(np.outer(*2 * (np.diff([math.erf(e) for e in edge]),)))
 
 

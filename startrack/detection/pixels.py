@@ -141,10 +141,10 @@ def _correct(value, windows, offset, marks, saturation, out):  # type: ignore[no
 def _mean_beside(image: Singles, marks: NDArray[np.uint8], x: int, y: int) -> float:
     """Mean of the nearest pixels that are not hot, in the smallest square that holds one."""
     rows, columns = image.shape
-    for reach in range(1, max(rows, columns)):
+    for half in range(1, max(rows, columns)):
         total, count = 0.0, 0
-        for v in range(max(y - reach, 0), min(y + reach + 1, rows)):
-            for u in range(max(x - reach, 0), min(x + reach + 1, columns)):
+        for v in range(max(y - half, 0), min(y + half + 1, rows)):
+            for u in range(max(x - half, 0), min(x + half + 1, columns)):
                 if not marks[v, u]:
                     total += image[v, u]
                     count += 1

@@ -43,12 +43,12 @@ def clipped(values: Singles, floor: float) -> tuple[float, float]:
     count = np.float32(0)
     for _ in range(ROUNDS):
         # Offsets from the last mean are small, so float32 sums lose no digits.
-        reach = np.float32(CLIP * rms)
+        limit = np.float32(CLIP * rms)
         # All in float32, or the processor could not take several pixels at once.
         kept, first, second = np.float32(0), np.float32(0), np.float32(0)
         for i in range(len(values)):
             offset = values[i] - mean
-            inside = np.float32(abs(offset) <= reach)
+            inside = np.float32(abs(offset) <= limit)
             offset *= inside
             kept += inside
             first += offset
@@ -147,12 +147,12 @@ def _slopes(
     values: Singles, dx: Singles, dy: Singles, mean: float, rms: float
 ) -> tuple[float, float, float]:
     """Least-squares slopes of the values within 3 sigma, and the fraction of variance they hold."""
-    reach, level = np.float32(CLIP * rms), np.float32(mean)
+    limit, level = np.float32(CLIP * rms), np.float32(mean)
     zero = np.float32(0)
     x, y, xx, yy, count = zero, zero, zero, zero, zero
     for i in range(len(values)):
         offset = values[i] - level
-        inside = np.float32(abs(offset) <= reach)
+        inside = np.float32(abs(offset) <= limit)
         offset *= inside
         count += inside
         x += offset * dx[i]

@@ -118,8 +118,8 @@ def refined(frame: Frame, plan: DetectionPlan, spots: Spots, first: Streak) -> S
         return np.asarray(light * line + level - mean).ravel()
 
     start = [first.x, first.y, _width(plan) / math.sqrt(2), 1.0, 0.0, 0.0, 0.0]
-    found = optimize.least_squares(off, start)
-    sx, sy = float(found.x[0]), float(found.x[1])
+    fit = optimize.least_squares(off, start)
+    sx, sy = float(fit.x[0]), float(fit.x[1])
     if math.hypot(sx - first.x, sy - first.y) > max(FAR, APART * math.hypot(first.x, first.y)):
         return first
     return first._replace(x=sx, y=sy)
@@ -128,11 +128,11 @@ def refined(frame: Frame, plan: DetectionPlan, spots: Spots, first: Streak) -> S
 def _fitted(ridge: Floats, start: Floats, sigma: float, height: float) -> Streak:
     """The line of a triangle, blurred by a Gaussian of free width, that fits the ridge best."""
     far = len(ridge) // 2
-    reach = math.hypot(*start) + NEAR * sigma
+    limit = math.hypot(*start) + NEAR * sigma
     y, x = np.mgrid[0 : far + 1, -far : far + 1]  # each lag has its mirror
     unit = start / max(math.hypot(*start), 1e-9)
     beside = np.abs(unit[0] * y - unit[1] * x) < NEAR * sigma
-    chosen = beside & (np.hypot(x, y) < reach) & ((y > 0) | (x > 0))
+    chosen = beside & (np.hypot(x, y) < limit) & ((y > 0) | (x > 0))
     x, y = x[chosen], y[chosen]
     value = ridge[far + y, far + x]
 
@@ -146,11 +146,11 @@ def _fitted(ridge: Floats, start: Floats, sigma: float, height: float) -> Streak
     first[3] *= max(math.hypot(*start) / sigma / math.sqrt(2 * math.pi), 1.0)
     if not start.any():
         first[:2] = 0.5, 0.1
-    found = optimize.least_squares(off, first, x_scale=[1.0, 1.0, 0.3, abs(first[3]) + 1e-9])
-    normal = found.jac.T @ found.jac
-    variance = 2 * found.cost / max(len(value) - 4, 1)
+    fit = optimize.least_squares(off, first, x_scale=[1.0, 1.0, 0.3, abs(first[3]) + 1e-9])
+    normal = fit.jac.T @ fit.jac
+    variance = 2 * fit.cost / max(len(value) - 4, 1)
     error = np.sqrt(np.diag(np.linalg.pinv(normal))[:2].mean() * variance)
-    return Streak(float(found.x[0]), float(found.x[1]), float(error), height)
+    return Streak(float(fit.x[0]), float(fit.x[1]), float(error), height)
 
 
 def _blurred_line(x: Floats, y: Floats, sx: float, sy: float, width: float, order: int) -> Floats:

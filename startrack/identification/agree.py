@@ -90,7 +90,7 @@ def agree(
     place: Floats,
     rotation: Floats,
     scale: float,
-    reach: float,
+    match_radius: float,
     fewest: int,
     without: int,
 ) -> Agreed:  # pragma: no cover
@@ -100,18 +100,18 @@ def agree(
     keep the fit where half of the stars are missed. Hence residuals above those of most matches
     get less weight (Cauchy), and the match radius follows the residuals.
 
-    direction  (s, 3) unit vectors of stars, ICRS axes
-    star       (m,) indices into `direction` of the stars that the image should hold
-    place      (m, 2) their expected positions, at the attitude and scale to start from
-    rotation   (3, 3) icrs_to_camera to start from, as scale
-    reach      1, match radius of the first round in the image plane
-    fewest     matches; with fewer it ends
-    without    which of the first matches to leave out of the first fit, -1 for none
+    direction     (s, 3) unit vectors of stars, ICRS axes
+    star          (m,) indices into `direction` of the stars that the image should hold
+    place         (m, 2) their expected positions, at the attitude and scale to start from
+    rotation      (3, 3) icrs_to_camera to start from, as scale
+    match_radius  1, of the first round in the image plane
+    fewest        matches; with fewer it ends
+    without       which of the first matches to leave out of the first fit, -1 for none
     """
     n = len(seen.sigma)
     radius, weight = np.empty(n), np.empty(n)
     for i in range(n):
-        radius[i], weight[i] = reach, 1 / seen.sigma[i] ** 2
+        radius[i], weight[i] = match_radius, 1 / seen.sigma[i] ** 2
     spot, taken, distance = pair(seen.plane, place, radius)
     if 0 <= without < len(spot):
         weight[spot[without]] = 0.0
@@ -220,8 +220,8 @@ def gather(
     magnitude  (stars,) of these, in the catalogue's order
     """
     star, place = _brightest(seen, faint, magnitude, rotation, scale)
-    reach = max(seen.excess, REACH * median(seen.sigma))
-    agreed = agree(seen, faint.direction, star, place, rotation, scale, reach, 2, -1)
+    match_radius = max(seen.excess, REACH * median(seen.sigma))
+    agreed = agree(seen, faint.direction, star, place, rotation, scale, match_radius, 2, -1)
     matched = star[agreed.taken]
     return Gathered(
         agreed.spot,

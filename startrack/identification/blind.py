@@ -35,13 +35,13 @@ def fields(first: float = USUAL) -> list[float]:
     Their tolerances, of the focal length, by which the tangent of half a field goes, leave no gap.
     """
     steps = [NARROWEST]
-    reach = math.tan(NARROWEST / 2) * (1 + tolerance_of(NARROWEST))
-    while reach < math.tan(WIDEST / 2):
-        here = 2 * math.atan(reach / (1 - TOLERANCE))
+    covered = math.tan(NARROWEST / 2) * (1 + tolerance_of(NARROWEST))
+    while covered < math.tan(WIDEST / 2):
+        here = 2 * math.atan(covered / (1 - TOLERANCE))
         if here >= WIDE:
-            here = 2 * math.atan(reach / (1 - TOLERANCE_WIDE))
+            here = 2 * math.atan(covered / (1 - TOLERANCE_WIDE))
         steps.append(min(here, WIDEST))
-        reach = math.tan(steps[-1] / 2) * (1 + tolerance_of(steps[-1]))
+        covered = math.tan(steps[-1] / 2) * (1 + tolerance_of(steps[-1]))
     return sorted(steps, key=lambda field: abs(math.log(field / first)))
 
 
@@ -260,10 +260,10 @@ def _rematched(
     log_p = math.log(max(start.matches.false_probability, 1e-300))
     for turn in range(ROUNDS):
         wider = RADII[min(turn, len(RADII) - 1)]
-        held = replace(settings, focal_tolerance=0.0, match_radius=settings.match_radius * wider)
+        fixed = replace(settings, focal_tolerance=0.0, match_radius=settings.match_radius * wider)
         assert fit.matches.icrs_to_camera is not None
         again = refined(
-            spots, usable(spots), fit.matches.camera, stars, index, held,
+            spots, usable(spots), fit.matches.camera, stars, index, fixed,
             fit.matches.icrs_to_camera.as_matrix(), 1.0, log_p,
         )  # fmt: skip
         if again.icrs_to_camera is None or len(again) < LEAST_FREE // 2 + len(free):

@@ -54,7 +54,7 @@ def log_brightness(
         faintest, brightest = max(faintest, finite[i]), min(brightest, finite[i])
         squares += (finite[i] - centre) ** 2
     spread = max(math.sqrt(squares / n), LEAST_SPREAD)
-    reach = faintest - brightest + 1.0
+    span = faintest - brightest + 1.0
     brightest_stars = order(expected)[: len(magnitude)]
     shift = median(finite) - median(expected[brightest_stars])
     product = np.empty(len(ZERO_POINTS))
@@ -65,7 +65,7 @@ def log_brightness(
         if not math.isfinite(m) or not math.isfinite(spot_blur[i]):
             continue
         # A uniform part for heavy tails: one spot may be far brighter than all others.
-        chance = 0.5 * _normal(m - centre, spread**2) + 0.5 / reach
+        chance = 0.5 * _normal(m - centre, spread**2) + 0.5 / span
         variance = spot_blur[i] ** 2 + star_blur[i] ** 2
         for z in range(len(ZERO_POINTS)):
             difference = m - expected[star[i]] - shift - ZERO_POINTS[z]

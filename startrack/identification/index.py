@@ -82,16 +82,16 @@ def _rank(direction: Floats, radius: float, most: int, side: int) -> Ranks:  # p
     newest = np.full(side**3, -1, np.int32)  # the cubes are linked lists: last star put in
     before = np.empty(n, np.int32)  # and the star put in before each
     limit = np.cos(radius)
-    reach = int(np.ceil(radius / 2 * side))
+    steps = int(np.ceil(radius / 2 * side))
     for s in range(n):
         x, y, z = direction[s]
         i0 = min(int((x + 1) / 2 * side), side - 1)
         j0 = min(int((y + 1) / 2 * side), side - 1)
         k0 = min(int((z + 1) / 2 * side), side - 1)
         count = 0
-        for i in range(max(i0 - reach, 0), min(i0 + reach + 1, side)):
-            for j in range(max(j0 - reach, 0), min(j0 + reach + 1, side)):
-                for k in range(max(k0 - reach, 0), min(k0 + reach + 1, side)):
+        for i in range(max(i0 - steps, 0), min(i0 + steps + 1, side)):
+            for j in range(max(j0 - steps, 0), min(j0 + steps + 1, side)):
+                for k in range(max(k0 - steps, 0), min(k0 + steps + 1, side)):
                     t = newest[(i * side + j) * side + k]
                     while t >= 0 and count < most:
                         d = direction[t]

@@ -176,9 +176,9 @@ def predict(
     rxx, rxy, rxz = rotation[0]
     ryx, ryy, ryz = rotation[1]
     rzx, rzy, rzz = rotation[2]
-    reach = min(1.02 * seen.corner / min(scale, 1.0), 1.57)
-    nearest = math.cos(reach)
-    low, high = cubes_around(sky, rotation[2], reach)
+    field_radius = min(1.02 * seen.corner / min(scale, 1.0), 1.57)
+    nearest = math.cos(field_radius)
+    low, high = cubes_around(sky, rotation[2], field_radius)
     left, top = seen.low
     right, bottom = seen.high
     star = np.empty(most_within(sky, low, high) + 1, np.int64)

@@ -145,8 +145,8 @@ class Database:
         """
         query = "SELECT number, data, checksum FROM rows WHERE key = ? ORDER BY number"
         rows = self.read(query, key)
-        for number, data, known in rows:
-            if known != _checksum(key, number, data):
+        for number, data, checksum in rows:
+            if checksum != _checksum(key, number, data):
                 raise ValueError(
                     f"{self.path} is damaged: row {number} of {key.hex()} is not as it was "
                     "written; delete the file, and the same command does it all again"

@@ -63,14 +63,14 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
 def refuse_unknown(*tables: tuple[type, object, str]) -> None:
     """Refuse the unknown keys of some tables of a file, each with its kind and place, at once."""
     unknown = [
-        one
+        message
         for kind, table, place in tables
         if isinstance(table, Mapping)
-        for one in _unknown(kind, table, place)
+        for message in _unknown(kind, table, place)
     ]
     if unknown:  # what is known is a long list, beside which not all would be said
-        one = len(unknown) == 1
-        raise Refused("; ".join(text + known * one for text, known in unknown))
+        single = len(unknown) == 1
+        raise Refused("; ".join(text + choices * single for text, choices in unknown))
 
 
 def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[tuple[str, str]]:
@@ -81,10 +81,10 @@ def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[tuple[
         inner = fields[key].kind if key in fields else None
         if inner is None:
             near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
-            known = ", ".join(fields) or "no keys"
+            names = ", ".join(fields) or "no keys"
             text = f"{_join(place, core.shown(key)[1:-1])} is unknown"
             yield (f"{text}; did you mean {near[0]}?", "") if near else (
-                text, f"; known here are {known}"
+                text, f"; known here are {names}"
             )  # fmt: skip
         elif dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
             yield from _unknown(inner, value, _join(place, key))

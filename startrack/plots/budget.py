@@ -54,11 +54,11 @@ def draw_budget(
     """
     names: dict[str, Line[Any] | _OfUnits] = {line.name: line for line in expected.lines}
     beside = {line.name: line for line in by_trials.lines} if by_trials else {}
-    whole = "as designed" if units else "end to end"
-    order = [*names, *(name for name in beside if name not in names), whole]
-    names[whole] = expected.whole
+    total = "as designed" if units else "end to end"
+    order = [*names, *(name for name in beside if name not in names), total]
+    names[total] = expected.whole
     if by_trials:
-        beside[whole] = by_trials.whole
+        beside[total] = by_trials.whole
     of_units = _of_units(units) if units else {}
     names |= of_units
     order += of_units
@@ -95,13 +95,13 @@ class _OfUnits(NamedTuple):
 def _of_units(units: UnitBudgets) -> dict[str, _OfUnits]:
     parts = {Term.BIAS: units.bias} | units.terms
     square = {term: (error**2).mean(axis=0) for term, error in parts.items()}
-    whole = np.sum(list(square.values()), axis=0)
+    total = np.sum(list(square.values()), axis=0)
 
     def row(term: Term | None, part: Floats) -> _OfUnits:
         return _OfUnits(term, float(np.sqrt(part[:2].mean())), float(np.sqrt(part[2])))
 
     rows = {f"units: {term.value}": row(term, square[term]) for term in Term if term in square}
-    return {**rows, "units: all, with bias": row(None, whole)}
+    return {**rows, "units: all, with bias": row(None, total)}
 
 
 def _bars(
@@ -142,9 +142,9 @@ def _bars(
 def _measured(line: Line[Any], kind: str) -> tuple[float, float, float]:
     """Arcsec rms per axis with its interval over the members."""
     square = (line.spread.error**2).mean(axis=1)
-    found: Interval = rms_interval(square[:, :2].mean(axis=1) if kind == "across" else square[:, 2])
-    high = found.high if np.isfinite(found.high) else found.value
-    return found.value / arcsec, found.low / arcsec, high / arcsec
+    rms: Interval = rms_interval(square[:, :2].mean(axis=1) if kind == "across" else square[:, 2])
+    high = rms.high if np.isfinite(rms.high) else rms.value
+    return rms.value / arcsec, rms.low / arcsec, high / arcsec
 
 
 def _required(axes: Axes, limits: Sequence[Accuracy], largest: float) -> None:

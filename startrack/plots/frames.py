@@ -350,8 +350,8 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
         if block < 3:
             # A star shines into the eight pixels around; a hot pixel does not, and stays small.
             middle, of_pixels = _ground(values[np.isfinite(values)])
-            known = np.where(np.isfinite(values), values, middle)
-            around = (9 * uniform_filter(known, 3) - known) / 8
+            filled = np.where(np.isfinite(values), values, middle)
+            around = (9 * uniform_filter(filled, 3) - filled) / 8
             bright &= around > middle + AROUND * of_pixels / math.sqrt(8)
         wide = _largest(np.where(bright, values, -np.inf), block)
         reduced = np.maximum(reduced, maximum_filter(wide, 3, mode="nearest"))

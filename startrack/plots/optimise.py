@@ -87,8 +87,8 @@ def _forecasts(axes: Axes, optimum: Optimum) -> None:
 def _counted_errors(optimum: Optimum) -> Floats:
     """Arcsec (n,) of the evaluations; infinite where a requirement is missed, or none is solved."""
     return np.array([
-        one.error / arcsec if one.feasible and math.isfinite(one.error) else math.inf
-        for one in optimum.evaluations
+        design.error / arcsec if design.feasible and math.isfinite(design.error) else math.inf
+        for design in optimum.evaluations
     ])  # fmt: skip
 
 
@@ -139,10 +139,10 @@ def draw_variables(axes: Axes, optimum: Optimum) -> None:
 
     Scaled to its bounds.
     """
-    found = optimum.landscape
+    landscape = optimum.landscape
     points = [
-        *(found.forecasts if found else ()),
-        *(one.coordinates for one in optimum.evaluations),
+        *(landscape.forecasts if landscape else ()),
+        *(design.coordinates for design in optimum.evaluations),
     ]
     number_of, best = np.arange(1, len(points) + 1), _best_numbers(optimum)
     for n, (variable, line) in enumerate(
@@ -156,12 +156,12 @@ def draw_variables(axes: Axes, optimum: Optimum) -> None:
             number_of, line[best], lw=1.4, color=colour, ls=pattern, drawstyle="steps-post",
             label=variable.name.rpartition(".")[2],
         )  # fmt: skip
-        if found:
-            span, at = found.spans[variable.name], len(line) * (1.02 + 0.015 * n)
+        if landscape:
+            span, at = landscape.spans[variable.name], len(line) * (1.02 + 0.015 * n)
             axes.plot([at, at], [span.low, span.high], "-_", lw=2.5, color=colour, ms=5)
     axes.set(xlabel="evaluation (number)", ylabel="variable, scaled (fraction of its range)")
     title = "dots: designs that were tried; lines: the best so far"
-    if found:
+    if landscape:
         title += "; bars: values that keep the objective, while the others follow"
     style.panel_title(axes, title)
     axes.set_ylim(-0.03, 1.03)
@@ -174,8 +174,8 @@ def _best_numbers(optimum: Optimum) -> Ints:
 
     The best of forecasts is not compared with trials, nor one with fewer trials.
     """
-    found, tried = optimum.landscape, _counted_errors(optimum)
-    forecast = np.where(found.met, found.expected, np.inf) if found else np.empty(0)
+    landscape, tried = optimum.landscape, _counted_errors(optimum)
+    forecast = np.where(landscape.met, landscape.expected, np.inf) if landscape else np.empty(0)
     values = np.concatenate([forecast, tried])
     least = np.concatenate([np.fmin.accumulate(forecast), _best_so_far(tried, optimum)])
     best = (values == least) & np.isfinite(values)
