@@ -117,8 +117,8 @@ class Campaign(Parameters):
     @property
     def trials_of_level(self) -> int:
         """Trials of a unit, of which one is beyond the largest level that is asked; 2 without."""
-        objectives = [Objective.read(self.objective), *(one.objective for one in self.limited)]
-        return max(fewest_trials_beyond(one) for one in objectives)
+        objectives = [Objective.read(self.objective), *(limit.objective for limit in self.limited)]
+        return max(fewest_trials_beyond(objective) for objective in objectives)
 
     @property
     def limited(self) -> tuple[Accuracy, ...]:

@@ -415,11 +415,11 @@ class Case(core.CarriesCode):
         if self.tracker.catalog:
             believed = believed_from(self.scene, catalog, self.tracker.catalog)
             object.__setattr__(self, "tracker", replace(self.tracker, catalog=believed))
-        own = {(one.name, one.per) for one in self.variation}
-        for one in self._of_structure:
-            if (one.name, one.per) in own:
+        own = {(variation.name, variation.per) for variation in self.variation}
+        for variation in self._of_structure:
+            if (variation.name, variation.per) in own:
                 raise Refused(
-                    f"variation of {one.name} per {one.per} must be left out beside "
+                    f"variation of {variation.name} per {variation.per} must be left out beside "
                     "instrument.structure, which it follows from"
                 )
         check_variations(self, self.varying)

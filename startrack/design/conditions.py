@@ -140,19 +140,20 @@ def judged(
 
 
 def _judged(case: Case, needs: Requirements, conditions: Sequence[Condition]) -> Iterator[Judged]:
-    names = [one.name for one in conditions]
+    names = [condition.name for condition in conditions]
     if len(set(names)) < len(names):
         raise Refused(f"conditions must have different names, got {', '.join(names)}")
     cases = [case]
     yield Judged(NOMINAL, case, needs, 1.0)
-    for one in conditions:
+    for condition in conditions:
         try:
-            cases.append(one.of(case))
+            cases.append(condition.of(case))
         except Refused as error:
-            raise Refused(f"condition {one.name}: {error}") from None
-        yield Judged(one.name, cases[-1], one.requirements(needs), one.weight)
-    if all(one.instrument.motion.rate for one in cases):
+            raise Refused(f"condition {condition.name}: {error}") from None
+        yield Judged(condition.name, cases[-1], condition.requirements(needs), condition.weight)
+    rates = [varied.instrument.motion.rate for varied in cases]
+    if all(rates):
         yield Judged(REST, turning(case, 0.0), needs, 0.0)
     fastest = needs.max_rate
-    if fastest and all(not math.isclose(one.instrument.motion.rate, fastest) for one in cases):
+    if fastest and not any(math.isclose(rate, fastest) for rate in rates):
         yield Judged(MAX_RATE, turning(case, fastest), needs, 0.0)

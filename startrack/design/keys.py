@@ -165,7 +165,7 @@ def toml(value: Any) -> str:
         case list():
             return f"[{', '.join(map(toml, value))}]"
         case dict():
-            return f"{{{', '.join(f'{name} = {toml(one)}' for name, one in value.items())}}}"
+            return f"{{{', '.join(f'{name} = {toml(entry)}' for name, entry in value.items())}}}"
     return f"{value:g}"
 
 
@@ -203,7 +203,7 @@ def template(product: str = "", optional: bool = False) -> str:
 
 def _tables(table: Any, place: str, keys: dict[str, Key], optional: bool) -> Iterator[str]:
     """The lines of a table and of those within it."""
-    lines = {name: one for name, one in table.items() if not _is_table(one)}
+    lines = {name: entry for name, entry in table.items() if not _is_table(entry)}
     beside = _left_out(place, set(table), keys) if optional else []
     if place and (lines or beside):
         yield from ("", *_about(keys[place].meaning), f"[{place}]")
@@ -211,12 +211,12 @@ def _tables(table: Any, place: str, keys: dict[str, Key], optional: bool) -> Ite
         yield from _line(name, toml(value), keys[f"{place}.{name}" if place else name])
     for key in beside:
         yield from _line(f"# {key.name.rpartition('.')[2]}", key.default, key)
-    for name, one in table.items():
+    for name, entry in table.items():
         where = f"{place}.{name}" if place else name
-        if isinstance(one, dict):
-            yield from _tables(one, where, keys, optional)
-        elif _is_table(one):
-            yield from _rows(one, where, keys)
+        if isinstance(entry, dict):
+            yield from _tables(entry, where, keys, optional)
+        elif _is_table(entry):
+            yield from _rows(entry, where, keys)
 
 
 def _rows(rows: Iterable[dict[str, Any]], place: str, keys: dict[str, Key]) -> Iterator[str]:

@@ -245,8 +245,8 @@ class Structure(Parameters):
     def uncontrolled(self, optics: Optics) -> float:
         """Fraction of swing and gradients that the heaters leave."""
         swing = float(np.ptp(warmth(self.heat).head)) / 2 if self.heat else self.swing
-        reach = self.size(optics)[2] / 2
-        at_foot = swing + reach * math.hypot(self.gradient_x, self.gradient_y)
+        lever = self.size(optics)[2] / 2
+        at_foot = swing + lever * math.hypot(self.gradient_x, self.gradient_y)
         return max(1 - self.heater / (self.conductance * at_foot), 0.0) if at_foot else 1.0
 
     def flux_gradient(self, optics: Optics) -> float:
@@ -300,13 +300,13 @@ class Structure(Parameters):
             for load, (by, stretch) in read_displacements(self.displacements, content).items():
                 turns[:, LOADS.index(load)], scale[LOADS.index(load)] = by, stretch
         lens = np.array([self.lens_expansion, *NONE])
-        found = dict(zip(TURNS, turns, strict=True)) | {
+        responses = dict(zip(TURNS, turns, strict=True)) | {
             FOCAL: lens * self.telecentric + scale * (1 - self.telecentric),
             "instrument.optics.principal_x": np.array([board, *NONE]),
         }
         if self.focus and not optics.psf_file:
-            found["instrument.optics.defocus"] = optics.focal_length * (scale - lens)
-        return {name: values for name, values in found.items() if values.any()}
+            responses["instrument.optics.defocus"] = optics.focal_length * (scale - lens)
+        return {name: values for name, values in responses.items() if values.any()}
 
     def swings(self, optics: Optics) -> Floats:
         """Rms (3,) of the turns about x, y and z over an orbit, radian."""
@@ -363,7 +363,7 @@ class Structure(Parameters):
         count = max(map(len, self._profiles))
         turn = np.exp(2j * math.pi * np.linspace(0, 1, count))
         rows = zip((*self._profiles, (), ()), wave, strict=True)
-        return np.array([profile or np.imag(one * turn) for profile, one in rows])
+        return np.array([profile or np.imag(phasor * turn) for profile, phasor in rows])
 
     def _waves(self, optics: Optics) -> NDArray[np.complexfloating]:
         """Complex amplitudes (5,) of the loads, without profiles and heat."""
@@ -382,20 +382,20 @@ class Structure(Parameters):
         sides  (2, n) W / m2 that the tube takes up on its side at +x over that at -x, halved, and
                of y; None: its own flux
         """
-        found = np.imag(self._waves(optics)[:, None] * np.exp(2j * math.pi * place))
+        loads = np.imag(self._waves(optics)[:, None] * np.exp(2j * math.pi * place))
         if mean is not None:
-            found[0] = self.uncontrolled(optics) * mean
+            loads[0] = self.uncontrolled(optics) * mean
         if sides is not None:
-            found[3:] = self._gradient_by_flux(optics) * sides
-        return found
+            loads[3:] = self._gradient_by_flux(optics) * sides
+        return loads
 
     def _by_heat(self, heat: Heat, optics: Optics) -> Floats:
         """As `_over_orbit`; the mean over an orbit is what the tracker is calibrated to."""
-        found = warmth(heat)
-        rows = np.stack([found.head - found.head.mean(), found.side_x, found.side_y])
+        warm = warmth(heat)
+        rows = np.stack([warm.head - warm.head.mean(), warm.side_x, warm.side_y])
         place = np.linspace(0, 1, TIMES + 1)
-        known = np.linspace(0, 1, rows.shape[1] + 1)
-        rows = np.array([np.interp(place, known, np.append(row, row[0])) for row in rows])
+        given = np.linspace(0, 1, rows.shape[1] + 1)
+        rows = np.array([np.interp(place, given, np.append(row, row[0])) for row in rows])
         return self.loads(optics, place, rows[0], rows[1:])
 
 
@@ -414,7 +414,7 @@ def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float
     rows = list(csv.DictReader(text.splitlines()))
     if not rows or not set(COLUMNS) <= rows[0].keys():
         raise Refused(f"{path}: a table of displacements must have columns {', '.join(COLUMNS)}")
-    found = {}
+    displacements = {}
     for load in dict.fromkeys(row["load"] for row in rows):
         if load not in LOADS:
             raise Refused(f"{path}: load must be one of {', '.join(LOADS)}, got {load!r}")
@@ -432,8 +432,8 @@ def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float
         length = float(np.linalg.norm(line))
         turn = np.array([-moved[1], moved[0], 0.0]) / length
         turn[2] = detector.turn[2] - feet.turn[2]
-        found[load] = turn, float(moved @ line) / length**2
-    return found
+        displacements[load] = turn, float(moved @ line) / length**2
+    return displacements
 
 
 class _Rigid(NamedTuple):
@@ -450,7 +450,7 @@ def _rigid(nodes: Floats, name: str) -> _Rigid:
     middle, shift = np.split(nodes.mean(axis=0), 2)
     place, moved = np.split(nodes - nodes.mean(axis=0), 2, axis=1)
     # moved = turn x place, for each node
-    matrix = np.concatenate([np.cross(np.eye(3), one).T for one in place])
+    matrix = np.concatenate([np.cross(np.eye(3), node).T for node in place])
     turn, _, rank, _ = np.linalg.lstsq(matrix, moved.ravel(), rcond=1e-9)
     if rank < 3:
         raise Refused(f"{name} must not have all nodes on a line")

@@ -72,7 +72,7 @@ class DesignSpace:
     def __post_init__(self) -> None:
         if not self.variables:
             raise Refused("variables must name at least one parameter, got none")
-        names = [one.name for one in self.variables] + [one.name for one in self.links]
+        names = [variable.name for variable in self.variables] + [link.name for link in self.links]
         if len(set(names)) < len(names):
             raise Refused(f"variables must not name a parameter twice, got {', '.join(names)}")
         for variable, (low, high) in zip(self.variables, self._bounds, strict=True):
@@ -186,7 +186,8 @@ class DesignSpace:
     @cached_property
     def _whole(self) -> set[str]:
         """Names of the variables that are whole numbers."""
-        return {one.name for one in self.variables if type(find(self.case, one.name)) is int}
+        names = (variable.name for variable in self.variables)
+        return {name for name in names if type(find(self.case, name)) is int}
 
     @cached_property
     def _bounds(self) -> list[tuple[float, float]]:

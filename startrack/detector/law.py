@@ -18,8 +18,8 @@ Image = NDArray[np.uint16] | NDArray[np.uint32]
 class Law(NamedTuple):
     """From electrons to a digital number, without the random draws.
 
-        held   = min(electrons, full_well)
-        signal = held (1 - nonlinearity held / full_well)
+        charge = min(electrons, full_well)
+        signal = charge (1 - nonlinearity charge / full_well)
         x      = (signal + read noise) gain + offset
         y      = clip(x / largest, 0, 1)
         number = clip(floor(x + 4 adc_inl y (1 - y) + 1/2), 0, largest)
@@ -106,8 +106,8 @@ def _numbers(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-
 
 def mean_numbers(electrons: Floats, law: Law) -> Floats:
     """Digital numbers of expected electrons without noise and rounding, element by element."""
-    held = np.minimum(electrons, law.full_well)
-    x = nonlinear_signal(held, law.full_well, law.nonlinearity) * law.gain + law.offset
+    charge = np.minimum(electrons, law.full_well)
+    x = nonlinear_signal(charge, law.full_well, law.nonlinearity) * law.gain + law.offset
     y = np.clip(x / law.largest, 0, 1)
     return np.clip(with_adc_inl(x, y, law.adc_inl), 0, law.largest)
 
@@ -221,10 +221,10 @@ def build(law: Law, first: int, count: int, spacing: float) -> Tables:
     if count * (most - least) > MOST_TERMS:
         return EMPTY
     electrons = np.arange(least, most)
-    held = np.minimum(electrons, law.full_well)
-    held = nonlinear_signal(held, law.full_well, law.nonlinearity)
+    means = np.minimum(electrons, law.full_well)
+    means = nonlinear_signal(means, law.full_well, law.nonlinearity)
     far = FARTHEST * law.noise
-    least, most = (int(converted(held[i] + s * far, law)) for i, s in ((0, -1), (-1, 1)))
+    least, most = (int(converted(means[i] + s * far, law)) for i, s in ((0, -1), (-1, 1)))
     if most - least >= MOST_NUMBERS:
         return EMPTY
     span = np.arange(least, most + 1.0)
@@ -232,11 +232,11 @@ def build(law: Law, first: int, count: int, spacing: float) -> Tables:
     # two, the read noise decides.
     edge = upper_edge(law, span)
     if law.noise:
-        start, end = (np.searchsorted(held, edge + s * far) for s in (-1, 1))
+        start, end = (np.searchsorted(means, edge + s * far) for s in (-1, 1))
     else:
-        start = end = np.searchsorted(converted(held, law), span, side="right")
-    between = np.minimum(start[:, None] + np.arange((end - start).max()), len(held) - 1)
-    z = (edge[:, None] - held[between]) / law.noise
+        start = end = np.searchsorted(converted(means, law), span, side="right")
+    between = np.minimum(start[:, None] + np.arange((end - start).max()), len(means) - 1)
+    z = (edge[:, None] - means[between]) / law.noise
     if count * z.size > MOST_TERMS:
         return EMPTY
     log = special.xlogy(electrons, mean[:, None]) - special.gammaln(electrons + 1) - mean[:, None]
@@ -312,8 +312,8 @@ def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
                 upper = numbers - 1
             threshold, number = np.uint64(UNSETTLED), np.uint64(lower)
             if upper - lower == 1:
-                held = limit[level, min(lower, numbers - 1)]
-                threshold = (held - start) >> np.uint64(BITS - ENTRY_BITS)
+                bound = limit[level, min(lower, numbers - 1)]
+                threshold = (bound - start) >> np.uint64(BITS - ENTRY_BITS)
             elif upper - lower > 1:
                 number = np.uint64(UNSETTLED)
             entry[level, cell] = threshold << np.uint64(16) | number
@@ -323,7 +323,7 @@ def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
 
 @instead_of(_entries)
 def _entries_of_arrays(limit, cells):  # type: ignore[no-untyped-def]
-    return np.concatenate([_entries_of_level(one, cells) for one in limit])
+    return np.concatenate([_entries_of_level(of_level, cells) for of_level in limit])
 
 
 def _entries_of_level(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:

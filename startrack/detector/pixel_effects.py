@@ -59,21 +59,21 @@ def bloom(charge: Floats, full_well: float) -> Floats:
     Returns  (rows, columns) electron, at most full_well; the sum is conserved except for the flow
              out of the array
     """
-    held = np.minimum(charge, full_well)
+    wells = np.minimum(charge, full_well)
     for column in np.flatnonzero((charge > full_well).any(axis=0)):
-        excess = (charge[:, column] - held[:, column]) / 2
-        _run(held[:, column], excess, full_well)
-        _run(held[::-1, column], excess[::-1], full_well)
-    return held
+        excess = (charge[:, column] - wells[:, column]) / 2
+        _run(wells[:, column], excess, full_well)
+        _run(wells[::-1, column], excess[::-1], full_well)
+    return wells
 
 
 @kernel
-def _run(held, excess, full_well):  # type: ignore[no-untyped-def]
+def _run(wells, excess, full_well):  # type: ignore[no-untyped-def]
     running = 0.0
-    for row in range(len(held)):
+    for row in range(len(wells)):
         running += excess[row]
-        taken = min(running, full_well - held[row])
-        held[row] += taken
+        taken = min(running, full_well - wells[row])
+        wells[row] += taken
         running -= taken
 
 

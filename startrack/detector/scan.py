@@ -104,7 +104,7 @@ def _star_positions(
     Yields  row; x, y (k,) pixel from the line's first; electrons (k,)
     """
     here = exposure.icrs_to_camera.apply(exposure.light.direction)
-    duration, reach = exposure.detector.exposure, exposure.psf.half_width + 1
+    duration, half_width = exposure.detector.exposure, exposure.psf.half_width + 1
 
     def position(time: Floats, towards: Floats) -> Floats:
         turned = Rotation.from_rotvec(exposure.turn(time)).apply(towards)
@@ -116,7 +116,7 @@ def _star_positions(
     # The image of a star can touch the line in an exposure if it is near at the start or the end,
     # or passes the line between them.
     low, high = np.minimum(across[:-1], across[1:]), np.maximum(across[:-1], across[1:])
-    near = (low < reach) & (high > -reach)
+    near = (low < half_width) & (high > -half_width)
     row, star = np.nonzero(near)
     node, weight = np.polynomial.legendre.leggauss(NODES)
     time = start[row, None] + (node + 1) / 2 * duration

@@ -161,8 +161,8 @@ def _places(
 @kernel(borrows=True)
 def _is_seen(u, v, rows, columns, shape):  # type: ignore[no-untyped-def]
     """Whether light of a point reaches an image; of NaN, behind the camera, none does."""
-    reach = (shape.samples // 2 - 3) // shape.oversampling
-    return -reach - 1 < u < columns + reach and -reach - 1 < v < rows + reach
+    half = (shape.samples // 2 - 3) // shape.oversampling
+    return -half - 1 < u < columns + half and -half - 1 < v < rows + half
 
 
 @kernel(borrows=True)
@@ -174,12 +174,12 @@ def _place(centre: float, pixels: int, shape: PsfTable) -> tuple[int, int, int, 
     """
     samples, step = shape.samples, shape.oversampling
     middle = samples // 2
-    reach = (middle - 3) // step
+    half = (middle - 3) // step
     pixel = int(np.floor(centre + 0.5))
     at = middle + (pixel - centre) * step
     base = int(np.floor(at))
-    first = max(-reach, -pixel, -((base - 2) // step))
-    last = min(reach, pixels - 1 - pixel, (samples - 4 - base) // step)
+    first = max(-half, -pixel, -((base - 2) // step))
+    last = min(half, pixels - 1 - pixel, (samples - 4 - base) // step)
     return pixel, first, last, base, at - base
 
 

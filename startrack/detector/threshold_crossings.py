@@ -74,17 +74,17 @@ def number_distributions(
 class TiltedLaw(NamedTuple):
     """The tilted law of a frame, a filter and a typical level.
 
-    theta   1 / digital number
-    most    (tiles,) the largest K of a pixel in each tile, row by row
-    among   (tiles, mesh^2) sums of exp(K - most) over the pixels of a tile up to each, row by row;
-            rounding them moves a crossing by a pixel in one of some thousand cases
-    weight  (2 m + 1, 2 n + 1) of the filter
-    kind    (2 m + 1, 2 n + 1) index of each weight in the different weights
-    sums    (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
-    whole   (rows, columns) whether the filter there is the same as in most pixels, neither
-            mirrored at the border nor on a replaced pixel
-    shift   (rows, columns) digital number, of the filtered frame, that a correction subtracts; one
-            element where there is none
+    theta     1 / digital number
+    most      (tiles,) the largest K of a pixel in each tile, row by row
+    among     (tiles, mesh^2) sums of exp(K - most) over the pixels of a tile up to each, row by
+              row; rounding them moves a crossing by a pixel in one of some thousand cases
+    weight    (2 m + 1, 2 n + 1) of the filter
+    kind      (2 m + 1, 2 n + 1) index of each weight in the different weights
+    sums      (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
+    complete  (rows, columns) whether the filter there is the same as in most pixels, neither
+              mirrored at the border nor on a replaced pixel
+    shift     (rows, columns) digital number, of the filtered frame, that a correction subtracts;
+              one element where there is none
     """
 
     theta: float
@@ -93,7 +93,7 @@ class TiltedLaw(NamedTuple):
     weight: Floats
     kind: Ints
     sums: Floats
-    whole: Flags
+    complete: Flags
     shift: Singles
 
 
@@ -123,22 +123,22 @@ def tilted_law(
     kind = kind.reshape(weight.shape)
     tilted = np.exp(theta * np.outer(weights, np.arange(numbers.probability.shape[1])))
     sums = np.cumsum(numbers.probability * tilted[:, None], axis=2)
-    whole = _whole(numbers.place, weight)
-    tiles = _cumulants(*numbers[:2], theta, weight, kind, sums, whole, shift, mesh, border)
+    complete = _whole(numbers.place, weight)
+    tiles = _cumulants(*numbers[:2], theta, weight, kind, sums, complete, shift, mesh, border)
     most = np.maximum(tiles.max(axis=1), LEAST_CUMULANT)
     tiles -= most[:, None]
     np.cumsum(np.exp(tiles, out=tiles), axis=1, out=tiles)
-    return TiltedLaw(theta, most, tiles.astype(np.float32), weight, kind, sums, whole, shift)
+    return TiltedLaw(theta, most, tiles.astype(np.float32), weight, kind, sums, complete, shift)
 
 
 def _whole(place: Singles, weight: Floats) -> Flags:
     rows, columns = place.shape
     down, across = weight.shape[0] // 2, weight.shape[1] // 2
-    whole = np.zeros(place.shape, bool)
-    whole[down : max(rows - down, 0), across : max(columns - across, 0)] = True
+    complete = np.zeros(place.shape, bool)
+    complete[down : max(rows - down, 0), across : max(columns - across, 0)] = True
     for y, x in np.argwhere(np.isnan(place)):
-        whole[max(y - down, 0) : y + down + 1, max(x - across, 0) : x + across + 1] = False
-    return whole
+        complete[max(y - down, 0) : y + down + 1, max(x - across, 0) : x + across + 1] = False
+    return complete
 
 
 class ProposalRates(NamedTuple):
@@ -279,7 +279,7 @@ def _give_to_neighbours(
 @kernel
 def _cumulants(
     probability: Floats, place: Singles, theta: float, weight: Floats, kind: Ints,
-    sums: Floats, whole: Flags, shift: Singles, mesh: int, border: int,
+    sums: Floats, complete: Flags, shift: Singles, mesh: int, border: int,
 ) -> Floats:  # fmt: skip
     """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn."""
     rows, columns = place.shape
@@ -296,7 +296,7 @@ def _cumulants(
     for y in range(border, rows - border):
         for x in range(border, columns - border):
             tile, at = (y // mesh) * across + x // mesh, (y % mesh) * mesh + x % mesh
-            if whole[y, x]:
+            if complete[y, x]:
                 tiles[tile, at] = usual + math.log(_product(x, y, moment, kind, place))
             else:
                 folded = _folded_weights(weight, x, y, place)
@@ -347,7 +347,7 @@ def _propose(
         if u == OUTSIDE or _in_region(u, v, regions):
             continue
         first = at + np.uint64(3)
-        if tilt.whole[v, u]:
+        if tilt.complete[v, u]:
             filtered = _draw_by_sums(drawn[kept], start, first, levels[n], tilt)
         else:
             folded = _folded_weights(tilt.weight, u, v, place)
@@ -372,7 +372,7 @@ def _places(
 
     size  random numbers of a proposal
     """
-    rows, columns = tilt.whole.shape
+    rows, columns = tilt.complete.shape
     across = -(-columns // mesh)
     tiles = np.empty(count, np.int64)
     x, y = np.empty((2, count), np.int64)
@@ -395,7 +395,7 @@ def _levels_about(x: Ints, y: Ints, tilt: TiltedLaw, place: Singles) -> Singles:
     levels = np.empty((len(x), *tilt.weight.shape), np.float32)
     down, aside = tilt.weight.shape[0] // 2, tilt.weight.shape[1] // 2
     for n in range(len(x)):
-        if x[n] != OUTSIDE and tilt.whole[y[n], x[n]]:
+        if x[n] != OUTSIDE and tilt.complete[y[n], x[n]]:
             top, left = y[n] - down, x[n] - aside
             for j in range(levels.shape[1]):
                 for i in range(levels.shape[2]):

@@ -230,13 +230,13 @@ class _Star:
     ) -> NDArray[Any]:
         """A product of polynomials along both sides, through Chebyshev nodes."""
         node, through = _chebyshev(nodes)
-        reach = float(np.abs(coordinate).max())
-        x, y = node * reach, node[:, None] * reach
+        extent = float(np.abs(coordinate).max())
+        x, y = node * extent, node[:, None] * extent
         cosine, sine = math.cos(self.azimuth), math.sin(self.azimuth)
         p, q = self.pupil[3] - (x * cosine + y * sine), x * sine - y * cosine
         at_nodes: NDArray[Any] = values(p.ravel(), q.ravel()).reshape(p.shape)
         weight: NDArray[Any] = (
-            np.polynomial.chebyshev.chebvander(coordinate / reach, len(node) - 1) @ through
+            np.polynomial.chebyshev.chebvander(coordinate / extent, len(node) - 1) @ through
         )
         at_nodes, weight = at_nodes.astype(coordinate.dtype), weight.astype(coordinate.dtype)
         return np.asarray(weight @ at_nodes @ weight.T)
@@ -401,11 +401,11 @@ def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> li
             extra = at_field(extra, field * math.cos(azimuth), field * math.sin(azimuth))
         rows.append([
             _Star(
-                lens, extra, float(one), azimuth, power[j, f], float(points.place[j, f]),
+                lens, extra, float(length), azimuth, power[j, f], float(points.place[j, f]),
                 points.pupil[j, f], points.outline[j, f], float(points.area[j, f]), amplitude[j, f],
                 float(defocus[j, f]),
             )
-            for j, one in enumerate(wavelength)
+            for j, length in enumerate(wavelength)
         ])  # fmt: skip
     return rows
 
@@ -535,13 +535,13 @@ class _Plan:
         f_number = max(1 / (2 * float(min(star.pupil[4:6]))) for star in stars)
         airy = AIRY_BOX * float(band.wavelength.max()) * f_number
         spread, shift = max(self._spread(u, v) for u, v in places), self._lateral(places)
-        reach = (airy + 4 * self.blur + spread + shift) / pitch
+        extent = (airy + 4 * self.blur + spread + shift) / pitch
         points = self._points_per_pixel(fastest)
         if self.rough:  # pixels average what is finer in a wide image
-            reach = min(reach, ROUGH_REACH)
-            points = min(points, ROUGH_POINTS / (2 * reach + 2))
-        self.oversampling = sampling = self._sampling(core, points, reach)
-        half = math.ceil((math.ceil(max(reach, 1.0)) + 0.5) * sampling) + 3
+            extent = min(extent, ROUGH_REACH)
+            points = min(points, ROUGH_POINTS / (2 * extent + 2))
+        self.oversampling = sampling = self._sampling(core, points, extent)
+        half = math.ceil((math.ceil(max(extent, 1.0)) + 0.5) * sampling) + 3
         self.side, self.fine = 2 * half + 1, math.ceil(points / sampling)
         self.spacing = pitch / sampling / self.fine
         sigmas, more = ROUGH_GUARD if self.rough else GUARD
@@ -578,15 +578,15 @@ class _Plan:
         passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(self.blur, 1e-12)
         return SAMPLED * (highest + min(highest, passed)) * self.pitch
 
-    def _sampling(self, core: float, points: float, reach: float) -> int:
-        """Samples per pixel of a table; reach, pixel, is half its side."""
+    def _sampling(self, core: float, points: float, extent: float) -> int:
+        """Samples per pixel of a table; extent, pixel, is half its side."""
         sampling = int(np.clip(math.ceil(PER_SIGMA * self.pitch / core), COARSEST, FINEST))
         if self.rough:
             sampling = min(
                 ROUGH, key=lambda samples: (samples * math.ceil(points / samples), samples)
             )
         tables = NODES**2 * len(self.band.weight)
-        while sampling > COARSEST and tables * (2 * (reach + 1) * sampling) ** 2 > MOST_NUMBERS:
+        while sampling > COARSEST and tables * (2 * (extent + 1) * sampling) ** 2 > MOST_NUMBERS:
             sampling -= 1
         return sampling
 

@@ -179,25 +179,25 @@ def pixel_psf(
         blur, core = math.sqrt(blur**2 + least**2 - core**2), least
     model = optics.psf
     if is_code(model):
-        reach = max(EXTENSION_BOX * pitch, AIRY_BOX * disk + 5 * blur)
-        return _own(optics, pitch, side, wavelength, weight, blur, reach)
+        extent = max(EXTENSION_BOX * pitch, AIRY_BOX * disk + 5 * blur)
+        return _own(optics, pitch, side, wavelength, weight, blur, extent)
     if model == "auto":
         model = choose(optics, pitch, mean_wavelength, side).model
     if model == "gaussian":
         return _gaussian(core / pitch, side / pitch)
-    reach = AIRY_BOX * disk + 5 * blur
+    extent = AIRY_BOX * disk + 5 * blur
     if model == "airy":
-        return _airy(optics.working_f_number, pitch, side, wavelength, weight, blur, core, reach)
-    return _diffraction(optics, model, pitch, side, wavelength, weight, blur, core, reach)
+        return _airy(optics.working_f_number, pitch, side, wavelength, weight, blur, core, extent)
+    return _diffraction(optics, model, pitch, side, wavelength, weight, blur, core, extent)
 
 
 def _own(
     optics: Optics, pitch: float, side: float, wavelength: Floats, weight: Floats,
-    blur: float, reach: float,
+    blur: float, extent: float,
 ) -> Psf:  # fmt: skip
     """Of code that the design names; what its irradiance has beyond the table is left out."""
     spacing = pitch / OWN_SAMPLES
-    half = _half_samples(reach / pitch, OWN_SAMPLES)
+    half = _half_samples(extent / pitch, OWN_SAMPLES)
     margin = math.ceil((side / 2 + 6 * blur) / spacing) + 24
     plane = irradiance_by_code(optics, wavelength, weight, spacing, 2 * (half + margin) + 1)
     table = pixel_average(plane, spacing, side, blur)[margin:-margin, margin:-margin] * pitch**2
@@ -217,7 +217,7 @@ def _gaussian(sigma: float, side: float) -> Psf:
 
 def _airy(
     f_number: float, pitch: float, side: float, wavelength: Floats, weight: Floats,
-    blur: float, core: float, reach: float,
+    blur: float, core: float, extent: float,
 ) -> Psf:  # fmt: skip
     def transfer(frequency: Floats) -> Floats:
         pupil = np.zeros_like(frequency)
@@ -226,7 +226,7 @@ def _airy(
         return pupil * blur_transfer(frequency, blur)
 
     cusp = 4 / math.pi * float(weight @ wavelength) * f_number
-    return pixel_response(transfer, pitch, reach / pitch, core / pitch, cusp, side)
+    return pixel_response(transfer, pitch, extent / pitch, core / pitch, cusp, side)
 
 
 def pixel_response(
@@ -288,13 +288,13 @@ def _wings(x: Floats, c: float, side: float) -> Floats:
 
 def _diffraction(
     optics: Optics, model: str, pitch: float, side: float, wavelength: Floats, weight: Floats,
-    blur: float, core: float, reach: float,
+    blur: float, core: float, extent: float,
 ) -> Psf:  # fmt: skip
     slope = steepest_slope(optics, model)
     # A ray of slope s meets the detector 2 N s from the axis.
-    reach += 2 * optics.working_f_number * slope
+    extent += 2 * optics.working_f_number * slope
     oversampling = _oversampling(core / pitch)
-    half = _half_samples(reach / pitch, oversampling)
+    half = _half_samples(extent / pitch, oversampling)
     # The irradiance has no frequency above 1 / (wavelength N): a third finer than Nyquist.
     fine = math.ceil(pitch / oversampling / (wavelength.min() * optics.working_f_number / 2.6))
     spacing = pitch / oversampling / fine

@@ -177,7 +177,7 @@ def _padded(table: Floats, step: int) -> Floats:
     return np.ascontiguousarray(np.pad(table, wanted - half))
 
 
-def save_psf_file(path: Path, found: PsfFile) -> None:
+def save_psf_file(path: Path, psf: PsfFile) -> None:
     """Write a file of images as FITS with checksums.
 
     The first image is (n, n) of one image, (w, f, n, n) of more. Its header holds PSF (the
@@ -187,25 +187,25 @@ def save_psf_file(path: Path, found: PsfFile) -> None:
     """
     from astropy.io import fits
 
-    first = fits.PrimaryHDU(found.image if found.varies else found.image[0, 0])
+    first = fits.PrimaryHDU(psf.image if psf.varies else psf.image[0, 0])
     head = first.header
     head["PSF"] = (FORMAT, "format of these images of a point")
-    head["SOURCE"] = found.source[:60]
-    head["PIXEL"] = (found.pixel, "whether a sample is the light in a pixel")
-    head["ENERGY"] = (found.energy, "fraction of the light within the image")
-    if found.pixel:
-        size = found.spacing if found.pitch is None else found.spacing / found.pitch
+    head["SOURCE"] = psf.source[:60]
+    head["PIXEL"] = (psf.pixel, "whether a sample is the light in a pixel")
+    head["ENERGY"] = (psf.energy, "fraction of the light within the image")
+    if psf.pixel:
+        size = psf.spacing if psf.pitch is None else psf.spacing / psf.pitch
         head["OVERSAMP"] = (1 / size, "samples per pixel")
     else:
-        head["SPACING"] = (found.spacing, "[m] between samples")
-    if found.pitch is not None:
-        head["PITCH"] = (found.pitch, "[m] side of a pixel")
+        head["SPACING"] = (psf.spacing, "[m] between samples")
+    if psf.pitch is not None:
+        head["PITCH"] = (psf.pitch, "[m] side of a pixel")
     parts = [first]
-    if found.varies:
-        parts.append(fits.ImageHDU(found.wavelength, name="WAVELENGTH"))
-        parts.append(fits.ImageHDU(found.angle, name="FIELD"))
-    if found.place is not None:
-        parts.append(fits.ImageHDU(found.place, name="PLACE"))
+    if psf.varies:
+        parts.append(fits.ImageHDU(psf.wavelength, name="WAVELENGTH"))
+        parts.append(fits.ImageHDU(psf.angle, name="FIELD"))
+    if psf.place is not None:
+        parts.append(fits.ImageHDU(psf.place, name="PLACE"))
     with whole(Path(path)) as draft:
         fits.HDUList(parts).writeto(draft, checksum=True)
 

@@ -33,8 +33,8 @@ class Segment(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        reach = self.size * (1 if self.shape == "circle" else 2 / math.sqrt(3))
-        if math.hypot(self.x, self.y) + reach > 1 + 1e-9:
+        radius = self.size * (1 if self.shape == "circle" else 2 / math.sqrt(3))
+        if math.hypot(self.x, self.y) + radius > 1 + 1e-9:
             raise Refused(
                 f"segment must lie inside the aperture of radius 1, got {self.shape} at "
                 f"({self.x:g}, {self.y:g}) of size {self.size:g}"

@@ -92,11 +92,11 @@ def encircled(image: Psf, radius: float) -> float:
 def ensquared(response: Psf, block: int) -> float:
     """Fraction of the energy in `block` (odd) by `block` pixels; NaN beyond the table."""
     step, middle = response.oversampling, response.table.shape[0] // 2
-    reach = block // 2 * step
-    if reach > middle:
+    half = block // 2 * step
+    if half > middle:
         return float("nan")
     return float(
         response.table[
-            middle - reach : middle + reach + 1 : step, middle - reach : middle + reach + 1 : step
+            middle - half : middle + half + 1 : step, middle - half : middle + half + 1 : step
         ].sum()
     )

@@ -85,7 +85,7 @@ class TrackerState:
 
 
 def predict_state(
-    known: TrackerState, shown: Floats | None, step: float, sequence: Sequence, lengths: Floats
+    tracker: TrackerState, shown: Floats | None, step: float, sequence: Sequence, lengths: Floats
 ) -> TrackerState:
     """Predict the state at the next frame.
 
@@ -96,8 +96,8 @@ def predict_state(
     step     second
     lengths  (2,) radian, of `error_lengths`
     """
-    if known.state is None:
-        return known
+    if tracker.state is None:
+        return tracker
     gyro = sequence.gyro
     believed = (
         attitude.Gyroscope(0.0, sequence.angular_acceleration_psd)
@@ -105,15 +105,15 @@ def predict_state(
         else attitude.Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
     )
     rate = np.zeros(3) if shown is None else shown
-    turn, keep = known.state.rate_of(rate) * step, []
-    for head in range(len(known.lasting)):
-        x, y, z = np.abs(known.state.to_head(head).apply(turn))
+    turn, keep = tracker.state.rate_of(rate) * step, []
+    for head in range(len(tracker.lasting)):
+        x, y, z = np.abs(tracker.state.to_head(head).apply(turn))
         # A turn about x moves stars along y, one about z those off the middle along both.
         along = lengths[1] / 2 * z
         moved = np.array([y + along, x + along, np.hypot(x, y) + z / 2])
         keep.append(np.exp(-moved / lengths[[0, 0, 1]]))
-    errors = attitude.Lasting(known.lasting.reshape(-1, 3, 3), np.concatenate(keep))
-    return replace(known, state=attitude.predict(known.state, rate, step, believed, errors))
+    errors = attitude.Lasting(tracker.lasting.reshape(-1, 3, 3), np.concatenate(keep))
+    return replace(tracker, state=attitude.predict(tracker.state, rate, step, believed, errors))
 
 
 def error_lengths(case: Case) -> Floats:
@@ -169,18 +169,18 @@ def lasting_parts(
 
 
 def doubted(
-    before: TrackerState, known: TrackerState, step: float, sequence: Sequence, lengths: Floats
+    before: TrackerState, predicted: TrackerState, step: float, sequence: Sequence, lengths: Floats
 ) -> TrackerState:
     """The prediction of a frame that has no attitude, though the frame before it had one.
 
     A manoeuvre that the tracker was not told of may have begun: without a gyroscope, its rate may
     have changed by `initial_rate_sigma` at some time since the frame before.
 
-    before  the state at that frame
-    known   the prediction, which holds with a gyroscope and in later frames
+    before     the state at that frame
+    predicted  the prediction, which holds with a gyroscope and in later frames
     """
     if sequence.gyro or before.state is None or before.missed or not step:
-        return known
+        return predicted
     psd = math.hypot(
         sequence.angular_acceleration_psd, sequence.initial_rate_sigma / math.sqrt(step)
     )
@@ -200,7 +200,7 @@ def known_rate(state: attitude.State | None, shown: Floats | None) -> Floats:
 
 
 def update_state(
-    known: TrackerState, estimates: Estimates, sequence: Sequence, parts: Floats
+    tracker: TrackerState, estimates: Estimates, sequence: Sequence, parts: Floats
 ) -> TrackerState:
     """Update with the attitudes of all heads, or coast for at most `max_coasted_frames` frames.
 
@@ -211,16 +211,16 @@ def update_state(
     estimates  of the frames of one time, one for each head
     parts      (heads, 3, 3, 3) of the covariance of each attitude, as `lasting_parts`
     """
-    state, solved = known.state, _solved(estimates)
+    state, solved = tracker.state, _solved(estimates)
     agreeing = [head for head in solved if state and not _contradicts(state, estimates[head], head)]
-    measured = state is not None and sequence.gyro and not known.lost and not known.fresh
+    measured = state is not None and sequence.gyro and not tracker.lost and not tracker.fresh
     if not solved or (measured and not agreeing):
-        missed = known.missed + 1
+        missed = tracker.missed + 1
         lost = missed > sequence.max_coasted_frames
         if lost and not sequence.gyro:
             return TrackerState()
-        return replace(known, missed=missed, fresh=False, lost=lost)
-    fresh, lasting = known.lost, known.lasting.copy()
+        return replace(tracker, missed=missed, fresh=False, lost=lost)
+    fresh, lasting = tracker.lost, tracker.lasting.copy()
     if state is None or not agreeing:
         head, *others = solved
         state = _started(estimates[head], sequence, parts[head], head)
@@ -379,39 +379,39 @@ def run(
     seen = None if rates is None else exposure_rates(true, rates)
     heads = list(_heads(case, sequence, true, seed, number, recording, fidelity))
     table = np.empty((len(true.time), len(heads)), FRAMES)
-    known, asked = TrackerState(), asked_of(case, true, streams)
+    tracker, asked = TrackerState(), asked_of(case, true, streams)
     step, lengths = 0.0, error_lengths(case)
     views = zip(true.time.tolist(), *(head.views for head in heads), strict=True)
     for k, (time, *shown) in enumerate(views):
-        before = known
+        before = tracker
         if k:
             step = time - float(true.time[k - 1])
             turned = None if rates is None else rates[k - 1]
-            known = predict_state(known, turned, step, sequence, lengths)
-        rate = known_rate(known.state, None if seen is None else seen[k])
+            tracker = predict_state(tracker, turned, step, sequence, lengths)
+        rate = known_rate(tracker.state, None if seen is None else seen[k])
         second = k > 0 and before.fresh and rates is None
         estimates = [
-            head.see(time, view, known.predicted, rate, step, alone=second)
+            head.see(time, view, tracker.predicted, rate, step, alone=second)
             for head, view in zip(heads, shown, strict=True)
         ]
         solved = _solved(estimates)
         if not solved:
-            known = doubted(before, known, step, sequence, lengths)
+            tracker = doubted(before, tracker, step, sequence, lengths)
         elif before.fresh and step and sequence.gyro is None:
             first = estimates[solved[0]]
-            known = from_two_frames(before, first, solved[0], step, sequence, lengths)
+            tracker = from_two_frames(before, first, solved[0], step, sequence, lengths)
         parts = np.array([head.parts for head in heads])
-        known = update_state(known, estimates, sequence, parts)
+        tracker = update_state(tracker, estimates, sequence, parts)
         for head, estimate in zip(heads, estimates, strict=True):
             table[k, head.number] = (
                 number,
                 head.number,
                 time,
                 float(np.linalg.norm(true.turns[k].speed)),
-                _mode(known),
+                _mode(tracker),
                 *judge(estimate, head.turn * asked[k], head.spots),
-                *_filtered(known.predicted, asked[k]),
-                *_aligned(known.predicted, head),
+                *_filtered(tracker.predicted, asked[k]),
+                *_aligned(tracker.predicted, head),
             )
     for head in heads:
         head.save()
@@ -442,19 +442,19 @@ class _Head:
         self._kept, self._stars = kept, _StarImages(case)
 
     def see(
-        self, time: float, view: _View, known: attitude.State | None, rate: Floats, step: float,
+        self, time: float, view: _View, state: attitude.State | None, rate: Floats, step: float,
         alone: bool,
     ) -> core.Estimate:  # fmt: skip
         """The attitude of the next frame.
 
         time   second, of its middle
-        known  the predicted state; None without one
+        state  the predicted state; None without one
         rate   (3,) radian / second, as `known_rate` gives it
         step   second, since the frame before
         alone  as of `_see`
         """
-        predicted = known.seen_by(self.number) if known else None
-        to_head = known.to_head(self.number) if known else self._believed
+        predicted = state.seen_by(self.number) if state else None
+        to_head = state.to_head(self.number) if state else self._believed
         spots, matches, estimate, self._images = _see(
             self._case, view, self._camera, predicted, to_head.apply(rate), self._images, alone
         )
@@ -559,8 +559,8 @@ class _StarImages:
         tables = {}
         for star, rows in self._rows.items():
             number = int(self._identifier[star])
-            known = f"gaia{number}" if number > 0 else f"hip{-number}"
-            tables[known] = dict(zip(names, zip(*rows, strict=True), strict=True))
+            name = f"gaia{number}" if number > 0 else f"hip{-number}"
+            tables[name] = dict(zip(names, zip(*rows, strict=True), strict=True))
         save_arrays(path, tables)
 
 
@@ -712,10 +712,10 @@ def _see(
     return spots, matches, trial.estimate_of(case, tracker, spots, matches), Images()
 
 
-def _mode(known: TrackerState) -> Mode:
-    if known.state and not known.missed:
-        return Mode.ACQUIRED if known.fresh else Mode.TRACKED
-    return Mode.SEARCHING if known.predicted is None else Mode.COASTED
+def _mode(tracker: TrackerState) -> Mode:
+    if tracker.state and not tracker.missed:
+        return Mode.ACQUIRED if tracker.fresh else Mode.TRACKED
+    return Mode.SEARCHING if tracker.predicted is None else Mode.COASTED
 
 
 def _filtered(state: attitude.State | None, truth: Rotation) -> tuple[float, ...]:

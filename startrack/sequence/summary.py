@@ -69,7 +69,7 @@ def summarise_sequences(table: Rows) -> Tracking:
         rms_interval(_means(apart, _measured, "filtered_z")),
         rms_interval(_means(apart, _measured, "error_x", "error_y")),
         rms_interval(_means(apart, _coasted, "filtered_x", "filtered_y")),
-        _mean(np.array([float((_error(one) > FALSE_ANGLE).mean()) for one in apart])),
+        _mean(np.array([float((_error(rows) > FALSE_ANGLE).mean()) for rows in apart])),
         float(np.nanmax(_error(table), initial=0.0)),
         _known_fraction(apart),
         _rate(count, hours),
