@@ -65,7 +65,7 @@ def response(case: Case) -> Measured:
         fraction = trial.zone_detection(even, grid, search)
     else:
         kept, stated = star.kept[None], star.stated[None]
-        random = {name: one[None] for name, one in star.random.items()}
+        random = {name: covariance[None] for name, covariance in star.random.items()}
         fraction = trial.detection_probability(even, grid, search=search)[None]
     false, lost = np.zeros(len(grid)), np.ones(case.tracker.identification.min_matches)
     if pattern and hot:
@@ -106,12 +106,12 @@ def in_boxes(case: Case) -> Measured:
     pixels add is that of hot pixels.
     """
     stars, size, box = trial.boxed_stars(case), trial.scale(case), case.tracker.box
-    known = np.isfinite(stars.total)
-    magnitude, measured = stars.magnitude[known], stars.measured[known]
+    finite = np.isfinite(stars.total)
+    magnitude, measured = stars.magnitude[finite], stars.measured[finite]
     if len(magnitude) < 2:
         raise Refused(BLIND)
     stated, temporal, method, total = (
-        part[known] ** 2 for part in (stars.stated, stars.temporal, stars.method, stars.total)
+        part[finite] ** 2 for part in (stars.stated, stars.temporal, stars.method, stars.total)
     )
     electrons = size.star * 10 ** (-0.4 * magnitude)
     light = electrons / (electrons + size.pixel**2 * box.size**2)
@@ -121,7 +121,7 @@ def in_boxes(case: Case) -> Measured:
         trial.METHOD: method,
         HOT: np.maximum(total - temporal - method, 0.0),
     }
-    random = {name: one[:, None, None] * np.eye(2) for name, one in variance.items()}
+    random = {name: square[:, None, None] * np.eye(2) for name, square in variance.items()}
     no_mean = np.zeros((len(magnitude), 2))
     star = trial.Errors(
         magnitude, np.ones(len(measured)), stated[:, None, None] * np.eye(2), random, no_mean
@@ -132,7 +132,7 @@ def in_boxes(case: Case) -> Measured:
         np.repeat(part, zones, axis=0)  # zones are all alike
         for part in (_between(magnitude, measured[None], grid), star.stated[None])
     )
-    by_zone = {name: np.repeat(one[None], zones, axis=0) for name, one in random.items()}
+    by_zone = {name: np.repeat(table[None], zones, axis=0) for name, table in random.items()}
     return _measured(
         star, measured, grid, fraction, stated, by_zone, np.zeros(len(grid)), np.ones(2)
     )
@@ -156,10 +156,10 @@ def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
     xx, yy = (np.maximum(table[..., a, a], 1e-16) for a in (0, 1))
     ratio = np.clip(table[..., 0, 1] / np.sqrt(xx * yy), -1, 1)
     correlation = _between(magnitude, ratio, grid)
-    x, y = (np.exp(_between(magnitude, np.log(each) / 2, grid)) for each in (xx, yy))
+    x, y = (np.exp(_between(magnitude, np.log(values) / 2, grid)) for values in (xx, yy))
     cross = correlation * x * y
-    whole = np.stack([x * x, cross, cross, y * y], axis=-1).reshape(*x.shape, 2, 2)
-    return np.ascontiguousarray(whole)  # kernels are compiled anew for another layout
+    covariance = np.stack([x * x, cross, cross, y * y], axis=-1).reshape(*x.shape, 2, 2)
+    return np.ascontiguousarray(covariance)  # kernels are compiled anew for another layout
 
 
 LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields
@@ -198,8 +198,8 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
 
 def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
     """`analytic`, but None where no field can be solved."""
-    found = of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))
-    return found and found.budget
+    solved = of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))
+    return solved and solved.budget
 
 
 class FieldBudget(NamedTuple):
@@ -235,7 +235,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     inside, magnitude, near = inside[kept], magnitude[kept], near[kept]
     systematic = systematic[kept]
     fixed = [cause for cause in causes(case) if cause.name in OF_STARS]
-    mean = np.stack([np.interp(magnitude, star.magnitude, one) for one in star.mean.T], axis=-1)
+    mean = np.stack([np.interp(magnitude, star.magnitude, axis) for axis in star.mean.T], axis=-1)
     displacement = [
         mean,
         near,
@@ -263,27 +263,27 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
         systematic,
         np.stack(displacement),
     )
-    found = propagate(counted, table, solver)
-    total = float(found.solved.sum())
+    errors = propagate(counted, table, solver)
+    total = float(errors.solved.sum())
     if not total > 0:
         return None
-    weight = found.solved / total
-    lines = tuple(_lines(case, found, weight, random, fixed))
+    weight = errors.solved / total
+    lines = tuple(_lines(case, errors, weight, random, fixed))
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))
-    whole = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
-    whole_line = Line("end to end", None, whole)
+    law = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
+    whole_line = Line("end to end", None, law)
     fraction = total / len(weight)
     refused = _refused(star, above, magnitude)
     wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
     moved_rms = float(np.sqrt((_apart(wrong, counted.first) ** 2).mean())) if fixed else 0.0
     left_out = (
         *of_the_case(case),
-        *of_the_sky(case, found.stars, refused, moved_rms),
+        *of_the_sky(case, errors.stars, refused, moved_rms),
         *of_false_spots(case, _false_among(star, above, table)),
     )
-    stars = float(weight @ found.stars)
+    stars = float(weight @ errors.stars)
     budget = Budget(lines, whole_line, fraction, stars, left_out, refused)
-    return FieldBudget(budget, found, counted)
+    return FieldBudget(budget, errors, counted)
 
 
 def _apart(moved: Floats, first: Ints) -> Floats:
@@ -308,26 +308,26 @@ def _refused(star: trial.Errors, above: Floats, magnitude: Floats) -> float:
 
 
 def _lines(
-    case: Case, found: Attitudes, weight: Floats, random: list[str], fixed: list[Cause]
+    case: Case, errors: Attitudes, weight: Floats, random: list[str], fixed: list[Cause]
 ) -> Iterator[Line[Law]]:
     """A line a cause: those of single stars, those that move all stars, those of the camera."""
-    none = np.zeros_like(found.shift[:, 0])
+    none = np.zeros_like(errors.shift[:, 0])
     for k, name in enumerate(random):
         if name == trial.LENS_FIELD:
             continue
         term = trial.Term.NOISE if name in (trial.SHOT, trial.READ) else trial.Term.PIXEL
-        mean = found.shift[:, 0] if name == trial.METHOD else none
-        yield Line(name, term, Law(mean, np.sqrt(found.variance[:, k]), weight))
-    yield Line(NEIGHBOURS, trial.Term.FIELD, Law(found.shift[:, 1], none, weight))
+        mean = errors.shift[:, 0] if name == trial.METHOD else none
+        yield Line(name, term, Law(mean, np.sqrt(errors.variance[:, k]), weight))
+    yield Line(NEIGHBOURS, trial.Term.FIELD, Law(errors.shift[:, 1], none, weight))
     for k, cause in enumerate(fixed):
         sigma = none
         if cause.name == trial.LENS_FIELD:
-            sigma = np.sqrt(found.variance[:, random.index(trial.LENS_FIELD)])
-        yield Line(cause.name, cause.term, Law(found.shift[:, k + 2], sigma, weight))
+            sigma = np.sqrt(errors.variance[:, random.index(trial.LENS_FIELD)])
+        yield Line(cause.name, cause.term, Law(errors.shift[:, k + 2], sigma, weight))
     for cause in causes(case):
         mean_sigma = of_the_camera(case, cause)
         if mean_sigma is not None:
-            mean, sigma = (none + one for one in mean_sigma)
+            mean, sigma = (none + value for value in mean_sigma)
             yield Line(cause.name, cause.term, Law(mean, sigma, weight))
 
 

@@ -38,28 +38,28 @@ class Curve(NamedTuple):
     @property
     def across(self) -> Floats:
         """Radian, rms per axis; NaN where no field is solved."""
-        return np.array([one.across if one else math.nan for one in self.budgets])
+        return np.array([budget.across if budget else math.nan for budget in self.budgets])
 
     @property
     def about(self) -> Floats:
         """Radian, rms; NaN where no field is solved."""
-        return np.array([one.about if one else math.nan for one in self.budgets])
+        return np.array([budget.about if budget else math.nan for budget in self.budgets])
 
     @property
     def available(self) -> Floats:
         """Fraction of the sky."""
-        return np.array([one.availability if one else 0.0 for one in self.budgets])
+        return np.array([budget.availability if budget else 0.0 for budget in self.budgets])
 
     @property
     def left_out(self) -> tuple[tuple[str, ...], ...]:
         """Effects that the formula does not count at each rate."""
-        return tuple(one.left_out if one else () for one in self.budgets)
+        return tuple(budget.left_out if budget else () for budget in self.budgets)
 
     @property
     def first_left_out(self) -> int | None:
         """Index of the first rate at which the formula leaves out more than at rest."""
         rest = len(self.left_out[0])
-        return next((k for k, found in enumerate(self.left_out) if len(found) > rest), None)
+        return next((k for k, sentences in enumerate(self.left_out) if len(sentences) > rest), None)
 
     @property
     def new_left_out(self) -> str:
@@ -68,8 +68,8 @@ class Curve(NamedTuple):
         if first is None:
             return ""
         # Their amounts may differ, the words do not.
-        known = {_words(one) for one in self.left_out[0]}
-        return "; ".join(one for one in self.left_out[first] if _words(one) not in known)
+        at_rest = {_words(text) for text in self.left_out[0]}
+        return "; ".join(text for text in self.left_out[first] if _words(text) not in at_rest)
 
 
 def _words(phrase: str) -> str:
@@ -94,12 +94,12 @@ def analytic_curve(
     case: Case, rates: Floats, advance: Callable[[float], None] | None = None
 ) -> Curve:
     """The analytic budget at some slew rates, of which `advance` is called after each."""
-    found = []
+    budgets = []
     for rate in rates:
-        found.append(_budget(case, float(rate)))
+        budgets.append(_budget(case, float(rate)))
         if advance:
             advance(1)
-    return Curve(rates, tuple(found))
+    return Curve(rates, tuple(budgets))
 
 
 def _budget(case: Case, rate: float) -> Budget[Any] | None:
@@ -223,16 +223,16 @@ def survey(case: Case, places: int = DIRECTIONS) -> Survey:
     solved = of_fields(case, view)
     if solved is None:
         raise Refused(BLIND)
-    found, law = solved.attitudes, solved.budget.whole.spread
-    square = np.where(found.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)
-    counts, seen = found.gain[:, 3, 0] > 0.5, solved.stars
-    faintest = np.full(len(found.stars), np.nan)
-    inside = np.repeat(np.arange(len(found.stars)), np.diff(seen.first))
+    per_field, law = solved.attitudes, solved.budget.whole.spread
+    square = np.where(per_field.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)
+    counts, seen = per_field.gain[:, 3, 0] > 0.5, solved.stars
+    faintest = np.full(len(per_field.stars), np.nan)
+    inside = np.repeat(np.arange(len(per_field.stars)), np.diff(seen.first))
     np.fmax.at(faintest, inside[counts], seen.magnitude[counts])
     return Survey(
         view.attitude.inv().apply([0.0, 0.0, 1.0]),
-        found.stars,
-        found.solved,
+        per_field.stars,
+        per_field.solved,
         np.sqrt(square[:, :2].mean(axis=1)),
         np.sqrt(square[:, 2]),
         faintest,

@@ -68,11 +68,11 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
     skies = np.arange(BRIGHTEST, min(faintest, background) + 2 * STEP, STEP)
     bare = replace(case, instrument=replace(case.instrument, baffle=None, tube=None))
     across, fraction = _budgets(bare, (*skies.tolist(), DARK), background)
-    found = {}
+    of_body = {}
     for name, level in levels.items():
         at = np.interp(level, np.append(skies, DARK), np.arange(len(skies) + 1))
-        found[name] = Exclusion(angle, level, _straight(across, at), _straight(fraction, at))
-    return found
+        of_body[name] = Exclusion(angle, level, _straight(across, at), _straight(fraction, at))
+    return of_body
 
 
 def stray_light_levels(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, Floats]:
@@ -93,7 +93,7 @@ def stray_light_levels(case: Case, angle: Floats, altitude: float = 600e3) -> di
 
 def added(magnitudes: Sequence[float]) -> float:
     """Magnitude of several lights together."""
-    return -2.5 * math.log10(sum(10 ** (-0.4 * one) for one in magnitudes))
+    return -2.5 * math.log10(sum(10 ** (-0.4 * magnitude) for magnitude in magnitudes))
 
 
 def _stray_light(case: Case, magnitude_g: float, angle: Floats) -> Floats:
@@ -112,8 +112,8 @@ def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
     light = EARTH_ALBEDO / math.pi * sunlight(AU)
     source = Earth(Disc(down, horizon, light), light, distance * down, sun).stray_source
     lit = np.empty(len(angle))
-    for i, one in enumerate(horizon + angle):
-        boresight = np.array([math.sin(one), 0.0, -math.cos(one)])
+    for i, tilt in enumerate(horizon + angle):
+        boresight = np.array([math.sin(tilt), 0.0, -math.cos(tilt)])
         apart = np.arccos(np.clip(source.direction @ boresight, -1, 1))
         lit[i] = case.instrument.stray(apart) @ source.fraction * EARTH_ALBEDO / math.pi
     optics = case.instrument.optics

@@ -60,20 +60,20 @@ def _fields(
     spread: Callable[[int], Rotation],
     count: int,
 ) -> Fields:
-    stars, whole = separated(selection, resolution), open_sky(selection)
+    stars, sky = separated(selection, resolution), open_sky(selection)
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
     # Those of the whole sky are found, which is in order already for all resolutions.
-    place = stars.places(len(whole))
-    near = (place[one] for one in whole.cones(boresight, radius + resolution))
-    found = [np.sort(one[one >= 0]) for one in near]
-    field = np.repeat(np.arange(count), [len(one) for one in found])
+    place = stars.places(len(sky))
+    near = (place[cone] for cone in sky.cones(boresight, radius + resolution))
+    members = [np.sort(cone[cone >= 0]) for cone in near]
+    field = np.repeat(np.arange(count), [len(star) for star in members])
     seen = [
-        one.apply(stars.sky.stars.direction[star]) if len(star) else np.empty((0, 3))
-        for one, star in zip(attitude, found, strict=True)
+        turn.apply(stars.sky.stars.direction[star]) if len(star) else np.empty((0, 3))
+        for turn, star in zip(attitude, members, strict=True)
     ]
     x, y, z = np.concatenate(seen).T
-    return Fields(stars.sky, stars.name, attitude, field, x / z, y / z, np.concatenate(found))
+    return Fields(stars.sky, stars.name, attitude, field, x / z, y / z, np.concatenate(members))
 
 
 def attitudes(count: int) -> Rotation:
@@ -153,10 +153,10 @@ class Attitudes(NamedTuple):
         rows, size = np.arange(len(pixel) + 1) * 16, (len(pixel), LATTICE**2)
         between = csr_array((weight.ravel(), place.ravel(), rows), size)
         gain = (self.gain[:, :3] * self.gain[:, 3:, :1]).transpose(1, 2, 0)
-        each, many = np.arange(len(pixel)), (len(first) - 1, len(pixel))
+        index, many = np.arange(len(pixel)), (len(first) - 1, len(pixel))
         answer = np.empty((3, len(first) - 1, 2, LATTICE**2))
         for axis, way in np.ndindex(3, 2):
-            of_fields = csr_array((gain[axis, way], each, first), many)
+            of_fields = csr_array((gain[axis, way], index, first), many)
             answer[axis, :, way] = (of_fields @ between).toarray()
         return answer
 
@@ -217,7 +217,7 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
               fraction of one, which gives too small an error where few stars are detected.
     """
     count, causes, shifts = len(seen.first) - 1, response.causes.shape[1], len(seen.displacement)
-    found = Attitudes(
+    errors = Attitudes(
         np.zeros(count),
         np.zeros(count),
         np.zeros((count, causes, 3)),
@@ -225,23 +225,23 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
         np.zeros((count, 3, 3)),
         np.zeros((len(seen.x), 4, 2)),
     )
-    _propagate(seen, response, solver, found)
-    return found
+    _propagate(seen, response, solver, errors)
+    return errors
 
 
 @kernel
-def _propagate(seen: FieldStars, response: Response, solver: Solver, found: Attitudes) -> None:
+def _propagate(seen: FieldStars, response: Response, solver: Solver, errors: Attitudes) -> None:
     """Fill in the errors of each field, by two passes over its stars."""
     full, chance = np.empty((4, 4)), np.empty(len(solver.lost))
     for f in range(len(seen.first) - 1):
-        end, found.stars[f] = _information(f, seen, response, solver, full, chance)
+        end, errors.stars[f] = _information(f, seen, response, solver, full, chance)
         info = full[:3, :3].copy()
         for a in range(3):
-            assign(found.stated[f, a], info[a])
-        found.solved[f] = 1 - (chance * solver.lost).sum()
-        unsolvable = found.stars[f] < 2.0 or not np.linalg.cond(info) < 1e15
-        if found.solved[f] < 1e-6 or unsolvable:
-            found.solved[f] = 0.0
+            assign(errors.stated[f, a], info[a])
+        errors.solved[f] = 1 - (chance * solver.lost).sum()
+        unsolvable = errors.stars[f] < 2.0 or not np.linalg.cond(info) < 1e15
+        if errors.solved[f] < 1e-6 or unsolvable:
+            errors.solved[f] = 0.0
             continue
         inverse = np.linalg.inv(info)
         moved = inverse @ full[:3, 3].copy()
@@ -249,8 +249,8 @@ def _propagate(seen: FieldStars, response: Response, solver: Solver, found: Atti
         if solver.tolerance > 0:
             full[3, 3] += solver.tolerance**-2
             row = np.linalg.inv(full)[3].copy()
-        _gains(seen.first[f], end, seen, response, solver, inverse, moved, row, found.gain)
-        _errors(f, end, seen, response, found)
+        _gains(seen.first[f], end, seen, response, solver, inverse, moved, row, errors.gain)
+        _errors(f, end, seen, response, errors)
 
 
 @kernel
@@ -346,10 +346,10 @@ def _gains(
 
 
 @kernel
-def _errors(f: int, end: int, seen: FieldStars, response: Response, found: Attitudes) -> None:
+def _errors(f: int, end: int, seen: FieldStars, response: Response, errors: Attitudes) -> None:
     """Variance and shifts of the attitude of a field, by the gains of its stars."""
     for i in range(seen.first[f], end):
-        p = found.gain[i, 3, 0]
+        p = errors.gain[i, 3, 0]
         if not p > LEAST:
             continue
         k, t = _entry(seen.magnitude[i], response)
@@ -359,12 +359,12 @@ def _errors(f: int, end: int, seen: FieldStars, response: Response, found: Attit
             xy = cause[k, 0, 1] + t * (cause[k + 1, 0, 1] - cause[k, 0, 1])
             yy = cause[k, 1, 1] + t * (cause[k + 1, 1, 1] - cause[k, 1, 1])
             for a in range(3):
-                u, v = found.gain[i, a, 0], found.gain[i, a, 1]
-                found.variance[f, c, a] += p * max(u * u * xx + 2 * u * v * xy + v * v * yy, 0.0)
+                u, v = errors.gain[i, a, 0], errors.gain[i, a, 1]
+                errors.variance[f, c, a] += p * max(u * u * xx + 2 * u * v * xy + v * v * yy, 0.0)
         for d in range(len(seen.displacement)):
             x, y = seen.displacement[d, i]
             for a in range(3):
-                found.shift[f, d, a] += p * (found.gain[i, a, 0] * x + found.gain[i, a, 1] * y)
+                errors.shift[f, d, a] += p * (errors.gain[i, a, 0] * x + errors.gain[i, a, 1] * y)
 
 
 @kernel

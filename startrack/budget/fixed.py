@@ -22,8 +22,8 @@ def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints
     """
     camera, detection = case.instrument.camera, case.tracker.detection
     stars = view.sky.stars
-    reach = np.tan(min(1.1 * camera.half_diagonal, 1.5))
-    near = (np.abs(view.x) < reach) & (np.abs(view.y) < reach)
+    edge = np.tan(min(1.1 * camera.half_diagonal, 1.5))
+    near = (np.abs(view.x) < edge) & (np.abs(view.y) < edge)
     near &= stars.magnitude_g[view.star] < faintest + 1  # red stars are brighter than their G
     near = np.flatnonzero(near)
     pixel = camera.project(np.column_stack([view.x[near], view.y[near], np.ones(len(near))]))
@@ -38,8 +38,8 @@ def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints
 @lru_cache(maxsize=16)
 def believed_index(true: Selection, believed: Selection) -> Ints:
     """For each star of the true sky its index in the believed one, -1 where it is not there."""
-    star, known = open_sky(believed).stars.find(open_sky(true).stars.identifier)
-    return np.where(known, star, -1)
+    star, there = open_sky(believed).stars.find(open_sky(true).stars.identifier)
+    return np.where(there, star, -1)
 
 
 # Causes that move single stars.
@@ -94,8 +94,8 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
         return camera.focal_length_px * (plane - np.column_stack([x, y]))
     attitude, star = view.attitude[view.field[inside]], view.name[view.star[inside]]
     wrong, true = (
-        _plane(attitude.apply(_directions(case.catalog, one.believed_catalog, star)))
-        for one in (case, correct)
+        _plane(attitude.apply(_directions(case.catalog, variant.believed_catalog, star)))
+        for variant in (case, correct)
     )
     return camera.focal_length_px * (true - wrong)
 
@@ -121,11 +121,11 @@ def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
     camera, delay = case.instrument.camera, case.instrument.detector.row_delay
     direction = np.column_stack([x, y, np.ones(len(x))])
     row = camera.project(direction)[:, 1] - (camera.rows - 1) / 2
-    true, known = (
+    true, believed = (
         np.array([motion.rate_x, motion.rate_y, motion.rate_z])
         for motion in (case.instrument.motion, case.believed_motion)
     )
-    turn = np.multiply.outer(row, delay * true - case.believed_row_delay * known)
+    turn = np.multiply.outer(row, delay * true - case.believed_row_delay * believed)
     turned = Rotation.from_rotvec(-turn).apply(direction)
     return camera.focal_length_px * (_plane(turned) - np.column_stack([x, y]))
 

@@ -76,8 +76,8 @@ def hot_stars(case: Case, even: Case, star: trial.Errors) -> NearHot:
     if not hot.chance:
         none = np.zeros_like(star.stated)
         return NearHot(search, empty.flux, np.ones(len(magnitude)), none, np.ones(fewest))
-    found = trial.detection_probability(even, magnitude, search=search) * star.kept
-    drawn, rules = _frames(case, even, star, found, place, hot, empty.flux)
+    detected = trial.detection_probability(even, magnitude, search=search) * star.kept
+    drawn, rules = _frames(case, even, star, detected, place, hot, empty.flux)
     seen, used, solved, square = np.zeros((4, len(place)))
     tried, accepted = np.zeros((2, max(MOST, fewest)))
     _use(drawn, rules, seen, used, solved, square, tried, accepted)
@@ -123,21 +123,21 @@ class _Rules(NamedTuple):
 class _Drawn(NamedTuple):
     """The n stars of some fields, and what is drawn of them in d frames.
 
-    first   (m + 1,) index of the first star of each field, and n
-    x, y    (n,) 1, x / z and y / z in camera axes
-    found   (n,) 1, probability that the search finds the star
-    false   (n,) brighter spots that hot pixels make
-    sigma   (3, n) pixel per axis: of the errors but hot pixels, as the identification assumes it,
-            and as the solver weights it
-    place   (n,) of the magnitudes at which shifts are known
-    chance  (d, n) uniform;  noise  (d, n, 2) standard normal
-    shift   (d, n, 2) pixel, by hot pixels; NaN where these make the search reject the star
+    first     (m + 1,) index of the first star of each field, and n
+    x, y      (n,) 1, x / z and y / z in camera axes
+    detected  (n,) 1, probability that the search finds the star
+    false     (n,) brighter spots that hot pixels make
+    sigma     (3, n) pixel per axis: of the errors but hot pixels, as the identification assumes it,
+              and as the solver weights it
+    place     (n,) of the magnitudes at which shifts are known
+    chance    (d, n) uniform;  noise  (d, n, 2) standard normal
+    shift     (d, n, 2) pixel, by hot pixels; NaN where these make the search reject the star
     """
 
     first: Ints
     x: Floats
     y: Floats
-    found: Floats
+    detected: Floats
     false: Ints
     sigma: Floats
     place: Ints
@@ -147,18 +147,18 @@ class _Drawn(NamedTuple):
 
 
 def _frames(
-    case: Case, even: Case, star: trial.Errors, found: Floats, place: Floats,
+    case: Case, even: Case, star: trial.Errors, detected: Floats, place: Floats,
     hot: trial.HotPixels, false: Floats,
 ) -> tuple[_Drawn, _Rules]:  # fmt: skip
     """Frames of the case, and what its tracker asks of them.
 
-    found  (m,) 1, probability that the search finds a star of each magnitude
-    place  (k,) magnitude
-    false  (f,) electron, of the spots of an empty frame
+    detected  (m,) 1, probability that the search finds a star of each magnitude
+    place     (k,) magnitude
+    false     (f,) electron, of the spots of an empty frame
     """
     view = fields(case.catalog, case.instrument.camera, attitudes, FIELDS)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), case)
-    likely = np.interp(magnitude, star.magnitude, found)
+    likely = np.interp(magnitude, star.magnitude, detected)
     counts = likely > 1e-3
     inside, magnitude, likely = inside[counts], magnitude[counts], likely[counts]
     stars = view.sky.stars[view.star[inside]]
@@ -210,7 +210,7 @@ def _use(
             star, count = np.empty(end - first, np.int64), 0
             for i in range(first, end):
                 room = count + drawn.false[i] < rules.most
-                if room and drawn.chance[d, i] < drawn.found[i]:
+                if room and drawn.chance[d, i] < drawn.detected[i]:
                     seen[drawn.place[i]] += 1
                     if not np.isnan(drawn.shift[d, i, 0]):
                         star[count] = i
@@ -308,11 +308,11 @@ def _evidence(
     variance = drawn.sigma[1][star] ** 2
     square = _left(d, star, drawn, rules, variance + excess, rows)
     places = np.ascontiguousarray(rows[:, :, :unknowns]) / focal
-    found = log_evidence(
+    evidence = log_evidence(
         square / focal**2, variance / focal**2, star - first, places, prior, log_prior, spots,
         end - first, rules.area, rules.radius / focal,
     )  # fmt: skip
-    return found >= rules.evidence
+    return evidence >= rules.evidence
 
 
 @kernel

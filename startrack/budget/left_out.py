@@ -82,7 +82,7 @@ def unseen(budget: Budget[Any]) -> str:
     lines = [line for line in budget.lines if line.name in UNSEEN and line.across > 0]
     parts = [f"{line.name} ({line.across / arcsec:.3g} arcsec across)" for line in lines]
     of_units = "unit", "instrument.structure"  # which the unit as designed does not have
-    parts += [one for one in budget.left_out if not any(word in one for word in of_units)]
+    parts += [text for text in budget.left_out if not any(word in text for word in of_units)]
     return f"the tracker does not know of {'; '.join(parts)}" if parts else ""
 
 
@@ -90,10 +90,10 @@ def of_the_case(case: Case) -> Iterator[str]:
     """What the budget leaves out of a design, by its parameters alone."""
     yield from left_out(case)
     detector = case.instrument.detector
-    known = detector.read_noise_rate
-    if known and detector.pixel_rate > FASTER * known:
+    rated = detector.read_noise_rate
+    if rated and detector.pixel_rate > FASTER * rated:
         yield (
-            f"more read noise at {detector.pixel_rate / 1e6:.3g} Mpix/s than at {known / 1e6:.3g}, "
+            f"more read noise at {detector.pixel_rate / 1e6:.3g} Mpix/s than at {rated / 1e6:.3g}, "
             "where instrument.detector.read_noise holds"
         )
     yield from _of_the_motion(case)
@@ -103,28 +103,28 @@ def _of_the_motion(case: Case) -> Iterator[str]:
     instrument, plan = case.instrument, trial.detection_plan(case)
     motion, focal = instrument.motion, instrument.camera.focal_length_px
     true = np.array(trial.smear_of(case, motion.rate_x, motion.rate_y))
-    known = np.array(plan.settings.smear)
+    believed = np.array(plan.settings.smear)
     # The two directions of a motion make the same streak.
-    unknown = min(float(np.hypot(*(true - known))), float(np.hypot(*(true + known))))
+    unknown = min(float(np.hypot(*(true - believed))), float(np.hypot(*(true + believed))))
     if unknown > UNKNOWN_SMEAR:
         yield (
             f"{unknown:.1f} pixel of smear that the tracker does not know (tracker.motion, "
             "tracker.detection.smear_x and smear_y)"
         )
-    longest = float(np.hypot(*known))
+    longest = float(np.hypot(*believed))
     if longest > LONGEST:
         yield f"the ends of a streak of {longest:.0f} pixel, beyond the window of its fit"
-    held = 1.0 if plan.method.skips_dead else _held(plan.star.psf, plan.settings.window)
-    if held < HELD:
+    inside = 1.0 if plan.method.skips_dead else _held(plan.star.psf, plan.settings.window)
+    if inside < HELD:
         yield (
-            f"noise that moves a window which holds {100 * held:.0f} % of a star's light "
+            f"noise that moves a window which holds {100 * inside:.0f} % of a star's light "
             "(tracker.detection.window)"
         )
     corner = math.tan(instrument.camera.half_diagonal) * focal
     rolled = abs(motion.rate_z) * instrument.detector.exposure * corner
     if rolled > ROLLED:
         yield f"a smear of up to {rolled:.1f} pixel in the corners (motion.rate_z)"
-    rms = math.hypot(*(math.hypot(one.rms_x, one.rms_y) for one in motion.tones)) * focal
+    rms = math.hypot(*(math.hypot(tone.rms_x, tone.rms_y) for tone in motion.tones)) * focal
     if rms > SHAKEN:
         yield f"that {rms:.1f} pixel of jitter are no blur (motion.tones)"
 
@@ -178,8 +178,8 @@ def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
 
 def caveats(case: Case, left_out: tuple[str, ...]) -> list[str]:
     """What a reader of the budget must know beside `refusal`; `left_out` as of `Budget`."""
-    found = [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
-    return found if case.differs else [*found, noise_only(case)]
+    sentences = [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
+    return sentences if case.differs else [*sentences, noise_only(case)]
 
 
 def noise_only(case: Case) -> str:

@@ -142,10 +142,10 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
         METHOD: trial.error(ideal, Content.SINGLE),
     }
     for cause in budget.causes(case):
-        content, whole = (
+        content, total = (
             (Content.REAL, error) if cause.name == HITS else (Content.NOISE_FREE, noise_free)
         )
-        parts[cause.name] = whole - trial.error(cause.without(case), content)
+        parts[cause.name] = total - trial.error(cause.without(case), content)
     rows[0] = record.outcome.error_x, record.outcome.error_y, record.outcome.error_z
     for k, (name, _) in enumerate(terms(case)):
         rows[k + 1] = parts[name]
@@ -192,12 +192,12 @@ class _Trial:
     def _believed(self, case: Case) -> tuple[Ints, Floats]:
         """The matched stars in the believed catalogue of a case, and their directions there."""
         matches = self._record.matches
-        known, believed = (open_sky(each.believed_catalog).stars for each in (self._case, case))
+        nominal, believed = (open_sky(state.believed_catalog).stars for state in (self._case, case))
         star = matches.star
-        if len(believed) != len(known) or (believed.identifier != known.identifier).any():
-            star, _ = believed.find(known.identifier[star])
+        if len(believed) != len(nominal) or (believed.identifier != nominal.identifier).any():
+            star, _ = believed.find(nominal.identifier[star])
         # Two stars that the catalogue merges have one direction between them.
-        direction = matches.direction + believed.direction[star] - known.direction[matches.star]
+        direction = matches.direction + believed.direction[star] - nominal.direction[matches.star]
         return star, direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
     def _spots(self, case: Case, content: Content) -> Spots:
@@ -250,8 +250,8 @@ class _Trial:
         shape = star_images(case.instrument, pixel - nearest, side)
         place, _ = measure(case, (rate * detector.exposure)[:, None, None] * shape)
         x, y = old.x.copy(), old.y.copy()
-        found = np.isfinite(place[:, 0])
-        x[matches.spot[found]], y[matches.spot[found]] = (nearest + place)[found].T
+        finite = np.isfinite(place[:, 0])
+        x[matches.spot[finite]], y[matches.spot[finite]] = (nearest + place)[finite].T
         return replace(old, x=x, y=y)
 
     def _measured(self, frame: Frame) -> Spots:
@@ -266,9 +266,9 @@ class _Trial:
             return old
         distance = np.hypot(old.x[:, None] - new.x, old.y[:, None] - new.y)
         nearest = distance.argmin(axis=1)
-        found = distance[np.arange(len(old)), nearest] < SAME
+        same = distance[np.arange(len(old)), nearest] < SAME
         return replace(
-            old, x=np.where(found, new.x[nearest], old.x), y=np.where(found, new.y[nearest], old.y)
+            old, x=np.where(same, new.x[nearest], old.x), y=np.where(same, new.y[nearest], old.y)
         )
 
 
@@ -345,14 +345,14 @@ def indices_of(
     if run.stop - run.start < 2:
         raise Refused(f"a sequence must be solved in frames in a row, got {int(seen.sum())} frames")
     step = float(np.diff(time).mean())
-    each = [indices(one, step, window) for one in error[:, run]]
-    if not len(each[0].drift):
+    runs = [indices(history, step, window) for history in error[:, run]]
+    if not len(runs[0].drift):
         raise Refused(
             f"window must fit twice into the {run.stop - run.start} frames in a row that all "
             f"sequences were solved in, {step:g} s apart, got {window:g} s"
         )
     return {
-        name: Line(name, None, Sample(np.stack([getattr(one, part) for one in each])))
+        name: Line(name, None, Sample(np.stack([getattr(member, part) for member in runs])))
         for name, part in zip(INDICES, ("absolute", "mean", "relative", "drift"), strict=True)
     }
 

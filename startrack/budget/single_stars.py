@@ -38,11 +38,11 @@ def single_stars(case: Case, seed: int = 0) -> SingleStars:
     """
     if boxed(case):
         return boxed_stars(case, seed)
-    found = response(case)
-    table, rows = found.table, slice(None, None, STEP)
+    of_stars = response(case)
+    table, rows = of_stars.table, slice(None, None, STEP)
     by_cause = {
         name: np.trace(table.causes[:, k, rows], axis1=2, axis2=3).mean(axis=0) / 2
-        for k, name in enumerate(found.random)
+        for k, name in enumerate(of_stars.random)
     }
 
     def rms(*without: str, only: tuple[str, ...] = tuple(by_cause)) -> Floats:
@@ -88,9 +88,9 @@ def residuals(case: Case, seed: int, trials: int, progress: Advance = lambda _: 
         star = true[matches.star]
         # Where the tracker merges two stars, their light has one position.
         pixel = case.instrument.camera.project(record.icrs_to_camera.apply(matches.direction))
-        found = np.column_stack([spots.x, spots.y])[matches.spot]
+        seen = np.column_stack([spots.x, spots.y])[matches.spot]
         magnitude = stars.magnitude_g[star] + faint[star]
-        parts.append(Residuals(np.full(len(star), number), pixel, magnitude, found - pixel))
+        parts.append(Residuals(np.full(len(star), number), pixel, magnitude, seen - pixel))
         progress(1)
     return Residuals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 

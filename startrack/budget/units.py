@@ -79,7 +79,7 @@ class UnitBudgets:
     def all(self) -> Law:
         """The error of all units together, with their biases."""
         mean = self.mean + self.bias[:, None]
-        flat = [each.reshape(-1, 3) for each in (mean, self.sigma)]
+        flat = [values.reshape(-1, 3) for values in (mean, self.sigma)]
         return Law(flat[0], flat[1], self.weight.ravel() / len(self))
 
     def whole(self, number: int) -> Law:
@@ -100,8 +100,8 @@ class UnitBudgets:
 
     def levels(self, axes: Sequence[int], fraction: float) -> Floats:
         """(n,) radian per axis that each unit does not exceed in a fraction of the time."""
-        each = [self.unit(k).level(axes, fraction, Interpretation.MIXED) for k in range(len(self))]
-        return np.array(each)
+        units = map(self.unit, range(len(self)))
+        return np.array([unit.level(axes, fraction, Interpretation.MIXED) for unit in units])
 
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
         """Radian per axis, by an interpretation of ECSS-E-ST-60-10C; without the biases.
@@ -119,8 +119,8 @@ class UnitBudgets:
                     for f in range(self.mean.shape[1])
                     if (total := self.weight[:, f].sum()) > 0
                 ]
-                return max(one.level(axes, fraction, Interpretation.MIXED) for one in every)
-        flat = [each.reshape(-1, 3) for each in (self.mean, self.sigma)]
+                return max(unit.level(axes, fraction, Interpretation.MIXED) for unit in every)
+        flat = [values.reshape(-1, 3) for values in (self.mean, self.sigma)]
         whole_law = Law(flat[0], flat[1], self.weight.ravel() / len(self))
         return whole_law.level(axes, fraction, Interpretation.MIXED)
 
@@ -158,7 +158,7 @@ def unit_budgets(
         if progress:
             progress(1)
     mean, sigma, weight, bias, available = (
-        np.stack(each) for each in list(zip(*parts, strict=True))[:5]
+        np.stack(column) for column in list(zip(*parts, strict=True))[:5]
     )
     terms = {
         term: np.stack([part[5].get(term, np.zeros(3)) for part in parts])
@@ -171,13 +171,13 @@ def unit_budgets(
 def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
     """Budgets of units of one age that were computed apart, in their order."""
     mean, sigma, weight, bias, available = (
-        np.concatenate([getattr(one, name) for one in parts])
+        np.concatenate([getattr(part, name) for part in parts])
         for name in ("mean", "sigma", "weight", "bias", "availability")
     )
     terms = {
-        term: np.concatenate([one.terms.get(term, np.zeros((len(one), 3))) for one in parts])
+        term: np.concatenate([part.terms.get(term, np.zeros((len(part), 3))) for part in parts])
         for term in Term
-        if any(term in one.terms for one in parts)
+        if any(term in part.terms for part in parts)
     }
     return UnitBudgets(parts[0].age, mean, sigma, weight, bias, terms, available)
 
@@ -200,7 +200,7 @@ class _Settings(NamedTuple):
 def _alike(case: Case) -> bool:
     """Whether what varies from environment to environment moves the places of stars alone."""
     changing = (Scope.ENVIRONMENT, Scope.FRAME)
-    return all(of_places(case, one.name) for one in case.varying if one.per in changing)
+    return all(of_places(case, law.name) for law in case.varying if law.per in changing)
 
 
 class _Lines(NamedTuple):
@@ -238,7 +238,7 @@ class _Middle(NamedTuple):
         for cause in TURNS:
             of_all = of_the_camera(unit, cause)
             if of_all and np.any(of_all):
-                mean, sigma = (none + each for each in of_all)
+                mean, sigma = (none + values for values in of_all)
                 lines.append(Line(cause.name, cause.term, Law(mean, sigma, weight)))
         return self.shared._replace(lines=tuple(lines))
 
@@ -265,18 +265,18 @@ def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
     if unit is None:
         return None
     view = fields(unit.catalog, unit.instrument.camera, attitudes, count)
-    found = of_fields(unit, view, unit)
-    if found is None:
+    solved = of_fields(unit, view, unit)
+    if solved is None:
         raise Refused(f"units of seed {seed} must see enough stars somewhere")
     lines = tuple(
         line
-        for line in found.budget.lines
+        for line in solved.budget.lines
         if line.name not in OF_THE_CAMERA and line.term not in TURNED
     )
-    weight, available = found.budget.whole.spread.weight, found.budget.availability
-    shared, stars, camera = _Lines(lines, weight, available), found.stars, unit.instrument.camera
+    weight, available = solved.budget.whole.spread.weight, solved.budget.availability
+    shared, stars, camera = _Lines(lines, weight, available), solved.stars, unit.instrument.camera
     pixel = camera.project(np.column_stack([stars.x, stars.y, np.ones(len(stars.x))]))
-    answer = found.attitudes.by_lattice(stars.first, pixel, camera)
+    answer = solved.attitudes.by_lattice(stars.first, pixel, camera)
     rest = turning(case, 0.0)
     still = rest, middle_of(rest, age) or unit
     return _Middle(unit, still, seed, answer, shared)
@@ -292,29 +292,29 @@ def _of_unit(
     for environment in settings.environments:
         moment = Moment(unit, environment, environment, settings.age)
         if settings.middle:
-            found = settings.middle.of(moment)
+            drawn = settings.middle.of(moment)
         else:
-            found, like = _measured(case, seed, moment, settings, like)
-        spreads = [line.spread for line in found.lines]
+            drawn, like = _measured(case, seed, moment, settings, like)
+        spreads = [line.spread for line in drawn.lines]
         none = np.zeros_like(spreads[0].mean)
-        camera = sum((line.spread.mean for line in found.lines if line.name in OF_THE_CAMERA), none)
-        middle = found.weight @ camera
+        camera = sum((line.spread.mean for line in drawn.lines if line.name in OF_THE_CAMERA), none)
+        middle = drawn.weight @ camera
         if environment < 0:
             bias = middle
             continue
-        square = {Term.FIELD: found.weight @ (camera - middle) ** 2}
-        for line in found.lines:
+        square = {Term.FIELD: drawn.weight @ (camera - middle) ** 2}
+        for line in drawn.lines:
             if line.term and line.name not in OF_THE_CAMERA:
-                known = square.get(line.term, np.zeros(3))
-                square[line.term] = known + line.spread.rms() ** 2
-        known = square.get(Term.THERMO_ELASTIC, np.zeros(3))
-        square[Term.THERMO_ELASTIC] = known + (middle - bias) ** 2
+                before = square.get(line.term, np.zeros(3))
+                square[line.term] = before + line.spread.rms() ** 2
+        before = square.get(Term.THERMO_ELASTIC, np.zeros(3))
+        square[Term.THERMO_ELASTIC] = before + (middle - bias) ** 2
         for term, value in square.items():
             squares.setdefault(term, []).append(value)
-        available.append(found.availability)
+        available.append(drawn.availability)
         means.append(np.sum([spread.mean for spread in spreads], axis=0))
         sigmas.append(np.sqrt(np.sum([spread.sigma**2 for spread in spreads], axis=0)))
-        weights.append(found.weight / settings.environments.stop)
+        weights.append(drawn.weight / settings.environments.stop)
     terms = {term: np.sqrt(np.mean(values, axis=0)) for term, values in squares.items()}
     return (
         np.concatenate(means) - bias, np.concatenate(sigmas), np.concatenate(weights), bias,
@@ -332,10 +332,10 @@ def _measured(
     unit = unit_of(case, seed, moment)
     view = fields(unit.catalog, unit.instrument.camera, attitudes, settings.fields)
     alike = like or _as_measured(unit)
-    found = of_fields(unit, view, alike)
-    if found is None:
+    solved = of_fields(unit, view, alike)
+    if solved is None:
         raise Refused(f"unit {moment.unit} of seed {seed} must see enough stars somewhere")
-    budget = found.budget
+    budget = solved.budget
     lines = _Lines(budget.lines, budget.whole.spread.weight, budget.availability)
     return lines, alike if settings.alike else like
 
