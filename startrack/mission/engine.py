@@ -360,17 +360,17 @@ def _add_to_maps(chunk: Chunk, flown: Flown, steps: int) -> None:
     other = np.minimum(beta.astype(np.intp), BETAS - 1) * PHASES + phase
     cell, size = season * PHASES + phase, SEASONS * PHASES
     valid = np.sum([view.blind == 0 for view in chunk.seen], axis=0)
-    known = valid > 0
+    any_valid = valid > 0
 
     def add(total: Floats, values: Floats) -> None:
         total += np.bincount(cell, values, minlength=size).reshape(total.shape)
 
     add(flown.count, np.ones(len(cell)))
     add(flown.valid_sum, valid)
-    add(flown.known, known)
-    sums = [np.ones(len(cell)), known, valid > 1, valid]
+    add(flown.known, any_valid)
+    sums = [np.ones(len(cell)), any_valid, valid > 1, valid]
     if chunk.variance is not None:
-        squares = [np.where(known, variance, 0.0) for variance in chunk.variance]
+        squares = [np.where(any_valid, variance, 0.0) for variance in chunk.variance]
         for total, square in zip(flown.square_sum, squares, strict=True):
             add(total, square)
         sums += squares

@@ -144,17 +144,17 @@ def head_model(
     """
     choice = choice or UnitChoice()
     step = progress or (lambda done: None)
-    one = _unit_of(turning(case, 0.0), choice, step)
-    rates, found = _over_rates(case, one, step)
+    unit = _unit_of(turning(case, 0.0), choice, step)
+    rates, classes = _over_rates(case, unit, step)
     limits = limits_of(Head(name or "head", ""), case)
     camera, detector = case.instrument.camera, case.instrument.detector
 
     def over_rates(name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        return tuple(each[name][0] for each in found), tuple(each[name][1] for each in found)
+        return tuple(rms[name][0] for rms in classes), tuple(rms[name][1] for rms in classes)
 
-    expected = analytic(one.case)
+    expected = analytic(unit.case)
     left_out = [*refusal(case, expected.refused), *caveats(case, expected.left_out)]
-    if one.begin:
+    if unit.begin:
         left_out.append(
             "the phase of the swing in the orbit is drawn, and its rms is that of "
             f"{AT_REST} drawn environments, known to {100 * SWING_KNOWN:.0f} % (1 sigma)"
@@ -173,16 +173,16 @@ def head_model(
         over_rates("noise"),
         over_rates("pixel"),
         over_rates("field"),
-        tuple(each["available"][0] for each in found),
-        found[0]["bias"],
-        found[0]["swing"],
+        tuple(rms["available"][0] for rms in classes),
+        classes[0]["bias"],
+        classes[0]["swing"],
         PIXEL_LENGTH / camera.focal_length_px,
         2 * math.atan(min(detector.columns, detector.rows) / 2 / camera.focal_length_px),
         limits.sun,
         limits.moon,
         limits.earth,
-        one.name,
-        one.begin,
+        unit.name,
+        unit.begin,
         tuple(left_out),
     )
 
@@ -213,9 +213,9 @@ def _unit_of(rest: Case, choice: UnitChoice, step: Advance) -> _Unit:
     number = int(order[max(math.ceil(RANKS[choice.rank] * choice.count), 1) - 1])
 
     def at(case: Case, age: float, environments: int = ENVIRONMENTS) -> Classes:
-        one = unit_budgets(case, seed, 1, age, environments, first=number)
-        terms = {term: values[0] for term, values in one.terms.items()} | {Term.BIAS: one.bias[0]}
-        return _classes(terms, float(one.availability[0]))
+        unit = unit_budgets(case, seed, 1, age, environments, first=number)
+        terms = {term: values[0] for term, values in unit.terms.items()} | {Term.BIAS: unit.bias[0]}
+        return _classes(terms, float(unit.availability[0]))
 
     still = at(rest, age, AT_REST)
     begin = at(rest, 0.0, AT_REST) if age else dict(still)
@@ -233,23 +233,23 @@ def _designed(case: Case) -> Classes:
     budget = analytic(case)
     terms = {term: np.asarray(budget.term(term)) for term in Term}
     # A term of the whole design has one value across, and one about.
-    errors = {term: np.array([each[0], each[0], each[1]]) for term, each in terms.items()}
+    errors = {term: np.array([rms[0], rms[0], rms[1]]) for term, rms in terms.items()}
     return _classes(errors, float(budget.availability))
 
 
 def _classes(terms: Mapping[Term, Floats], available: float) -> Classes:
     """Of the rms (3,) of each term about the axes of the camera."""
-    found: Classes = {"available": (available, available)}
+    classes: Classes = {"available": (available, available)}
     for name, parts in CLASSES.items():
         square = sum((terms[term] ** 2 for term in parts if term in terms), np.zeros(3))
-        found[name] = math.sqrt((square[0] + square[1]) / 2), math.sqrt(square[2])
-    return found
+        classes[name] = math.sqrt((square[0] + square[1]) / 2), math.sqrt(square[2])
+    return classes
 
 
 def _over_rates(case: Case, unit: _Unit, step: Advance) -> tuple[list[float], list[Classes]]:
     """The rates of the table, up to the last at which half of the sky has an attitude."""
     pixel = 1 / case.instrument.camera.focal_length_px / case.instrument.detector.exposure
-    rates, found = [0.0], [unit.rest]
+    rates, classes = [0.0], [unit.rest]
     for smear in SMEARS:
         rate = smear * pixel
         try:
@@ -259,11 +259,11 @@ def _over_rates(case: Case, unit: _Unit, step: Advance) -> tuple[list[float], li
         if at_rate["available"][0] < LEAST:
             break
         rates.append(rate)
-        found.append(at_rate)
+        classes.append(at_rate)
         step(1)
     if len(rates) < 2:  # two rows at least, as tables have
-        rates, found = [0.0, SMEARS[0] * pixel / 100], [found[0], found[0]]
-    return rates, found
+        rates, classes = [0.0, SMEARS[0] * pixel / 100], [classes[0], classes[0]]
+    return rates, classes
 
 
 def write_model(folder: Path, model: HeadModel) -> list[Path]:
@@ -321,7 +321,7 @@ def _data(model: HeadModel) -> str:
 
 def said_of(model: HeadModel) -> str:
     """Which unit the model is of, and what it lacks, in sentences."""
-    return " ".join(f"{one[:1].upper()}{one[1:]}." for one in (model.unit, *model.left_out))
+    return " ".join(f"{text[:1].upper()}{text[1:]}." for text in (model.unit, *model.left_out))
 
 
 def _row(values: tuple[float, ...]) -> str:

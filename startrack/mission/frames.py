@@ -117,15 +117,15 @@ def agreement(table: Rows, head: int) -> Agreement:
     rows = table[(table["head"] == head) & (table["blind"] == 0)]
     good, chance = rows["solved"] & ~rows["false"], rows["expected_solved"]
     spread = math.sqrt(max(float((chance * (1 - chance)).sum()), 1e-12))
-    found = rows[good]
-    across = (found["error_x"] ** 2 + found["error_y"] ** 2) / 2 / found["expected_across"] ** 2
-    about = (found["error_z"] / found["expected_about"]) ** 2
+    solved = rows[good]
+    across = (solved["error_x"] ** 2 + solved["error_y"] ** 2) / 2 / solved["expected_across"] ** 2
+    about = (solved["error_z"] / solved["expected_about"]) ** 2
     nothing = (math.nan, math.nan)
     return Agreement(
         len(rows), int(good.sum()), float(chance.sum()),
         float(good.sum() - chance.sum()) / spread,
-        root_of_mean(across) if len(found) else nothing,
-        root_of_mean(about) if len(found) else nothing,
+        root_of_mean(across) if len(solved) else nothing,
+        root_of_mean(about) if len(solved) else nothing,
     )  # fmt: skip
 
 

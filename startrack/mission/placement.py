@@ -163,12 +163,12 @@ def quality_of(
         valid,
         np.zeros(3) if common is None else common,
     )
-    known = many > 0
-    error = math.sqrt(float(variance[:, known].mean(axis=1).max())) if known.any() else math.inf
+    covered = many > 0
+    error = math.sqrt(float(variance[:, covered].mean(axis=1).max())) if covered.any() else math.inf
     inside_cones = sum(cone.depth(line) for cone in keep_out for line in boresights)
     return Quality(
         _longest(many == 0, samples.windows) * samples.step,
-        float(known.mean()),
+        float(covered.mean()),
         float((many > 1).mean()),
         error,
         inside_cones,
@@ -363,11 +363,11 @@ def lightest(
     """
     if not angles[0] < angles[1]:
         raise Refused(f"angles must increase, got {angles[0] / deg:.3g}, {angles[1] / deg:.3g} deg")
-    found = []
+    placements = []
     for count in counts:
-        found.append(_lightest(plan, count, angles, evaluations))
+        placements.append(_lightest(plan, count, angles, evaluations))
         advance(1)
-    return found
+    return placements
 
 
 def _lightest(
@@ -382,8 +382,8 @@ def _lightest(
         place(_with_heads(plan, count, angle), grid_step=COARSE, evaluations=0) for angle in angles
     ]
     arounds = [
-        _Around(longest, samples, [head.mounting.as_matrix()[:, 2] for head in one.mission.heads])
-        for one in starts
+        _Around(longest, samples, [head.mounting.as_matrix()[:, 2] for head in start.mission.heads])
+        for start in starts
     ]
 
     def angle_at(coordinates: Floats) -> float:
@@ -408,8 +408,8 @@ def _lightest(
     last = least(error, best.coordinates[:-1], replace(search, first_step=0.05))
     changed = _with_heads(plan, count, angle)
     mission = _mounted_at(changed.loaded.mission, around.moved(last.coordinates))
-    tried = sum(one.evaluations for one in starts) + last.evaluations
-    tried += sum(one.evaluations for one in searched)
+    tried = sum(start.evaluations for start in starts) + last.evaluations
+    tried += sum(result.evaluations for result in searched)
     quality = around.quality(last.coordinates, angle)
     placement = Placement(mission, starts[0].after, quality, tried, last.ending)
     return _trade(moved_plan(changed, mission), angle, placement), placement
@@ -547,23 +547,23 @@ def _tubes(case: Case, altitude: float) -> tuple[Floats, Floats]:
     Sun, Moon and Earth there, falling."""
     assert case.instrument.tube
     length = case.instrument.tube.length * np.geomspace(0.25, 4.0, LENGTHS)
-    found = list[list[float]]()
+    rows = list[list[float]]()
     for metre in length:
         try:
             tube = replaced_all(case, {TUBE_LENGTH: float(metre)})
         except Refused:  # a wall that is given is narrower than the entrance of so long a tube
             break
-        found.append([one.least() for one in exclusions(tube, FINE, altitude).values()])
+        rows.append([exclusion.least() for exclusion in exclusions(tube, FINE, altitude).values()])
     half = case.instrument.camera.half_diagonal
     field = np.array([[half + SUN_RADIUS], [half + MOON_RADIUS], [half]])
-    angles = np.maximum(np.minimum.accumulate(np.array(found).T, axis=1), field)
-    known = np.isfinite(angles.sum(axis=0))
-    if known.sum() < 2:
+    angles = np.maximum(np.minimum.accumulate(np.array(rows).T, axis=1), field)
+    finite = np.isfinite(angles.sum(axis=0))
+    if finite.sum() < 2:
         raise Refused(
             "instrument.tube must keep out Sun, Moon and Earth at some angle below 90 deg at "
             "several lengths from a quarter to four times its own"
         )
-    return length[: len(known)][known], angles[:, known]
+    return length[: len(finite)][finite], angles[:, finite]
 
 
 def _baffle_length(case: Case, angle: float) -> float:

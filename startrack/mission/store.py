@@ -37,9 +37,9 @@ def key_of(loaded: Loaded) -> bytes:
         heads=tuple(replace(head, design="design") for head in mission.heads),
     )
     parts = [bare, *(design.case for design in loaded.designs)]
-    whole = (mission, *parts[1:])
+    complete = (mission, *parts[1:])
     content: list[Any] = [software(), *map(to_table, parts)]
-    content += [list(inputs_of(part).values()) for part in whole]
+    content += [list(inputs_of(part).values()) for part in complete]
     if law.aem and (clock := clock_of(Path(law.aem))).is_file():
         content.append(file_digest(clock))
     text = json.dumps(content, sort_keys=True, default=str).encode()
@@ -66,12 +66,12 @@ def flown_from(
         key = key_of(plan.loaded)
         with database.transaction() as execute:
             execute("DELETE FROM rows WHERE key != ?", (key,))
-        held = dict(database.kept(key))
-        plan, checks = _checked(plan, database, key, held.get(CHECKS), advance)
+        stored = dict(database.kept(key))
+        plan, checks = _checked(plan, database, key, stored.get(CHECKS), advance)
         parts = []
         for first, count in parts_of(plan.loaded.mission.time.steps):
-            if first in held:
-                parts.append(_read(held[first]))
+            if first in stored:
+                parts.append(_read(stored[first]))
             else:
                 parts.append(fly_part(plan, first, count))
                 database.keep(key, first, _written(parts[-1]))
@@ -82,9 +82,9 @@ def flown_from(
 
 
 def _checked(
-    plan: Plan, database: Database, key: bytes, held: bytes | None, advance: Advance
+    plan: Plan, database: Database, key: bytes, stored: bytes | None, advance: Advance
 ) -> tuple[Plan, tuple[Checked, ...]]:
-    if held is None:
+    if stored is None:
         plan, checks = checked(plan, advance)
         kept = [
             {
@@ -96,7 +96,7 @@ def _checked(
         database.keep(key, CHECKS, json.dumps(kept).encode())
         return plan, checks
     surrogates, checks_ = list(plan.surrogates), []
-    for entry in json.loads(held):
+    for entry in json.loads(stored):
         check: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in entry["check"].items()
         }

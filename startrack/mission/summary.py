@@ -166,17 +166,17 @@ class OfBeta:
 
 def over_beta(flown: Flown) -> list[OfBeta]:
     """The mission by the angle from the Sun to the plane of the orbit, where it occurs."""
-    steps, one, two, _, *squares = flown.by_beta.sum(axis=2)
+    steps, one_head, two, _, *squares = flown.by_beta.sum(axis=2)
     edge = np.linspace(-math.pi / 2, math.pi / 2, len(steps) + 1)
-    worst = np.max(squares, axis=0) / np.maximum(one, 1)
+    worst = np.max(squares, axis=0) / np.maximum(one_head, 1)
     return [
         OfBeta(
             float(edge[k]),
             float(edge[k + 1]),
             float(steps[k] / steps.sum()),
-            float(one[k] / steps[k]),
+            float(one_head[k] / steps[k]),
             float(two[k] / steps[k]),
-            math.sqrt(worst[k]) if one[k] else math.nan,
+            math.sqrt(worst[k]) if one_head[k] else math.nan,
         )
         for k in np.flatnonzero(steps)
     ]

@@ -223,10 +223,10 @@ def _survey(case: Case, rate: float, background: float, lit: bool) -> tuple[Floa
         case = replace(case, scene=replace(case.scene, background_g=background))
     places = survey(case, PLACES)
     _, nearest = cKDTree(places.direction).query(middles())
-    known = np.isfinite(places.across)
-    worst = [float(error[known].max()) for error in (places.across, places.about)]
+    finite = np.isfinite(places.across)
+    worst = [float(error[finite].max()) for error in (places.across, places.about)]
     across, about = (
-        np.log(np.where(known, error, largest) ** 2)
+        np.log(np.where(finite, error, largest) ** 2)
         for error, largest in zip((places.across, places.about), worst, strict=True)
     )
     stars = np.log(np.maximum(places.stars, 1.0))

@@ -81,9 +81,9 @@ def temperatures_of(plan: Plan, heat: Heat) -> Temperatures:
     begin = np.ascontiguousarray(power[:, : max(int(86400.0 / step), 1)])
     for _ in range(SPIN_UP):
         march(begin, size, capacity, heat.conductance, step, kelvin, np.empty_like(begin))
-    found = np.empty_like(power)
-    march(power, size, capacity, heat.conductance, step, kelvin, found)
-    return Temperatures(step * np.arange(count, dtype=float), found[0], found[1:], sides)
+    course = np.empty_like(power)
+    march(power, size, capacity, heat.conductance, step, kelvin, course)
+    return Temperatures(step * np.arange(count, dtype=float), course[0], course[1:], sides)
 
 
 def _taken(plan: Plan, heat: Heat, instants: Instants) -> tuple[Floats, Floats, list[float]]:
@@ -180,10 +180,10 @@ def fly_units(plan: Plan, count: int, seed: int, advance: Advance = lambda _: No
         raise Refused("heads must be valid at some step of the mission, none is")
     common = mission.common.variance
     rms = [
-        np.sqrt(_squares(each, extra, moments / steps) + noise / steps + common)
-        for each in (bias, _aligned(plan, bias))
+        np.sqrt(_squares(biases, extra, moments / steps) + noise / steps + common)
+        for biases in (bias, _aligned(plan, bias))
     ]
-    swing = np.sqrt([each[:3, :3].diagonal() / max(each[3, 3], 1.0) for each in alone])
+    swing = np.sqrt([moment[:3, :3].diagonal() / max(moment[3, 3], 1.0) for moment in alone])
     return Fleet(
         rms[0], rms[1], _of_heads(alone, bias, extra), swing, steps / mission.time.steps, heat
     )
@@ -204,20 +204,20 @@ def _drawn(plan: Plan, count: int, seed: int) -> tuple[Floats, Floats]:
         middle = law.years * JULIAN_YEAR if law else 0.0
         if age is not None:
             middle = age + mission.time.duration / 2
-        found = unit_budgets(case, seed, count * len(group), middle, 1, FIELDS)
+        budgets = unit_budgets(case, seed, count * len(group), middle, 1, FIELDS)
         head = replace(mission.heads[group[0]], unit=None)
-        square = _square(found) - _designed(state_of(case, head, seed, middle, 0.0))
+        square = _square(budgets) - _designed(state_of(case, head, seed, middle, 0.0))
         for k, h in enumerate(group):
-            bias[:, h], extra[:, h] = found.bias[k :: len(group)], square[k :: len(group)]
+            bias[:, h], extra[:, h] = budgets.bias[k :: len(group)], square[k :: len(group)]
     return bias, np.maximum(extra, 0.0)
 
 
-def _square(found: UnitBudgets) -> Floats:
+def _square(budgets: UnitBudgets) -> Floats:
     """Mean square error (n, 3) of units, without bias and thermo-elastic turns."""
     return np.asarray(
         sum(
-            (rms**2 for term, rms in found.terms.items() if term not in SHARED),
-            np.zeros((len(found), 3)),
+            (rms**2 for term, rms in budgets.terms.items() if term not in SHARED),
+            np.zeros((len(budgets), 3)),
         )
     )
 
@@ -238,9 +238,9 @@ def turns_of(case: Case) -> Floats:
     if structure is None:
         return np.zeros((3, 5))
     pitch, none = instrument.detector.pitch, np.zeros(5)
-    found = structure.responses(instrument.optics, pitch)
-    shift = found.get(PRINCIPAL, none) * pitch / instrument.optics.focal_length
-    return np.array([found.get(name, none) for name in TURNS]) - [none, shift, none]
+    responses = structure.responses(instrument.optics, pitch)
+    shift = responses.get(PRINCIPAL, none) * pitch / instrument.optics.focal_length
+    return np.array([responses.get(name, none) for name in TURNS]) - [none, shift, none]
 
 
 def turned_by_heat(
@@ -291,16 +291,16 @@ def _add_alone(
 
 def _of_heads(alone: list[Floats], bias: Floats, extra: Floats) -> Floats:
     """Rms (s, h, 2) across and about, of each head by itself."""
-    found = []
+    rms = []
     for h, total in enumerate(alone):
         steps = max(total[3, 3], 1.0)
         noise = np.array([total[0, 3], total[0, 3], total[2, 3]]) / steps
         mean, square = total[3, :3] / steps, total[:3, :3].diagonal() / steps
         whole_square = noise + extra[:, h] + bias[:, h] ** 2 + 2 * bias[:, h] * mean + square
-        found.append(
+        rms.append(
             np.sqrt(np.stack([whole_square[:, :2].mean(axis=1), whole_square[:, 2]], axis=1))
         )
-    return np.stack(found, axis=1)
+    return np.stack(rms, axis=1)
 
 
 def _squares(bias: Floats, extra: Floats, moments: Floats) -> Floats:
@@ -319,6 +319,6 @@ def _aligned(plan: Plan, bias: Floats) -> Floats:
     """
     axes = np.stack([head.axes for head in plan.heads])
     weight = 1 / np.maximum((bias**2).mean(axis=0), LEAST_SQUARE)
-    each = np.einsum("hac,hc,hbc->hab", axes, weight, axes)
-    found = np.einsum("hac,hc,shc->sa", axes, weight, bias) @ np.linalg.inv(each.sum(axis=0))
-    return np.einsum("hac,sa->shc", axes, found)
+    information = np.einsum("hac,hc,hbc->hab", axes, weight, axes)
+    turn = np.einsum("hac,hc,shc->sa", axes, weight, bias) @ np.linalg.inv(information.sum(axis=0))
+    return np.einsum("hac,sa->shc", axes, turn)

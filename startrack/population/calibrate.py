@@ -68,9 +68,9 @@ def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: 
             rms = np.sqrt(np.mean(camera.residual(_lattice(camera)) ** 2))
             noise = float(np.hypot(noise, rms))
     normal = fit.normal / noise**2
-    held = np.delete(np.arange(len(truth)), free)
+    fixed = np.delete(np.arange(len(truth)), free)
     covariance = np.linalg.inv(normal[np.ix_(free, free)] + fit.prior)
-    shift = shift + covariance @ normal[np.ix_(free, held)] @ (truth - start)[held]
+    shift = shift + covariance @ normal[np.ix_(free, fixed)] @ (truth - start)[fixed]
     shift = shift + np.linalg.cholesky(covariance) @ random.standard_normal(len(free))
     shift = shift - covariance @ fit.prior @ (truth - start)[free]
     vector = start.copy()
@@ -158,10 +158,10 @@ def _lattice(camera: Camera) -> Floats:
 
 def _as_spots(pixel: Floats, settings: CameraCalibration) -> core.Spots:
     many, variance = len(pixel), max(settings.noise, LEAST_NOISE) ** 2
-    one = np.ones(many)
+    ones = np.ones(many)
     covariance = np.tile(variance * np.eye(2), (many, 1, 1))
     x, y = pixel.T.copy()
-    return core.Spots(x, y, one, covariance, one, np.ones(many, np.int64))
+    return core.Spots(x, y, ones, covariance, ones, np.ones(many, np.int64))
 
 
 def _as_matches(direction: Floats, camera: Camera, attitude: Rotation) -> core.Matches:

@@ -62,8 +62,8 @@ def of_places(case: Case, name: str) -> bool:
     """Whether a number that varies moves the places of stars alone."""
     if name == FOCAL:
         low, high = range_of(case, name)
-        held = case.instrument.optics.focal_length
-        return max(high - held, held - low) <= SMALL * held
+        focal = case.instrument.optics.focal_length
+        return max(high - focal, focal - low) <= SMALL * focal
     return name.startswith(PLACES)
 
 
@@ -75,39 +75,39 @@ def imaged_alike(case: Case) -> bool:
     last cases.
     """
     return case.instrument.optics.tabulated and not any(
-        one.name.startswith(IMAGES)
-        and one.name != TRANSMISSION
-        and not of_places(case, one.name)
-        and not (one.vary == "relative" and found_at(case, one.name) == 0)
-        for one in case.varying
+        variation.name.startswith(IMAGES)
+        and variation.name != TRANSMISSION
+        and not of_places(case, variation.name)
+        and not (variation.vary == "relative" and found_at(case, variation.name) == 0)
+        for variation in case.varying
     )
 
 
 def coordinate(case: Case, design: Case, name: str) -> float:
     """The value of a number; of a curve, its factor to that of the design."""
-    held = found_at(case, name)
-    if isinstance(held, Curve):
-        return max(held.value) / max(found_at(design, name).value)
-    return float(held)
+    quantity = found_at(case, name)
+    if isinstance(quantity, Curve):
+        return max(quantity.value) / max(found_at(design, name).value)
+    return float(quantity)
 
 
 def range_of(case: Case, name: str) -> tuple[float, float]:
     """Between which a number, or the factor of a curve, may lie in a lifetime."""
-    held, z = found_at(case, name), np.linspace(-WIDEST, WIDEST, 29)
-    start = 1.0 if isinstance(held, Curve) else float(held)
+    quantity, z = found_at(case, name), np.linspace(-WIDEST, WIDEST, 29)
+    start = 1.0 if isinstance(quantity, Curve) else float(quantity)
     relative = np.zeros(2)
     absolute = np.zeros(2)
-    for one in case.varying:
-        if one.name != name:
+    for variation in case.varying:
+        if variation.name != name:
             continue
-        law = law_of(case, one)
-        each = np.array([law.difference(float(at)) for at in z])
-        if one.per is Scope.LIFE:
-            each = np.append(each * case.lifetime / YEAR, 0.0)
-        if one.per in (Scope.ENVIRONMENT, Scope.FRAME, Scope.LAUNCH):
-            each = np.append(each, 0.0)
-        ends = np.array([each.min(), each.max()])
-        if one.vary == "relative":
+        law = law_of(case, variation)
+        change = np.array([law.difference(float(at)) for at in z])
+        if variation.per is Scope.LIFE:
+            change = np.append(change * case.lifetime / YEAR, 0.0)
+        if variation.per in (Scope.ENVIRONMENT, Scope.FRAME, Scope.LAUNCH):
+            change = np.append(change, 0.0)
+        ends = np.array([change.min(), change.max()])
+        if variation.vary == "relative":
             relative += ends
         else:
             absolute += ends
@@ -152,7 +152,7 @@ class UnitPlans:
             for axis, value, change in zip(self.axes, at, self.change, strict=True):
                 weight = axis.weights(value)
                 parts = [
-                    one + np.tensordot(weight, by, 1) for one, by in zip(parts, change, strict=True)
+                    old + np.tensordot(weight, by, 1) for old, by in zip(parts, change, strict=True)
                 ]
             self.last.clear()
             self.last[at] = _with(self.plan, parts)
@@ -175,23 +175,22 @@ def unit_plans(case: Case, age: float = 0.0) -> UnitPlans:
 def _unit_plans(case: Case, age: float) -> UnitPlans:
     bare = aged(case.without_units, age)
     refuse(bare)
-    names = list(dict.fromkeys(one.name for one in case.varying))
+    names = list(dict.fromkeys(variation.name for variation in case.varying))
     for name in names:
         if name.startswith("catalog."):
             raise Refused(f"{name} must not vary in fidelity covariance; choose frame or window")
     axes = [_axis(case, name) for name in names if not of_places(case, name)]
     unit = bare.unit_of(case)  # in which nothing differs
     cases = [[_at(case, bare, axis.name, value) for value in axis.values()] for axis in axes]
-    every = [limits_of(one) for one in (unit, *(one for row in cases for one in row))]
-    found = max((one.found for one in every), key=len)
-    limits = Limits(min(one.faintest for one in every), max(one.brightest for one in every), found)
+    faintest, brightest, stars = zip(*map(limits_of, sum(cases, [unit])), strict=True)
+    limits = Limits(min(faintest), max(brightest), max(stars, key=len))
     plan = plan_within(unit, limits)
     parts, change = _parts(plan), []
     for axis, row in zip(axes, cases, strict=True):
-        nodes = [_parts(plan_within(one, limits)) for one in row]
-        stacked = [np.stack(each) for each in zip(*nodes, strict=True)]
+        nodes = [_parts(plan_within(node, limits)) for node in row]
+        stacked = [np.stack(arrays) for arrays in zip(*nodes, strict=True)]
         weight = axis.weights(coordinate(case, case, axis.name))
-        change.append([each - np.tensordot(weight, each, 1) for each in stacked])
+        change.append([values - np.tensordot(weight, values, 1) for values in stacked])
     return UnitPlans(case, limits, plan, parts, axes, change)
 
 
@@ -207,10 +206,10 @@ def _axis(case: Case, name: str) -> Axis:
 
 def _at(case: Case, bare: Case, name: str, value: float) -> Case:
     """A unit of the case with another value of a number of its truth, or factor of a curve."""
-    held: Any = found_at(case, name)
+    old: Any = found_at(case, name)
     new: Any = float(value)
-    if isinstance(held, Curve):
-        new = held.scaled(float(value))
+    if isinstance(old, Curve):
+        new = old.scaled(float(value))
     changed: Case = replaced(bare, name, new)
     return changed.unit_of(case)
 

@@ -37,7 +37,7 @@ def _as_imaged(case: Case) -> Case:
 @lru_cache(maxsize=8)
 def _of_places(case: Case) -> frozenset[str]:
     """What of the numbers that vary moves the places of stars alone; kept for the 8 last cases."""
-    names = {one.name for one in case.varying}
+    names = {variation.name for variation in case.varying}
     return frozenset(name for name in names if of_places(case, name)) | {RESIDUAL_SEED}
 
 
@@ -91,10 +91,10 @@ def middle_of(case: Case, age: float) -> Case | None:
     """
     if not imaged_alike(case):
         return None
-    names = {one.name for one in case.varying if one.name.startswith(NOISE)}
-    for one in case.varying:
-        changes = found_at(case, one.name) != 0 or one.vary != "relative"
-        if changes and one.name not in names and not of_places(case, one.name):
+    names = {variation.name for variation in case.varying if variation.name.startswith(NOISE)}
+    for variation in case.varying:
+        changes = found_at(case, variation.name) != 0 or variation.vary != "relative"
+        if changes and variation.name not in names and not of_places(case, variation.name):
             return None
     return _imaged_as(middle_case(case, age, names), case)
 
@@ -129,14 +129,14 @@ def _followed(case: Case, seed: int, moment: Moment, run: bool) -> Camera:
     """Camera that a recursive calibration knows at a moment; kept for the 64 last moments."""
     settings = case.tracker.calibration
     assert settings
-    known, _ = _calibrated_once(case, seed, moment.unit, run)
+    believed, _ = _calibrated_once(case, seed, moment.unit, run)
     built = _as_calibrated(case, seed, moment, 0.0)
 
     def streams(cause: str) -> Generator:
         return Streams(seed, moment.unit)(f"{cause} {moment.environment} {moment.age!r}")
 
     find = calibrated if run else drawn
-    return find(built.instrument.camera, known, settings, streams)
+    return find(built.instrument.camera, believed, settings, streams)
 
 
 def _as_calibrated(case: Case, seed: int, moment: Moment, warmer: float) -> Case:

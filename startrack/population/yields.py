@@ -48,8 +48,8 @@ class Units(Parameters):
         """Which unit a trial has, where and when."""
         unit, inside = divmod(number, self.trials)
         environment = inside * self.environments // self.trials
-        each = any(one.per is Scope.FRAME for one in case.varying)
-        return Moment(unit, environment, inside if each else -1, self.age)
+        by_frame = any(variation.per is Scope.FRAME for variation in case.varying)
+        return Moment(unit, environment, inside if by_frame else -1, self.age)
 
 
 def unit_trials(
@@ -70,8 +70,8 @@ def unit_trials(
     fast = fidelity is Fidelity.COVARIANCE and not units.exact
     plans = unit_plans(case, units.age) if fast else None
     attitudes = random_attitudes(seed, numbers) if icrs_to_camera is None else icrs_to_camera
-    for moment, each in groupby(range(len(numbers)), lambda n: units.moment(case, numbers[n])):
-        rows = list(each)
+    for moment, places in groupby(range(len(numbers)), lambda n: units.moment(case, numbers[n])):
+        rows = list(places)
         some = [numbers[n] for n in rows]
         unit = unit_of(case, seed, moment)
         if plans is None:
@@ -113,8 +113,8 @@ class PerUnit(NamedTuple):
         Accuracy  statistical: a unit's objective is that of its trials, whose scatter smears the
                   limit by 1 / sqrt(2 trials) of it.
         """
-        found = unit_errors(objective, table, table["unit"])
-        return fraction_interval(int((found <= limit).sum()), len(found))
+        errors = unit_errors(objective, table, table["unit"])
+        return fraction_interval(int((errors <= limit).sum()), len(errors))
 
 
 def unit_errors(objective: Objective, outcomes: Rows, unit: Ints) -> Floats:
@@ -126,7 +126,7 @@ def unit_errors(objective: Objective, outcomes: Rows, unit: Ints) -> Floats:
     squares, (_, place) = objective.squares(outcomes), np.unique(unit, return_inverse=True)
     order = np.argsort(place, kind="stable")
     parts = np.split(squares[order], np.cumsum(np.bincount(place))[:-1])
-    return np.array([float(objective.of(one)) for one in parts])
+    return np.array([float(objective.of(part)) for part in parts])
 
 
 def per_unit(table: Rows) -> PerUnit:
@@ -150,17 +150,17 @@ def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, f
     case = replace(case, variation=case.varying, instrument=alone)
     numbers = list(range(unit * units.trials, (unit + 1) * units.trials))
     start = _rms(case, case, seed, units, numbers)
-    found = []
-    for one in case.variation:
-        rest = tuple(other for other in case.variation if other is not one)
-        name = f"{one.name} per {one.per}"
-        found.append((name, _rms(case, replace(case, variation=rest), seed, units, numbers)))
+    rms_without = []
+    for variation in case.variation:
+        rest = tuple(other for other in case.variation if other is not variation)
+        name = f"{variation.name} per {variation.per}"
+        rms_without.append((name, _rms(case, replace(case, variation=rest), seed, units, numbers)))
     if case.instrument.residual is not None:
-        kept = tuple(one for one in case.variation if ".residual." not in one.name)
+        kept = tuple(other for other in case.variation if ".residual." not in other.name)
         bare = replace(case.instrument, residual=None)
         flat = replace(case, instrument=bare, variation=kept)
-        found.append(("instrument.residual", _rms(case, flat, seed, units, numbers)))
-    return sorted(((name, rms / start - 1) for name, rms in found), key=lambda pair: pair[1])
+        rms_without.append(("instrument.residual", _rms(case, flat, seed, units, numbers)))
+    return sorted(((name, rms / start - 1) for name, rms in rms_without), key=lambda pair: pair[1])
 
 
 def _rms(case: Case, other: Case, seed: int, units: Units, numbers: list[int]) -> float:
