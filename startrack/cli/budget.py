@@ -126,7 +126,7 @@ def command(options: argparse.Namespace) -> int:
         f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
         f"assumes {assumed}",
         "\n".join([STARS, *_shown(stars).text(())]),
-        "\n".join([*advice(expected), *(_better_text(one, case) for one in better)]),
+        "\n".join([*advice(expected), *(_better_text(change, case) for change in better)]),
         "\n".join([*caveats(case, expected.left_out), *_checked(checked, expected)]),
     ]
     if by_trials:
@@ -165,7 +165,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _better(case: Case, expected: Budget[Any]) -> list[dict[str, Any]]:
     """The other centroid, and twice as many stars, where they lower the error by the formula."""
-    detection, found = case.tracker.detection, list[dict[str, Any]]()
+    detection, gains = case.tracker.detection, list[dict[str, Any]]()
     other = "likelihood" if detection.centroid != "likelihood" else "gravity"
     for name, value in (("centroid", other), ("max_spots", 2 * detection.max_spots)):
         key = f"tracker.detection.{name}"
@@ -176,11 +176,11 @@ def _better(case: Case, expected: Budget[Any]) -> list[dict[str, Any]]:
         across, about = budget.sum
         as_often = budget.availability > expected.availability - LESS_OFTEN
         if as_often and across < (1 - MUCH_BETTER) * expected.sum[0]:
-            found.append({
+            gains.append({
                 "key": key, "value": value, "across_arcsec": across / arcsec,
                 "about_arcsec": about / arcsec,
             })  # fmt: skip
-    return found
+    return gains
 
 
 def _better_text(better: dict[str, Any], case: Case) -> str:

@@ -162,21 +162,21 @@ def _start(
                 if len(_solved([frame], camera, indexes, identification)[0][1]):
                     return camera
     for path, frame in zip(options.images, frames, strict=True):
-        found = solve_photograph(frame, indexes, identification, hint)
-        if found.axis is None:
+        photo = solve_photograph(frame, indexes, identification, hint)
+        if photo.axis is None:
             continue
-        if found.view != View():
+        if photo.view != View():
             terminal.print_message(
-                f"startrack calibrate: {path} is solved as {found.view}, which a camera of "
+                f"startrack calibrate: {path} is solved as {photo.view}, which a camera of "
                 "square pixels is not"
             )
             continue
-        lens = found.matches.camera
+        lens = photo.matches.camera
         if options.distortion == "none":
             lens = Camera(columns, rows, lens.focal_length_px)
-        if found.as_hinted is False:
+        if photo.as_hinted is False:
             terminal.print_message(
-                f"startrack calibrate: the field is {math.degrees(found.field):.4g} deg, not the "
+                f"startrack calibrate: the field is {math.degrees(photo.field):.4g} deg, not the "
                 "given one"
             )
         return replace(lens, polynomial=None)

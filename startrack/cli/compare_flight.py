@@ -68,7 +68,9 @@ def command(options: argparse.Namespace) -> int:
         "curve_correlation": {
             star: verification.correlation(*pair) for star, pair in flown.curves.items()
         },
-        "curves_px": {star: [one.tolist() for one in pair] for star, pair in flown.curves.items()},
+        "curves_px": {
+            star: [curve.tolist() for curve in pair] for star, pair in flown.curves.items()
+        },
     }  # fmt: skip
     save_json(options.out / "flight.json", terminal.finite(result))
     title = f"{options.design.stem}, {first.name}: predicted over seen"
@@ -87,8 +89,8 @@ def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows
     count, frames = terminal.read_series(options)
     dark = terminal.image_reader(options)(options.dark_frame) if options.dark_frame else None
     with terminal.progress("frames", count) as advance:
-        found = verification.windows_of_frames(frames, case, advance, dark)
-    return [star for star in found if not names or star.name in names]
+        stars = verification.windows_of_frames(frames, case, advance, dark)
+    return [star for star in stars if not names or star.name in names]
 
 
 def _table(flown: verification.Flown) -> Table:

@@ -248,9 +248,9 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
         if len(angles) != 2:
             raise WrongUse("--baffle must give two angles, the least and the largest, with --place")
         with as_wrong_use(ValueError), progress("numbers of heads", len(counts)) as advance:
-            found = mission.lightest(plan, counts, (angles[0], angles[1]), advance)
-        traded = [trade for trade, _ in found]
-        best = min(found, key=lambda pair: (not pair[0].met, pair[0].mass))
+            lightest = mission.lightest(plan, counts, (angles[0], angles[1]), advance)
+        traded = [trade for trade, _ in lightest]
+        best = min(lightest, key=lambda pair: (not pair[0].met, pair[0].mass))
         text = f"{path.name}, the lightest heads and baffles that were found"
         mission.save_mission(options.out / "placed.toml", best[1].mission, text)
         how = "at 96 orbits of 100 instants, directions and baffles together; mass by the cost laws"
@@ -457,18 +457,18 @@ def _frames(plan: mission.Plan, table: Rows) -> tuple[dict[str, Any], list[str]]
     heads, lines, values = range(len(plan.heads)), list[str](), dict[str, Any]()
     values["heads"] = []
     for h in heads:
-        found = mission.agreement(table, h)
+        frames = mission.agreement(table, h)
         values["heads"].append({
-            "name": plan.heads[h].name, "tried": found.tried, "right": found.right,
-            "expected": found.expected, "deviations": found.deviations,
-            "across_ratio": list(found.across), "about_ratio": list(found.about),
+            "name": plan.heads[h].name, "tried": frames.tried, "right": frames.right,
+            "expected": frames.expected, "deviations": frames.deviations,
+            "across_ratio": list(frames.across), "about_ratio": list(frames.about),
         })  # fmt: skip
         across, about = (f"{value:.3f} +- {sigma:.3f}" for value, sigma in
-                         (found.across, found.about))  # fmt: skip
+                         (frames.across, frames.about))  # fmt: skip
         lines.append(
-            f"  {plan.heads[h].name}: {found.right} of {found.tried} frames have a right attitude, "
-            f"{found.expected:.1f} expected ({found.deviations:+.1f} sigma); error over the "
-            f"expected one across {across}, about {about}"
+            f"  {plan.heads[h].name}: {frames.right} of {frames.tried} frames have a right "
+            f"attitude, {frames.expected:.1f} expected ({frames.deviations:+.1f} sigma); error "
+            f"over the expected one across {across}, about {about}"
         )
     values["between"] = []
     for first, second in combinations(heads, 2):

@@ -72,17 +72,17 @@ def optimum_values(optimum: optimise.Optimum, campaign: Campaign) -> dict[str, A
 
 def landscape_values(optimum: optimise.Optimum) -> dict[str, Any]:
     """What the forecasts say of the space, for JSON."""
-    found, space = optimum.landscape, optimum.space
-    if found is None:
+    landscape, space = optimum.landscape, optimum.space
+    if landscape is None:
         return {}
     ends = {
         name: [space.values(end)[name] for end in (span.at_low, span.at_high)]
-        for name, span in found.spans.items()
+        for name, span in landscape.spans.items()
     }
     return {
-        "forecasts": len(found.forecasts),
-        "possible_gain": found.left,
+        "forecasts": len(landscape.forecasts),
+        "possible_gain": landscape.left,
         "spans_si": ends,
-        "unimportant": found.unimportant,
-        "prices": found.prices,
+        "unimportant": landscape.unimportant,
+        "prices": landscape.prices,
     }

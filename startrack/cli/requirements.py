@@ -83,7 +83,7 @@ def command(options: argparse.Namespace) -> int:
         [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]
         for body, angle in needs.min_keep_out.angles.items()
     ]
-    lines = [f"{one}\n" for one in refusal(design.case, budget.refused)]
+    lines = [f"{sentence}\n" for sentence in refusal(design.case, budget.refused)]
     lines += aligned([["requirement", "value", "limit", "margin", ""], *rows], (0, 4))
     lines += [
         "",
@@ -114,7 +114,7 @@ def _limited(needs: Requirements, name: str, margin: float, needed: float) -> tu
         "volume": (needs.max_volume and needs.max_volume * 1e6, "cm3"),
         "data rate": (needs.max_data_rate and needs.max_data_rate / 1e6, "Mbit/s"),
         "cost": (needs.max_cost, ""),
-        **{one.name: (one.most / arcsec, "arcsec") for one in needs.accuracy},
+        **{accuracy.name: (accuracy.most / arcsec, "arcsec") for accuracy in needs.accuracy},
     }
     least = {"update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
              "availability": (needs.min_availability, "", 1.0)}  # fmt: skip

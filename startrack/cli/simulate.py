@@ -77,11 +77,11 @@ def command(options: argparse.Namespace) -> int:
         f"{pointing_text(attitude, 3, 1)}; field {math.degrees(camera.fov_x):.2f} "
         f"deg; exposure {1e3 * record.frame.exposure:g} ms"
     )
-    found = (
+    summary = (
         f"the tracker finds {record.outcome.spots} spots, matches {record.outcome.stars}: "
         f"{record.estimate.status}"
     )
-    raw = draw_record(png, case, record, f"{title}\n{found}")
+    raw = draw_record(png, case, record, f"{title}\n{summary}")
     result = {
         "fits": str(fits),
         "png": str(png),
@@ -99,7 +99,7 @@ def command(options: argparse.Namespace) -> int:
     print_result(
         options,
         result,
-        f"{title}\n{found}\nwrote "
+        f"{title}\n{summary}\nwrote "
         f"{', '.join(str(file) for file in (fits, *pixels, raw) if file)} and {png}",
     )
     return Exit.DONE

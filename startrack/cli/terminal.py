@@ -61,19 +61,19 @@ def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a desi
     """The path of a file, of one that is shipped where there is none; close names said."""
     if path.exists():
         return path
-    known = {
+    shipped = {
         f"{folder}/{file.name}": file
         for folder in folders
         for file in sorted(io.shipped(folder).glob("*.toml"))
     }
     asked = path.as_posix().removesuffix(".toml") + ".toml"
-    for name, file in known.items():
+    for name, file in shipped.items():
         if asked in (name, file.name):
             return file
     stem = path.stem.lower()
-    close = get_close_matches(stem, [file.stem for file in known.values()], 3, 0.75)
+    close = get_close_matches(stem, [file.stem for file in shipped.values()], 3, 0.75)
     names = [
-        name for name, file in known.items()
+        name for name, file in shipped.items()
         if file.stem in close or (len(stem) >= FEWEST_LETTERS and stem in file.stem)
     ]  # fmt: skip
     if names:
@@ -127,8 +127,8 @@ def read_series(options: argparse.Namespace) -> tuple[int, Iterator[Frame]]:
     """The frames of all image files in their order, as `image_reader` reads them, and how many."""
     layout, correct = _reading(options)
     with as_wrong_use(ValueError, OSError):
-        one = options.plane is not None
-        count = sum(1 if one else io.frames_in(path, layout) for path in options.images)
+        single = options.plane is not None
+        count = sum(1 if single else io.frames_in(path, layout) for path in options.images)
     frames = (frame for path in options.images for frame in io.read_frames(path, layout))
     return count, map(correct, frames)
 

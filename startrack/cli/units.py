@@ -92,21 +92,21 @@ def gains_of(
     objective, needs = Objective.read(campaign.objective), campaign.requirements
     required, fraction = needs.accuracy, campaign.units or USUAL
     with progress("units", options.units * (1 + len(changes))) as advance:
-        found = allocation(
+        allocated = allocation(
             case, objective, required, fraction, options.seed, options.units, changes, advance
         )
     before = _costs(needs, case)
     values, entries = {
         "objective": str(objective),
         "fraction": fraction,
-        "age_years": found.age / YEAR,
-        "level_arcsec": found.level / arcsec,
+        "age_years": allocated.age / YEAR,
+        "level_arcsec": allocated.level / arcsec,
     }, list[dict[str, Any]]()  # fmt: skip
     yields = [f"yield, {limit.name} (%)" for limit in required]
     lever = any(change.text for change in changes)
     costs = ["mass (g)", "power (mW)", "calibration (h)"] if lever else []
     rows = [["change" if lever else "halved", "gain (arcsec)", *yields, *costs, "price"]]
-    for gain in found.gains:
+    for gain in allocated.gains:
         change = gain.change
         more = {name: _costs(needs, change.case)[name] - before[name] for name in before}
         more["price"] = change.price or more["price"]
@@ -129,9 +129,9 @@ def gains_of(
     values["levers" if lever else "halved"] = entries
     text = [
         f"{objective} that {100 * fraction:g} % of {options.units} units at "
-        f"{found.age / YEAR:g} yr do not exceed: {found.level / arcsec:.3f} arcsec",
+        f"{allocated.age / YEAR:g} yr do not exceed: {allocated.level / arcsec:.3f} arcsec",
         *aligned(rows, (0,)),
-        *(f"not possible: {one}" for one in found.refused),
+        *(f"not possible: {reason}" for reason in allocated.refused),
         "by the formula, on the same draws of the same units, with their biases; brackets hold "
         "with 95 % for other units",
     ]

@@ -71,11 +71,11 @@ def as_believed(case: Case, frame: Frame) -> Frame:
 def seen_smear(case: Case, frame: Frame) -> tuple[float, float]:
     """Smear (pixel, x and y) that the streaks of a frame show; its sign is open."""
     frame, still = as_believed(case, frame), detection_plan(case, smear=(0.0, 0.0))
-    found = streak_of(frame, still)
-    if not found.seen:
+    coarse = streak_of(frame, still)
+    if not coarse.seen:
         return 0.0, 0.0
-    x, y = (SMEAR_STEP * round(side / SMEAR_STEP) for side in (found.x, found.y))
-    streak = refined(frame, still, detect(frame, detection_plan(case, smear=(x, y))), found)
+    x, y = (SMEAR_STEP * round(side / SMEAR_STEP) for side in (coarse.x, coarse.y))
+    streak = refined(frame, still, detect(frame, detection_plan(case, smear=(x, y))), coarse)
     # Not in steps: the rounding alone would add a fortieth to the error at 3 deg/s.
     return streak.x, streak.y
 

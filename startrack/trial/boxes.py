@@ -82,16 +82,16 @@ def follow_boxes(
     """
     star, place = targets(case, camera, expected)
     flux = believed_electrons(case)[star]
-    reach = box_reach(case.tracker.box, camera.focal_length_px)
+    half_side = box_reach(case.tracker.box, camera.focal_length_px)
     frame = as_believed(case, frame)
     plan = plan or detection_plan(case)
-    held = np.array([images.get(int(n), (-1, -1)) for n in star], np.int64).reshape(-1, 2)
+    corners = np.array([images.get(int(n), (-1, -1)) for n in star], np.int64).reshape(-1, 2)
     flux = flux / frame.electrons_per_dn
-    taken = take(frame, place, flux, reach, case.tracker.box, plan, held)
+    taken = take(frame, place, flux, half_side, case.tracker.box, plan, corners)
     after = {
         int(n): (int(x), int(y))
-        for n, (x, y), found in zip(star, taken.corner, taken.found, strict=True)
-        if found
+        for n, (x, y), measured in zip(star, taken.corner, taken.found, strict=True)
+        if measured
     }
     return taken.spots(), matched(case, taken, star, camera, expected), after
 
@@ -199,14 +199,14 @@ class _Field(NamedTuple):
     place: Floats
     expected: Floats
     point: Floats
-    reach: float
+    half_side: float
 
     @classmethod
     def of(cls, case: Case, seed: int) -> _Field:
         focal = case.instrument.camera.focal_length_px
         box, streams = case.tracker.box, Streams(seed, 0)
-        reach = box_reach(box, focal)
-        tile = within_frame(2 * math.ceil(reach + MARGIN) + 7, case.instrument.detector)
+        half_side = box_reach(box, focal)
+        tile = within_frame(2 * math.ceil(half_side + MARGIN) + 7, case.instrument.detector)
         detector = replace(
             case.instrument.detector, columns=SIDE * tile, rows=SIDE * tile, region=None
         )
@@ -218,7 +218,7 @@ class _Field(NamedTuple):
         row, column = np.divmod(np.arange(count), SIDE)
         place = np.column_stack([column, row]) * tile + tile // 2 + within
         error = box.prior * focal * streams("expected attitude").standard_normal((count, 2))
-        return cls(case, place, place + error, point.reshape(SIDE * tile, SIDE * tile), reach)
+        return cls(case, place, place + error, point.reshape(SIDE * tile, SIDE * tile), half_side)
 
 
 def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
@@ -229,21 +229,21 @@ def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
     electrons = size.star * 10 ** (-0.4 * magnitude)
     flux = np.full(len(field.place), electrons / detector.electrons_per_dn)
 
-    def taken_in(frame: Frame, settings: Detection, held: Ints | None) -> Taken:
+    def taken_in(frame: Frame, settings: Detection, corners: Ints | None) -> Taken:
         plan = detection_plan(case, settings)
-        return take(frame, field.expected, flux, field.reach, case.tracker.box, plan, held)
+        return take(frame, field.expected, flux, field.half_side, case.tracker.box, plan, corners)
 
     light, gain, state = electrons * field.point, response(detector), flickering(detector, streams)
     pixels = sky_electrons(case) + np.asarray(dark(detector)) * detector.exposure
-    seen, held, parts = pixels + light * (1.0 if gain is None else gain), None, []
+    seen, corners, parts = pixels + light * (1.0 if gain is None else gain), None, []
     stated = list[Floats]()
     for time in range(TIMES):
         if state and time:
             state.later(1 / detector.update_rate)
         noise = Streams(seed, 10**6 * (1 + time) + streams.trial)
         frame = as_believed(case, frame_of(seen, detector, noise, state=state))
-        taken = taken_in(frame, settings, held)
-        held = taken.corner if held is None else held
+        taken = taken_in(frame, settings, corners)
+        corners = taken.corner if corners is None else corners
         parts.append(_places(taken) - field.place)
         stated.append(taken.covariance)
     off = np.array(parts)
@@ -253,7 +253,7 @@ def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
     off = off[:, good]
     number = (light + size.background) / detector.electrons_per_dn + detector.offset
     even = replace(settings, dark_map=None, dark_map_age=None)
-    still = (_places(taken_in(to_frame(number, detector), even, held)) - field.place)[good]
+    still = (_places(taken_in(to_frame(number, detector), even, corners)) - field.place)[good]
     about = off - np.median(off.reshape(-1, 2), axis=0)
     believed = np.trace(np.array(stated)[:, good], axis1=2, axis2=3).mean() / 2
     variances = (

@@ -189,8 +189,8 @@ def _detected_turning(case: Case, frame: Frame) -> tuple[Spots, Matches]:
         estimate = estimate_of(case, case.tracker, moved, matches)
         tried.append((estimate.stars, estimate.residual_rms, moved, matches))
     most = max(stars for stars, *_ in tried)
-    good = [one for one in tried if one[0] >= MANY * most]
-    _, _, spots, matches = min(good, key=lambda one: one[1])
+    good = [attempt for attempt in tried if attempt[0] >= MANY * most]
+    _, _, spots, matches = min(good, key=lambda attempt: attempt[1])
     return spots, matches
 
 

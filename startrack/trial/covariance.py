@@ -235,8 +235,8 @@ def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) 
             dx = seen.dx - stretch * (seen.x + seen.dx - view.centre_x)
             dy = seen.dy - stretch * (seen.y + seen.dy - view.centre_y)
             spread = (seen.xx * seen.xx + seen.yx * seen.yx + seen.yy * seen.yy) / 2
-            reach = gate * gate * 2 * (spread + field.systematic[i] + through.slack)
-            if not field.known[i] or dx * dx + dy * dy > reach:
+            limit = gate * gate * 2 * (spread + field.systematic[i] + through.slack)
+            if not field.known[i] or dx * dx + dy * dy > limit:
                 others += 1
                 continue
             at = count

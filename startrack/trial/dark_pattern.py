@@ -252,9 +252,9 @@ def _empty_frame(case: Case, sky: float) -> Empty:
     frame = as_believed(case, frame_of(electrons, detector, Streams(0, 0)))
     ground = measure_ground(frame, plan)
     noise = false_alarms(plan, detector.columns, detector.rows)
-    found = detect(frame, plan)
-    flux = -np.sort(-found.flux) * frame.electrons_per_dn
-    spots = max(len(found) - noise, 0.0)
+    detected = detect(frame, plan)
+    flux = -np.sort(-detected.flux) * frame.electrons_per_dn
+    spots = max(len(detected) - noise, 0.0)
     pixels = calibrated(frame, plan)
     even = np.ones(pixels.value.size, bool)
     pattern = dark_pattern(case)

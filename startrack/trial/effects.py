@@ -173,11 +173,11 @@ def _shares_noise(case: Case) -> bool:
 
 def _sheared(case: Case) -> bool:
     """Whether rows are exposed at other times than the tracker takes off by the rates it knows."""
-    true, known = case.instrument.motion, case.believed_motion
+    true, believed = case.instrument.motion, case.believed_motion
     turn, taken = (
         [delay * rate for rate in (motion.rate_x, motion.rate_y, motion.rate_z)]
         for delay, motion in (
-            (case.instrument.detector.row_delay, true), (case.believed_row_delay, known)
+            (case.instrument.detector.row_delay, true), (case.believed_row_delay, believed)
         )
     )  # fmt: skip
     return turn != taken
@@ -399,7 +399,7 @@ EFFECTS = [
     Effect(
         "instrument.optics.aberrations",
         lambda case: (
-            any(one.growth for one in case.instrument.optics.aberrations)
+            any(aberration.growth for aberration in case.instrument.optics.aberrations)
             and not case.instrument.optics.tabulated
         ),
         left_out="aberrations that grow over the field (optics.aberrations)",

@@ -222,25 +222,26 @@ def solve_photograph(
     near, rest = _tries(columns, rows, hint, settings.focal_tolerance, aspect, squeezed)
     unsolved, smear = [], None
     if shape.length > DRAWN_OUT:  # oblong pixels are likely, or that the camera turned
-        rest.sort(key=lambda one: one.view.aspect == 1.0)
+        rest.sort(key=lambda guess: guess.view.aspect == 1.0)
         smear = sought.looks.turned
     if smear:
-        first = (near or [one for one in rest if one.view.aspect == (aspect or 1.0)])[0]
+        first = (near or [guess for guess in rest if guess.view.aspect == (aspect or 1.0)])[0]
         # Half of the probability of a false match is theirs, and that of all others half of it.
-        near, rest = ([one._replace(share=one.share / 2) for one in part] for part in (near, rest))
-        found = sought._replace(looks=_Looks(frame, smear)).attempt(first._replace(share=0.5), FULL)
-        if found.axis is not None:
-            return _as_hinted(replace(found, streak=smear), hint, settings)
-        unsolved.append(found)
-    middles = [one for one in rest if one.view.middle]  # of one camera each
+        near = [guess._replace(share=guess.share / 2) for guess in near]
+        rest = [guess._replace(share=guess.share / 2) for guess in rest]
+        photo = sought._replace(looks=_Looks(frame, smear)).attempt(first._replace(share=0.5), FULL)
+        if photo.axis is not None:
+            return _as_hinted(replace(photo, streak=smear), hint, settings)
+        unsolved.append(photo)
+    middles = [guess for guess in rest if guess.view.middle]  # of one camera each
     rounds = (FULL, near), *((effort, rest) for effort in ROUNDS), (FULL, middles)
     for effort, tries in rounds:
-        for one in tries:
-            found = sought.attempt(one, effort)
-            if found.axis is not None:
-                return _as_hinted(sought.squared(found, one, squeezed), hint, settings)
-            unsolved.append(found)
-    best = min(unsolved, key=lambda one: one.estimate.false_probability)
+        for guess in tries:
+            photo = sought.attempt(guess, effort)
+            if photo.axis is not None:
+                return _as_hinted(sought.squared(photo, guess, squeezed), hint, settings)
+            unsolved.append(photo)
+    best = min(unsolved, key=lambda photo: photo.estimate.false_probability)
     tried, seen = _tried(near + rest), seen_text(frame, sought.looks)
     reason = f"{best.estimate.reason}; {tried}. {seen}"
     return replace(best, estimate=replace(best.estimate, reason=reason))
@@ -253,38 +254,37 @@ class _Sought(NamedTuple):
     indexes: identification.PatternIndexes
     settings: identification.Identification
 
-    def attempt(self, one: _Try, effort: float) -> Photograph:
+    def attempt(self, guess: _Try, effort: float) -> Photograph:
         """The first camera of a try that finds an attitude, with what the stars show of its lens.
 
         effort  of the hypotheses of the settings
         """
         settings, stars, index_of = self.settings, self.indexes.stars, self._index
         rows, columns = self.looks.frame.image.shape
-        size = one.view.size(columns, rows)
-        spots = one.view.spots(self.looks(one.threshold, one.scales), columns, rows)
-        spots = _chosen(_spread(spots, *size) if one.spread else spots, slice(MOST_SPOTS))
-        bounded = replace(
+        size = guess.view.size(columns, rows)
+        spots = guess.view.spots(self.looks(guess.threshold, guess.scales), columns, rows)
+        spots = _chosen(_spread(spots, *size) if guess.spread else spots, slice(MOST_SPOTS))
+        tight = replace(
             settings,
-            max_false_probability=settings.max_false_probability * one.share,
+            max_false_probability=settings.max_false_probability * guess.share,
             max_hypotheses=max(round(effort * settings.max_hypotheses), 1),
             match_radius=max(settings.match_radius, BENT * max(size)),
         )
-        matches = identification.identify_blind(spots, *size, stars, index_of, bounded, one.cameras)
+        matches = identification.identify_blind(spots, *size, stars, index_of, tight, guess.cameras)
         reason, attitude, axis, rms = matches.reason, matches.icrs_to_camera, None, math.nan
         covariance, count = np.full((3, 3), np.nan), 0
         if attitude is not None:
-            lens = identification.fit_lens(
+            matches, axis, covariance, rms = identification.fit_lens(
                 spots, matches, stars, index_of(matches.camera), settings
             )
-            matches, axis, covariance, rms = lens
             attitude, count = matches.icrs_to_camera, len(matches)
             reason = f"{count} of {len(spots)} spots are stars of the catalogue"
         estimate = Estimate(
             matches.status, reason, attitude, covariance, rms, count, matches.false_probability
         )
-        return Photograph(spots, matches, estimate, axis, one.view)
+        return Photograph(spots, matches, estimate, axis, guess.view)
 
-    def squared(self, found: Photograph, one: _Try, squeezed: list[float]) -> Photograph:
+    def squared(self, photo: Photograph, guess: _Try, squeezed: list[float]) -> Photograph:
         """The solution in a view of square pixels, where the stars show that those are oblong.
 
         The lens is fitted by what is small; the view takes what is large. Where few spots are
@@ -292,22 +292,22 @@ class _Sought(NamedTuple):
         The same hypothesis is found again, which is no further chance of a false match.
         """
         rows, columns = self.looks.frame.image.shape
-        few = len(found.matches) < MANY * len(found.spots)
-        tried = squeezed if few and found.view.middle is None else []
+        few = len(photo.matches) < MANY * len(photo.spots)
+        tried = squeezed if few and photo.view.middle is None else []
         for _ in range(SQUARED):
-            best = found
-            if abs(math.log(found.aspect / found.view.aspect)) > math.log(SAME_SHAPE):
-                tried = [found.aspect, *tried]
+            best = photo
+            if abs(math.log(photo.aspect / photo.view.aspect)) > math.log(SAME_SHAPE):
+                tried = [photo.aspect, *tried]
             for aspect in tried:
-                view = found.view._replace(aspect=aspect)
-                field, tolerance = found.matches.camera.fov_x, self.settings.focal_tolerance
+                view = photo.view._replace(aspect=aspect)
+                field, tolerance = photo.matches.camera.fov_x, self.settings.focal_tolerance
                 near = identification.cameras_of(*view.size(columns, rows), field, tolerance)
-                again = self.attempt(one._replace(view=view, cameras=near, share=1.0), FULL)
-                best = max(best, again, key=lambda one: one.estimate.stars)
-            if best is found:
+                again = self.attempt(guess._replace(view=view, cameras=near, share=1.0), FULL)
+                best = max(best, again, key=lambda photo: photo.estimate.stars)
+            if best is photo:
                 break
-            found, tried = best, []
-        return found
+            photo, tried = best, []
+        return photo
 
     def _index(self, camera: Camera) -> identification.PatternIndex:
         """Of every other field: half as many to read, each as good for its neighbours."""
@@ -317,26 +317,26 @@ class _Sought(NamedTuple):
 
 
 def _as_hinted(
-    found: Photograph, hint: float | None, settings: identification.Identification
+    photo: Photograph, hint: float | None, settings: identification.Identification
 ) -> Photograph:
     """The solution, and whether its field is the given one."""
     if hint is None:
-        return found
+        return photo
     own, given = (
-        math.tan(min(field, identification.WIDEST_PINHOLE) / 4) for field in (found.field, hint)
+        math.tan(min(field, identification.WIDEST_PINHOLE) / 4) for field in (photo.field, hint)
     )
     off = abs(math.log(own / given))
-    return replace(found, as_hinted=off <= settings.focal_tolerance + SLACK)
+    return replace(photo, as_hinted=off <= settings.focal_tolerance + SLACK)
 
 
 def _tried(tries: list[_Try]) -> str:
     """What was tried, in words."""
-    focal = [camera.fov_x for one in tries for camera, _ in one.cameras if not one.view.middle]
+    focal = [lens.fov_x for guess in tries for lens, _ in guess.cameras if not guess.view.middle]
     text = f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg"
     text += f", stars of 1 to {SCALES[-1]} times the usual size, mirrored"
-    if squeezed := sorted({one.view.aspect for one in tries} - {1.0}):
+    if squeezed := sorted({guess.view.aspect for guess in tries} - {1.0}):
         text += f", pixels {', '.join(f'{a:.2f}' for a in squeezed)} as wide as high"
-    return text + (", fisheyes to 180 deg" if any(one.view.middle for one in tries) else "")
+    return text + (", fisheyes to 180 deg" if any(guess.view.middle for guess in tries) else "")
 
 
 def _tries(
@@ -361,13 +361,13 @@ def _tries(
     if hint is None:
         return [], _shared(rest[:1]) + _shared(rest[1:])
     made = identification.cameras_of(*size, hint, tolerance)
-    near = [one._replace(cameras=made) for one in rest if made and one.view == as_it_is]
+    near = [guess._replace(cameras=made) for guess in rest if made and guess.view == as_it_is]
     return _shared(near or _middle(columns, rows, hint, tolerance)), _shared(rest)
 
 
 def _shared(tries: list[_Try]) -> list[_Try]:
     """The tries with half of the probability of a false match among them."""
-    return [one._replace(share=0.5 / len(tries)) for one in tries]
+    return [guess._replace(share=0.5 / len(tries)) for guess in tries]
 
 
 def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Try]:
@@ -426,12 +426,12 @@ class _Looks:
             scale *= 2
         settings = Detection(saturation=self.clipped)
         frame, plan = self._frame(scale), plan_detection(settings, None)
-        found = streak_of(frame, plan)
-        if not found.seen or math.hypot(found.x, found.y) < LEAST_STREAK:
+        streak = streak_of(frame, plan)
+        if not streak.seen or math.hypot(streak.x, streak.y) < LEAST_STREAK:
             return None
-        spots = detect(frame, replace(settings, smear_x=found.x, smear_y=found.y))
-        found = refined(frame, plan, spots, found)
-        return scale * found.x, scale * found.y
+        spots = detect(frame, replace(settings, smear_x=streak.x, smear_y=streak.y))
+        streak = refined(frame, plan, spots, streak)
+        return scale * streak.x, scale * streak.y
 
     @cached_property
     def clipped(self) -> float | None:
@@ -489,16 +489,16 @@ def _enlarged(spots: Spots, scale: int) -> Spots:
     )  # fmt: skip
 
 
-def _grown(fine: Spots, coarse: Spots, reach: float) -> Spots:
+def _grown(fine: Spots, coarse: Spots, half_side: float) -> Spots:
     """Fine spots, and coarse ones in the place of those that have lost their light.
 
-    reach   pixel, half the side of the square that a coarse spot is measured in
+    half_side  pixel, half the side of the square that a coarse spot is measured in
     """
     off_x, off_y = (
         np.abs(np.subtract.outer(values, others))
         for values, others in ((coarse.x, fine.x), (coarse.y, fine.y))
     )
-    covered = np.maximum(off_x, off_y) <= reach
+    covered = np.maximum(off_x, off_y) <= half_side
     light = coarse.flux * (1 - SURE / np.maximum(coarse.snr, SURE))
     taken = np.asarray(light > GROWTH * (covered @ np.maximum(fine.flux, 0.0)))
     kept = np.asarray(~covered[taken].any(axis=0))

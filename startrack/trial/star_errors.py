@@ -49,7 +49,7 @@ def errors(case: Case) -> Errors:
     plain, kept = star.plain, star.kept
     method = mean_of(plain.offset, kept)
     stated, noise, shot = (
-        mean_of(each, kept) for each in (plain.covariance, star.noise, star.shot)
+        mean_of(values, kept) for values in (plain.covariance, star.noise, star.shot)
     )
     random = {
         SHOT: shot,
@@ -85,8 +85,8 @@ class NoisyStars(NamedTuple):
 
     def at(self, positions: slice) -> NoisyStars:
         """Those at some of the positions."""
-        plain = Chart(self.plain.magnitude, *(each[:, positions] for each in self.plain[1:]))
-        return NoisyStars(plain, *(each[:, positions] for each in self[1:]))
+        plain = Chart(self.plain.magnitude, *(values[:, positions] for values in self.plain[1:]))
+        return NoisyStars(plain, *(values[:, positions] for values in self[1:]))
 
 
 def noisy_stars(

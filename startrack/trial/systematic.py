@@ -66,8 +66,8 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     resolution = index_resolution(camera)
     stars = separated(catalog, resolution).sky.stars
     # Rounded up, so that cameras of similar focal lengths share the pairs.
-    reach = math.exp(math.ceil(math.log(_reach(case) / camera.focal_length_px) / WIDER) * WIDER)
-    near = _pairs(catalog, resolution, reach, case.believed_catalog.limit_g + FAINTER).within(
+    angle = math.exp(math.ceil(math.log(_reach(case) / camera.focal_length_px) / WIDER) * WIDER)
+    near = _pairs(catalog, resolution, angle, case.believed_catalog.limit_g + FAINTER).within(
         _reach(case) / camera.focal_length_px
     )
     distance = near.angle * camera.focal_length_px
@@ -217,8 +217,8 @@ def systematic_variance(case: Case) -> Floats:
     """
     design = _of_any_device(case.as_designed)
     as_designed = _systematic_variance(design)
-    known = case.tracker.attitude.centroid_floor is not None
-    if case.design is None or known or design.instrument.residual is None:
+    given = case.tracker.attitude.centroid_floor is not None
+    if case.design is None or given or design.instrument.residual is None:
         return as_designed
     law = _residual_law(design)
     return as_designed + float((law**2).sum(axis=-1).mean()) + _map_noise(design)
@@ -307,8 +307,8 @@ def _of_hot_pixels(design: Case) -> Floats:
     """
     stars = open_sky(design.believed_catalog).stars
     settings = design.tracker.attitude
-    known = settings.centroid_floor is not None or design.instrument.detector.scan
-    if known or dark_pattern(design) is None:
+    left_out = settings.centroid_floor is not None or design.instrument.detector.scan
+    if left_out or dark_pattern(design) is None:
         return np.zeros(len(stars))
     star, even = errors(design), with_uniform_dark(design)
     magnitude = star.magnitude[::2]
@@ -320,9 +320,9 @@ def _of_hot_pixels(design: Case) -> Floats:
     noise = np.trace(star.stated[::2], axis1=1, axis2=2) / 2
     own = noise + lasting(star, magnitude) ** 2
     used = square < settings.gate**2 * own[:, None]
-    found = hot.chance * np.where(used, square, 0.0).mean(axis=1)
+    variance = hot.chance * np.where(used, square, 0.0).mean(axis=1)
     where = stars.magnitude_g + colour_correction(design, stars.colour)
-    return np.interp(where, magnitude, found)
+    return np.interp(where, magnitude, variance)
 
 
 @lru_cache(maxsize=8)

@@ -420,10 +420,10 @@ def reach_of(flux: Floats, noise: float, plan: Plan) -> Ints:
 def _reach(flux, fraction, least, dark, more):  # type: ignore[no-untyped-def]
     half = np.empty(len(flux), np.int64)
     for n in range(len(flux)):
-        reach = len(fraction)
-        while reach > 0 and flux[n] * fraction[reach - 1] < dark:
-            reach -= 1
-        half[n] = -1 if flux[n] * fraction[0] < least else max(reach + more, LEAST_HALF)
+        pixels = len(fraction)
+        while pixels > 0 and flux[n] * fraction[pixels - 1] < dark:
+            pixels -= 1
+        half[n] = -1 if flux[n] * fraction[0] < least else max(pixels + more, LEAST_HALF)
     return half
 
 

@@ -167,8 +167,8 @@ def margins(requirements: Requirements, case: Case) -> dict[str, float]:
     """
     stars = min(limiting_magnitude(case), case.believed_catalog.limit_g)
     stars -= needed_magnitude(case, requirements.min_stars, requirements.sky_fraction)
-    found = cost_margins(requirements, case) | {"stars in the sky": stars}
-    return found | requirements.own_margins(case)
+    sky = {"stars in the sky": stars}
+    return cost_margins(requirements, case) | sky | requirements.own_margins(case)
 
 
 def cost_margins(requirements: Requirements, case: Case) -> dict[str, float]:

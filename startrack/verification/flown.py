@@ -162,10 +162,10 @@ def _fits_tables(path: Path) -> dict[str, dict[str, Any]]:
 
 def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
     def column(*names: str) -> Any:
-        return next((table[one] for one in names if one in table), None)
+        return next((table[name] for name in names if name in table), None)
 
     number, corner = column("number", "raw_adu"), (column("col0"), column("row0"))
-    if number is None or any(one is None for one in corner):
+    if number is None or any(place is None for place in corner):
         raise Refused(f"{path} must have number, col0 and row0 of {name}, got {', '.join(table)}")
     background, magnitude = column("background", "bkg_adu"), column("magnitude", "obc_mag")
     return Windows(
@@ -240,13 +240,13 @@ def windows_of_frames(
 
 def _times(stamps: Floats, detector: Detector) -> Floats:
     """Times of frames, by their stamps or by the update rate."""
-    known = np.isfinite(stamps)
-    if not known.any():
+    finite = np.isfinite(stamps)
+    if not finite.any():
         return np.arange(len(stamps)) / detector.update_rate
-    if not known.all():
+    if not finite.all():
         raise Refused(
             "time stamps must be in all frames or in none, got none in frame "
-            f"{int(np.argmin(known)) + 1}"
+            f"{int(np.argmin(finite)) + 1}"
         )
     _require_rising("frames", stamps)
     return stamps - stamps[0]
@@ -328,7 +328,7 @@ def level_of(windows: Windows, box: detection.Box) -> Floats:
         return np.zeros(len(windows.time))
     cut = windows.number.shape[1] // 2 - 4
     return np.array(
-        [detection.corner_level(one[cut : cut + 8, cut : cut + 8]) for one in windows.number]
+        [detection.corner_level(image[cut : cut + 8, cut : cut + 8]) for image in windows.number]
     )
 
 
@@ -363,10 +363,10 @@ def measure(stars: Sequence[Windows], box: detection.Box, psf: Psf | None) -> li
     One star alone has its own motion in its temporal scatter, and no total and no curve.
     """
     seen = [centroids(star, box) for star in stars]
-    residual, still = _about_common([one.place for one in seen], seen)
-    found = []
-    for one, off, calm in zip(seen, residual, still, strict=True):
-        windows = one.windows
+    residual, still = _about_common([track.place for track in seen], seen)
+    measured = []
+    for track, off, calm in zip(seen, residual, still, strict=True):
+        windows = track.windows
         gain = read = math.nan
         with suppress(Refused):  # the image moves too often
             gain, read = photon_transfer(windows)
@@ -374,24 +374,24 @@ def measure(stars: Sequence[Windows], box: detection.Box, psf: Psf | None) -> li
         together = len(seen) > 1
         scalar = {
             "background": float(level_of(windows, box).mean()),
-            "brightness": float(np.median(one.total)),
+            "brightness": float(np.median(track.total)),
             "gain": gain,
             "read_noise": read,
-            "image": image_difference(one, box, psf) if psf else math.nan,
+            "image": image_difference(track, box, psf) if psf else math.nan,
             "temporal": math.sqrt(float((third**2).mean())) if len(third) else math.nan,
             "total": math.sqrt(float((off**2).mean())) if together else math.nan,
             "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(off)),
             "acquired": math.nan if windows.acquired is None else float(windows.acquired.mean()),
         }
-        curve = _curve(one.place, off) if together else np.full((2, PHASES), math.nan)
-        found.append(Measured(scalar, curve))
-    return found
+        curve = _curve(track.place, off) if together else np.full((2, PHASES), math.nan)
+        measured.append(Measured(scalar, curve))
+    return measured
 
 
 def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Floats], list[Any]]:
     """Places (n, 2) of each star less the common motion, and third differences without a move."""
-    times = [one.windows.time for one in seen]
-    moved = [_calm(one.windows) for one in seen]
+    times = [track.windows.time for track in seen]
+    moved = [_calm(track.windows) for track in seen]
     if len(seen) == 1:
         return [places[0] - places[0].mean(axis=0)], moved
     residual, calm, count = [], [], len(seen)
@@ -437,9 +437,9 @@ def _curve(place: Floats, off: Floats) -> Floats:
 
 def _known_mean(values: Floats, axis: int) -> Floats:
     """Mean of what is a number; NaN where nothing is."""
-    known = np.isfinite(values)
-    many = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
+    finite = np.isfinite(values)
+    many = finite.sum(axis=axis)
+    total = np.where(finite, values, 0.0).sum(axis=axis)
     return np.where(many > 0, total / np.maximum(many, 1), np.nan)
 
 
@@ -524,8 +524,8 @@ def _fitted(image: Floats, start: Floats, spread: Floats, psf: Psf) -> Floats:
         return np.asarray(flux * part - image).ravel()
 
     scale = float(image.max())
-    found = optimize.least_squares(lambda at: difference(at) / scale, start, diff_step=1e-2)
-    return difference(found.x).reshape(image.shape)
+    fit = optimize.least_squares(lambda at: difference(at) / scale, start, diff_step=1e-2)
+    return difference(fit.x).reshape(image.shape)
 
 
 def simulate(
@@ -543,16 +543,16 @@ def simulate(
               within an exposure; one path error of some hundredths of a pixel, by the centroids.
     """
     whole(1, 1000, devices=devices)
-    box, psf, found = case.tracker.box, psf_of(case.instrument), []
+    box, psf, drawn = case.tracker.box, psf_of(case.instrument), []
     for number, star in enumerate(stars):
         seen = centroids(star, box)
         path = _smoothed(seen.place)
         share = _fraction(psf, box)
         flux = float(np.median(seen.total)) / share * case.instrument.detector.electrons_per_dn
-        found.append(_drawn(case, seen.windows, path, flux, devices, Streams(seed, number)))
+        drawn.append(_drawn(case, seen.windows, path, flux, devices, Streams(seed, number)))
         if progress:
             progress(1)
-    return [list(device) for device in zip(*found, strict=True)]
+    return [list(device) for device in zip(*drawn, strict=True)]
 
 
 def _smoothed(place: Floats) -> Floats:
@@ -663,25 +663,26 @@ def compare_flown(
 ) -> Flown:  # fmt: skip
     """Measure images in flight and those that the design predicts, by the same code."""
     box, psf = case.tracker.box, psf_of(case.instrument)
-    drawn = [measure(one, box, None) for one in simulate(case, stars, devices, seed, progress)]
-    found, parts = measure(stars, box, psf), [measure(one, box, None) for one in _blocks(stars)]
+    drawn = [measure(unit, box, None) for unit in simulate(case, stars, devices, seed, progress)]
+    measured = measure(stars, box, psf)
+    parts = [measure(block, box, None) for block in _blocks(stars)]
     differences, curves = [], {}
     electrons = case.instrument.detector.electrons_per_dn
     for n, star in enumerate(stars):
-        for name, value in found[n].scalar.items():
+        for name, value in measured[n].scalar.items():
             seen = _jackknifed(value, [part[n].scalar[name] for part in parts])
-            predicted = _middle([one[n].scalar[name] for one in drawn])
+            predicted = _middle([unit[n].scalar[name] for unit in drawn])
             if name == "image":
                 seen, predicted = Interval(value, value, value), Interval(0.0, 0.0, 0.0)
             if name == "gain":
                 predicted = Interval(electrons, electrons, electrons)
             if name == "read_noise":
-                known = case.instrument.detector.noise / electrons
-                predicted = Interval(known, known, known)
+                noise = case.instrument.detector.noise / electrons
+                predicted = Interval(noise, noise, noise)
             if math.isfinite(seen.value):
                 differences.append(Difference(star.name, name, seen, predicted, KEYS[name]))
         curves[star.name] = (
-            found[n].curve, _known_mean(np.array([one[n].curve for one in drawn]), 0),
+            measured[n].curve, _known_mean(np.array([unit[n].curve for unit in drawn]), 0),
         )  # fmt: skip
     return Flown(differences, curves)
 
