@@ -175,8 +175,8 @@ def _inside(
 ) -> tuple[Floats, Floats, Ints]:
     """Pixels and directions of the stars at least `border` inside the frame, and their indices."""
     boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
-    reach = camera.half_diagonal + NEAR / camera.focal_length_px
-    ahead = np.flatnonzero(direction @ boresight > math.cos(reach))
+    radius = camera.half_diagonal + NEAR / camera.focal_length_px
+    ahead = np.flatnonzero(direction @ boresight > math.cos(radius))
     pixel = camera.project(icrs_to_camera.apply(direction[ahead]))
     inside = camera.holds(pixel, -border)
     return pixel[inside], direction[ahead[inside]], ahead[inside]

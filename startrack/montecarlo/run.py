@@ -163,10 +163,10 @@ def _exception(error: BaseException) -> Exception:
 
 def touching_runs(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Runs in order, those that touch or overlap as one."""
-    found: list[tuple[int, int]] = []
+    merged: list[tuple[int, int]] = []
     for first, end in sorted(runs):
-        if found and first <= found[-1][1]:
-            found[-1] = found[-1][0], max(end, found[-1][1])
+        if merged and first <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(end, merged[-1][1])
         else:
-            found.append((first, end))
-    return found
+            merged.append((first, end))
+    return merged

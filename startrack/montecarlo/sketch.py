@@ -190,8 +190,7 @@ def about_of(case: Case, seed: int, sampling: Sampling, limits: metrics.Limits) 
         "limits": limits._asdict(),
         "startrack": origin()["startrack"],
     }
-    known: dict[str, Any] = json.loads(json.dumps(about))
-    return known
+    return dict(json.loads(json.dumps(about)))
 
 
 class Sketching(NamedTuple):

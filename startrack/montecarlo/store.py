@@ -142,8 +142,8 @@ class Store:
                 raise ValueError("its trials lack fields")
             if self.dtype.hasobject or self.dtype.itemsize > LARGEST_TRIAL:
                 raise ValueError("its trials are none")
-            known = self._sums().get(ABOUT)
-            if known is not None and known != _checksum_of(about):
+            digest = self._sums().get(ABOUT)
+            if digest is not None and digest != _checksum_of(about):
                 raise ValueError("what it says of its trials is not as it was written")
         if case is not None:
             self._must_match(case, self.seed if seed is None else seed, sampling)
@@ -191,9 +191,9 @@ class Store:
         before, now = self._inputs, inputs_of(self.case)
         for name in before.keys() | now.keys():
             if before.get(name) != now.get(name):
-                held, new = (str(some.get(name))[:8] for some in (before, now))
+                old, new = (str(some.get(name))[:8] for some in (before, now))
                 raise ValueError(
-                    f"{self.path} holds trials with another content of {name}: digest {held}, not "
+                    f"{self.path} holds trials with another content of {name}: digest {old}, not "
                     f"{new}; begin another store"
                 )
 
@@ -287,8 +287,8 @@ class Store:
             if key not in self._checked:
                 if sums is None:
                     sums = self._sums()
-                known = sums.get(first, b"" if self._checksums else None)
-                if fault(first, trials, data, known, self.dtype):
+                digest = sums.get(first, b"" if self._checksums else None)
+                if fault(first, trials, data, digest, self.dtype):
                     damaged.append(first)
                     continue
             if first < last:
@@ -427,8 +427,8 @@ def difference(stored: Any, asked: Any, place: str = "") -> str:
     if isinstance(stored, dict) and isinstance(asked, dict):
         for key in sorted(stored.keys() | asked.keys()):
             inner = f"{place}.{key}" if place else key
-            if found := difference(stored.get(key), asked.get(key), inner):
-                return found
+            if first := difference(stored.get(key), asked.get(key), inner):
+                return first
         return ""
     return "" if stored == asked else f"{place} is {stored!r}, not {asked!r}"
 

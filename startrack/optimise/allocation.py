@@ -86,17 +86,17 @@ def allocation(
     Accuracy  model: that of the budget; gains of two tolerances do not add where one hides another.
     """
     age = case.end_of_life
-    asked = [objective, *(one.objective for one in limits)]
+    asked = [objective, *(limit.objective for limit in limits)]
 
-    def errors(one: design.Case) -> list[Floats]:
-        found = unit_budgets(one, seed, count, age, ENVIRONMENTS, progress=progress, apart=False)
-        return [units_expected(each, found) for each in asked]
+    def errors(case: design.Case) -> list[Floats]:
+        units = unit_budgets(case, seed, count, age, ENVIRONMENTS, progress=progress, apart=False)
+        return [units_expected(goal, units) for goal in asked]
 
     rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))
     chosen = np.vstack([np.arange(count), rng.integers(0, count, (RESAMPLES, count))])
     before = errors(case)
     level = quantile_of_few(before[0][chosen], fraction)
-    kept = [one <= limit.most for one, limit in zip(before[1:], limits, strict=True)]
+    kept = [values <= limit.most for values, limit in zip(before[1:], limits, strict=True)]
     gains, refused = list[Gain](), list[str]()
     for change in changes:
         try:
@@ -106,22 +106,22 @@ def allocation(
             continue
         gained = level - quantile_of_few(after[0][chosen], fraction)
         more = [
-            ((found <= limit.most) * 1.0 - was)[chosen].mean(axis=1)
-            for found, limit, was in zip(after[1:], limits, kept, strict=True)
+            ((values <= limit.most) * 1.0 - was)[chosen].mean(axis=1)
+            for values, limit, was in zip(after[1:], limits, kept, strict=True)
         ]
         gains.append(Gain(change, _interval(gained), tuple(map(_interval, more))))
     gains.sort(key=lambda gain: -gain.level.value)
-    shares = tuple(float(one.mean()) for one in kept)
+    shares = tuple(float(flags.mean()) for flags in kept)
     return Allocation(age, fraction, float(level[0]), shares, tuple(gains), tuple(refused))
 
 
 def halved(case: design.Case) -> Iterator[Change]:
     """Each tolerance of a design, and the parts of its residual, halved."""
-    for number, one in enumerate(case.variation):
-        half = replace(one, scale=one.scale / 2)
+    for number, variation in enumerate(case.variation):
+        half = replace(variation, scale=variation.scale / 2)
         every = (*case.variation[:number], half, *case.variation[number + 1 :])
         half_case = replace(case, variation=every)
-        yield Change(f"{one.name} per {one.per}", half_case, price=one.price)
+        yield Change(f"{variation.name} per {variation.per}", half_case, price=variation.price)
     for name in PARTS if case.instrument.residual is not None else ():
         path = f"instrument.residual.{name}"
         if now := design.found_at(case, path):

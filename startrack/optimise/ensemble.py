@@ -156,14 +156,13 @@ def draw(
 
 def _result(samplers: list[emcee.EnsembleSampler]) -> Chains:
     discard = samplers[0].iteration // BURN_IN
-    autocorrelation = np.mean(
-        [one.get_autocorr_time(discard=discard, tol=0, quiet=True) for one in samplers], axis=0
-    )
+    times = [sampler.get_autocorr_time(discard=discard, tol=0, quiet=True) for sampler in samplers]
+    autocorrelation = np.mean(times, axis=0)
     # A variable that never moved has no autocorrelation time.
     autocorrelation = np.where(np.isfinite(autocorrelation), autocorrelation, np.inf)
     return Chains(
-        np.array([one.get_chain(discard=discard) for one in samplers]),
-        min(float(np.mean(one.acceptance_fraction)) for one in samplers),
+        np.array([sampler.get_chain(discard=discard) for sampler in samplers]),
+        min(float(np.mean(sampler.acceptance_fraction)) for sampler in samplers),
         autocorrelation,
     )
 
@@ -208,12 +207,12 @@ class _Ensemble:
 
     def walk(self) -> None:
         """Add one stretch, from the ledger where it is there."""
-        held = self._ledger.stretch(self._key, self._done)
-        if held is None:
+        packed = self._ledger.stretch(self._key, self._done)
+        if packed is None:
             self._at = self.sampler.run_mcmc(self._at, self._settings.stretch)
             self._ledger.keep_stretch(self._key, self._done, self._packed())
         else:
-            self._unpack(held)
+            self._unpack(packed)
         self._done += 1
 
     def _packed(self) -> bytes:
@@ -230,10 +229,10 @@ class _Ensemble:
         )
         return file.getvalue()
 
-    def _unpack(self, held: bytes) -> None:
+    def _unpack(self, packed: bytes) -> None:
         import emcee
 
-        with np.load(io.BytesIO(held), allow_pickle=False) as file:
+        with np.load(io.BytesIO(packed), allow_pickle=False) as file:
             stretch = {name: file[name] for name in PARTS}
         backend, size = self.sampler.backend, self._settings.stretch
         if not backend.initialized:

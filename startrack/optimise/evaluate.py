@@ -102,16 +102,15 @@ def evaluate(
     try:
         judged = campaign.judged(space.design(coordinates))
         margins = margins_of(campaign.requirements, judged[0].case)
-        held = known.conditions if known else {}
-        expected, foreseen = forecasts(judged, objective, runner, known=held)
+        given = known.conditions if known else {}
+        expected, foreseen = forecasts(judged, objective, runner, known=given)
         score = _log_arcsec(expected) + (correction(coordinates) if correction else 0.0)
-        if spare and missed(margins):
-            tried = {}
-        else:
+        count, tried = trials or campaign.trials, {}
+        if not (spare and missed(margins)):
             tried = {
-                one.name: try_out(one, trials or campaign.trials, campaign.fidelity, runner)
-                for one in judged
-                if one.weight
+                condition.name: try_out(condition, count, campaign.fidelity, runner)
+                for condition in judged
+                if condition.weight
             }
     except Refused as reason:  # such a design has the worst score; the search goes on
         refused = LOST + PENALTY
@@ -123,13 +122,13 @@ def evaluate(
         fault.add_note(f"of the design with {named_values}")
         raise
     summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
-    for one in judged if tried else ():
-        by_trials = tried.get(one.name)
-        there = foreseen[one.name]
-        found = there.margins
+    for condition in judged if tried else ():
+        by_trials = tried.get(condition.name)
+        there = foreseen[condition.name]
+        own = there.margins
         if by_trials is not None:
-            found = measured(one, by_trials, runner.seed, there)
-        margins |= named(one.name, found)
+            own = measured(condition, by_trials, runner.seed, there)
+        margins |= named(condition.name, own)
     error = combined(judged, tried, objective, foreseen)
     if not expected > 0:
         score = _log_arcsec(error) + (correction(coordinates) if correction else 0.0)
@@ -137,14 +136,14 @@ def evaluate(
     return Evaluation(tuple(coordinates), values, error, expected, score, margins, summary, "")
 
 
-def try_out(one: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
+def try_out(condition: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
     """The outcomes of the first trials of a case, over its units where it is judged over these."""
-    if one.units is None:
-        return runner.run(one.case, trials, fidelity)
-    each = one.units.trials
-    how = Units(each, min(forecast.ENVIRONMENTS, each), one.units.age, exact=True)
-    count = min(math.ceil(trials / each), one.units.count)
-    return runner.run(one.case, count * each, fidelity, units=how)
+    if condition.units is None:
+        return runner.run(condition.case, trials, fidelity)
+    per_unit = condition.units.trials
+    how = Units(per_unit, min(forecast.ENVIRONMENTS, per_unit), condition.units.age, exact=True)
+    count = min(math.ceil(trials / per_unit), condition.units.count)
+    return runner.run(condition.case, count * per_unit, fidelity, units=how)
 
 
 def combined(
@@ -157,13 +156,14 @@ def combined(
 
     foreseen  of each condition, whose budgets say how the level over units is from all trials
     """
-    counted = [one for one in judged if one.weight and one.name in tried]
+    counted = [condition for condition in judged if condition.weight and condition.name in tried]
     errors = [
-        float(objective.of(objective.squares(tried[one.name])))
-        * forecast.over_units(one, tried[one.name], objective, foreseen[one.name])
-        for one in counted
+        float(objective.of(objective.squares(tried[condition.name])))
+        * forecast.over_units(condition, tried[condition.name], objective, foreseen[condition.name])
+        for condition in counted
     ]
-    return forecast.geometric_mean(errors, [one.weight for one in counted]) if counted else math.nan
+    weights = [condition.weight for condition in counted]
+    return forecast.geometric_mean(errors, weights) if counted else math.nan
 
 
 class Foresight(NamedTuple):
@@ -200,7 +200,7 @@ class Foresight(NamedTuple):
     def read(cls, text: str) -> Foresight:
         """Inverse of `text`."""
         expected, margins, conditions = json.loads(text)
-        return cls(expected, margins, {name: Forecast(*one) for name, one in conditions.items()})
+        return cls(expected, margins, {name: Forecast(*row) for name, row in conditions.items()})
 
 
 NOTHING = Foresight(math.nan, {})  # of a design that cannot be built
@@ -238,7 +238,7 @@ def foresee_all(
     """
     cases = [_built(space, coordinates) for coordinates in points]
     seed = runner.seed if runner else seed
-    one = partial(
+    compute = partial(
         _foreseen,
         campaign=campaign,
         seed=seed,
@@ -247,20 +247,20 @@ def foresee_all(
         known=known or {},
     )
     if runner is None:
-        return [one(case) for case in cases]
+        return [compute(case) for case in cases]
     keys = [
         runner.forecast_key(case, campaign, (enough, most_excess)) if case else b""
         for case in cases
     ]
-    held = {key: runner.ledger.note(FORECAST, key) for key in keys}
-    new = {key: case for key, case in zip(keys, cases, strict=True) if key and not held[key]}
+    notes = {key: runner.ledger.note(FORECAST, key) for key in keys}
+    new = {key: case for key, case in zip(keys, cases, strict=True) if key and not notes[key]}
     if progress and len(keys) > len(new):
         progress(len(keys) - len(new))
-    for key, found in zip(new, runner.map(one, new.values(), progress), strict=True):
-        held[key] = found.text()
-        if found.lasting:
-            runner.ledger.keep_note(FORECAST, key, held[key])
-    return [Foresight.read(held[key]) if key else NOTHING for key in keys]
+    for key, foresight in zip(new, runner.map(compute, new.values(), progress), strict=True):
+        notes[key] = foresight.text()
+        if foresight.lasting:
+            runner.ledger.keep_note(FORECAST, key, notes[key])
+    return [Foresight.read(notes[key]) if key else NOTHING for key in keys]
 
 
 def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
@@ -288,17 +288,17 @@ def _foreseen(
         if missed(costs) > most_excess:
             return Foresight(math.nan, costs)
         margins = margins_of(campaign.requirements, case)
-        weighted = [one for one in judged if one.weight]
-        expected, found = forecasts(weighted, objective, seed=seed, known=known)
+        weighted = [condition for condition in judged if condition.weight]
+        expected, conditions = forecasts(weighted, objective, seed=seed, known=known)
         log = math.log(expected / arcsec) if expected > 0 else math.nan
         for last in (False, True):
-            for one in judged:
-                if one.name in found:
-                    margins |= named(one.name, found[one.name].margins)
-            foreseen = Foresight(log, margins, found)
+            for condition in judged:
+                if condition.name in conditions:
+                    margins |= named(condition.name, conditions[condition.name].margins)
+            foreseen = Foresight(log, margins, conditions)
             if last or not foreseen.score <= enough:
                 break
-            _, found = forecasts(judged, objective, seed=seed, known={**known, **found})
+            _, conditions = forecasts(judged, objective, seed=seed, known={**known, **conditions})
     except Refused as reason:
         return NOTHING._replace(lasting=reason.lasting)
     return foreseen
@@ -309,24 +309,24 @@ def _log_arcsec(angle: float) -> float:
 
 
 def measured(
-    one: Judged, outcomes: Rows, seed: int, found: Forecast | None = None
+    condition: Judged, outcomes: Rows, seed: int, foreseen: Forecast | None = None
 ) -> dict[str, float]:
     """The margins that need trials, as these found them, without regard to their interval.
 
-    found  what is expected of the case, where it is judged over units
+    foreseen  what is expected of the case, where it is judged over units
     """
-    needs, every = one.needs, outcomes
-    outcomes = counted(one.needs, one.case, seed, outcomes)
+    needs, every = condition.needs, outcomes
+    outcomes = counted(condition.needs, condition.case, seed, outcomes)
     summary = summarise(outcomes, needs.limits)
     worst = needs.sky == "worst" and needs.accuracy
     boresight = boresights(seed, outcomes) if worst else np.empty((0, 3))
     errors = {
-        each.name: margin(
-            each.most,
-            measured_over(each.objective, outcomes, boresight, needs.sky)
-            * (forecast.over_units(one, every, each.objective, found) if found else 1.0),
+        accuracy.name: margin(
+            accuracy.most,
+            measured_over(accuracy.objective, outcomes, boresight, needs.sky)
+            * forecast.over_units(condition, every, accuracy.objective, foreseen),
         )
-        for each in needs.accuracy
+        for accuracy in needs.accuracy
     }
     return forecast.bounded(errors) | {
         "availability": summary.availability.value - needs.min_availability,

@@ -135,18 +135,18 @@ class Emulators:
         best, least = starts[0], np.inf
 
         def value(point: Floats, gradient: Floats) -> float:
-            found, slope = self.objective.bound(point, -sigmas)
+            bound, slope = self.objective.bound(point, -sigmas)
             if correction:
-                found, slope = found + correction(point), slope + correction.slope
+                bound, slope = bound + correction(point), slope + correction.slope
             if gradient.size:
                 gradient[:] = slope
-            return found
+            return bound
 
         def missing(point: Floats, gradient: Floats, margin: Emulator) -> float:
-            found, slope = margin.bound(point, sigmas)
+            bound, slope = margin.bound(point, sigmas)
             if gradient.size:
                 gradient[:] = -slope
-            return SAFE / WIDTH - found
+            return SAFE / WIDTH - bound
 
         limits = [partial(missing, margin=margin) for margin in self.margins.values()]
         for start in starts:
@@ -161,7 +161,7 @@ class Emulators:
 
     def with_point(self, point: Floats) -> Emulators:
         """The emulators if they were right at one more design (d,)."""
-        margins = {name: each.with_point(point) for name, each in self.margins.items()}
+        margins = {name: margin.with_point(point) for name, margin in self.margins.items()}
         return Emulators(self.objective.with_point(point), margins, self.scales)
 
 
@@ -180,30 +180,30 @@ def emulators(
     Raises   Refused where no design has a forecast.
     """
     expected = np.array([value.expected for value in values])
-    known = np.isfinite(expected)
-    if not known.any():
+    finite = np.isfinite(expected)
+    if not finite.any():
         raise Refused("none of the designs that were tried has a forecast")
-    least = expected[known].min()
-    above = np.clip(np.where(known, expected - least, 0.0), 0.0, CLIPPED)
-    fewest = np.sort(above[known])[: FEWEST * points.shape[1]][-1]
+    least = expected[finite].min()
+    above = np.clip(np.where(finite, expected - least, 0.0), 0.0, CLIPPED)
+    fewest = np.sort(above[finite])[: FEWEST * points.shape[1]][-1]
     doubt = (np.maximum(above - max(beyond, fewest), 0.0) / beyond) ** 2
     before = like.objective if like else None
-    objective = emulator(points[known], least + above[known], before, doubt[known])
+    objective = emulator(points[finite], least + above[finite], before, doubt[finite])
     alike, margins = like.margins if like else {}, dict[str, Emulator]()
     tried = ~np.array([value.left_out for value in values])
-    if not known[tried].all():
-        solved = np.where(known[tried], 1.0, -1.0)
+    if not finite[tried].all():
+        solved = np.where(finite[tried], 1.0, -1.0)
         margins[SOLVED] = emulator(points[tried], solved, alike.get(SOLVED))
     names = dict.fromkeys(name for value in values for name in value.margins)
     for name in names:
-        held = np.array([name in value.margins for value in values])
+        present = np.array([name in value.margins for value in values])
         margin = np.array([value.margins[name] for value in values if name in value.margins])
         if (margin < 0).any():
             place = scales.get(name, Scale()).of(margin)
             # What all designs have are costs, which are smooth everywhere.
             short = np.maximum(-place - MISSED, 0.0) / MISSED
-            unsure = None if held.all() else doubt[held] + short**2
-            margins[name] = emulator(points[held], place, alike.get(name), unsure)
+            unsure = None if present.all() else doubt[present] + short**2
+            margins[name] = emulator(points[present], place, alike.get(name), unsure)
     return Emulators(objective, margins, scales)
 
 
@@ -257,10 +257,10 @@ class Explorer:
     def scales(self) -> dict[str, Scale]:
         """Of the margins that are chances."""
         return {
-            name: Scale(1 - one.needs.min_availability)
-            for one in self.campaign.judged(self.space.case)
-            for name in named(one.name, {"availability": 0.0})
-            if one.needs.min_availability < 1
+            name: Scale(1 - condition.needs.min_availability)
+            for condition in self.campaign.judged(self.space.case)
+            for name in named(condition.name, {"availability": 0.0})
+            if condition.needs.min_availability < 1
         }
 
     def forecast(self, points: Sequence[Floats]) -> None:
@@ -281,7 +281,7 @@ class Explorer:
 
         Returns  whether a score changed
         """
-        names = {one.name for one in self.campaign.judged(self.space.case)}
+        names = {condition.name for condition in self.campaign.judged(self.space.case)}
         done, before = set[int](), [value.score for value in self.values]
         while np.isfinite(self.score):
             best = self._leader
@@ -307,15 +307,16 @@ class Explorer:
         ]
         if len(good) < ENOUGH_MET:
             return True
-        weighted = {one.name for one in self.campaign.judged(self.space.case) if one.weight}
+        judged = self.campaign.judged(self.space.case)
+        weighted = {condition.name for condition in judged if condition.weight}
         return not all(
-            name in weighted or self._met_by_far(name, found)
+            name in weighted or self._met_by_far(name, foreseen)
             for conditions in good
-            for name, found in conditions.items()
+            for name, foreseen in conditions.items()
         )
 
-    def _met_by_far(self, condition: str, found: Forecast) -> bool:
-        margins = named(condition, found.margins)
+    def _met_by_far(self, condition: str, foreseen: Forecast) -> bool:
+        margins = named(condition, foreseen.margins)
         rooms = [self.scales[name].room if name in self.scales else 1.0 for name in margins]
         return all(
             margin > WIDTH * room for margin, room in zip(margins.values(), rooms, strict=True)
@@ -323,8 +324,8 @@ class Explorer:
 
     def forecast_of(self, point: Floats) -> Foresight:
         """The forecast of a design, which is added where it is not known."""
-        for known, value in zip(self.points, self.values, strict=True):
-            if (known == point).all():
+        for other, value in zip(self.points, self.values, strict=True):
+            if (other == point).all():
                 return value
         self.forecast([point])
         return self.values[-1]
@@ -334,8 +335,8 @@ class Explorer:
         """Of all forecasts so far."""
         if self._emulators is None or self._emulators[0] < len(self.points):
             like = self._emulators[1] if self._emulators else None
-            known = emulators(np.array(self.points), self.values, self.scales, like)
-            self._emulators = len(self.points), known
+            fitted = emulators(np.array(self.points), self.values, self.scales, like)
+            self._emulators = len(self.points), fitted
         return self._emulators[1]
 
     @property
@@ -397,12 +398,12 @@ class Explorer:
 
         bold  only near the best, where a design may be far better than expected
         """
-        known, starts = self.emulators, self.starts()
+        model, starts = self.emulators, self.starts()
         least, worth = self.score, ENOUGH * self.campaign.precision
-        found = list[Floats]()
+        proposed = list[Floats]()
         bound, box = SIGMAS, None
         if bold:
-            known = emulators(np.array(self.points), self.values, self.scales, known, NEAR)
+            model = emulators(np.array(self.points), self.values, self.scales, model, NEAR)
             bound, box = (
                 BOLD,
                 (np.maximum(self.best - AROUND, 0), np.minimum(self.best + AROUND, 1)),
@@ -411,14 +412,14 @@ class Explorer:
 
             def may_be(point: Floats) -> bool:
                 expected = float(self.emulators.score(point[None])[0])
-                return expected < self.score + LIKELY and self.is_new(point, found)
+                return expected < self.score + LIKELY and self.is_new(point, proposed)
 
-            point, score = known.least(starts, sigmas, box=box, allowed=may_be if bold else None)
-            if least - score > gain and self.is_new(point, found):
-                found.append(point)
-                known = known.with_point(point)
-                least = min(least, float(known.score(point[None])[0]))
-        return found
+            point, score = model.least(starts, sigmas, box=box, allowed=may_be if bold else None)
+            if least - score > gain and self.is_new(point, proposed):
+                proposed.append(point)
+                model = model.with_point(point)
+                least = min(least, float(model.score(point[None])[0]))
+        return proposed
 
     def is_new(self, point: Floats, others: Sequence[Floats]) -> bool:
         """Whether a design is apart from all that have a forecast, and from others."""
@@ -449,21 +450,21 @@ class Explorer:
 
         The other variables follow: at each value they are where the score is least.
         """
-        known, found = self.emulators, list[Span]()
-        limit = float(known.score(best[None])[0]) + self.campaign.precision
+        model, spans = self.emulators, list[Span]()
+        limit = float(model.score(best[None])[0]) + self.campaign.precision
         nodes = np.linspace(0, 1, NODES)
         for axis, middle in enumerate(best):
             ends = [best, best]
             for side, way in enumerate((nodes[nodes < middle][::-1], nodes[nodes > middle])):
                 for value in way:
-                    starts, held = np.array([ends[side], best]), np.arange(len(best)) == axis
-                    box = np.where(held, value, 0.0), np.where(held, value, 1.0)
-                    point, score = known.least(starts, box=box)
+                    starts, fixed = np.array([ends[side], best]), np.arange(len(best)) == axis
+                    box = np.where(fixed, value, 0.0), np.where(fixed, value, 1.0)
+                    point, score = model.least(starts, box=box)
                     if score > limit:
                         break
                     ends[side] = point
-            found.append(Span(float(ends[0][axis]), float(ends[1][axis]), *ends))
-        return found
+            spans.append(Span(float(ends[0][axis]), float(ends[1][axis]), *ends))
+        return spans
 
     def prices(self, best: Floats) -> dict[str, float]:
         """What limits a design: for each margin, by how much ln(error) falls if it is relaxed.
@@ -471,20 +472,20 @@ class Explorer:
         By one per cent of its limit; of margins that are met by more, and of those whose price is
         below a tenth of the precision, none.
         """
-        known, least = self.emulators, float(self.emulators.score(best[None])[0])
-        found = dict[str, float]()
-        for name, margin in known.margins.items():
+        model, least = self.emulators, float(self.emulators.score(best[None])[0])
+        prices = dict[str, float]()
+        for name, margin in model.margins.items():
             expected = float(margin.expected(best[None])[0])
-            scale = known.scale(name)
+            scale = model.scale(name)
             step = float(scale.of(np.array(RELAXED * (scale.room or 1.0))))
             if name == SOLVED or expected > 2 * step:
                 continue
             easier = replace(margin, mean=margin.mean + step)
-            relaxed = replace(known, margins=known.margins | {name: easier})
+            relaxed = replace(model, margins=model.margins | {name: easier})
             price = least - relaxed.least(best[None])[1]
             if price > self.campaign.precision / 10:
-                found[name] = price
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+                prices[name] = price
+        return dict(sorted(prices.items(), key=lambda item: -item[1]))
 
 
 def _affordable(

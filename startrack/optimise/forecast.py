@@ -40,13 +40,13 @@ def named(condition: str, margins: Mapping[str, float]) -> dict[str, float]:
 
 def bounded(margins: Mapping[str, float]) -> dict[str, float]:
     """The margins, of which none misses by more than MOST_MISSED, so that a score stays finite."""
-    return {name: max(found, -MOST_MISSED) for name, found in margins.items()}
+    return {name: max(margin, -MOST_MISSED) for name, margin in margins.items()}
 
 
 def blind(needs: Requirements) -> dict[str, float]:
     """The margins where no attitude is expected: all missed by the most."""
     return {
-        **{one.name: -MOST_MISSED for one in needs.accuracy},
+        **{accuracy.name: -MOST_MISSED for accuracy in needs.accuracy},
         "availability": -needs.min_availability,
     }
 
@@ -109,50 +109,51 @@ def level_over_units(objective: Objective, units: UnitBudgets, fraction: float) 
     return float(quantile_of_few(verification.units_expected(objective, units), fraction))
 
 
-def over_units(one: Judged, outcomes: Rows, objective: Objective, found: Forecast) -> float:
+def over_units(
+    condition: Judged, outcomes: Rows, objective: Objective, foreseen: Forecast | None
+) -> float:
     """The level over units over the error of all those together that were tried, by the budgets."""
-    if one.units is None or not found.over:
+    if condition.units is None or not (foreseen and foreseen.over):
         return 1.0
-    return found.over[str(objective)][math.ceil(len(outcomes) / one.units.trials) - 1]
+    return foreseen.over[str(objective)][math.ceil(len(outcomes) / condition.units.trials) - 1]
 
 
-def forecast(one: Judged, objective: Objective, seed: int = 1) -> Forecast:
+def forecast(condition: Judged, objective: Objective, seed: int = 1) -> Forecast:
     """The objective and the margins of one condition by the analytic budget.
 
     seed  of the units
     """
-    if one.units is not None:
-        units = one.units
-        return _forecast_units(
-            one, objective, [budgets_of_units(one.case, seed, units.age, 0, units.count)]
-        )
-    budget = _budget(one.case)
+    if condition.units is not None:
+        age, count = condition.units.age, condition.units.count
+        units = budgets_of_units(condition.case, seed, age, 0, count)
+        return _forecast_units(condition, objective, [units])
+    budget = _budget(condition.case)
     if budget is None:
-        return Forecast(math.nan, blind(one.needs))
-    found = bounded(verification.expected_margins(one.needs, budget))
+        return Forecast(math.nan, blind(condition.needs))
+    margins = bounded(verification.expected_margins(condition.needs, budget))
     # Errors have margins of their own here: the availability must not count them again.
-    found["availability"] = budget.availability - one.needs.min_availability
-    return Forecast(verification.expected_error(objective, budget), found)
+    margins["availability"] = budget.availability - condition.needs.min_availability
+    return Forecast(verification.expected_error(objective, budget), margins)
 
 
 def _forecast_units(
-    one: Judged, objective: Objective, parts: Sequence[UnitBudgets | None]
+    condition: Judged, objective: Objective, parts: Sequence[UnitBudgets | None]
 ) -> Forecast:
     """`forecast` from the budgets of units, in parts."""
-    known = [part for part in parts if part is not None]
-    if one.units is None or len(known) < len(parts):
-        return Forecast(math.nan, blind(one.needs))
-    units, fraction = joined(known), one.units.fraction
-    every = {str(each): each for each in (objective, *(of.objective for of in one.needs.accuracy))}
-    level = {name: level_over_units(each, units, fraction) for name, each in every.items()}
-    margins = bounded({
-        each.name: margin(each.most, level[str(each.objective)]) for each in one.needs.accuracy
-    })  # fmt: skip
-    margins["availability"] = float(units.availability.mean()) - one.needs.min_availability
+    solved = [part for part in parts if part is not None]
+    if condition.units is None or len(solved) < len(parts):
+        return Forecast(math.nan, blind(condition.needs))
+    units, fraction = joined(solved), condition.units.fraction
+    limits = condition.needs.accuracy
+    every = {str(goal): goal for goal in (objective, *(limit.objective for limit in limits))}
+    level = {name: level_over_units(goal, units, fraction) for name, goal in every.items()}
+    errors = {limit.name: margin(limit.most, level[str(limit.objective)]) for limit in limits}
+    margins = bounded(errors)
+    margins["availability"] = float(units.availability.mean()) - condition.needs.min_availability
     first = [units.first(count) for count in range(1, len(units) + 1)]
     over = {
-        name: [float(level[name] / verification.expected_in_all(each, some)) for some in first]
-        for name, each in every.items()
+        name: [float(level[name] / verification.expected_in_all(goal, some)) for some in first]
+        for name, goal in every.items()
     }
     return Forecast(level[str(objective)], margins, over)
 
@@ -160,25 +161,25 @@ def _forecast_units(
 class _Task(NamedTuple):
     """What a worker computes of a condition: its forecast, or the budgets of some of its units."""
 
-    one: Judged
+    condition: Judged
     units: range | None
 
 
-def _tasks(one: Judged, workers: int) -> list[_Task]:
-    if one.units is None:
-        return [_Task(one, None)]
-    count = one.units.count
+def _tasks(condition: Judged, workers: int) -> list[_Task]:
+    if condition.units is None:
+        return [_Task(condition, None)]
+    count = condition.units.count
     # Behind a lens table all units share the images and the response of one, which take longest.
-    shared = one.case.instrument.optics.tabulated
+    shared = condition.case.instrument.optics.tabulated
     size = count if shared else math.ceil(count / workers)
-    return [_Task(one, range(at, min(at + size, count))) for at in range(0, count, size)]
+    return [_Task(condition, range(at, min(at + size, count))) for at in range(0, count, size)]
 
 
 def _done(task: _Task, objective: Objective, seed: int) -> Forecast | UnitBudgets | None:
-    one, units = task
-    if one.units is None or units is None:
-        return forecast(one, objective)
-    return budgets_of_units(one.case, seed, one.units.age, units.start, len(units))
+    condition, units = task
+    if condition.units is None or units is None:
+        return forecast(condition, objective)
+    return budgets_of_units(condition.case, seed, condition.units.age, units.start, len(units))
 
 
 def forecasts(
@@ -195,34 +196,31 @@ def forecasts(
     known   what is expected of some conditions already
     """
     seed, workers = (runner.seed, runner.workers) if runner else (seed, 1)
-    held = known or {}
-    tasks = [[] if one.name in held else _tasks(one, workers) for one in judged]
-    every = iter(
-        (runner.map if runner else map)(
-            partial(_done, objective=objective, seed=seed), [one for each in tasks for one in each]
-        )
-    )
-    found = list[Forecast]()
-    for one, each in zip(judged, tasks, strict=True):
-        parts = [next(every) for _ in each]
-        if one.name in held:
-            found.append(held[one.name])
+    given = known or {}
+    tasks = [[] if condition.name in given else _tasks(condition, workers) for condition in judged]
+    call = partial(_done, objective=objective, seed=seed)
+    every = iter((runner.map if runner else map)(call, [task for some in tasks for task in some]))
+    foreseen = list[Forecast]()
+    for condition, some in zip(judged, tasks, strict=True):
+        parts = [next(every) for _ in some]
+        if condition.name in given:
+            foreseen.append(given[condition.name])
         elif isinstance(parts[0], Forecast):
-            found.append(parts[0])
+            foreseen.append(parts[0])
         else:
             of_units = [part if isinstance(part, UnitBudgets) else None for part in parts]
-            found.append(_forecast_units(one, objective, of_units))
-    return combined_forecasts(judged, found)
+            foreseen.append(_forecast_units(condition, objective, of_units))
+    return combined_forecasts(judged, foreseen)
 
 
 def combined_forecasts(
     judged: Sequence[Judged], every: Sequence[Forecast]
 ) -> tuple[float, dict[str, Forecast]]:
     """The objective (radian) of all conditions by their weights, and each of them by its name."""
-    found = {one.name: each for one, each in zip(judged, every, strict=True)}
-    weights = [one.weight for one in judged]
-    counted = [each.error for each, weight in zip(every, weights, strict=True) if weight]
-    return geometric_mean(counted, [weight for weight in weights if weight]), found
+    by_name = {condition.name: foreseen for condition, foreseen in zip(judged, every, strict=True)}
+    weights = [condition.weight for condition in judged]
+    counted = [foreseen.error for foreseen, weight in zip(every, weights, strict=True) if weight]
+    return geometric_mean(counted, [weight for weight in weights if weight]), by_name
 
 
 def without_units(case: Case) -> Case:
@@ -245,13 +243,13 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], 
         margins |= verification.expected_margins(campaign.requirements, budget)
     else:
         margins |= forecast(judged[0], Objective(), seed).margins
-    for one in judged[1:]:
-        if one.units is not None:
-            margins |= named(one.name, forecast(one, Objective(), seed).margins)
+    for condition in judged[1:]:
+        if condition.units is not None:
+            margins |= named(condition.name, forecast(condition, Objective(), seed).margins)
             continue
-        there = _budget(one.case)
-        found = verification.expected_margins(one.needs, there) if there else blind(one.needs)
-        margins |= named(one.name, found)
+        there, needs = _budget(condition.case), condition.needs
+        own = verification.expected_margins(needs, there) if there else blind(needs)
+        margins |= named(condition.name, own)
     return budget, margins
 
 
@@ -261,5 +259,5 @@ def expected_objective(case: Case, campaign: Campaign, seed: int = 1) -> float:
     seed  of the units, where it is judged over units
     """
     objective = Objective.read(campaign.objective)
-    judged = [one for one in campaign.judged(case) if one.weight]
+    judged = [condition for condition in campaign.judged(case) if condition.weight]
     return forecasts(judged, objective, seed=seed)[0]

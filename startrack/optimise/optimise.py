@@ -72,7 +72,7 @@ class Optimum:
     def lacking(self) -> dict[str, float]:
         """The margins that are not met, the least violated first."""
         short = {name: margin for name, margin in self.margins.items() if not margin >= 0}
-        return dict(sorted(short.items(), key=lambda one: -one[1]))
+        return dict(sorted(short.items(), key=lambda pair: -pair[1]))
 
 
 # Of the time, until forecasts and until trials of the search have ended: on the nanosatellite.
@@ -89,9 +89,9 @@ class _Progress:
 
     def forecast(self, explorers: Mapping[str, Explorer]) -> None:
         """Report that designs were forecast."""
-        count = sum(len(one.points) for one in explorers.values())
-        usual = sum(steps.USUAL * len(one.space) for one in explorers.values())
-        score = min(one.score for one in explorers.values())
+        count = sum(len(explorer.points) for explorer in explorers.values())
+        usual = sum(steps.USUAL * len(explorer.space) for explorer in explorers.values())
+        score = min(explorer.score for explorer in explorers.values())
         if math.isfinite(score):
             self._best = math.exp(score)
         if not self._tried:
@@ -105,8 +105,9 @@ class _Progress:
 
     def fresh(self, trials: int) -> None:
         """Report that so many more fresh trials were done."""
-        self._fresh, one = self._fresh + trials, self._campaign
-        over = one.fresh_units * one.trials_per_unit if one.units else one.fresh_trials
+        self._fresh, campaign = self._fresh + trials, self._campaign
+        trials_of_units = campaign.fresh_units * campaign.trials_per_unit
+        over = trials_of_units if campaign.units else campaign.fresh_trials
         part = min(self._fresh / over / FRESH_SETS, 1.0)
         self._tell(f"{self._fresh} fresh trials", TRIED + (1 - TRIED) * part)
 
@@ -157,17 +158,19 @@ def optimize(
     best, second, assured = _verify(space, finalists[:FINALISTS], campaign, runner, progress.fresh)
     objective, needs = design.Objective.read(campaign.objective), campaign.requirements
     winner = space.design(np.array(best.coordinates))
-    counted = [one for one in campaign.judged(winner) if one.weight]
-    weights = [one.weight for one in counted]
-    tuning = {
-        one.name: try_out(one, best.trials, campaign.fidelity, runner) if best.trials else after
-        for one, after in zip(counted, second.values(), strict=True)
-    }
-    began = [one for one in campaign.judged(case) if one.weight]
+    counted = [condition for condition in campaign.judged(winner) if condition.weight]
+    weights = [condition.weight for condition in counted]
+    tuning = second
+    if best.trials:
+        tuning = {
+            condition.name: try_out(condition, best.trials, campaign.fidelity, runner)
+            for condition in counted
+        }
+    began = [condition for condition in campaign.judged(case) if condition.weight]
     start, end = (began, list(first.values())), (counted, list(second.values()))
     units = compare_units(campaign, start, end, best.error, runner)
     before, after, tuned = (
-        [objective.squares(each) for each in trials.values()] for trials in (first, second, tuning)
+        [objective.squares(rows) for rows in trials.values()] for trials in (first, second, tuning)
     )
     return Optimum(
         space,
@@ -217,7 +220,7 @@ def _search(
     nearest = {
         label: steps.feasible_start(space, campaign.requirements) for label, space in spaces.items()
     }
-    starts = {label: one.coordinates for label, one in nearest.items() if one.short == 0}
+    starts = {label: start.coordinates for label, start in nearest.items() if start.short == 0}
     if not starts:
         label = min(nearest, key=lambda label: nearest[label].short)
         record(evaluate(spaces[label], campaign, nearest[label].coordinates, runner))
@@ -253,13 +256,13 @@ def _verify(
     Returns  it, its outcomes on fresh frames in each condition that has a weight, what they show
     """
     results = list[tuple[Evaluation, dict[str, Rows], _Shown]]()
-    for one in finalists:
-        judged = campaign.judged(space.design(np.array(one.coordinates)))
+    for finalist in finalists:
+        judged = campaign.judged(space.design(np.array(finalist.coordinates)))
         fresh = _fresh_frames(judged, campaign, runner, watch)
         shown = _shown(judged, campaign, runner, fresh, watch)
-        results.append((one, fresh, shown))
-        margins = one.margins | shown.margins
-        if one.summary and all(margin >= 0 for margin in margins.values()):
+        results.append((finalist, fresh, shown))
+        margins = finalist.margins | shown.margins
+        if finalist.summary and all(margin >= 0 for margin in margins.values()):
             return results[-1]
     return results[0]
 
@@ -273,18 +276,18 @@ def _shown(
 ) -> _Shown:
     """The margins that need trials, from fresh ones; of the bound that must hold."""
     margins, fraction = dict[str, float](), Interval(math.nan, 0.0, 1.0)
-    for one in judged:
-        outcomes = fresh.get(one.name)
+    for condition in judged:
+        outcomes = fresh.get(condition.name)
         if outcomes is None:
-            outcomes = _fresh(one, campaign, runner, campaign.fidelity, watch)
-        found = steps.confirm_requirements(one, campaign, runner, outcomes)
-        summary = summarise(outcomes, one.needs.limits)
-        shown = {name: each.margin for name, each in found.items()}
-        if not found:
-            shown = {"availability": -one.needs.min_availability}
-        elif one.name == design.NOMINAL:
-            fraction = found["availability"].bounds
-        margins |= named(one.name, shown | {"false attitudes": -summary.false.value})
+            outcomes = _fresh(condition, campaign, runner, campaign.fidelity, watch)
+        confirmed = steps.confirm_requirements(condition, campaign, runner, outcomes)
+        summary = summarise(outcomes, condition.needs.limits)
+        shown = {name: result.margin for name, result in confirmed.items()}
+        if not confirmed:
+            shown = {"availability": -condition.needs.min_availability}
+        elif condition.name == design.NOMINAL:
+            fraction = confirmed["availability"].bounds
+        margins |= named(condition.name, shown | {"false attitudes": -summary.false.value})
     return _Shown(margins, fraction)
 
 
@@ -293,7 +296,10 @@ def _fresh_frames(
 ) -> dict[str, Rows]:
     """Outcomes on frames that no tuning used, in each condition that has a weight."""
     frame = design.Fidelity.FRAME
-    return {one.name: _fresh(one, campaign, runner, frame, watch) for one in judged if one.weight}
+    weighted = (condition for condition in judged if condition.weight)
+    return {
+        condition.name: _fresh(condition, campaign, runner, frame, watch) for condition in weighted
+    }
 
 
 def _fresh(

@@ -94,8 +94,8 @@ def front(
     start = feasible_start(space, campaign.requirements)
     if start.short:
         raise Refused("no design in the design space meets the requirements that need no trials")
-    told = _told(watch, (USUAL + ROUNDS) * len(space))
-    search = _Search(space, campaign, goals, runner, start.coordinates, told)
+    report = _told(watch, (USUAL + ROUNDS) * len(space))
+    search = _Search(space, campaign, goals, runner, start.coordinates, report)
     for _ in range(ROUNDS):
         new = search.proposals(points, method)
         if not new:
@@ -137,9 +137,9 @@ def undominated(values: Floats) -> list[int]:
     """Indices of the non-dominated rows of values (n, k), least best; of equal rows the first."""
     return [
         i
-        for i, one in enumerate(values)
+        for i, value in enumerate(values)
         if not any(
-            (other <= one).all() and ((other < one).any() or j < i)
+            (other <= value).all() and ((other < value).any() or j < i)
             for j, other in enumerate(values)
             if j != i
         )
@@ -208,14 +208,14 @@ class _Search:
 
     def proposals(self, points: int, method: str) -> list[Floats]:
         """New designs that the emulators expect on the front."""
-        pairs, known = self.pairs, np.array(self.explorer.points)
-        told = np.isfinite(pairs).all(axis=1)
-        first, second = (emulator(known[told], pairs[told, k]) for k in range(2))
-        like, found = self.explorer.emulators, list[Floats]()
+        pairs, places = self.pairs, np.array(self.explorer.points)
+        finite = np.isfinite(pairs).all(axis=1)
+        first, second = (emulator(places[finite], pairs[finite, k]) for k in range(2))
+        like, proposed = self.explorer.emulators, list[Floats]()
         near = self.explorer.starts()
         ends = [
-            replace(like, objective=one).least(np.vstack([near, self._best(pairs, weight)]))[0]
-            for one, weight in ((first, 1.0), (second, 0.0))
+            replace(like, objective=surface).least(np.vstack([near, self._best(pairs, weight)]))[0]
+            for surface, weight in ((first, 1.0), (second, 0.0))
         ]
         high, low = (float(second.expected(end[None])[0]) for end in ends)
         for part in np.linspace(0, 1, points):
@@ -232,12 +232,12 @@ class _Search:
                 limited = replace(like, objective=first, margins=like.margins | {"goal": room})
                 point = ends[1] if part == 1 else limited.least(starts)[0]
             else:
-                sums = pairs[told] @ [1 - part, part]
-                both = emulator(known[told], sums, first)
+                sums = pairs[finite] @ [1 - part, part]
+                both = emulator(places[finite], sums, first)
                 point = replace(like, objective=both).least(starts)[0]
-            if self.explorer.is_new(point, found):
-                found.append(point)
-        return found
+            if self.explorer.is_new(point, proposed):
+                proposed.append(point)
+        return proposed
 
     def _best(self, pairs: Floats, weight: float, limit: float = math.inf) -> Floats:
         """The best design (1, d) so far by the weight of the first goal, under a limit."""
@@ -278,24 +278,24 @@ def _measured(
 ) -> Point:
     judged = campaign.judged(space.design(coordinates))
     tried = {
-        one.name: fresh_units(one, campaign, runner, one.units.count)
-        if one.units is not None
-        else runner.run(one.case, campaign.most_trials, campaign.fidelity, FRESH)
-        for one in judged
-        if one.weight
+        condition.name: fresh_units(condition, campaign, runner, condition.units.count)
+        if condition.units is not None
+        else runner.run(condition.case, campaign.most_trials, campaign.fidelity, FRESH)
+        for condition in judged
+        if condition.weight
     }
-    found = []
-    for goal, known in zip((goals.first, goals.second), np.exp(expected), strict=True):
+    intervals = []
+    for goal, value in zip((goals.first, goals.second), np.exp(expected), strict=True):
         if cost_of(campaign, goal):
-            found.append(Interval(*[float(known)] * 3))
+            intervals.append(Interval(*[float(value)] * 3))
         elif campaign.units is not None:
-            found.append(_over_units(judged, tried, Objective.read(goal), campaign, runner))
+            intervals.append(_over_units(judged, tried, Objective.read(goal), campaign, runner))
         else:
-            found.append(_interval(judged, tried, Objective.read(goal), runner.seed))
+            intervals.append(_interval(judged, tried, Objective.read(goal), runner.seed))
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
-    measured = found[0].value, found[1].value
+    measured = intervals[0].value, intervals[1].value
     point = tuple(coordinates), space.values(coordinates), both, measured
-    return Point(*point, (found[0], found[1]))
+    return Point(*point, (intervals[0], intervals[1]))
 
 
 def _over_units(
@@ -306,22 +306,23 @@ def _over_units(
     runner: TrialRunner,
 ) -> Interval:
     """Arcsec, the level of the objective over the fresh units in all conditions of a weight."""
-    counted = [one for one in judged if one.name in tried and one.units is not None]
-    outcomes = [tried[one.name] for one in counted]
-    found = level_interval_of_units(objective, counted, outcomes, campaign, runner)
-    return Interval(*(each / arcsec for each in (found.value, found.low, found.high)))
+    counted = [condition for condition in judged if condition.name in tried and condition.units]
+    outcomes = [tried[condition.name] for condition in counted]
+    interval = level_interval_of_units(objective, counted, outcomes, campaign, runner)
+    return Interval(*(bound / arcsec for bound in (interval.value, interval.low, interval.high)))
 
 
 def _interval(
     judged: Sequence[Judged], tried: Mapping[str, Rows], objective: Objective, seed: int
 ) -> Interval:
     """Arcsec, the objective over the trials of all conditions that have a weight."""
-    counted = [one for one in judged if one.name in tried]
-    squares = [objective.squares(tried[one.name]) for one in counted]
+    counted = [condition for condition in judged if condition.name in tried]
+    squares = [objective.squares(tried[condition.name]) for condition in counted]
     # Over errors of one arcsec, of which every sample has the same statistic.
-    unit = [np.full_like(one, arcsec**2) for one in squares]
-    ratio = objective.ratio_of_means(squares, unit, [one.weight for one in counted], seed)
+    unit = [np.full_like(sample, arcsec**2) for sample in squares]
+    weights = [condition.weight for condition in counted]
+    ratio = objective.ratio_of_means(squares, unit, weights, seed)
     scale = float(objective.of(unit[0])) / arcsec
-    nothing = {one.name: Forecast(np.nan, {}) for one in counted}
+    nothing = {condition.name: Forecast(np.nan, {}) for condition in counted}
     value = combined(judged, tried, objective, nothing) / arcsec
     return Interval(value, ratio.low * scale, ratio.high * scale)

@@ -54,10 +54,10 @@ class TrialRunner:
 
         So that it is the same for a study that was interrupted.
         """
-        found = dict[Fidelity, int]()
+        tried = dict[Fidelity, int]()
         for fidelity, trials in self._asked.values():
-            found[fidelity] = found.get(fidelity, 0) + trials
-        return found
+            tried[fidelity] = tried.get(fidelity, 0) + trials
+        return tried
 
     def run(
         self,
@@ -78,18 +78,18 @@ class TrialRunner:
         key = self._key(case, fidelity, first, units)
         if reason := self.ledger.note(REFUSED, key):
             raise Refused(reason)
-        held = self.ledger.held(key)
-        lacking = trials - len(held)
+        stored = self.ledger.held(key)
+        lacking = trials - len(stored)
         if lacking <= 0:
             self._count(key, fidelity, trials)
-            return held[:trials]
+            return stored[:trials]
         try:
             new = run(
                 case,
                 lacking,
                 self.seed,
                 self._executor,
-                first + len(held),
+                first + len(stored),
                 self._workers,
                 progress,
                 fidelity,
@@ -100,8 +100,8 @@ class TrialRunner:
                 self.ledger.keep_note(REFUSED, key, str(error))
             raise
         self._count(key, fidelity, trials)
-        self.ledger.keep(key, len(held), new)
-        return np.concatenate([held, new]).astype(OUTCOMES)
+        self.ledger.keep(key, len(stored), new)
+        return np.concatenate([stored, new]).astype(OUTCOMES)
 
     def _count(self, key: bytes, fidelity: Fidelity, trials: int) -> None:
         self._asked[key] = fidelity, max(trials, self._asked.get(key, (fidelity, 0))[1])
@@ -116,12 +116,12 @@ class TrialRunner:
         """
         every = list(items)
         if isinstance(self._executor, Serial):
-            found: Iterable[Result] = map(call, every)
+            results: Iterable[Result] = map(call, every)
         else:
-            futures = [self._executor.submit(call, one) for one in every]
-            found = (self._result(*each, call) for each in zip(futures, every, strict=True))
-        for one in found:
-            yield one
+            futures = [self._executor.submit(call, item) for item in every]
+            results = (self._result(*pair, call) for pair in zip(futures, every, strict=True))
+        for result in results:
+            yield result
             if progress:
                 progress(1)
 
@@ -134,13 +134,13 @@ class TrialRunner:
 
     def recall(self, call: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         """As `map`, of hashable items; the last results are kept."""
-        every, held = list(items), self._recalled
-        new = [one for one in dict.fromkeys(every) if (call, one) not in held]
-        held.update(zip([(call, one) for one in new], self.map(call, new), strict=True))
-        found = [held[call, one] for one in every]
-        for key in list(held)[:-RECALLED]:
-            del held[key]
-        return found
+        every, recalled = list(items), self._recalled
+        new = [item for item in dict.fromkeys(every) if (call, item) not in recalled]
+        recalled.update(zip([(call, item) for item in new], self.map(call, new), strict=True))
+        results = [recalled[call, item] for item in every]
+        for key in list(recalled)[:-RECALLED]:
+            del recalled[key]
+        return results
 
     @property
     def workers(self) -> int:
@@ -171,13 +171,13 @@ def described(value: Any) -> str:
     """
     if is_dataclass(value):
         inner = [
-            f"{each.name}={described(getattr(value, each.name))}"
-            for each in fields(value)
-            if each.init and not _is_default(each, getattr(value, each.name))
+            f"{field.name}={described(getattr(value, field.name))}"
+            for field in fields(value)
+            if field.init and not _is_default(field, getattr(value, field.name))
         ]
         return f"{type(value).__name__}({', '.join(inner)})"
     if isinstance(value, tuple):
-        return f"({', '.join(described(one) for one in value)})"
+        return f"({', '.join(described(part) for part in value)})"
     return repr(value)
 
 

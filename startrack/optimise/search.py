@@ -54,7 +54,7 @@ def algorithms(text: str) -> list[str]:
         name = part.strip().upper()
         name = Algorithm[name].value if name in Algorithm.__members__ else name
         if not (name.startswith(("LN_", "GN_", "G_")) and hasattr(nlopt, name)):
-            short = ", ".join(one.lower() for one in Algorithm.__members__)
+            short = ", ".join(member.lower() for member in Algorithm.__members__)
             raise Refused(
                 f"campaign.search must be emulator, or algorithms joined by +: {short}, or names "
                 f"of nlopt that begin with LN_ or GN_, or code as module:function, got {text!r}"
@@ -195,7 +195,7 @@ def least_of_all(
     far = least(score, start, Search(Algorithm.DIRECT, wide), enough)
     if enough and enough():
         return far
-    best = min(far, here, key=lambda found: found.score)
+    best = min(far, here, key=lambda end: end.score)
     return least(score, best.coordinates, Search(evaluations=near), enough)
 
 

@@ -77,10 +77,10 @@ def sensitivities(
     if not math.isfinite(here):
         raise Refused("the design must be expected to find its attitude, it is not")
     every = [*moved, *ends, *(over if d > 1 else [])]
-    found = _log_errors(space, campaign, every, runner, progress)
-    step, end = found[: 2 * d].reshape(d, 2), np.exp(found[2 * d : 4 * d]).reshape(d, 2)
+    logs = _log_errors(space, campaign, every, runner, progress)
+    step, end = logs[: 2 * d].reshape(d, 2), np.exp(logs[2 * d : 4 * d]).reshape(d, 2)
     fractions = (
-        _indices(over, _filled(found[4 * d :])) if d > 1 else [(Interval(1.0, 1.0, 1.0),) * 2]
+        _indices(over, _filled(logs[4 * d :])) if d > 1 else [(Interval(1.0, 1.0, 1.0),) * 2]
     )
     result = []
     for i, variable in enumerate(space.variables):
@@ -106,8 +106,8 @@ def _log_errors(
 ) -> Floats:
     """ln(error / arcsec) of designs, whatever they cost; NaN where no attitude is expected."""
     limits = -math.inf, math.inf  # in conditions with a weight alone
-    found = foresee_all(space, campaign, points, runner, runner.seed, *limits, progress=progress)
-    return np.array([one.expected for one in found])
+    seen = foresee_all(space, campaign, points, runner, runner.seed, *limits, progress=progress)
+    return np.array([foresight.expected for foresight in seen])
 
 
 def _spread(d: int, count: int, random: np.random.Generator) -> Floats:
@@ -126,21 +126,21 @@ def _indices(points: Floats, values: Floats) -> list[tuple[Interval, Interval]]:
     mixed = np.array([np.where(np.arange(d) == i, second, first) for i in range(d)])
     every = np.concatenate([first, second, *mixed])
 
-    def of(known: Emulator) -> Floats:
-        f_a, f_b, *f_ab = known.expected(every).reshape(d + 2, 1, BASE)
+    def of(model: Emulator) -> Floats:
+        f_a, f_b, *f_ab = model.expected(every).reshape(d + 2, 1, BASE)
         return np.concatenate(_saltelli_jansen(f_a, f_b, np.array(f_ab)))
 
-    known, group = emulator(points, values), np.arange(len(points)) % min(GROUPS, len(points))
-    value = of(known)
-    without = np.array([of(known.of_some(group != one)) for one in np.unique(group)])
+    model, group = emulator(points, values), np.arange(len(points)) % min(GROUPS, len(points))
+    value = of(model)
+    without = np.array([of(model.of_some(group != fold)) for fold in np.unique(group)])
     count = len(without)
     error = np.sqrt((count - 1) / count * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
     low, high = value - 2 * error, value + 2 * error
-    each = [Interval(*map(float, bounds)) for bounds in zip(value[0], low[0], high[0], strict=True)]
-    total = [
-        Interval(*map(float, bounds)) for bounds in zip(value[1], low[1], high[1], strict=True)
-    ]
-    return list(zip(each, total, strict=True))
+    alone, total = (
+        [Interval(*map(float, bounds)) for bounds in zip(value[k], low[k], high[k], strict=True)]
+        for k in range(2)
+    )
+    return list(zip(alone, total, strict=True))
 
 
 def _saltelli_jansen(f_a: Floats, f_b: Floats, f_ab: Floats) -> tuple[Floats, Floats]:
@@ -178,9 +178,9 @@ def _moved(coordinates: Floats, axis: int, to: float) -> Floats:
 
 def _filled(values: Floats) -> Floats:
     """The values with the largest in place of those that are not finite."""
-    known = np.isfinite(values)
-    if not known.mean() > 0.5:
+    finite = np.isfinite(values)
+    if not finite.mean() > 0.5:
         raise Refused(
             "more than half of the design space has no attitude; its indices mean nothing"
         )
-    return np.where(known, values, values[known].max())
+    return np.where(finite, values, values[finite].max())

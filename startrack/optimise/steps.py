@@ -125,11 +125,11 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
     def enough() -> str:
         return "met" if 0.0 in tried else ""
 
-    found = least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
-    if not math.isfinite(found.score):
-        return FeasibleStart(found.coordinates, found.score, {})
-    margins = margins_of(requirements, space.design(found.coordinates))
-    return FeasibleStart(found.coordinates, missed(margins), margins)
+    end = least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
+    if not math.isfinite(end.score):
+        return FeasibleStart(end.coordinates, end.score, {})
+    margins = margins_of(requirements, space.design(end.coordinates))
+    return FeasibleStart(end.coordinates, missed(margins), margins)
 
 
 # Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand: the
@@ -165,29 +165,29 @@ class Correction:
         """(d,) per range of each variable."""
         return self.terms[1:]
 
-    def standard_error(self, one: Floats, other: Floats) -> float:
+    def standard_error(self, point: Floats, other: Floats) -> float:
         """Standard error of the difference of the correction between two designs."""
-        apart = np.append(0.0, one - other)
+        apart = np.append(0.0, point - other)
         return math.sqrt(float(apart @ self.covariance @ apart))
 
 
-def correct(tried: Sequence[Evaluation], middle: Floats, reach: float) -> Correction:
-    """Fit the correction to the designs within `reach` of the middle along each axis.
+def correct(tried: Sequence[Evaluation], middle: Floats, radius: float) -> Correction:
+    """Fit the correction to the designs within `radius` of the middle along each axis.
 
     Least squares weighted by the trials of each design, with Gaussian priors on the value and the
     slopes, so that terms that few designs constrain stay near zero.
     """
     near = [
-        one
-        for one in tried
-        if one.error > 0
-        and one.expected > 0
-        and np.abs(np.array(one.coordinates) - middle).max() <= reach
+        evaluation
+        for evaluation in tried
+        if evaluation.error > 0
+        and evaluation.expected > 0
+        and np.abs(np.array(evaluation.coordinates) - middle).max() <= radius
     ]
-    terms = np.array([[1.0, *(np.array(one.coordinates) - middle)] for one in near])
+    terms = np.array([[1.0, *(np.array(evaluation.coordinates) - middle)] for evaluation in near])
     terms = terms.reshape(-1, len(middle) + 1)
-    ratio = np.array([math.log(one.error / one.expected) for one in near])
-    weight = np.array([one.trials / SCATTER for one in near])
+    ratio = np.array([math.log(evaluation.error / evaluation.expected) for evaluation in near])
+    weight = np.array([evaluation.trials / SCATTER for evaluation in near])
     prior = np.full(len(middle) + 1, PRIOR_SLOPE)
     prior[0] = PRIOR
     normal = (terms.T * weight) @ terms + np.diag(prior**-2.0)
@@ -224,29 +224,29 @@ def refine(
         if point is None:
             ending = explorer.ending
             break
-        known = explorer.forecast_of(point)
+        foresight = explorer.forecast_of(point)
         tried.append(
-            evaluate(explorer.space, campaign, point, runner, None, correction, known=known)
+            evaluate(explorer.space, campaign, point, runner, None, correction, known=foresight)
         )
         watch(tried[-1])
     correction = correct(tried, explorer.best, EVERYWHERE)
 
-    def corrected(one: Evaluation) -> float:
-        if not one.expected > 0:
-            return one.score
-        score = math.log(one.expected / arcsec) + correction(np.array(one.coordinates))
-        return score + PENALTY * missed(one.margins)
+    def corrected(evaluation: Evaluation) -> float:
+        if not evaluation.expected > 0:
+            return evaluation.score
+        log, at = math.log(evaluation.expected / arcsec), np.array(evaluation.coordinates)
+        return log + correction(at) + PENALTY * missed(evaluation.margins)
 
-    tried.sort(key=lambda one: (not one.feasible, corrected(one)))
+    tried.sort(key=lambda evaluation: (not evaluation.feasible, corrected(evaluation)))
     last = list[Evaluation]()
-    for one in tried[:FINALISTS]:
-        point, most = np.array(one.coordinates), campaign.most_trials
-        known = explorer.forecast_of(point)
+    for finalist in tried[:FINALISTS]:
+        point, most = np.array(finalist.coordinates), campaign.most_trials
+        foresight = explorer.forecast_of(point)
         last.append(
-            evaluate(explorer.space, campaign, point, runner, most, correction, known=known)
+            evaluate(explorer.space, campaign, point, runner, most, correction, known=foresight)
         )
         watch(last[-1])
-    last.sort(key=lambda one: (not one.feasible, one.score))
+    last.sort(key=lambda evaluation: (not evaluation.feasible, evaluation.score))
     return [*last, *tried[FINALISTS:]], ending
 
 
@@ -259,8 +259,8 @@ def _next(
         return explorer.forecast_of(point).score + correction(point)
 
     for _ in range(POLISH):
-        known = explorer.emulators
-        here, score = known.least(explorer.starts(), correction=correction)
+        model = explorer.emulators
+        here, score = model.least(explorer.starts(), correction=correction)
         if not _is_new(here, tried):
             break
         explorer.forecast([here])
@@ -270,13 +270,13 @@ def _next(
         if near and not missed(value.margins):
             return here
     least = corrected(explorer.best) + precision
-    if all(corrected(np.array(one.coordinates)) > least for one in tried):
+    if all(corrected(np.array(evaluation.coordinates)) > least for evaluation in tried):
         return explorer.best
     ends = [end for span in explorer.spans(here) for end in (span.at_low, span.at_high)]
     points = np.array([end for end in ends if _is_new(end, tried)])
     if not len(points):
         return None
-    expected = known.score(points) + np.array([correction(point) for point in points])
+    expected = model.score(points) + np.array([correction(point) for point in points])
     sigma = np.array([max(correction.standard_error(point, here), 1e-12) for point in points])
     ahead = (score - expected) / sigma
     gain = sigma * (ahead * ndtr(ahead) + np.exp(-(ahead**2) / 2) / math.sqrt(2 * math.pi))
@@ -284,7 +284,8 @@ def _next(
 
 
 def _is_new(point: Floats, tried: Sequence[Evaluation]) -> bool:
-    return all(np.abs(point - np.array(one.coordinates)).max() > TRIED for one in tried)
+    others = (np.array(evaluation.coordinates) for evaluation in tried)
+    return all(np.abs(point - other).max() > TRIED for other in others)
 
 
 def best_branch(
@@ -299,8 +300,8 @@ def best_branch(
     scores = {}
     for label, explorer in explorers.items():
         point, most = explorer.best, campaign.most_trials
-        known = explorer.forecast_of(point)
-        done = evaluate(explorer.space, campaign, point, runner, most, known=known)
+        foresight = explorer.forecast_of(point)
+        done = evaluate(explorer.space, campaign, point, runner, most, known=foresight)
         watch(done)
         scores[label] = done.score + correct([done], point, EVERYWHERE)(point)
     return min(scores, key=scores.__getitem__)
@@ -311,7 +312,7 @@ UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of
 
 
 def confirm_requirements(
-    one: Judged, campaign: Campaign, runner: TrialRunner, outcomes: Rows
+    condition: Judged, campaign: Campaign, runner: TrialRunner, outcomes: Rows
 ) -> dict[str, Confirmed]:
     """The errors that are limited, and the availability, with bounds for their requirements.
 
@@ -324,44 +325,39 @@ def confirm_requirements(
     outcomes  of the fresh frames that exist already
     Returns   the value over all trials, its bounds and its margin by the bound that must hold
     """
-    units = one.units
+    units = condition.units
     most = LOOKS if units is None else UNIT_LOOKS
-    looks = verification.Looks(
-        2, 2**most, 1 - one.needs.confidence
-    )  # so many of them; sizes are not used
-    tails = looks.tails(1)
-    first, claims, found = (
-        FRESH + len(outcomes),
-        verification.claims_of(one.needs),
-        dict[str, Confirmed](),
-    )
+    # So many looks; their sizes are not used.
+    tails = verification.Looks(2, 2**most, 1 - condition.needs.confidence).tails(1)
+    first, claims = FRESH + len(outcomes), verification.claims_of(condition.needs)
+    confirmed = dict[str, Confirmed]()
     for look in range(most if len(outcomes) else 0):
-        judged = counted(one.needs, one.case, runner.seed, outcomes)
+        judged = counted(condition.needs, condition.case, runner.seed, outcomes)
         boresight = verification.boresights(runner.seed, judged)
         for claim in claims:
             if units is not None and claim.accuracy:
                 asked = verification.YieldClaim(units.fraction)
                 objective = claim.accuracy.objective
-                errors = likely_errors(objective, one, judged, campaign, runner)
+                errors = likely_errors(objective, condition, judged, campaign, runner)
                 bounds = asked.bounds(errors <= claim.limit, *tails)
                 decided = asked.answer(bounds) is not verification.Answer.NOT_SHOWN
-                found[claim.name] = Confirmed(bounds, asked.margin(bounds.low), decided)
+                confirmed[claim.name] = Confirmed(bounds, asked.margin(bounds.low), decided)
                 continue
             bounds = claim.bounds(judged, boresight, *tails)
             shown = bounds.high if claim.accuracy else bounds.low
             decided = claim.answer(bounds) is not verification.Answer.NOT_SHOWN
-            found[claim.name] = Confirmed(bounds, claim.margin(shown), decided)
-        if all(each.decided for each in found.values()) or look == most - 1:
+            confirmed[claim.name] = Confirmed(bounds, claim.margin(shown), decided)
+        if all(result.decided for result in confirmed.values()) or look == most - 1:
             break
         if units is not None:
             done = len(outcomes) // campaign.trials_per_unit
-            more = fresh_units(one, campaign, runner, done, done)
+            more = fresh_units(condition, campaign, runner, done, done)
             outcomes = np.concatenate([outcomes, more])
             continue
         # Repeated numbers would repeat the attitudes.
-        more = runner.run(one.case, len(outcomes), campaign.fidelity, first)
+        more = runner.run(condition.case, len(outcomes), campaign.fidelity, first)
         first, outcomes = first + len(more), np.concatenate([outcomes, more])
-    return found
+    return confirmed
 
 
 class Confirmed(NamedTuple):

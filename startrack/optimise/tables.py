@@ -26,21 +26,21 @@ FRACTIONS = (0.025, 0.16, 0.5, 0.84, 0.975)
 
 def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
     """Write all evaluated designs; variables in SI, errors in arcsecond."""
-    margins = list(dict.fromkeys(name for one in evaluations for name in one.margins))
+    margins = list(dict.fromkeys(name for evaluation in evaluations for name in evaluation.margins))
     variables = list(evaluations[0].values)
     head = ["evaluation", *variables, "across_rms_arcsec", "about_rms_arcsec", "availability",
             *(f"margin {name}" for name in margins), "score", "feasible", "note"]  # fmt: skip
     rows = (
         [
             number,
-            *one.values.values(),
-            *_errors(one),
-            *(one.margins.get(name, math.nan) for name in margins),
-            one.score,
-            one.feasible,
-            one.note,
+            *evaluation.values.values(),
+            *_errors(evaluation),
+            *(evaluation.margins.get(name, math.nan) for name in margins),
+            evaluation.score,
+            evaluation.feasible,
+            evaluation.note,
         ]
-        for number, one in enumerate(evaluations)
+        for number, evaluation in enumerate(evaluations)
     )
     save_csv(path, head, rows)
 
@@ -62,18 +62,18 @@ def span_texts(optimum: Optimum) -> dict[str, str]:
 
 def landscape_lines(optimum: Optimum, campaign: Campaign) -> list[str]:
     """What the forecasts say of the space, as Markdown paragraphs."""
-    found = optimum.landscape
-    if found is None:
+    landscape = optimum.landscape
+    if landscape is None:
         return []
     lines = [
         "",
-        f"{len(found.forecasts)} designs were forecast by the analytic budget; {found.ending}. By "
-        f"these forecasts no design is better by more than {100 * math.expm1(found.left):.1f} % "
-        "(98 %). The last column says between which values a variable may lie while the others "
-        "follow.",
+        f"{len(landscape.forecasts)} designs were forecast by the analytic budget; "
+        f"{landscape.ending}. By these forecasts no design is better by more than "
+        f"{100 * math.expm1(landscape.left):.1f} % (98 %). The last column says between which "
+        "values a variable may lie while the others follow.",
     ]
-    if found.prices:
-        prices = ", ".join(f"{name} {-100 * by:.1f} %" for name, by in found.prices.items())
+    if landscape.prices:
+        prices = ", ".join(f"{name} {-100 * by:.1f} %" for name, by in landscape.prices.items())
         lines += [
             "",
             "What limits it: if a limit is relaxed by 1 %, the "
@@ -133,7 +133,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         "the frames have a false attitude. Brackets and bounds hold with 95 % confidence.",
     ]
     lines += landscape_lines(optimum, campaign)
-    lines += ["", *(f"{one[0].upper()}{one[1:]}." for one in optimum_caveats(optimum, campaign))]
+    lines += ["", *(f"{text[0].upper()}{text[1:]}." for text in optimum_caveats(optimum, campaign))]
     shown = {
         name: margin
         for name, margin in optimum.margins.items()
@@ -175,10 +175,10 @@ def _units_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
         return []
     level = f"{units_text(units.over, campaign)} (arcsec)"
     rows = [[level, _written(units.start), _written(units.best)]]
-    for one in units.yields:
-        most = one.accuracy.most / arcsec
-        label = f"yield: {one.accuracy.objective} at most {most:.{_digits(most)}f} arcsec (%)"
-        rows.append([label, _written(one.start, 0.01), _written(one.best, 0.01)])
+    for share in units.yields:
+        most = share.accuracy.most / arcsec
+        label = f"yield: {share.accuracy.objective} at most {most:.{_digits(most)}f} arcsec (%)"
+        rows.append([label, _written(share.start, 0.01), _written(share.best, 0.01)])
     return rows
 
 
@@ -196,11 +196,11 @@ def units_values(units: ComparedUnits) -> dict[str, Any]:
                 "level_arcsec_95": [level.low / arcsec, level.high / arcsec],
                 "yields": [
                     {
-                        "requirement": str(one.accuracy.objective),
-                        "most_arcsec": one.accuracy.most / arcsec,
-                        **asdict(getattr(one, name)),
+                        "requirement": str(share.accuracy.objective),
+                        "most_arcsec": share.accuracy.most / arcsec,
+                        **asdict(getattr(share, name)),
                     }
-                    for one in units.yields
+                    for share in units.yields
                 ],
             }
             for name, level in (("start", units.start), ("best", units.best))
@@ -219,17 +219,17 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
         return [f"there is no analytic budget of the best design: {reason}"]
     # The budget is that of the unit as designed.
     apart = () if optimum.units else differences(budget, summary)
-    found = [f"formula and trials differ: {one}" for one in apart]
+    sentences = [f"formula and trials differ: {difference}" for difference in apart]
     if summary.availability.value < campaign.requirements.min_availability:
-        found.append(
+        sentences.append(
             f"attitudes are lost with {budget.stars:.1f} stars expected on average in the sky "
             "that has enough of them; the effects named next are possible causes"
         )
-    found += refusal(optimum.best, budget.refused)
-    found += caveats(optimum.best, budget.left_out)
+    sentences += refusal(optimum.best, budget.refused)
+    sentences += caveats(optimum.best, budget.left_out)
     if optimum.units or not best.differs:
-        return found
-    return [*found, "noise only: the units of the designs are taken for perfect ones on their "
+        return sentences
+    return [*sentences, "noise only: the units of the designs are taken for perfect ones on their "
             "first day (campaign.units)"]  # fmt: skip
 
 
@@ -304,13 +304,13 @@ def write_samples(path: Path, tolerance: Tolerance) -> None:
     save_csv(path, names, rows)
 
 
-def _errors(one: Evaluation) -> tuple[float, float, float]:
-    if one.summary is None:
+def _errors(evaluation: Evaluation) -> tuple[float, float, float]:
+    if evaluation.summary is None:
         return math.nan, math.nan, math.nan
     return (
-        one.summary.across.value / arcsec,
-        one.summary.about.value / arcsec,
-        one.summary.availability.value,
+        evaluation.summary.across.value / arcsec,
+        evaluation.summary.about.value / arcsec,
+        evaluation.summary.availability.value,
     )
 
 

@@ -138,12 +138,13 @@ def sample(
         designs = list(low + (high - low) * points)
         return foresee_all(space, campaign, designs, runner, most_excess=math.inf, progress=watch)
 
-    known = forecast(cube)
-    centre = evaluate(space, campaign, space.start, runner, campaign.sample_trials, known=known[0])
+    foresights = forecast(cube)
+    most = campaign.sample_trials
+    centre = evaluate(space, campaign, space.start, runner, most, known=foresights[0])
     if not (centre.error > 0 and centre.expected > 0):
         raise Refused(f"the design must work to be sampled around: {centre.note or 'unsolved'}")
-    shift = _shift(centre, known[0])
-    at, results = _results(2 * cube - 1, known, shift)
+    shift = _shift(centre, foresights[0])
+    at, results = _results(2 * cube - 1, foresights, shift)
     # A margin that is the same for all designs needs no surface.
     moving = np.ptp(results, axis=0) > 0
     if (results[0, 1:][~moving[1:]] < 0).any():
@@ -174,13 +175,13 @@ def sample(
     )
 
 
-def _shift(centre: Evaluation, known: Foresight) -> Floats:
+def _shift(centre: Evaluation, foresight: Foresight) -> Floats:
     """What trials of the centre add to the budget's ln(error) and to each margin that both have.
 
     The error of the surface is in ln(radian), as that of the trials.
     """
-    apart = [centre.margins[name] - margin for name, margin in known.margins.items()]
-    return np.array([math.log(centre.error) - known.expected, *apart])
+    apart = [centre.margins[name] - margin for name, margin in foresight.margins.items()]
+    return np.array([math.log(centre.error) - foresight.expected, *apart])
 
 
 def designs_needed(dimensions: int) -> int:
@@ -201,11 +202,11 @@ def region(surface: Surface, limit: float) -> Callable[[Floats], Floats]:
     return log_probability
 
 
-def _results(points: Floats, found: list[Foresight], shift: Floats) -> tuple[Floats, Floats]:
+def _results(points: Floats, foresights: list[Foresight], shift: Floats) -> tuple[Floats, Floats]:
     """Coordinates (n, d), and ln(error) and margins (n, k), of designs that have an attitude.
 
     shift  (k,) is added to each
     """
-    solved = [i for i, one in enumerate(found) if math.isfinite(one.expected)]
-    rows = [[found[i].expected, *found[i].margins.values()] for i in solved]
+    solved = [i for i, foresight in enumerate(foresights) if math.isfinite(foresight.expected)]
+    rows = [[foresights[i].expected, *foresights[i].margins.values()] for i in solved]
     return points[solved], np.array(rows).reshape(len(rows), -1) + shift

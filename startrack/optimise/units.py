@@ -24,12 +24,12 @@ BOOTSTRAP = 3  # names the stream of the resampling
 
 def how(units: OverUnits, campaign: Campaign) -> Units:
     """How the trials of fresh units go over them."""
-    each = campaign.trials_per_unit
-    return Units(each, min(ENVIRONMENTS, each), units.age)
+    trials = campaign.trials_per_unit
+    return Units(trials, min(ENVIRONMENTS, trials), units.age)
 
 
 def fresh_units(
-    one: Judged,
+    condition: Judged,
     campaign: Campaign,
     runner: TrialRunner,
     count: int | None = None,
@@ -38,23 +38,23 @@ def fresh_units(
 ) -> Rows:
     """The outcomes of trials of units that no tuning used, in the campaign's fidelity.
 
-    one    which is judged over units
-    count  units; None: those of the campaign
-    done   units before them
-    watch  called with the number of trials that were just done
+    condition  which is judged over units
+    count      units; None: those of the campaign
+    done       units before them
+    watch      called with the number of trials that were just done
     """
-    assert one.units is not None
-    order = how(one.units, campaign)
+    assert condition.units is not None
+    order = how(condition.units, campaign)
     first, count = FRESH_UNIT + done, count or campaign.fresh_units
     return runner.run(
-        one.case, count * order.trials, campaign.fidelity, first * order.trials, watch, order
+        condition.case, count * order.trials, campaign.fidelity, first * order.trials, watch, order
     )
 
 
 def errors_of(objective: Objective, outcomes: Rows, units: OverUnits, campaign: Campaign) -> Floats:
     """The objective (n,) of each fresh unit, radian; infinite where no trial is solved."""
-    found = unit_errors(objective, outcomes, outcomes["trial"] // how(units, campaign).trials)
-    return np.where(np.isnan(found), np.inf, found)
+    errors = unit_errors(objective, outcomes, outcomes["trial"] // how(units, campaign).trials)
+    return np.where(np.isnan(errors), np.inf, errors)
 
 
 def noise_of(objective: Objective, outcomes: Rows, units: OverUnits, campaign: Campaign) -> float:
@@ -138,25 +138,20 @@ def compare_units(
     if over is None:
         return None
     objective = Objective.read(campaign.objective)
-    weights, n = [one.weight for one in best[0]], campaign.fresh_units
+    weights, n = [condition.weight for condition in best[0]], campaign.fresh_units
     chosen = _choices(n, runner.seed)
     before, after = (
-        _levels(_measured(objective, *each, campaign, runner), weights, over.fraction, chosen)
-        for each in (start, best)
+        _levels(_measured(objective, *side, campaign, runner), weights, over.fraction, chosen)
+        for side in (start, best)
     )
     limits = best[0][0].needs.accuracy or (Accuracy(objective, predicted),)
-    yields = [
-        UnitYield(
-            limit,
-            *(
-                _share(
-                    likely_errors(limit.objective, each[0], of[0], campaign, runner), limit.most, n
-                )
-                for each, of in (start, best)
-            ),
+    yields = []
+    for limit in limits:
+        errors = (
+            likely_errors(limit.objective, conditions[0], rows[0], campaign, runner)
+            for conditions, rows in (start, best)
         )
-        for limit in limits
-    ]
+        yields.append(UnitYield(limit, *(_share(error, limit.most, n) for error in errors)))
     return ComparedUnits(
         over, n, campaign.trials_per_unit, _interval(before), _interval(after), predicted,
         tuple(yields), _interval(before / after), _interval(after / predicted),
@@ -191,30 +186,30 @@ def level_interval_of_units(
 
     judged, outcomes  conditions, and the outcomes of the fresh units in each
     """
-    found, units = _measured(objective, judged, outcomes, campaign, runner), judged[0].units
+    measured, units = _measured(objective, judged, outcomes, campaign, runner), judged[0].units
     assert units is not None
-    weights = [one.weight for one in judged]
-    chosen = _choices(len(found[0].error), runner.seed)
-    return _interval(_levels(found, weights, units.fraction, chosen))
+    weights = [condition.weight for condition in judged]
+    chosen = _choices(len(measured[0].error), runner.seed)
+    return _interval(_levels(measured, weights, units.fraction, chosen))
 
 
 def likely_errors(
-    objective: Objective, one: Judged, outcomes: Rows, campaign: Campaign, runner: TrialRunner
+    objective: Objective, condition: Judged, outcomes: Rows, campaign: Campaign, runner: TrialRunner
 ) -> Floats:
     """The objective (n,) of each fresh unit, radian, as spread as many trials would show.
 
     As `errors_of` where some of their trials are left out.
     """
-    assert one.units is not None
+    assert condition.units is not None
     trials = outcomes["trial"]
     if (
         not len(trials)
-        or len(trials) % how(one.units, campaign).trials
+        or len(trials) % how(condition.units, campaign).trials
         or (np.diff(trials) != 1).any()
     ):
-        return errors_of(objective, outcomes, one.units, campaign)
-    [found] = _measured(objective, [one], [outcomes], campaign, runner)
-    return found.freed(np.arange(len(found.error)))
+        return errors_of(objective, outcomes, condition.units, campaign)
+    [units] = _measured(objective, [condition], [outcomes], campaign, runner)
+    return units.freed(np.arange(len(units.error)))
 
 
 def _measured(
@@ -226,33 +221,34 @@ def _measured(
 ) -> list[MeasuredUnits]:
     return [
         MeasuredUnits(
-            errors_of(objective, each, one.units, campaign),
-            _expected(objective, one, each, campaign, runner),
-            noise_of(objective, each, one.units, campaign),
+            errors_of(objective, rows, condition.units, campaign),
+            _expected(objective, condition, rows, campaign, runner),
+            noise_of(objective, rows, condition.units, campaign),
         )
-        for one, each in zip(judged, outcomes, strict=True)
-        if len(each) and one.units
+        for condition, rows in zip(judged, outcomes, strict=True)
+        if len(rows) and condition.units
     ]
 
 
 def _expected(
-    objective: Objective, one: Judged, outcomes: Rows, campaign: Campaign, runner: TrialRunner
+    objective: Objective, condition: Judged, outcomes: Rows, campaign: Campaign, runner: TrialRunner
 ) -> Floats:
     """The objective (n,) that budgets expect of each unit; ones where each would take long."""
-    assert one.units is not None
-    order, age = how(one.units, campaign), one.units.age
+    assert condition.units is not None
+    order, age = how(condition.units, campaign), condition.units.age
     count = len(outcomes) // order.trials
-    if middle_of(one.case, age) is None or objective.fraction is not None:
+    if middle_of(condition.case, age) is None or objective.fraction is not None:
         return np.ones(count)
     first = int(outcomes["trial"][0]) // order.trials
     size = math.ceil(count / runner.workers)
     blocks = [
-        (one.case, runner.seed, age, first + at, min(size, count - at), order.environments)
+        (condition.case, runner.seed, age, first + at, min(size, count - at), order.environments)
         for at in range(0, count, size)
     ]
     parts = runner.recall(_budgets, blocks)
-    known = [part for part in parts if part is not None]
-    return units_expected(objective, joined(known)) if len(known) == len(parts) else np.ones(count)
+    solved = [part for part in parts if part is not None]
+    some_lost = len(solved) < len(parts)
+    return np.ones(count) if some_lost else units_expected(objective, joined(solved))
 
 
 Block = tuple[Case, int, float, int, int, int]  # the arguments of `budgets_of_units`
@@ -269,14 +265,14 @@ def _choices(count: int, seed: int) -> Ints:
 
 
 def _levels(
-    found: Sequence[MeasuredUnits], weights: Sequence[float], fraction: float, chosen: Ints
+    measured: Sequence[MeasuredUnits], weights: Sequence[float], fraction: float, chosen: Ints
 ) -> Floats:
     """The level of each choice of units; NaN where a condition has no trials."""
-    if len(found) < len(weights):
+    if len(measured) < len(weights):
         return np.full(len(chosen), np.nan)
     logs = [
-        weight * np.log(quantile_of_few(one.freed(chosen), fraction))
-        for one, weight in zip(found, weights, strict=True)
+        weight * np.log(quantile_of_few(units.freed(chosen), fraction))
+        for units, weight in zip(measured, weights, strict=True)
     ]
     return np.asarray(np.exp(np.sum(logs, axis=0) / sum(weights)))
 
@@ -302,7 +298,7 @@ def without_noise(errors: Floats, expected: Floats, noise: float) -> Floats:
     mean, variance = logs.mean(axis=-1, keepdims=True), logs.var(axis=-1, ddof=1, keepdims=True)
     part = np.sqrt(np.maximum(1 - noise / np.maximum(variance, 1e-300), 0.0))
     freed = expected * np.exp(part * (logs - mean))
-    squares = ((each**2).mean(axis=-1, keepdims=True) for each in (errors, freed))
+    squares = ((values**2).mean(axis=-1, keepdims=True) for values in (errors, freed))
     before, after = squares
     return np.asarray(freed * np.sqrt(before / after))
 
