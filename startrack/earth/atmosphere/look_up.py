@@ -87,7 +87,7 @@ class FineTable:
         return near * (1 - y) + far * y
 
 
-def refine(table: BandTable, reach: Reach) -> FineTable:
+def refine(table: BandTable, ranges: Reach) -> FineTable:
     """The part of a table that a scene needs, on finer nodes by cubic splines.
 
     Raises    ValueError where the scene reaches beyond the table.
@@ -97,7 +97,7 @@ def refine(table: BandTable, reach: Reach) -> FineTable:
     nodes = [
         _nodes(name, axis, extent, step)
         for name, axis, extent, step in zip(
-            Reach._fields, axes, reach, (HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP), strict=True
+            Reach._fields, axes, ranges, (HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP), strict=True
         )
     ]
     ground = np.concatenate([table.direct, table.sky, table.around], 3)

@@ -28,16 +28,16 @@ def sun_spectrum(wavelength: Floats) -> Floats:
                 ASTM E490 is up to 9 % above. The Sun varies by 0.1 %. numerical: exact integrals
                 of the table's straight lines.
     """
-    known, total = _integral()
-    if wavelength[0] < known[0] or wavelength[-1] > known[-1]:
+    nodes, total = _integral()
+    if wavelength[0] < nodes[0] or wavelength[-1] > nodes[-1]:
         raise ValueError(
-            f"wavelength must lie in [{known[0]:g}, {known[-1]:g}] metre, got {wavelength[0]:g} to "
+            f"wavelength must lie in [{nodes[0]:g}, {nodes[-1]:g}] metre, got {wavelength[0]:g} to "
             f"{wavelength[-1]:g}"
         )
     edges = np.concatenate(
         [wavelength[:1], (wavelength[1:] + wavelength[:-1]) / 2, wavelength[-1:]]
     )
-    return np.asarray(np.diff(np.interp(edges, known, total)) / np.diff(edges))
+    return np.asarray(np.diff(np.interp(edges, nodes, total)) / np.diff(edges))
 
 
 @lru_cache(maxsize=1)

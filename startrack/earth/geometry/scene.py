@@ -229,9 +229,9 @@ class Strip:
     def mean(self, values: Floats) -> Floats:
         """(lines, columns) mean over the rays of each pixel that have a value; NaN of none."""
         rays = np.asarray(values, float).reshape(self.shape)
-        known = np.isfinite(rays)
+        finite = np.isfinite(rays)
         with np.errstate(invalid="ignore"):
-            return np.where(known, rays, 0).sum(axis=2) / known.sum(axis=2)
+            return np.where(finite, rays, 0).sum(axis=2) / finite.sum(axis=2)
 
 
 def observe_earth(

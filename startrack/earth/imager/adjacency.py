@@ -146,16 +146,16 @@ def surrounded(
     if weights is None:
         raise ValueError("air must scatter for light of the surroundings, got a band without")
     out = np.full((*weights.shape[:2], fine.rows, fine.columns), mean)
-    known: tuple[Cells, Floats] | None = None
+    last: tuple[Cells, Floats] | None = None
     for weight, width, side in zip(
         np.moveaxis(weights[:, :, 0], -1, 0)[::-1], SPREADS[::-1], sides[::-1], strict=True
     ):  # the widest first
-        if known is None or known[0].side != side:
+        if last is None or last[0].side != side:
             cells = _cells(x, y, float(side), WIDE * width)
             here = values(*plane.places(*cells.samples())).reshape(cells.rows, cells.columns)
-            known = cells, np.where(np.isnan(here), 0.0, here - mean)
-        blurred = gaussian_filter(known[1], width / side, mode="nearest", truncate=WIDE)
-        change = map_coordinates(blurred, known[0].position(*place), order=1, mode="nearest")
+            last = cells, np.where(np.isnan(here), 0.0, here - mean)
+        blurred = gaussian_filter(last[1], width / side, mode="nearest", truncate=WIDE)
+        change = map_coordinates(blurred, last[0].position(*place), order=1, mode="nearest")
         out += weight[:, :, None, None] * change.reshape(fine.rows, fine.columns)
     return Environment(plane, fine, band.table.height, np.clip(out, 0, 1), mean)
 

@@ -200,8 +200,8 @@ def _mapped(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> F
     out = np.zeros(len(ground))
     for n, map_ in enumerate(land.maps):
         if map_.map not in ground.maps:
-            known = ", ".join(ground.maps) or "none"
-            raise ValueError(f"land.maps must name maps of the terrain, {known}, got {map_.map!r}")
+            names = ", ".join(ground.maps) or "none"
+            raise ValueError(f"land.maps must name maps of the terrain, {names}, got {map_.map!r}")
         share = np.interp(wavelength, at, np.eye(len(at))[n]) @ weight
         if share:
             out += share * (ground.maps[map_.map] * map_.factor + map_.offset)

@@ -54,10 +54,10 @@ def blur_weights(psf: Psf, side: int, across: float, along: float, smear: float)
               the rest: 1e-3 of the light and haze. numerical: 1 % of the modulation at Nyquist
               with two rays a side, 0.3 % with four.
     """
-    reach = _reach(psf, across, along, smear)
+    half = _reach(psf, across, along, smear)
     at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
     psf_at = RegularGridInterpolator((at, at), psf.table, bounds_error=False, fill_value=0.0)
-    return _even(_samples(psf_at, side, across, along, smear, reach))
+    return _even(_samples(psf_at, side, across, along, smear, half))
 
 
 def _reach(psf: Psf, across: float, along: float, smear: float) -> int:
@@ -81,11 +81,11 @@ def _spline(table: Floats, oversampling: int) -> Callable[[Floats], Floats]:
 
 def _samples(
     psf_at: Callable[[Floats], Floats], side: int, across: float, along: float, smear: float,
-    reach: int,
+    half: int,
 ) -> Floats:  # fmt: skip
     """A table at the places of rays, (side^2, k, k)."""
     late = ((np.arange(SMEARED) + 0.5) / SMEARED - 0.5) * smear
-    step = np.arange(-reach, reach + 1)
+    step = np.arange(-half, half + 1)
     out = np.empty((side**2, len(step), len(step)))
     for n, (x, y) in enumerate(inside_pixel(side)):
         down, right = np.meshgrid(step * along + y, step * across + x, indexing="ij")
@@ -155,9 +155,9 @@ def field_blur(
     coefficients = psf.at(place[:, 0], place[:, 1], np.full(len(place), colour))[:, 3:]
     some = place[:: max(1, len(place) // WEIGHT_NODES)].tolist()
     images = (psf.image(right, down, colour)[0] for right, down in [*some, place[-1].tolist()])
-    reach = max(_reach(image, across, along, smear) for image in images)
+    half = max(_reach(image, across, along, smear) for image in images)
     splines = (_spline(image, psf.oversampling) for image in psf.table)
-    given = [_samples(spline, side, across, along, smear, reach) for spline in splines]
+    given = [_samples(spline, side, across, along, smear, half) for spline in splines]
     weights = _even(np.tensordot(coefficients, np.array(given), 1))
     mean = weights.mean(0)
     off = (weights - mean).reshape(len(place), -1)
@@ -189,25 +189,25 @@ def blur_strips(strips: Iterator[Singles], weights: Floats) -> Iterator[Singles]
     Yields  (lines, columns); in all as many lines as arrive. Beyond its edges the scene continues
             with its last line and column.
     """
-    reach = weights.shape[1] // 2
+    half = weights.shape[1] // 2
     buffer: Singles | None = None
     for strip in strips:
-        ahead = np.repeat(strip[:1], reach, 0) if buffer is None else buffer
+        ahead = np.repeat(strip[:1], half, 0) if buffer is None else buffer
         buffer = np.concatenate([ahead, strip])
-        if len(buffer) > 2 * reach:
+        if len(buffer) > 2 * half:
             yield _sum(buffer, weights)
-            buffer = buffer[len(buffer) - 2 * reach :]
-    if buffer is not None and reach:
-        yield _sum(np.concatenate([buffer, np.repeat(buffer[-1:], reach, 0)]), weights)
+            buffer = buffer[len(buffer) - 2 * half :]
+    if buffer is not None and half:
+        yield _sum(np.concatenate([buffer, np.repeat(buffer[-1:], half, 0)]), weights)
 
 
 def _sum(strip: Singles, weights: Floats) -> Singles:
-    reach = weights.shape[1] // 2
+    half = weights.shape[1] // 2
     total: Any = 0.0
     for n, row in enumerate(weights):
         rays = np.ascontiguousarray(strip[:, :, n])
         total = total + cv2.filter2D(rays, cv2.CV_32F, row, borderType=cv2.BORDER_REPLICATE)
-    return total[reach : len(strip) - reach]
+    return total[half : len(strip) - half]
 
 
 def _radius(psf: Psf) -> float:

@@ -175,8 +175,8 @@ def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -
     """
     one_of(PROJECTIONS, projection=projection)
     positive(cell=cell)
-    known = np.isfinite(longitude)
-    longitude, latitude = longitude[known], latitude[known]
+    finite = np.isfinite(longitude)
+    longitude, latitude = longitude[finite], latitude[finite]
     # Around the first point, so that no image ends at the date line.
     longitude = longitude[0] + (longitude - longitude[0] + math.pi) % (2 * math.pi) - math.pi
     east, north = (float(np.median(angle)) / deg for angle in (longitude, latitude))
@@ -277,14 +277,14 @@ def resample(values: Floats, pixel: Floats, method: str) -> Floats:
     with np.errstate(invalid="ignore"):
         inside = (pixel > -0.5).all(-1) & (pixel < np.array([lines - 0.5, columns - 0.5])).all(-1)
     out = np.full(pixel.shape[:-1], math.nan)
-    known = np.isfinite(values)
-    if not known.any() or not inside.any():
+    finite = np.isfinite(values)
+    if not finite.any() or not inside.any():
         return out
     # Half a pixel beyond the middles of the outermost ones, which are repeated there.
     at = np.clip(pixel[inside], 0, np.array([lines - 1, columns - 1])).T
-    filled = np.where(known, values, values[known].mean())
+    filled = np.where(finite, values, values[finite].mean())
     interpolated = map_coordinates(filled, at, order=order, mode="nearest")
-    lost = map_coordinates((~known).astype(float), at, order=min(order, 1), mode="nearest")
+    lost = map_coordinates((~finite).astype(float), at, order=min(order, 1), mode="nearest")
     out[inside] = np.where(lost > 1e-6, math.nan, interpolated)
     return out
 
@@ -292,7 +292,7 @@ def resample(values: Floats, pixel: Floats, method: str) -> Floats:
 def touched(flags: Flags, pixel: Floats) -> Flags:
     """Which places (..., 2) of line and column have a flagged pixel among the four around."""
     out = np.zeros(pixel.shape[:-1], np.bool_)
-    known = np.isfinite(pixel).all(-1)
-    at = pixel[known].T
-    out[known] = map_coordinates(flags.astype(float), at, order=1, mode="constant") > 1e-6
+    finite = np.isfinite(pixel).all(-1)
+    at = pixel[finite].T
+    out[finite] = map_coordinates(flags.astype(float), at, order=1, mode="constant") > 1e-6
     return out

@@ -251,11 +251,11 @@ def environment_of(
     more         1, by which ground beyond the image reflects more than its mean
     Returns      None where air does not scatter, or nothing is known
     """
-    known = np.flatnonzero(np.isfinite(reflectance))
-    if setting.band.table.spread is None or not len(known):
+    finite = np.flatnonzero(np.isfinite(reflectance))
+    if setting.band.table.spread is None or not len(finite):
         return None
-    here = ground[known]
-    sent = imager.leaving(here, setting.band, np.clip(reflectance[known], 0, 1))
+    here = ground[finite]
+    sent = imager.leaving(here, setting.band, np.clip(reflectance[finite], 0, 1))
     plane = imager.Plane(float(here.longitude[0]), float(np.median(here.latitude)))
     nearest = KDTree(np.stack(plane.at(here.longitude, here.latitude), 1))
 

@@ -195,8 +195,8 @@ def halve(values: Singles) -> Singles:
     What has no value is left out of the mean. A grid of an even number of vertices loses its
     outermost one.
     """
-    known = np.isfinite(values)
-    total, weight = np.where(known, values, 0).astype(np.float64), known.astype(np.float64)
+    finite = np.isfinite(values)
+    total, weight = np.where(finite, values, 0).astype(np.float64), finite.astype(np.float64)
     for axis in (0, 1):
         total, weight = (_tent(part, axis) for part in (total, weight))
     with np.errstate(invalid="ignore", divide="ignore"):
