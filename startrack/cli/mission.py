@@ -400,6 +400,7 @@ def _values(
         "requirements": report.verdict_table(_verdicts(plan, flown, available)).json(),
         "by_beta": report.beta_table(flown).json(),
         "left_out": _left_out(plan),
+        "radiation": _radiation(plan),
         "fused_rms_arcsec": [float(rms / arcsec) for rms in flown.rms],
         "worst_moments": [
             {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
@@ -535,6 +536,22 @@ def _fleet_text(plan: mission.Plan, fleet: mission.Fleet) -> str:
     return "\n".join(lines)
 
 
+def _radiation(plan: mission.Plan) -> list[dict[str, Any]]:
+    """Dose and displaced atoms in the mission's orbit, for each shield of a detector that ages."""
+    if plan.loaded.mission.radiation.ageing != "orbit":
+        return []
+    ages = (design.case.instrument.detector.age for design in plan.loaded.designs)
+    shielded = {age.shielding: age for age in ages if age and age.shielding}
+    return [
+        {
+            "shielding_mm": 1e3 * shielding,
+            "krad_per_year": (age.ionising or 0.0) * YEAR / 10,  # of 10 gray
+            "protons_10_mev_per_cm2_year": age.protons * YEAR / 1e4,
+        }
+        for shielding, age in sorted(shielded.items())
+    ]
+
+
 def _left_out(plan: mission.Plan) -> list[str]:
     """What availability and errors do not know of the mission."""
     if plan.loaded.mission.radiation.hits is None:
@@ -583,6 +600,12 @@ def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availabil
             f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / 86400:.2f} d "
             "after the begin"
         )
+    lines += [
+        f"behind {row['shielding_mm']:g} mm of aluminium: {row['krad_per_year']:.3g} krad a year, "
+        f"and atoms displaced as by {row['protons_10_mev_per_cm2_year']:.2g} protons of 10 MeV a "
+        "square centimetre (AP-8, AE-8)"
+        for row in _radiation(plan)
+    ]
     lines += [f"left out: {reason}" for reason in _left_out(plan)]
     if met := _verdicts(plan, flown, available):
         lines += report.verdict_table(met).text((0, 3))

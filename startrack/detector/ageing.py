@@ -326,6 +326,14 @@ class Age(Parameters):
         return fluence / SQUARE_CM / YEAR
 
     @property
+    def ionising(self) -> float | None:
+        """Gray / second of silicon in the orbit that is named, see `orbit_dose`; None without."""
+        if self.inclination is None or self.shielding is None:
+            return None
+        orbit = self.altitude, self.inclination, self.shielding, self.solar_events * YEAR
+        return orbit_dose(*orbit) * RAD / YEAR
+
+    @property
     def years(self) -> float:
         """In orbit."""
         if self.year is not None and self.launch is not None:

@@ -51,14 +51,14 @@ class Orbit(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.altitude is not None) + bool(self.tle) + (self.oem is not None) != 1:
-            raise Refused("exactly one of altitude, tle and oem must be given")
+            raise Refused("altitude, tle or oem must be given, and one of them alone")
         if self.tle:
             space.require_two_lines(self.tle)
         if self.altitude is None:
             return
         space.require_perigee(self.altitude, self.eccentricity)
         if (self.inclination is None) == (self.local_time is None):
-            raise Refused("exactly one of inclination and local_time must be given")
+            raise Refused("inclination or local_time must be given, and one of them alone")
         if self.epoch is not None:
             core.utc(self.epoch)
 

@@ -5,6 +5,8 @@ import json
 from contextlib import redirect_stdout
 from functools import partial
 from io import StringIO
+from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -13,10 +15,12 @@ from astropy.io import fits
 from scipy.io import netcdf_file
 
 from startrack import shipped
+from startrack.cli import mission
 from startrack.cli.main import main
 from startrack.core import deg
 from startrack.mission import exports, load_mission, placement, save_timeline, surrogate
 
+ORACLE = Path(__file__).parents[1] / "oracle"
 DAY = ["--set", "time.duration=1 d"]
 
 
@@ -204,3 +208,24 @@ def test_several_missions_over_workers(capsys, tmp_path):
         assert (tmp_path / workers / "b" / "report.html").exists()
     assert found[0] == found[1]
     assert main(["mission", str(files[0]), str(files[0])]) == 2
+
+
+def test_the_dose_of_the_orbit_is_printed_where_detectors_age_in_it(tmp_path):
+    """Geostationary behind 5 mm, beside SHIELDOSE-2; nearly all of it by electrons."""
+    pytest.importorskip("radbelt")
+    text = shipped("missions/sun-synchronous.toml").read_text()
+    text = text.replace("designs/noise_only.toml", "designs/nanosatellite.toml")
+    (tmp_path / "mission.toml").write_text(text)
+    changes = ["orbit.altitude=35786 km", "orbit.local_time=", "orbit.inclination=0 deg"]
+    plans = [
+        SimpleNamespace(loaded=load_mission(tmp_path / "mission.toml", [*changes, *more]))
+        for more in ([], ["radiation.ageing=orbit"])
+    ]
+    assert mission._radiation(plans[0]) == []
+    [row] = mission._radiation(plans[1])
+    assert row["shielding_mm"] == 5
+    oracle = json.loads((ORACLE / "shieldose.json").read_text())
+    [there] = [orbit for orbit in oracle["orbits"] if orbit["altitude_km"] == 35786]
+    expected = sum(rad[oracle["aluminium_mm"].index(5)] for rad in there["rad_per_year"].values())
+    assert row["krad_per_year"] == pytest.approx(expected / 1e3, rel=0.15)
+    assert 1e8 < row["protons_10_mev_per_cm2_year"] < 1e10

@@ -230,7 +230,7 @@ def test_files_of_missions_are_refused_by_name(tmp_path):
     text = Path(EXAMPLE).read_text()
     for old, new, words in (
         ('altitude = "600 km"', 'altitude = "60 km"', "perigee above 80 km"),
-        ('local_time = "10.5 h"', "", "exactly one of inclination and local_time"),
+        ('local_time = "10.5 h"', "", "orbit.inclination or local_time must be given"),
         ('law = "nadir"', 'law = "sideways"', "attitude.law must be"),
         ('name = "up-right"', 'name = "up-left"', "different names"),
         ('step = "10 s"', 'step = "10 km"', "time.step must have a unit"),
