@@ -1,16 +1,21 @@
-"""What drawn trials refuse, and by which name."""
+"""What drawn trials know of the stars, and what they refuse, by which name."""
 
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from startrack import deg, run_trials
+from startrack.catalog import open_sky
 from startrack.design.case import Fidelity
 from startrack.detector import Defects, Hits
 from startrack.motion import Motion, Tone
 from startrack.scene import Scene
 from startrack.trial.chain import run_random_trial
+from startrack.trial.spot_plan import plan_of
+from startrack.trial.spot_response import RATIOS, REACH
+from startrack.trial.stars import electrons_of
 
 from .designs import CASE, changed, with_detector
 
@@ -59,3 +64,24 @@ def test_drawn_spots_of_a_rolling_shutter_are_those_of_windows():
     assert across[0.0, Fidelity.SPOTS] > 3 * across[None, Fidelity.SPOTS]
     with pytest.raises(ValueError, match="covariance needs a detector without row_delay"):
         run_random_trial(case, 1, 0, Fidelity.COVARIANCE)
+
+
+def test_companions_are_the_stars_near_each_detectable_one():
+    """Beside all pairs of the catalogue, for the detectable stars that have the most of them."""
+    plan, stars = plan_of(CASE), open_sky(CASE.catalog).stars
+    companions, index = plan.companions, plan.field.number.astype(int)
+    flux = electrons_of(CASE)
+    radius = (REACH + 1) / CASE.instrument.camera.focal_length_px
+    count = np.diff(companions.start)
+    assert count.sum() > 100
+    for place in [*np.argsort(-count, kind="stable")[:50], *range(0, len(index), 997)]:
+        apart = np.linalg.norm(stars.direction - stars.direction[index[place]], axis=1)
+        near = (apart < radius) & (flux > flux[index[place]] * np.exp(RATIOS[0]))
+        near[index[place]] = False
+        of_plan = slice(companions.start[place], companions.start[place + 1])
+        np.testing.assert_allclose(
+            np.sort(companions.flux[of_plan]), np.sort(np.log(flux[near])), rtol=1e-12
+        )
+        np.testing.assert_allclose(
+            np.sort(companions.direction[of_plan, 0]), np.sort(stars.direction[near, 0])
+        )
