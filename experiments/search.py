@@ -39,9 +39,9 @@ from startrack.optimise import Foresight, Search, TrialRunner, least
 from startrack.optimise.evaluate import foresee_all
 from startrack.optimise.evaluate import missed as missed_of
 from startrack.optimise.explore import Explorer
-from startrack.optimise.forecast import budgets_of_units, forecasts
+from startrack.optimise.forecast import budgets_of_units, forecasts, geometric_mean
 from startrack.optimise.steps import explore
-from startrack.optimise.units import compare_units, fresh_units
+from startrack.optimise.units import fresh_units, level_interval_of_units
 from startrack.population import middle_of
 
 
@@ -273,16 +273,13 @@ def _level(end: End, campaign: Campaign, runner: TrialRunner, trials: int) -> fl
     objective = Objective.read(campaign.objective)
     if not weighted[0].units:
         levels = [
-            objective.of(objective.squares(runner.run(one.case, trials, campaign.fidelity)))
+            float(objective.of(objective.squares(runner.run(one.case, trials, campaign.fidelity))))
             for one in weighted
         ]
-        weights = [one.weight for one in weighted]
-        return float(np.exp(np.average(np.log(levels), weights=weights))) / ARCSEC
+        return geometric_mean(levels, [one.weight for one in weighted]) / ARCSEC
     campaign = replace(campaign, fresh_units=math.ceil(trials / campaign.trials_per_unit))
     rows = [fresh_units(one, campaign, runner) for one in weighted]
-    compared = compare_units(campaign, (weighted, rows), (weighted, rows), 1.0, runner)
-    assert compared
-    return compared.best.value / ARCSEC
+    return level_interval_of_units(objective, weighted, rows, campaign, runner).value / ARCSEC
 
 
 def _value(space: DesignSpace, campaign: Campaign, point: Floats) -> Foresight:

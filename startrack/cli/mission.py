@@ -541,14 +541,14 @@ def _radiation(plan: mission.Plan) -> list[dict[str, Any]]:
     if plan.loaded.mission.radiation.ageing != "orbit":
         return []
     ages = (design.case.instrument.detector.age for design in plan.loaded.designs)
-    shielded = {age.shielding: age for age in ages if age and age.shielding}
+    doses = {age.shielding: (age.ionising, age.protons) for age in ages if age and age.shielding}
     return [
         {
             "shielding_mm": 1e3 * shielding,
-            "krad_per_year": (age.ionising or 0.0) * YEAR / 10,  # of 10 gray
-            "protons_10_mev_per_cm2_year": age.protons * YEAR / 1e4,
+            "krad_per_year": dose * YEAR / 10,  # of 10 gray
+            "protons_10_mev_per_cm2_year": protons * YEAR / 1e4,
         }
-        for shielding, age in sorted(shielded.items())
+        for shielding, (dose, protons) in sorted(doses.items())
     ]
 
 
@@ -603,7 +603,7 @@ def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availabil
     lines += [
         f"behind {row['shielding_mm']:g} mm of aluminium: {row['krad_per_year']:.3g} krad a year, "
         f"and atoms displaced as by {row['protons_10_mev_per_cm2_year']:.2g} protons of 10 MeV a "
-        "square centimetre (AP-8, AE-8)"
+        "square centimetre"
         for row in _radiation(plan)
     ]
     lines += [f"left out: {reason}" for reason in _left_out(plan)]

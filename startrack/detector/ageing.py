@@ -326,10 +326,13 @@ class Age(Parameters):
         return fluence / SQUARE_CM / YEAR
 
     @property
-    def ionising(self) -> float | None:
-        """Gray / second of silicon in the orbit that is named, see `orbit_dose`; None without."""
+    def ionising(self) -> float:
+        """Gray / second of silicon in the orbit that is named, see `orbit_dose`.
+
+        Raises  Refused where none is.
+        """
         if self.inclination is None or self.shielding is None:
-            return None
+            raise Refused("age must have inclination and shielding, from which its dose follows")
         orbit = self.altitude, self.inclination, self.shielding, self.solar_events * YEAR
         return orbit_dose(*orbit) * RAD / YEAR
 

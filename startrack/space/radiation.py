@@ -9,10 +9,17 @@ import numpy as np
 import scipy
 
 from startrack.core import GOLDEN_ANGLE, Floats, Ints, optional_package, positive, within
-from startrack.space.electrons import BETHE, DENSITY, ELECTRON, Electrons
+from startrack.space.electrons import (
+    ALUMINIUM,
+    BETHE,
+    DENSITY,
+    ELECTRON,
+    SILICON,
+    Electrons,
+    Matter,
+)
 
 PROTON = 938.27209  # MeV, rest energy: CODATA 2018
-ALUMINIUM, SILICON = (13 / 26.9815, 166e-6), (14 / 28.0855, 173e-6)  # Z / A; MeV, mean excitation
 MEV_RAD = 1.602177e-8  # rad in a g of silicon
 EPOCH = 1964.0  # year of the magnetic field that AP-8 MIN and AE-8 were made with
 PLACES = 2000  # of an orbit and the Earth's longitudes
@@ -27,7 +34,7 @@ SILICON_DENSITY, PAIR = 2.33, 3.65  # g / cm3; eV, to make an electron in silico
 OPEN_L = 5.0  # Earth's radii, beyond which solar protons come: 63.4 degrees of latitude, King
 
 
-def stopping(energy: Floats, material: tuple[float, float] = ALUMINIUM) -> Floats:
+def stopping(energy: Floats, matter: Matter = ALUMINIUM) -> Floats:
     """Energy that protons lose in matter, MeV cm2 / g, by the formula of Bethe.
 
         S = K Z / A (ln(2 m c^2 b^2 g^2 / I) - b^2) / b^2
@@ -38,11 +45,10 @@ def stopping(energy: Floats, material: tuple[float, float] = ALUMINIUM) -> Float
     energy    (...) MeV
     Accuracy  model: 1 % from 4 to 400 MeV.
     """
-    charge, excitation = material
     gamma = 1 + energy / PROTON
     square = 1 - 1 / gamma**2
-    light = np.log(2 * ELECTRON * square * gamma**2 / excitation) - square
-    return np.asarray(BETHE * charge * light / square)
+    light = np.log(2 * ELECTRON * square * gamma**2 / matter.excitation) - square
+    return np.asarray(BETHE * (matter.z / matter.mass) * light / square)
 
 
 @lru_cache(maxsize=1)
