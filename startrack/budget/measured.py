@@ -11,17 +11,19 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import Mounting, solve
 from startrack.budget import budget
+from startrack.budget.analytic import has_hot_pixels
 from startrack.budget.budget import Line, Sample
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument
-from startrack.detection import Candidates, calibrated, centroid
+from startrack.detection import Candidates, Detection, calibrated, centroid
 from startrack.detector import electron_rate, frame_of, shot
 from startrack.identification import refit
 from startrack.metrics import indices
 from startrack.scene import illuminate
 from startrack.sequence import Sequence, fly_sequences
 from startrack.trial import (
+    DSNU,
     HITS,
     METHOD,
     READ,
@@ -48,6 +50,7 @@ from startrack.trial import (
 
 SAME = 0.7  # pixel, within which a spot is the same in two frames; chosen by hand, below the
 # distance of separate spots and above the noise of their centroids
+HOT_TOO = "DSNU, hot pixels"
 BLOCKS = 8  # of members, for each worker
 
 
@@ -115,7 +118,12 @@ class Content(Enum):
 
 def terms(case: Case) -> tuple[tuple[str, Term], ...]:
     """The lines of a measured budget."""
-    return (*budget.ALWAYS, *((cause.name, cause.term) for cause in budget.causes(case)))
+    return (*budget.ALWAYS, *((_name(case, cause), cause.term) for cause in budget.causes(case)))
+
+
+def _name(case: Case, cause: budget.Cause) -> str:
+    """A frame has the hot pixels and the others, which the analytic budget tells apart."""
+    return HOT_TOO if cause.name == DSNU and has_hot_pixels(case) else cause.name
 
 
 def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Floats, int]:
@@ -145,7 +153,7 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
         content, total = (
             (Content.REAL, error) if cause.name == HITS else (Content.NOISE_FREE, noise_free)
         )
-        parts[cause.name] = total - trial.error(cause.without(case), content)
+        parts[_name(case, cause)] = total - trial.error(cause.without(case), content)
     rows[0] = record.outcome.error_x, record.outcome.error_y, record.outcome.error_z
     for k, (name, _) in enumerate(terms(case)):
         rows[k + 1] = parts[name]
@@ -158,7 +166,7 @@ class _Trial:
     def __init__(self, case: Case, attitude: Rotation, streams: Streams, record: Record):
         self._case, self._attitude, self._streams = case, attitude, streams
         self._record, self._used = record, _used(case, record)
-        self._known = {(_imaging(case), Content.REAL): record.spots}
+        self._known = {(_imaging(case), case.tracker.detection, Content.REAL): record.spots}
 
     def error(self, case: Case, content: Content) -> Floats:
         """(3,) radian, of the attitude from a frame of the case, by the beliefs of the case."""
@@ -202,13 +210,15 @@ class _Trial:
 
     def _spots(self, case: Case, content: Content) -> Spots:
         """The same stars in a frame of another case."""
-        imaging = _imaging(case)
-        if (imaging, content) not in self._known:
+        key = imaging, detection, _ = _imaging(case), case.tracker.detection, content
+        if key not in self._known:
             case = replace(case, instrument=imaging)
-            single = content is Content.SINGLE
-            spots = self._single(case) if single else self._measured(self._frame(case, content))
-            self._known[imaging, content] = spots
-        return self._known[imaging, content]
+            self._known[key] = (
+                self._single(case)
+                if content is Content.SINGLE
+                else self._measured(self._frame(case, content), detection)
+            )
+        return self._known[key]
 
     def _frame(self, case: Case, content: Content) -> Frame:
         detector, size = case.instrument.detector, scale(case)
@@ -254,13 +264,13 @@ class _Trial:
         x[matches.spot[finite]], y[matches.spot[finite]] = (nearest + place)[finite].T
         return replace(old, x=x, y=y)
 
-    def _measured(self, frame: Frame) -> Spots:
+    def _measured(self, frame: Frame, detection: Detection) -> Spots:
         """All spots of the record, measured in another frame; lost ones stay as they are."""
         old = self._record.spots
         candidates = Candidates(
             np.rint(old.x).astype(np.int64), np.rint(old.y).astype(np.int64), old.area
         )
-        plan = detection_plan(self._case)
+        plan = detection_plan(self._case, detection)
         new = centroid(frame, calibrated(frame, plan), candidates, plan)
         if not len(new):
             return old

@@ -344,6 +344,15 @@ class Age(Parameters):
         return float(self.time or 0.0) / YEAR
 
     @property
+    def undamaged(self) -> Age:
+        """The same years without displaced atoms: what is lost of the light and in transfers."""
+        return Age(
+            time=self.years * YEAR if self.time is None else self.time,
+            sensitivity_loss=self.sensitivity_loss,
+            transfer_loss=self.transfer_loss,
+        )
+
+    @property
     def sensitivity(self) -> float:
         """1, of the light that is detected, over that at launch."""
         return math.exp(-self.sensitivity_loss * self.years * YEAR)

@@ -54,7 +54,16 @@ from startrack.trial.chain import (
 )
 from startrack.trial.covariance import outcomes
 from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, with_uniform_dark
-from startrack.trial.effects import EFFECTS, HITS, LENS_COLOUR, SHUTTER, Term, left_out, present
+from startrack.trial.effects import (
+    DSNU,
+    EFFECTS,
+    HITS,
+    LENS_COLOUR,
+    SHUTTER,
+    Term,
+    left_out,
+    present,
+)
 from startrack.trial.exposure import at_one_time, expected_electrons
 from startrack.trial.images import detected_spectrum, images_of, psf_of
 from startrack.trial.photograph import THRESHOLDS, Photograph, View, solve_photograph

@@ -20,6 +20,7 @@ from startrack.trial.zones import LENS_FIELD
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
 SHARED = 0.3  # of the noise of a pixel, what a row or a column has in common
 HITS = "hits"
+DSNU = "DSNU"
 SHUTTER = "rolling shutter"
 LENS_COLOUR = "lateral colour"
 
@@ -90,9 +91,20 @@ def _calm(case: Case) -> Case:
 
 
 def _flawless(case: Case) -> Case:
-    mean, _ = dark_currents(case.instrument.detector)
-    detection = replace(case.tracker.detection, dark_map=None)
-    return _believing(_with(case, defects=None, dark_current=mean), detection=detection)
+    """All pixels alike; what age took of the light and of the transfers stays."""
+    detector = case.instrument.detector
+    mean, _ = dark_currents(detector)
+    age = detector.age and detector.age.undamaged
+    detection = replace(case.tracker.detection, dark_map=None, dark_map_age=None)
+    even = _with(case, defects=None, dark_current=mean, age=age)
+    return _believing(even, detection=detection)
+
+
+def _differing_dark(case: Case) -> bool:
+    """Whether pixels have different dark signals, or a map of them is subtracted."""
+    detector = case.instrument.detector
+    damaged = detector.age and detector.age != detector.age.undamaged
+    return bool(detector.defects or damaged or case.tracker.detection.dark_map)
 
 
 def _linear(case: Case) -> Case:
@@ -248,9 +260,9 @@ EFFECTS = [
         "PRNU", Term.PIXEL, lambda case: _with(case, prnu=0.0),
     ),
     Effect(
-        "instrument.detector.defects, tracker.detection.dark_map",
-        lambda case: case.instrument.detector.defects or case.tracker.detection.dark_map,
-        "DSNU", Term.PIXEL, _flawless,
+        "instrument.detector.defects, age, tracker.detection.dark_map",
+        _differing_dark,
+        DSNU, Term.PIXEL, _flawless,
     ),
     Effect(
         "instrument.detector.settling, lag, nonlinearity, adc_inl",
