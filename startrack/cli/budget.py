@@ -98,7 +98,10 @@ def command(options: argparse.Namespace) -> int:
         raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
     if options.levers and not options.units:
         raise WrongUse("--levers needs --units")
-    sequence = terminal.read_sequence(options.profile) if options.profile else None
+    # First, as a profile may ask for what the design cannot do.
+    indices = None
+    if options.profile:
+        indices = _indices(case, terminal.read_sequence(options.profile), options)
     with terminal.stage("error budget"):
         expected = analytic(case)
     options.units = options.units or (UNITS if case.varying else None)
@@ -144,9 +147,9 @@ def command(options: argparse.Namespace) -> int:
         changes = list(levers(case))
         result["levers"], lines = gains_of(case, campaign or Campaign(), changes, options)
         text.append(lines)
-    if sequence:
-        result["indices"] = _indices(case, sequence, options)
-        text.append(_index_table(result["indices"], options))
+    if indices:
+        result["indices"] = indices
+        text.append(_index_table(indices, options))
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         picture = options.out / "budget.png"

@@ -40,7 +40,7 @@ declare = Options(
            "catalogs/missions/sun-synchronous.toml: three heads, a year); several write to "
            "folders of their names", Path, many="*"),
     Option("--set KEY=VALUE", "a value over that of the mission file, such as 'time.duration=30 "
-           "d'; may be given several times", default=[], append=True),
+           "d' or 'heads.0.age=5 yr'; may be given several times", default=[], append=True),
     shared.ALLOW_CODE,
     Option("--every N", "steps between two rows of the table of the timeline (default: so that it "
            f"has at most {ROWS} rows)", whole(1, 10**8)),

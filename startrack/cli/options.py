@@ -293,8 +293,8 @@ ALLOW_CODE = Option("--allow-code", "run the code, not part of startrack, that t
                     "(module:function); only for designs whose code you trust")  # fmt: skip
 SET = (
     Option("--set KEY=VALUE", "a value over that of the design file, such as "
-           "instrument.optics.f_number=2.0 or 'scene.background_g=21'; KEY= takes it out of the "
-           "file, so that its default holds; may be given several times",
+           "instrument.optics.f_number=2.0, 'scene.background_g=21' or variation.0.scale=0.5; KEY= "
+           "takes it out of the file, so that its default holds; may be given several times",
            default=[], append=True),
     ALLOW_CODE,
 )  # fmt: skip

@@ -273,6 +273,9 @@ class Layers:
             if isinstance(value, dict) and isinstance(below.get(key), dict):
                 self.lay(value, origin, inner)
                 continue
+            if origin == SET and isinstance(value, dict) and isinstance(below.get(key), list):
+                below[key] = self._with_entries(below[key], value, inner)
+                continue
             if key in joined and isinstance(value, list) and isinstance(below.get(key), list):
                 value = _joined(below[key], value, joined[key])
             for place_below in [place for place in self.origin if _within(place, inner)]:
@@ -282,6 +285,27 @@ class Layers:
                 self.lay(value, origin, inner)
             else:
                 self.origin[inner] = origin if isinstance(origin, str) else origin[inner]
+
+    def _with_entries(self, entries: list[Any], above: dict[str, Any], place: str) -> list[Any]:
+        """A list of tables with changes of some, by their numbers: {"0": {"scale": 0.5}}."""
+        changed = list(entries)
+        for number, change in above.items():
+            known = number.isdecimal() and int(number) < len(entries)
+            if (
+                not known
+                or not isinstance(entries[int(number)], dict)
+                or not isinstance(change, dict)
+            ):
+                raise Refused(
+                    f"{SET} {place}.{number} must be a key of an entry, {place}.0.KEY to "
+                    f"{place}.{len(entries) - 1}.KEY"
+                )
+            entry = Layers(dict(entries[int(number)]))
+            entry.lay(change, SET)
+            changed[int(number)] = entry.table
+            of_entry = f"{place}[{number}]"
+            self.origin |= {f"{of_entry}.{name}": at for name, at in entry.origin.items()}
+        return changed
 
     def drop(self, place: str) -> None:
         """Take out a value or a table."""
@@ -317,9 +341,10 @@ def read_layers(
     what     the file must be, for the errors: "a design file"
     joined   keys of the outermost table whose lists of tables are added to those of the files
              below; an entry replaces one below that is alike in some keys, given with defaults
-    changes  "key = value" each, over all files: "instrument.optics.f_number=2.0". A value that is
-             no TOML is a text: "instrument.optics.blur=3 um". Without a value, the key is taken out
-             of the files, so that its default holds: "instrument.detector.age=".
+    changes  "key = value" each, over all files: "instrument.optics.f_number=2.0", and of an entry
+             of a list of tables "variation.0.scale=0.5". A value that is no TOML is a text:
+             "instrument.optics.blur=3 um". Without a value, the key is taken out of the files, so
+             that its default holds: "instrument.detector.age=".
     Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
              itself by way of others, or a change is none.
     """

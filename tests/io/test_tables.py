@@ -202,6 +202,18 @@ def test_messages_name_the_file_of_a_value(written):
     assert layers.blamed("u is missing", path) == f"{path}: u is missing"
 
 
+def test_a_change_reaches_into_an_entry_of_a_list(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text("[[v]]\nx = 1\nt = {y = 2, z = 3}\n[[v]]\nx = 4\n")
+    layers = read_layers(path, "a file", ("v.0.t.y=5", "v.1.x=6", "v.1.w=7"))
+    assert layers.table == {"v": [{"x": 1, "t": {"y": 5, "z": 3}}, {"x": 6, "w": 7}]}
+    assert layers.blamed("v[1].x must be", path) == "--set: v[1].x must be"
+    assert layers.blamed("v[0].x must be", path) == f"{path}: v[0].x must be"
+    for change in ("v.2.x=1", "v.0=1", "v.x=1", "v.-1.x=1"):
+        with pytest.raises(ValueError, match=r"--set.*v\.0\.KEY to v\.1\.KEY|KEY=VALUE"):
+            read_layers(path, "a file", (change,))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
