@@ -22,7 +22,7 @@ from startrack.mission.heads import (
     state_of,
 )
 from startrack.mission.instants import Instants, SpacecraftMotion, motion_of
-from startrack.mission.parameters import Loaded, Mission
+from startrack.mission.parameters import Loaded
 from startrack.mission.surrogate import (
     Conditions,
     Ranges,
@@ -83,17 +83,19 @@ def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: No
     made = dict[int, Surrogate]()
     groups = groups_of(loaded, heads)
     for same in groups:
-        case = cases[same[0]]
+        case, head = cases[same[0]], heads[same[0]]
         light = [case.scene.sky_g, *(light[1] for k in same if (light := stray[k]))]
         span = min(rates[k][0] for k in same), max(rates[k][1] for k in same)
-        ranges = Ranges(span, min(light), *_states(mission, heads[same[0]]))
+        warm = head.temperature
+        warmer = warm.offset - warm.swing, warm.offset + warm.swing
+        age = None if head.age is None else (head.age, head.age + mission.time.duration)
         state = partial(
             state_of, loaded.designs[same[0]].case, mission.heads[same[0]], mission.check.seed
         )
         try:
-            surrogate = surrogate_of(case, ranges, state)
+            surrogate = surrogate_of(case, Ranges(span, min(light), warmer, age), state)
         except Refused as error:
-            raise Refused(f"head {heads[same[0]].name}: {error}") from None
+            raise Refused(f"head {head.name}: {error}") from None
         made |= dict.fromkeys(same, surrogate)
         advance(len(same))
     return Plan(
@@ -107,28 +109,11 @@ def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: No
 
 def groups_of(loaded: Loaded, heads: Sequence[Mounted]) -> list[list[int]]:
     """Numbers of the heads of the same design, unit, age and temperature, which share an error."""
-    groups = list[list[int]]()
+    groups = dict[Any, list[int]]()
     for h, (head, design) in enumerate(zip(heads, loaded.designs, strict=True)):
-        own = (head.age, head.temperature, loaded.mission.heads[h].unit)
-        for group in groups:
-            other, k = heads[group[0]], group[0]
-            if (other.age, other.temperature, loaded.mission.heads[k].unit) == own and (
-                loaded.designs[k].case == design.case
-            ):
-                group.append(h)
-                break
-        else:
-            groups.append([h])
-    return groups
-
-
-def _states(
-    mission: Mission, head: Mounted
-) -> tuple[tuple[float, float], tuple[float, float] | None]:
-    """Temperatures and ages of a head in the mission."""
-    temperature = head.temperature
-    age = None if head.age is None else (head.age, head.age + mission.time.duration)
-    return (temperature.offset - temperature.swing, temperature.offset + temperature.swing), age
+        own = design.case, head.age, head.temperature, loaded.mission.heads[h].unit
+        groups.setdefault(own, []).append(h)
+    return list(groups.values())
 
 
 def _ranges(motion: SpacecraftMotion, heads: tuple[Mounted, ...]) -> list[tuple[float, float]]:
@@ -228,36 +213,24 @@ def at(plan: Plan, instants: Instants, first: int = 0) -> Chunk:
     seen = tuple(look(head, instants, shadow, saa) for head in plan.heads)
     if not plan.surrogates:
         return Chunk(first, instants, shadow, seen)
-    errors = tuple(_error(plan, h, instants, view, shadow) for h, view in enumerate(seen))
-    variance = fused_variance(
-        [head.boresight for head in plan.heads],
-        [error[0] for error in errors],
-        [error[1] for error in errors],
-        [view.blind == 0 for view in seen],
-        mission.common.variance,
-    )
-    return Chunk(first, instants, shadow, seen, errors, variance)
+    errors = []
+    for h, head in enumerate(plan.heads):
+        conditions = conditions_of(plan, h, instants, seen[h], shadow)
+        square, square_about, solved = plan.surrogates[h](conditions)
+        errors.append((square + head.drift[0], square_about + head.drift[1], solved))
+    across, about, _ = zip(*errors, strict=True)
+    valid = [view.blind == 0 for view in seen]
+    boresights = [head.boresight for head in plan.heads]
+    variance = fused_variance(boresights, across, about, valid, mission.common.variance)
+    return Chunk(first, instants, shadow, seen, tuple(errors), variance)
 
 
-def _error(
-    plan: Plan, h: int, instants: Instants, seen: Seen, shadow: Shadow
-) -> tuple[Floats, Floats, Floats]:
-    head, stray = plan.heads[h], plan.stray[h]
-    across, about, solved = plan.surrogates[h](conditions_of(head, stray, instants, seen, shadow))
-    return across + head.drift[0], about + head.drift[1], solved
-
-
-def conditions_of(
-    head: Mounted, stray: StrayLight | None, instants: Instants, seen: Seen, shadow: Shadow
-) -> Conditions:
+def conditions_of(plan: Plan, h: int, instants: Instants, seen: Seen, shadow: Shadow) -> Conditions:
     """What the error of a head depends on, at some instants."""
-    return Conditions(
-        seen.line,
-        rate_across(head, instants.rate),
-        stray(seen, shadow) if stray else None,
-        head.warmer(instants.phase),
-        head.aged(instants.second),
-    )
+    head, stray = plan.heads[h], plan.stray[h]
+    background = stray(seen, shadow) if stray else None
+    warmer, age = head.warmer(instants.phase), head.aged(instants.second)
+    return Conditions(seen.line, rate_across(head, instants.rate), background, warmer, age)
 
 
 def fly(plan: Plan, advance: Advance = lambda _: None) -> Flown:
@@ -283,22 +256,12 @@ def fly_part(plan: Plan, first: int, count: int) -> Flown:
     require_memory(time.steps * (2 * heads + 16), f"a mission of {time.steps} steps")
     shape = (SEASONS, PHASES)
     flown = Flown(
-        time.step,
-        np.empty((heads, count), np.uint8),
-        np.empty(count, bool),
-        np.full((heads, 3), np.inf),
-        np.zeros((heads, len(PLANETS))),
-        np.zeros((heads, 2)),
-        np.zeros(shape),
-        np.zeros(shape),
-        np.zeros(shape),
-        np.zeros((3, *shape)),
+        time.step, np.empty((heads, count), np.uint8), np.empty(count, bool),
+        np.full((heads, 3), np.inf), np.zeros((heads, len(PLANETS))), np.zeros((heads, 2)),
+        np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros((3, *shape)),
         np.zeros((heads, 4)),
-        np.zeros(heads + 1),
-        [],
-        np.zeros((7, BETAS, PHASES)),
-        tuple([] for _ in range(heads)),
-    )
+        np.zeros(heads + 1), [], np.zeros((7, BETAS, PHASES)), tuple([] for _ in range(heads)),
+    )  # fmt: skip
     before = np.zeros(heads, np.uint8)
     if first:
         last = at(plan, plan.motion.at((first - 1) * time.step, time.step, 1))
@@ -310,10 +273,9 @@ def fly_part(plan: Plan, first: int, count: int) -> Flown:
         flown.eclipse[here] = chunk.shadow.sun
         for h, seen in enumerate(chunk.seen):
             flown.blind[h, here] = seen.blind
-            flown.closest[h] = np.minimum(flown.closest[h], _closest(seen, chunk.shadow))
+        _keep_extremes(plan, chunk, flown)
         _add_to_maps(chunk, flown, time.steps)
         _count_planets(plan, chunk, flown)
-        _keep_rates(plan, chunk, flown)
         if plan.surrogates:
             _add_errors(chunk, flown)
             _add_chances(chunk, flown, before)
@@ -410,12 +372,17 @@ def _add_chances(chunk: Chunk, flown: Flown, before: NDArray[np.uint8]) -> None:
         chances.extend(errors[2][ends].tolist())
 
 
-def _closest(seen: Seen, shadow: Shadow) -> tuple[float, float, float]:
-    return (
-        float(np.where(shadow.sun, np.inf, seen.sun).min()),
-        float(np.where(shadow.moon, np.inf, seen.moon).min()),
-        float(seen.limb.min()),
-    )
+def _keep_extremes(plan: Plan, chunk: Chunk, flown: Flown) -> None:
+    """Least angles to Sun, Moon and limb, and largest rates, of each head."""
+    shadow, rate = chunk.shadow, chunk.instants.rate
+    for h, (head, seen) in enumerate(zip(plan.heads, chunk.seen, strict=True)):
+        sun, moon = (
+            np.where(hidden, np.inf, body).min()
+            for hidden, body in ((shadow.sun, seen.sun), (shadow.moon, seen.moon))
+        )
+        flown.closest[h] = np.minimum(flown.closest[h], (sun, moon, seen.limb.min()))
+        largest = rate_across(head, rate).max(), np.abs(head.boresight @ rate).max()
+        flown.rate[h] = np.maximum(flown.rate[h], largest)
 
 
 def _count_planets(plan: Plan, chunk: Chunk, flown: Flown) -> None:
@@ -431,12 +398,3 @@ def _count_planets(plan: Plan, chunk: Chunk, flown: Flown) -> None:
             close = apparent.T @ seen.line[:, part] > np.cos(head.field)
             close &= seen.limb[part] > -head.field
             flown.planets[h] += flown.step * close.sum(axis=1)
-
-
-def _keep_rates(plan: Plan, chunk: Chunk, flown: Flown) -> None:
-    rate = chunk.instants.rate
-    for h, head in enumerate(plan.heads):
-        across = float(rate_across(head, rate).max())
-        flown.rate[h] = np.maximum(
-            flown.rate[h], (across, float(np.abs(head.boresight @ rate).max()))
-        )

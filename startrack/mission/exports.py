@@ -41,12 +41,10 @@ AT_REST = 400  # of the unit of the model, for its swing; chosen by hand: some s
 SWING_KNOWN = (2 * AT_REST) ** -0.5  # relative sigma of the rms of so many normal draws
 RANKS = {"middle": 0.5, "95": 0.95, "worst": 1.0, "designed": math.nan}
 CLASSES = {  # of the model, by those of ECSS-E-ST-60-20C
-    "noise": (Term.NOISE,),
-    "pixel": (Term.PIXEL,),
-    "field": (Term.FIELD,),
+    "noise": (Term.NOISE,), "pixel": (Term.PIXEL,), "field": (Term.FIELD,),
     "bias": (Term.BIAS, Term.ABERRATION, Term.MEASUREMENT_DATE),
     "swing": (Term.THERMO_ELASTIC,),
-}
+}  # fmt: skip
 CHANGING = ("noise", "pixel", "field")  # with the rate
 SOURCES = ("startrack_head.c", "startrack_head.h")
 CONVENTION = (
@@ -164,27 +162,14 @@ def head_model(
             "stray light: without instrument.baffle or tube, Sun, Moon and lit limb blind only "
             "where they are in the field"
         )
-    period, latency = timing_of(case)
     return HeadModel(
-        name,
-        period,
-        latency,
-        tuple(rates),
-        over_rates("noise"),
-        over_rates("pixel"),
-        over_rates("field"),
-        tuple(rms["available"][0] for rms in classes),
-        classes[0]["bias"],
-        classes[0]["swing"],
+        name, *timing_of(case), tuple(rates),
+        over_rates("noise"), over_rates("pixel"), over_rates("field"),
+        tuple(rms["available"][0] for rms in classes), classes[0]["bias"], classes[0]["swing"],
         PIXEL_LENGTH / camera.focal_length_px,
         2 * math.atan(min(detector.columns, detector.rows) / 2 / camera.focal_length_px),
-        limits.sun,
-        limits.moon,
-        limits.earth,
-        unit.name,
-        unit.begin,
-        tuple(left_out),
-    )
+        limits.sun, limits.moon, limits.earth, unit.name, unit.begin, tuple(left_out),
+    )  # fmt: skip
 
 
 Classes = dict[str, tuple[float, float]]  # radian rms, across and about; "available": 1, twice
@@ -287,14 +272,10 @@ def model_sources(model: HeadModel) -> dict[str, str]:
 def _data(model: HeadModel) -> str:
     count = len(model.rate)
     single = {
-        "PERIOD": model.period,
-        "LATENCY": model.latency,
-        "PIXEL": model.pixel_length,
-        "FIELD": model.field_length,
-        "SUN": model.sun,
-        "MOON": model.moon,
-        "LIMB": model.limb,
-    }
+        "PERIOD": model.period, "LATENCY": model.latency,
+        "PIXEL": model.pixel_length, "FIELD": model.field_length,
+        "SUN": model.sun, "MOON": model.moon, "LIMB": model.limb,
+    }  # fmt: skip
     lines = [
         "/* Numbers of one design for startrack_head.c; radian and second.",
         *(f"   {line}" for line in fill(said_of(model), 96).splitlines()),
@@ -309,7 +290,7 @@ def _data(model: HeadModel) -> str:
         f"static const double startrack_available[{count}] = {_row(model.available)};",
         "/* across the boresight, about it */",
     ]
-    for name in ("noise", "pixel", "field"):
+    for name in CHANGING:
         across, about = (_row(axis) for axis in getattr(model, name))
         lines.append(
             f"static const double startrack_{name}[2][{count}] = {{\n    {across},\n    {about}}};"
@@ -463,34 +444,23 @@ def _description(model: HeadModel, guid: str, files: Sequence[str]) -> str:
 """
 
 
-class OneProcess(NamedTuple):
-    """The error at one rate as a single first-order process, (across, about).
+def one_process(model: HeadModel, rate: float) -> list[tuple[float, float]]:
+    """Noise, pixel and field error together as one first-order process, across and about.
 
-    sigma  radian rms;  keep  1, correlation from frame to frame
-    """
-
-    sigma: tuple[float, float]
-    keep: tuple[float, float]
-
-
-def one_process(model: HeadModel, rate: float) -> OneProcess:
-    """Noise, pixel and field error together: their variance and correlation of two frames.
-
+    Returns   radian rms, and the correlation from frame to frame
     Accuracy  model: beyond one frame the correlation falls faster than that of the sum, which has
               a slow part; bias and thermo-elastic swing are left out.
     """
-    sigma, keep = [], []
+    process = []
     for k in (0, 1):
         noise, pixel, field = (
-            float(np.interp(rate, model.rate, getattr(model, name)[k])) ** 2
-            for name in ("noise", "pixel", "field")
+            float(np.interp(rate, model.rate, getattr(model, name)[k])) ** 2 for name in CHANGING
         )
         slow = pixel * math.exp(-model.period * rate / model.pixel_length)
         slow += field * math.exp(-model.period * rate / model.field_length)
         total = noise + pixel + field
-        sigma.append(math.sqrt(total))
-        keep.append(slow / total if total else 0.0)
-    return OneProcess((sigma[0], sigma[1]), (keep[0], keep[1]))
+        process.append((math.sqrt(total), slow / total if total else 0.0))
+    return process
 
 
 def write_basilisk(path: Path, model: HeadModel, rate: float) -> None:
@@ -501,17 +471,14 @@ def write_basilisk(path: Path, model: HeadModel, rate: float) -> None:
 
     rate  radian / second across the boresight, at which the error is taken
     """
-    process = one_process(model, rate)
-    keep = [process.keep[0], process.keep[0], process.keep[1]]
-    step = [
-        sigma * math.sqrt(1 - k * k)
-        for sigma, k in zip((*process.sigma[:1] * 2, process.sigma[1]), keep, strict=True)
-    ]
-    bound = [10 * sigma for sigma in (process.sigma[0], process.sigma[0], process.sigma[1])]
+    across, about = one_process(model, rate)
+    axes = (across, across, about)
     save_text(path, _BASILISK.format(
-        name=model.name, rate=rate, period=model.period, latency=model.latency, keep=keep,
-        step=step, bound=bound, sun=model.sun, moon=model.moon, limb=model.limb,
-        bias=model.bias, swing=model.swing, said=fill(said_of(model), 99),
+        name=model.name, rate=rate, period=model.period, latency=model.latency,
+        keep=[keep for _, keep in axes], bound=[10 * sigma for sigma, _ in axes],
+        step=[sigma * math.sqrt(1 - keep * keep) for sigma, keep in axes],
+        sun=model.sun, moon=model.moon, limb=model.limb, bias=model.bias, swing=model.swing,
+        said=fill(said_of(model), 99),
         available=float(np.interp(rate, model.rate, model.available)),
     ))  # fmt: skip
 
@@ -563,8 +530,7 @@ def write_42(path: Path, model: HeadModel, field: tuple[float, float], rate: flo
     field  radian, along columns and rows
     rate   radian / second across the boresight
     """
-    sigma = one_process(model, rate).sigma
-    across, about = (f"{error / arcsec:.6g}" for error in sigma)
+    across, about = (f"{sigma / arcsec:.6g}" for sigma, _ in one_process(model, rate))
     sun, limb, moon = (f"{limit / deg:.6g}" for limit in (model.sun, model.limb, model.moon))
     rows = (
         (f"{model.period:.6g}", "sample time, s"),

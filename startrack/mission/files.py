@@ -75,16 +75,12 @@ def read_oem(path: Path) -> Ephemeris:
 
     Raises  ValueError, one sentence, where the file is none, or has another centre or other axes.
     """
-    meta, rows = _read(path, "CCSDS_OEM_VERS", "OEM", {"CENTER_NAME": ("EARTH",)})
+    meta, rows = _read(path, "CCSDS_OEM_VERS", "OEM")
+    _one_of(path, meta, "CENTER_NAME", ("EARTH",))
     _one_of(path, meta, "REF_FRAME", INERTIAL)
-    numbers = _numbers(path, rows, 6)
-    return Ephemeris(
-        tuple(row[0] for row in rows),
-        _scale(path, meta),
-        1e3 * numbers[:, :3],
-        1e3 * numbers[:, 3:6],
-        _degree(path, meta, 7),
-    )
+    numbers = 1e3 * _numbers(path, rows, 6)
+    dates, scale, degree = tuple(row[0] for row in rows), _scale(path, meta), _degree(path, meta, 7)
+    return Ephemeris(dates, scale, numbers[:, :3], numbers[:, 3:6], degree)
 
 
 def read_aem(path: Path) -> Attitudes:
@@ -95,7 +91,7 @@ def read_aem(path: Path) -> Attitudes:
     Raises  ValueError, one sentence, where the file is none, or holds anything but quaternions
             between an inertial frame and the body.
     """
-    meta, rows = _read(path, "CCSDS_AEM_VERS", "AEM", {})
+    meta, rows = _read(path, "CCSDS_AEM_VERS", "AEM")
     if meta.get("ATTITUDE_TYPE", "").upper() != "QUATERNION":
         raise ValueError(
             f"{path} must have ATTITUDE_TYPE = QUATERNION, got {shown(meta.get('ATTITUDE_TYPE'))}"
@@ -120,9 +116,7 @@ def read_aem(path: Path) -> Attitudes:
     )
 
 
-def _read(
-    path: Path, first: str, kind: str, needed: dict[str, tuple[str, ...]]
-) -> tuple[dict[str, str], list[list[str]]]:
+def _read(path: Path, first: str, kind: str) -> tuple[dict[str, str], list[list[str]]]:
     """Keywords and rows of numbers; all segments must have the same frames and time scale."""
     try:
         text = read_bytes(path, f"a CCSDS {kind}", LARGEST).decode("ascii", "replace")
@@ -147,8 +141,6 @@ def _read(
             meta[key] = value
         elif line[0].isdigit():
             rows.append(line.split())
-    for key, values in needed.items():
-        _one_of(path, meta, key, values)
     if not rows:
         raise ValueError(f"{path} must hold rows of data, got none")
     return meta, rows

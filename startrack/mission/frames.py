@@ -16,22 +16,12 @@ from startrack.trial import run_trial
 
 AXES = "xyz"
 # A row for each head at each instant; errors and turns in radian about the camera's axes.
-FRAMES: np.dtype[np.void] = np.dtype(
-    [
-        ("second", float),
-        ("head", np.int64),
-        ("blind", np.int64),
-        ("solved", bool),
-        ("false", bool),
-        *((f"error_{axis}", float) for axis in AXES),
-        *((f"turn_{axis}", float) for axis in AXES),
-        ("expected_across", float),
-        ("expected_about", float),
-        ("expected_solved", float),
-        ("kelvin", float),
-        ("orbit", float),
-    ]
-)
+FRAMES: np.dtype[np.void] = np.dtype([
+    ("second", float), ("head", np.int64), ("blind", np.int64), ("solved", bool), ("false", bool),
+    *((f"{name}_{axis}", float) for name in ("error", "turn") for axis in AXES),
+    *((f"expected_{name}", float) for name in ("across", "about", "solved")),
+    ("kelvin", float), ("orbit", float),
+])  # fmt: skip
 
 
 def frames_of(

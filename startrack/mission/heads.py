@@ -44,8 +44,8 @@ def faces_of(structure: Sequence[Obstacle], instants: Instants) -> list[Floats]:
         if obstacle.hinge is None:
             faces += [rectangle[..., None] for rectangle in corners]
             continue
-        turn, origin = _turn(obstacle, instants), np.array(obstacle.centre)
         axis = np.array(obstacle.hinge) / np.linalg.norm(obstacle.hinge)
+        turn, origin = _turn(obstacle, axis, instants), np.array(obstacle.centre)
         faces += [
             np.stack(
                 [origin[:, None] + _turned(axis, corner - origin, turn) for corner in rectangle]
@@ -75,10 +75,8 @@ def _rectangles(obstacle: Obstacle) -> list[Floats]:
     return rectangles
 
 
-def _turn(obstacle: Obstacle, instants: Instants) -> Floats:
+def _turn(obstacle: Obstacle, axis: Floats, instants: Instants) -> Floats:
     """(n,) radian about the hinge that bring the thinnest side's normal nearest to the Sun."""
-    assert obstacle.hinge is not None
-    axis = np.array(obstacle.hinge) / np.linalg.norm(obstacle.hinge)
     normal = np.zeros(3)
     normal[int(np.argmin(obstacle.size))] = 1.0
     normal -= axis * (axis @ normal)
@@ -144,7 +142,7 @@ class Blind(IntFlag):
     STRUCTURE = 32  # of the spacecraft, in the field or in sunlight near it
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Limits:
     """Angles from the boresight of a head below which it is blind, radian.
 
@@ -217,31 +215,13 @@ def mount(head: Head, case: Case) -> Mounted:
         limits = limits_of(head, case)
     except Refused as error:
         raise Refused(f"head {head.name}: {error}") from None
-    age = head.age if ages(case, head) else None
-    temperature = head.temperature if warms(case) else HeadTemperature()
+    drifts = head.unit is not None and any(law.per is Scope.LIFE for law in case.varying)
+    age = head.age if drifts or case.instrument.detector.age is not None else None
+    warms = any(found_at(case, part) is not None for part in TEMPERATURES)
     return Mounted(
-        head.name,
-        head.mounting.as_matrix(),
-        limits,
-        _drift(head.alignment),
-        half,
-        np.array(head.position),
-        age,
-        temperature,
-    )
-
-
-def ages(case: Case, head: Head) -> bool:
-    """Whether the design of a head has a law of age: of its detector, or of the unit's numbers."""
-    drifts = head.unit is not None and any(
-        variation.per is Scope.LIFE for variation in case.varying
-    )
-    return case.instrument.detector.age is not None or drifts
-
-
-def warms(case: Case) -> bool:
-    """Whether the design has a law of temperature: of its detector, its lens, or over its field."""
-    return any(found_at(case, name) is not None for name in TEMPERATURES)
+        head.name, head.mounting.as_matrix(), limits, _drift(head.alignment), half,
+        np.array(head.position), age, head.temperature if warms else DESIGN_TEMPERATURE,
+    )  # fmt: skip
 
 
 def state_of(case: Case, head: Head, seed: int, age: float | None, warmer: float) -> Case:
@@ -267,8 +247,7 @@ def state_of(case: Case, head: Head, seed: int, age: float | None, warmer: float
 @lru_cache(maxsize=8)
 def _of_baffle(case: Case, altitude: float) -> dict[str, float]:
     """The exclusion angles of a design with a baffle, radian."""
-    exclusion_of = exclusions(case, ANGLES, altitude)
-    return {name: exclusion.least() for name, exclusion in exclusion_of.items()}
+    return {name: body.least() for name, body in exclusions(case, ANGLES, altitude).items()}
 
 
 def _drift(mounting: Mounting) -> tuple[float, float]:

@@ -138,10 +138,8 @@ def _file(attitude: Attitude, begin: str) -> Law:
     course = Slerp(second, Rotation.from_quat(file.quaternion))
 
     def law(place: Place) -> Floats:
-        if (
-            place.second[0] < second[0] - space.BEYOND
-            or place.second[-1] > second[-1] + space.BEYOND
-        ):
+        early, late = second[0] - place.second[0], place.second[-1] - second[-1]
+        if max(early, late) > space.BEYOND:
             raise Refused(
                 f"attitude.aem must hold the mission's time, to {place.second[-1]:g} s after its "
                 f"begin, got {second[0]:g} to {second[-1]:g} s"
@@ -158,12 +156,7 @@ def _scanned(scan: Scan, second: Floats, body: Floats) -> Floats:
     turn = scan.amplitude * np.sin(math.tau / scan.period * second) + scan.rate * second
     sine, cosine = np.sin(-turn), np.cos(turn)
     along = np.einsum("i,ijn->jn", axis, body)
-    across = np.stack([
-        axis[1] * body[2] - axis[2] * body[1],
-        axis[2] * body[0] - axis[0] * body[2],
-        axis[0] * body[1] - axis[1] * body[0],
-    ])  # fmt: skip
-    return cosine * body + sine * across + (1 - cosine) * axis[:, None, None] * along
+    return cosine * body + sine * cross(axis, body) + (1 - cosine) * axis[:, None, None] * along
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,23 +217,14 @@ class SpacecraftMotion:
         parallax = [place.sun_place - place.place, place.moon_place - place.place]
         aberration = (place.earth_speed + place.speed) / LIGHT_SPEED
         sun, moon = (unit(unit(line) + aberration) for line in parallax)
-        pole = place.axes[:, 2]
         z = place.fixed[2] / np.sqrt(dot(place.fixed, place.fixed))
         flat = 1 - space.FLATTENING
+        latitude = np.arctan2(z, flat**2 * np.sqrt(np.maximum(1 - z * z, 0)))
+        east = np.arctan2(place.fixed[1], place.fixed[0]) - place.greenwich
         return Instants(
-            place.second,
-            place.place,
-            place.speed,
-            pole,
-            sun,
-            moon,
-            body,
-            rate,
-            np.arctan2(z, flat**2 * np.sqrt(np.maximum(1 - z * z, 0))),
-            _turn(np.arctan2(place.fixed[1], place.fixed[0]) - place.greenwich),
-            _phase(place),
-            aberration,
-        )
+            place.second, place.place, place.speed, place.axes[:, 2], sun, moon, body, rate,
+            latitude, (east + math.pi) % math.tau - math.pi, _phase(place), aberration,
+        )  # fmt: skip
 
     def _place(self, first: float, step: float, count: int) -> Place:
         second = first + step * np.arange(count, dtype=float)
@@ -260,16 +244,9 @@ class SpacecraftMotion:
             fixed = state[:3]
             place, speed = times(axes, fixed), times(axes, state[3:])
         return Place(
-            second,
-            place,
-            speed,
-            fixed,
-            axes,
-            bodies.greenwich,
-            bodies.sun,
-            bodies.moon,
+            second, place, speed, fixed, axes, bodies.greenwich, bodies.sun, bodies.moon,
             bodies.earth_velocity,
-        )
+        )  # fmt: skip
 
 
 def motion_of(mission: Mission) -> SpacecraftMotion:
@@ -320,13 +297,9 @@ def _tabulated(file: Ephemeris, begin: str) -> space.Tabulated:
 
 
 def spread(
-    exact: Callable[[Floats], Floats],
-    first: float,
-    step: float,
-    count: int,
-    knot: float,
+    exact: Callable[[Floats], Floats], first: float, step: float, count: int, knot: float,
     points: int,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """A function at equal steps, from its values at wider ones, by Lagrange's polynomials.
 
     exact    (n,) second -> (k, n)
@@ -364,15 +337,9 @@ def _rate(now: Floats, later: Floats, step: float) -> Floats:
 
 def _phase(place: Place) -> Floats:
     """(n,) radian in [0, 2 pi) from the ascending node, in the equator of date."""
-    x, y, z = times(place.axes.transpose(1, 0, 2), place.speed)
-    fx, fy, fz = place.fixed
-    hx, hy, hz = fy * z - fz * y, fz * x - fx * z, fx * y - fy * x
+    speed = times(place.axes.transpose(1, 0, 2), place.speed)
+    hx, hy, hz = cross(place.fixed, speed)
     size = np.sqrt(hx * hx + hy * hy + hz * hz)
     # The node is at pole x h = (-hy, hx, 0).
-    along = fy * hx - fx * hy
-    return np.arctan2(fz * size, along) % math.tau
-
-
-def _turn(angle: Floats) -> Floats:
-    """The angle in [-pi, pi)."""
-    return (angle + math.pi) % math.tau - math.pi
+    along = place.fixed[1] * hx - place.fixed[0] * hy
+    return np.arctan2(place.fixed[2] * size, along) % math.tau

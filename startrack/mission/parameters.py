@@ -2,8 +2,9 @@
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -215,12 +216,8 @@ class TimeSpan(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         year = float(core.utc(self.begin).jyear)
-        within(space.FIRST_YEAR, space.LAST_YEAR, **{"year of begin": year})
-        within(
-            space.FIRST_YEAR,
-            space.LAST_YEAR,
-            **{"year of the end": year + self.duration / JULIAN_YEAR},
-        )
+        years = {"year of begin": year, "year of the end": year + self.duration / JULIAN_YEAR}
+        within(space.FIRST_YEAR, space.LAST_YEAR, **years)
         core.whole(1, MOST_STEPS, **{"number of steps (duration / step)": self.steps})
 
     @property
@@ -253,8 +250,8 @@ class Radiation(Parameters):
             pair = getattr(self, name)
             if len(pair) != 2 or not pair[0] < pair[1]:
                 raise Refused(f"{name} must be two rising angles, got {pair}")
-            core.finite(**{name: pair[0]})
-            core.finite(**{name: pair[1]})
+            for angle in pair:
+                core.finite(**{name: angle})
 
 
 @dataclass(frozen=True)
@@ -414,7 +411,11 @@ def load_mission(path: Path, changes: Sequence[str] = ()) -> Loaded:
     path = Path(path)
     layers = read_layers(path, "a mission file", changes)
     try:
-        mission = _resolved(from_table(Mission, layers.table), path.parent)
+        mission = with_files(
+            from_table(Mission, layers.table),
+            lambda name: str(path.parent / name),
+            lambda name: _found(name, path.parent),
+        )
     except ValueError as error:
         raise Refused(layers.blamed(str(error), path)) from None
     designs = (load_design(Path(head.design)) for head in mission.heads)
@@ -447,16 +448,21 @@ def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
 
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     folder = Path(path).parent
-    orbit, law = mission.orbit, mission.attitude
-    named = replace(
-        mission,
-        orbit=replace(orbit, oem=_from(folder, orbit.oem)) if orbit.oem else orbit,
-        attitude=replace(law, aem=_from(folder, law.aem)) if law.aem else law,
-        heads=tuple(
-            replace(head_, design=_shipped_as(head_.design, folder)) for head_ in mission.heads
-        ),
-    )
+    named = with_files(mission, partial(_from, folder), partial(_shipped_as, folder))
     save_text(path, head + tomli_w.dumps(to_table(named)))
+
+
+def with_files(
+    mission: Mission, file: Callable[[str], str], design: Callable[[str], str]
+) -> Mission:
+    """The mission with other names of the files of its orbit and attitude, and of its designs."""
+    orbit, law = mission.orbit, mission.attitude
+    return replace(
+        mission,
+        orbit=replace(orbit, oem=file(orbit.oem)) if orbit.oem else orbit,
+        attitude=replace(law, aem=file(law.aem)) if law.aem else law,
+        heads=tuple(replace(head, design=design(head.design)) for head in mission.heads),
+    )
 
 
 def _from(folder: Path, file: str) -> str:
@@ -467,7 +473,7 @@ def _from(folder: Path, file: str) -> str:
         return os.path.realpath(file)
 
 
-def _shipped_as(file: str, folder: Path) -> str:
+def _shipped_as(folder: Path, file: str) -> str:
     """The name of a shipped file, where no file of the folder has it; else its path from there."""
     root, full = shipped("missions").resolve().parent, Path(os.path.realpath(file))
     if full.is_relative_to(root) and not (folder / full.relative_to(root)).exists():
@@ -475,18 +481,8 @@ def _shipped_as(file: str, folder: Path) -> str:
     return _from(folder, file)
 
 
-def _resolved(mission: Mission, folder: Path) -> Mission:
-    """The mission with all paths from its own folder, or of shipped files."""
-    orbit, law = mission.orbit, mission.attitude
-    return replace(
-        mission,
-        orbit=replace(orbit, oem=str(folder / orbit.oem)) if orbit.oem else orbit,
-        attitude=replace(law, aem=str(folder / law.aem)) if law.aem else law,
-        heads=tuple(replace(head, design=_found(head.design, folder)) for head in mission.heads),
-    )
-
-
 def _found(name: str, folder: Path) -> str:
+    """The path of a design from a folder, or of a shipped one."""
     if not (folder / name).exists():
         try:
             return str(shipped(name))

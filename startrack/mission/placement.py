@@ -16,6 +16,7 @@ from startrack.mission.fusion import fused_variance
 from startrack.mission.heads import (
     MOON_RADIUS,
     SUN_RADIUS,
+    Limits,
     Mounted,
     Shadow,
     in_anomaly,
@@ -24,14 +25,7 @@ from startrack.mission.heads import (
     shadow_of,
 )
 from startrack.mission.instants import Instants
-from startrack.mission.parameters import (
-    Head,
-    KeepClear,
-    Loaded,
-    Mission,
-    MissionRequirements,
-    mounted,
-)
+from startrack.mission.parameters import Head, Loaded, Mission, MissionRequirements, mounted
 from startrack.optimise import Search, least
 from startrack.space import GM
 
@@ -136,43 +130,6 @@ def blind_at(samples: Samples, head: Mounted, boresight: Floats) -> Flags:
     axes = np.column_stack([np.zeros((3, 2)), boresight])
     moved = replace(head, axes=axes)
     return np.asarray(look(moved, samples.instants, samples.shadow, samples.saa).blind > 0)
-
-
-def quality_of(
-    samples: Samples,
-    boresights: Sequence[Floats],
-    blind: Sequence[Flags],
-    variances: Sequence[tuple[float, float]],
-    keep_out: Sequence[KeepClear] = (),
-    common: Floats | None = None,
-) -> Quality:
-    """What some boresights are worth.
-
-    boresights  (3,) in body axes, of each head
-    blind       (n,) of each, see `blind_at`
-    variances   radian^2 of each head, across and about, the same at all times
-    common      (3,) radian^2 that all heads share
-    """
-    valid = [~hidden for hidden in blind]
-    many = np.sum(valid, axis=0)
-    size = len(many)
-    variance = fused_variance(
-        boresights,
-        [np.full(size, variance[0]) for variance in variances],
-        [np.full(size, variance[1]) for variance in variances],
-        valid,
-        np.zeros(3) if common is None else common,
-    )
-    covered = many > 0
-    error = math.sqrt(float(variance[:, covered].mean(axis=1).max())) if covered.any() else math.inf
-    inside_cones = sum(cone.depth(line) for cone in keep_out for line in boresights)
-    return Quality(
-        _longest(many == 0, samples.windows) * samples.step,
-        float(covered.mean()),
-        float((many > 1).mean()),
-        error,
-        inside_cones,
-    )
 
 
 def _longest(holds: Flags, windows: int) -> int:
@@ -450,10 +407,17 @@ class _Around:
 
     def worth(self, lines: Sequence[Floats], blind: Sequence[Flags]) -> Quality:
         """What heads along some directions are worth, blind at some samples."""
-        mission = self.plan.loaded.mission
-        return quality_of(
-            self.samples, lines, blind, self._variances, mission.keep_out, mission.common.variance
-        )
+        mission, samples = self.plan.loaded.mission, self.samples
+        valid = [~hidden for hidden in blind]
+        many = np.sum(valid, axis=0)
+        across, about = np.repeat(np.transpose(self._variances)[..., None], len(many), axis=2)
+        variance = fused_variance(lines, across, about, valid, mission.common.variance)
+        covered = many > 0
+        square = variance[:, covered].mean(axis=1).max() if covered.any() else math.inf
+        inside_cones = sum(cone.depth(line) for cone in mission.keep_out for line in lines)
+        longest = _longest(many == 0, samples.windows) * samples.step
+        fractions = float(covered.mean()), float((many > 1).mean())
+        return Quality(longest, *fractions, math.sqrt(float(square)), inside_cones)
 
     def quality(self, coordinates: Floats, sun: float) -> Quality:
         """The same at coordinates, with an exclusion angle of the Sun (radian)."""
@@ -524,8 +488,7 @@ def _behind(head: Head, case: Case, angle: float) -> tuple[Head, Case]:
     given = replace(head.exclusion, sun=angle)
     if case.instrument.tube is None:
         return replace(head, exclusion=given), case
-    length, angles = _tubes(case, given.altitude)
-    sun, moon, earth = angles
+    length, (sun, moon, earth) = _tubes(case, given.altitude)
     if not sun[-1] <= angle <= sun[0]:
         raise Refused(
             f"angle of a baffle with instrument.tube must lie in [{sun[-1] / deg:.3g}, "
@@ -534,8 +497,8 @@ def _behind(head: Head, case: Case, angle: float) -> tuple[Head, Case]:
         )
     metre = float(np.exp(np.interp(-angle, -sun, np.log(length))))
     of_tube = {
-        name: float(np.interp(metre, length, values))
-        for name, values in (("moon", moon), ("earth", earth))
+        "moon": float(np.interp(metre, length, moon)),
+        "earth": float(np.interp(metre, length, earth)),
     }
     exclusion = replace(given, **(of_tube | given.angles))
     return replace(head, exclusion=exclusion), replaced_all(case, {TUBE_LENGTH: metre})
@@ -613,35 +576,23 @@ def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats
              (n,) second, the longest such time within an orbit; (n,) score of all heads together
              with the others where they are, the less the better
     """
-    samples, lines = sample(plan), sphere(step)
+    samples, lines, needs = sample(plan), sphere(step), plan.loaded.mission.requirements
+    around = _Around(plan, samples, [head_.boresight for head_ in plan.heads])
     blind = [blind_at(samples, plan.heads[head], line) for line in lines]
-    longest = [_longest(hidden_, samples.windows) * samples.step for hidden_ in blind]
-    own = [head_.boresight for head_ in plan.heads]
-    hidden = [blind_at(samples, *pair) for pair in zip(plan.heads, own, strict=True)]
-    mission = plan.loaded.mission
-    variances = [_mean_variances(plan, h) for h in range(len(plan.heads))]
-    score = [
-        quality_of(
-            samples, _with(own, head, line), _with(hidden, head, mask), variances,
-            mission.keep_out, mission.common.variance,
-        ).score(mission.requirements, samples.step)
+    longest = [_longest(mask, samples.windows) * samples.step for mask in blind]
+    own, hidden = around.lines, around.blind(around.lines)
+    qualities = (
+        around.worth(_with(own, head, line), _with(hidden, head, mask))
         for line, mask in zip(lines, blind, strict=True)
-    ]  # fmt: skip
+    )
+    score = [quality.score(needs, samples.step) for quality in qualities]
     return lines, np.array([mask.mean() for mask in blind]), np.array(longest), np.array(score)
 
 
-def _masks(
-    samples: Samples, heads: Sequence[Mounted], grid: Floats
-) -> list[Flags]:  # fmt: skip
+def _masks(samples: Samples, heads: Sequence[Mounted], grid: Floats) -> list[Flags]:
     """(directions, n) whether each head is blind there; once for heads with the same limits."""
-    masks = dict[tuple[float, ...], Flags]()
-    keys = [
-        (
-            *(getattr(head_.limits, field.name) for field in fields(head_.limits)),
-            *head_.position.tolist(),
-        )
-        for head_ in heads
-    ]
+    masks = dict[tuple[Limits, bytes], Flags]()
+    keys = [(head_.limits, head_.position.tobytes()) for head_ in heads]
     for key, head in zip(keys, heads, strict=True):
         if key not in masks:
             masks[key] = np.array([blind_at(samples, head, line) for line in grid])

@@ -57,8 +57,7 @@ def scene_at(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
     """One head at one of the instants of a chunk."""
     head, seen, instants = plan.heads[h], chunk.seen[h], chunk.instants
     mission, design = plan.loaded.mission, plan.loaded.designs[h]
-    stray = plan.stray[h]
-    now = conditions_of(head, stray, instants, seen, chunk.shadow)
+    now = conditions_of(plan, h, instants, seen, chunk.shadow)
     age = None if now.age is None else float(now.age[k])
     warmer = head.temperature.offset if now.warmer is None else float(now.warmer[k])
     case = state_of(design.case, mission.heads[h], mission.check.seed, age, warmer)
@@ -167,14 +166,9 @@ def _checked(
     ratio = np.array(ratios)
     kept = {name: value[used] for name, value in values.items()}
     left = judged_by_the_other_half(ratio, kept)
-    return fitted(ratio, kept), Checked(
-        tuple(group),
-        count,
-        len(used),
-        float(np.sum(chances)),
-        *(root_of_mean(ratio[:, k]) for k in (0, 1)),
-        *(root_of_mean(left[:, k]) for k in (0, 1)),
-    )
+    over_expected = [root_of_mean(squares[:, k]) for squares in (ratio, left) for k in (0, 1)]
+    chance = float(np.sum(chances))
+    return fitted(ratio, kept), Checked(tuple(group), count, len(used), chance, *over_expected)
 
 
 def judged_by_the_other_half(ratio: Floats, values: dict[str, Floats]) -> Floats:
@@ -201,7 +195,7 @@ def _places(
     parts = list[dict[str, Floats]]()
     for h in group:
         seen = chunk.seen[h]
-        now = conditions_of(plan.heads[h], plan.stray[h], chunk.instants, seen, chunk.shadow)
+        now = conditions_of(plan, h, chunk.instants, seen, chunk.shadow)
         valid = np.flatnonzero(seen.blind == 0)
         where.append(np.stack([np.full(len(valid), h), valid], axis=1))
         parts.append({

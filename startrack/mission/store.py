@@ -3,7 +3,8 @@
 import hashlib
 import io
 import json
-from dataclasses import asdict, fields, replace
+from contextlib import closing
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from startrack.core import Advance, file_digest, inputs_of, software
 from startrack.io import Database, FileKind, to_table
 from startrack.mission.engine import Flown, Plan, fly_part, merged, parts_of
 from startrack.mission.files import clock_of
-from startrack.mission.parameters import Loaded
+from startrack.mission.parameters import Loaded, with_files
 from startrack.mission.rendered import Checked, checked
 from startrack.mission.surrogate import Correction
 
@@ -28,18 +29,11 @@ def key_of(loaded: Loaded) -> bytes:
     That is the mission, the designs of its heads, the content of all files that these name, and the
     version of startrack.
     """
-    mission = loaded.mission
-    orbit, law = mission.orbit, mission.attitude
-    bare = replace(
-        mission,
-        orbit=replace(orbit, oem=orbit.oem and "oem"),
-        attitude=replace(law, aem=law.aem and "aem"),
-        heads=tuple(replace(head, design="design") for head in mission.heads),
-    )
-    parts = [bare, *(design.case for design in loaded.designs)]
-    complete = (mission, *parts[1:])
-    content: list[Any] = [software(), *map(to_table, parts)]
-    content += [list(inputs_of(part).values()) for part in complete]
+    mission, cases = loaded.mission, [design.case for design in loaded.designs]
+    law = mission.attitude
+    bare = with_files(mission, lambda _: "file", lambda _: "design")
+    content: list[Any] = [software(), *map(to_table, (bare, *cases))]
+    content += [list(inputs_of(part).values()) for part in (mission, *cases)]
     if law.aem and (clock := clock_of(Path(law.aem))).is_file():
         content.append(file_digest(clock))
     text = json.dumps(content, sort_keys=True, default=str).encode()
@@ -61,8 +55,7 @@ def flown_from(
     Raises   ValueError where the file is no store of missions, or damaged; OSError where another
              process has it.
     """
-    database = Database(path, STORE)
-    try:
+    with closing(Database(path, STORE)) as database:
         key = key_of(plan.loaded)
         with database.transaction() as execute:
             execute("DELETE FROM rows WHERE key != ?", (key,))
@@ -76,8 +69,6 @@ def flown_from(
                 parts.append(fly_part(plan, first, count))
                 database.keep(key, first, _written(parts[-1]))
             advance(count)
-    finally:
-        database.close()
     return plan, checks, merged(parts)
 
 
@@ -86,14 +77,13 @@ def _checked(
 ) -> tuple[Plan, tuple[Checked, ...]]:
     if stored is None:
         plan, checks = checked(plan, advance)
+        corrections = (plan.surrogates[check.heads[0]].correction for check in checks)
         kept = [
-            {
-                "check": asdict(check),
-                "correction": _plain(plan.surrogates[check.heads[0]].correction),
-            }
-            for check in checks
+            {"check": asdict(check), "correction": vars(correction)}
+            for check, correction in zip(checks, corrections, strict=True)
         ]
-        database.keep(key, CHECKS, json.dumps(kept).encode())
+        text = json.dumps(kept, default=np.ndarray.tolist)
+        database.keep(key, CHECKS, text.encode())
         return plan, checks
     surrogates, checks_ = list(plan.surrogates), []
     for entry in json.loads(stored):
@@ -101,7 +91,7 @@ def _checked(
             k: tuple(v) if isinstance(v, list) else v for k, v in entry["check"].items()
         }
         checks_.append(Checked(**check))
-        names, *numbers = (entry["correction"][field.name] for field in fields(Correction))
+        names, *numbers = entry["correction"].values()
         correction = Correction(tuple(names), *map(np.array, numbers))
         for h in checks_[-1].heads:
             surrogates[h] = replace(surrogates[h], correction=correction)
@@ -109,15 +99,9 @@ def _checked(
     return replace(plan, surrogates=tuple(surrogates)), tuple(checks_)
 
 
-def _plain(correction: Correction | None) -> dict[str, Any]:
-    assert correction is not None
-    values = {field.name: getattr(correction, field.name) for field in fields(correction)}
-    return {k: v.tolist() if isinstance(v, np.ndarray) else list(v) for k, v in values.items()}
-
-
 def _written(flown: Flown) -> bytes:
     """All arrays of a part; lists as arrays, the chances of the heads one after the other."""
-    values = {field.name: getattr(flown, field.name) for field in fields(flown)}
+    values = dict(vars(flown))
     values["worst"] = np.array(flown.worst, float).reshape(-1, 2)
     values["chances"] = np.concatenate([np.zeros(0), *flown.chances])
     values["ends"] = np.cumsum([len(chances) for chances in flown.chances])

@@ -171,11 +171,8 @@ def over_beta(flown: Flown) -> list[OfBeta]:
     worst = np.max(squares, axis=0) / np.maximum(one_head, 1)
     return [
         OfBeta(
-            float(edge[k]),
-            float(edge[k + 1]),
-            float(steps[k] / steps.sum()),
-            float(one_head[k] / steps[k]),
-            float(two[k] / steps[k]),
+            *(float(edge[k]), float(edge[k + 1]), float(steps[k] / steps.sum())),
+            *(float(one_head[k] / steps[k]), float(two[k] / steps[k])),
             math.sqrt(worst[k]) if one_head[k] else math.nan,
         )
         for k in np.flatnonzero(steps)

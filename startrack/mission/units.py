@@ -18,11 +18,8 @@ from startrack.trial import Term
 
 THERMAL_STEP = 60.0  # second, the longest of the temperatures
 SPIN_UP = 20  # orbits, or days, before the begin
-ECCENTRICITY, PERIHELION, YEAR = (
-    0.01671,
-    3.0,
-    365.256,
-)  # of the Earth's orbit; day of the year, days
+# Of the Earth's orbit; day of the year, days.
+ECCENTRICITY, PERIHELION, YEAR = 0.01671, 3.0, 365.256
 SHARED = (Term.BIAS, Term.THERMO_ELASTIC)  # terms that are not drawn anew with time
 LEAST_SQUARE = 1e-18  # radian^2, of a bias: 0.0002 arcsec
 FIELDS = 64  # of the budget of each unit

@@ -82,13 +82,9 @@ def endings(
 
 
 def _ending(
-    case: Case,
-    outcome: np.void,
-    right: bool,
-    around: Mapping[str, float],
-    limits: Limits,
+    case: Case, outcome: np.void, right: bool, around: Mapping[str, float], limits: Limits,
     keep_out: KeepOut | None,
-) -> tuple[Ending, str]:
+) -> tuple[Ending, str]:  # fmt: skip
     if outcome["solved"]:
         size = math.hypot(outcome["error_x"], outcome["error_y"]) / arcsec
         about = abs(float(outcome["error_z"])) / arcsec
@@ -97,10 +93,8 @@ def _ending(
             return Ending.FALSE, off
         if right:
             return Ending.CORRECT, f"{outcome['stars']} stars"
-        stated = limits == STATED_ALONE
-        return Ending.INACCURATE, f"{off}, more than is " + (
-            f"stated ({STATED:g} sigma)" if stated else "required"
-        )
+        asked = f"stated ({STATED:g} sigma)" if limits == STATED_ALONE else "required"
+        return Ending.INACCURATE, f"{off}, more than is {asked}"
     if body := _blinding(case, around, keep_out):
         return Ending.BLINDED, f"{body} at {around[body] / deg:.1f} deg"
     spots, needed = int(outcome["spots"]), case.tracker.identification.min_matches

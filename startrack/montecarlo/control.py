@@ -61,12 +61,9 @@ def control(
     pixel = _inside(stars.direction, icrs_to_camera, camera, max(side, peak_border(settings)))[0]
     x, y = np.rint(pixel).astype(np.int64).T
     frame = Frame(
-        mean.astype(np.float32),
-        detector.exposure,
-        detector.electrons_per_dn,
-        float(detector.offset),
-        detector.noise,
-    )
+        mean.astype(np.float32), detector.exposure, detector.electrons_per_dn,
+        float(detector.offset), detector.noise,
+    )  # fmt: skip
     if not len(pixel):
         return None
     answer = _apart(

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,16 +11,10 @@ import numpy as np
 from startrack.core import Advance, Refused, Rows, printed
 from startrack.io import Database
 from startrack.io import whole as whole_file
+from startrack.montecarlo import store as stores
 from startrack.montecarlo.run import touching_runs
 from startrack.montecarlo.sampling import BLOCK
-from startrack.montecarlo.store import (
-    STORE,
-    Store,
-    checksum,
-    difference,
-    write_about,
-    write_failure,
-)
+from startrack.montecarlo.store import STORE, Store
 
 WITHOUT_TRIALS = "campaign"  # the row of `about` that changes no trial
 
@@ -59,30 +54,19 @@ def merge_stores(parts: list[Path], path: Path, progress: Advance | None = None)
         _must_belong(read[0], read[-1])
         if progress:
             progress(1)
-    with whole_file(path) as draft:
-        base = Database(draft, STORE)
-        try:
-            merged = _write(base, read)
-        finally:
-            base.close()
-    return merged
+    with whole_file(path) as draft, closing(Database(draft, STORE)) as base:
+        return _write(base, read)
 
 
 def _part(path: Path) -> _Part:
     """What a store holds, except its outcomes."""
     with Store(path) as store:  # which checks the file
         done = store.done()
-    base = Database(path, STORE, create=False)
-    try:
-        return _Part(
-            path,
-            dict(base.read("SELECT name, value FROM about")),
-            base.read("SELECT began, origin FROM sessions"),
-            base.read("SELECT first, trials, seed, report FROM failures"),
-            done,
-        )
-    finally:
-        base.close()
+    with closing(Database(path, STORE, create=False)) as base:
+        about = dict(base.read("SELECT name, value FROM about"))
+        sessions = base.read("SELECT began, origin FROM sessions")
+        failures = base.read("SELECT first, trials, seed, report FROM failures")
+        return _Part(path, about, sessions, failures, done)
 
 
 def _must_belong(first: _Part, other: _Part) -> None:
@@ -90,7 +74,7 @@ def _must_belong(first: _Part, other: _Part) -> None:
         stored, asked = other.about.get(name), first.about.get(name)
         if stored != asked and name != WITHOUT_TRIALS:
             if name in ("case", "code", "inputs") and stored and asked:
-                where = difference(json.loads(stored), json.loads(asked), name)
+                where = stores.difference(json.loads(stored), json.loads(asked), name)
             else:
                 where = f"{name} is {stored!r}, not {asked!r}"
             raise Refused(f"{other.path} is not of the campaign of {first.path}: {where}")
@@ -105,7 +89,7 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
     trials, repeated = 0, list[tuple[int, int]]()
     done = list[range]()
     with base.transaction() as execute:
-        write_about(execute, about)
+        stores.write_about(execute, about)
         for session in sorted({session for part in parts for session in part.sessions}):
             execute("INSERT INTO sessions VALUES (?, ?)", session)
         for table in _blocks(parts, repeated):
@@ -113,11 +97,11 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
             done.append(range(first, first + len(table)))
             trials += len(table)
             execute("INSERT INTO blocks VALUES (?, ?, ?)", (first, len(table), data))
-            execute("INSERT INTO checksums VALUES (?, ?)", (first, checksum(data)))
+            execute("INSERT INTO checksums VALUES (?, ?)", (first, stores.checksum(data)))
         for failure in sorted({tuple(failure) for part in parts for failure in part.failures}):
             # Where several parts failed at the same trial, the first report in their order stays.
             if not any(numbers.start <= failure[0] < numbers.stop for numbers in done):
-                write_failure(execute, failure)
+                stores.write_failure(execute, failure)
     return Merged(trials, tuple(touching_runs(repeated)))
 
 

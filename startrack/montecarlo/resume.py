@@ -10,9 +10,10 @@ import math
 import re
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -116,16 +117,10 @@ RAISED = re.compile(r"[A-Za-z_][\w.]*(Error|Exception|Executor|Warning|Pool)\b")
 
 
 def resume(
-    store: Store,
-    executor: Executor,
-    workers: int,
-    trials: int,
-    precision: Precision | None = None,
-    seconds: float | None = None,
-    progress: core.Advance | None = None,
-    block: int | None = None,
-    first: int = 0,
-) -> Rows:
+    store: Store, executor: Executor, workers: int, trials: int,
+    precision: Precision | None = None, seconds: float | None = None,
+    progress: core.Advance | None = None, block: int | None = None, first: int = 0,
+) -> Rows:  # fmt: skip
     """The outcomes of the first trials of a store, after doing those that it lacks.
 
     trials     how many; with `precision` at most
@@ -148,7 +143,8 @@ def resume(
     size = min(FIRST_TEST, trials) if precision else trials
     while True:
         size_of_block = min(block, -(-size // (workers * BLOCKS_PER_WORKER)))
-        plan = _until(missing(store.done(), first + size, size_of_block, first), end)
+        lacking = missing(store.done(), first + size, size_of_block, first)
+        plan = takewhile(lambda _: end is None or time.monotonic() < end, lacking)
         _fill(store, plan, executor, workers, progress)
         outcomes = store.outcomes(first + size)
         outcomes = outcomes[np.searchsorted(outcomes["trial"], first) :]
@@ -173,13 +169,10 @@ def last_words(report: str) -> str:
 
 
 def _fill(
-    store: Store,
-    plan: Iterable[range],
-    executor: Executor,
-    workers: int,
+    store: Store, plan: Iterable[range], executor: Executor, workers: int,
     progress: core.Advance | None,
-) -> None:
-    done = blocks(store.case, store.seed, plan, executor, workers, sampling=store.sampling)
+) -> None:  # fmt: skip
+    done = blocks(store.case, store.seed, plan, executor, workers, make=store.sampling.trials)
     for numbers, result in done:
         if isinstance(result, Exception):
             store.keep_failure(numbers, "".join(traceback.format_exception(result)))
@@ -209,13 +202,6 @@ def missing(done: list[range], trials: int, block: int, first: int = 0) -> list[
     return missing
 
 
-def _until(plan: Iterable[range], end: float | None) -> Iterator[range]:
-    for numbers in plan:
-        if end is not None and time.monotonic() >= end:
-            return
-        yield numbers
-
-
 class Watch:
     """Counts trials as they end, shows the statistic with its interval, and keeps a log.
 
@@ -225,13 +211,9 @@ class Watch:
     """
 
     def __init__(
-        self,
-        store: Store,
-        precision: Precision,
-        most: int,
-        show: Callable[[int, str], None],
+        self, store: Store, precision: Precision, most: int, show: Callable[[int, str], None],
         log: Path | None = None,
-    ):
+    ):  # fmt: skip
         """Begin to watch.
 
         precision  of which statistic; remaining_s is the time to reach it
@@ -271,17 +253,12 @@ class Watch:
         needed = done * (width / self._precision.relative) ** 2
         left = max(min(needed, self._most) - done, 0.0)
         values = {
-            "seconds": seconds,
-            "trials": done,
-            "trials_per_s": rate,
-            "statistic": self._precision.statistic,
-            "value": interval.value / unit,
-            "low": interval.low / unit,
-            "high": interval.high / unit,
-            "confidence": self._precision.confidence,
-            "relative_half_width": width,
+            "seconds": seconds, "trials": done, "trials_per_s": rate,
+            "statistic": self._precision.statistic, "value": interval.value / unit,
+            "low": interval.low / unit, "high": interval.high / unit,
+            "confidence": self._precision.confidence, "relative_half_width": width,
             "remaining_s": left / rate if rate else math.inf,
-        }
+        }  # fmt: skip
         return {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
             for name, value in values.items()
@@ -302,10 +279,9 @@ class Watch:
 
 
 def _sentence(values: dict[str, Any]) -> str:
-    texts = {name: "?" if value is None else value for name, value in values.items()}
-    numbers = [
-        f"{texts[name]:.3f}" if texts[name] != "?" else "?" for name in ("value", "low", "high")
-    ]
+    value, low, high = (
+        "?" if values[name] is None else f"{values[name]:.3f}" for name in ("value", "low", "high")
+    )
     unit = "" if values["statistic"] == "availability" else " arcsec"
-    rate = f"{texts['trials_per_s']:.0f}/s, " if texts["trials_per_s"] != "?" else ""
-    return f"{rate}{texts['statistic']} {numbers[0]} [{numbers[1]}, {numbers[2]}]{unit}"
+    rate = "" if values["trials_per_s"] is None else f"{values['trials_per_s']:.0f}/s, "
+    return f"{rate}{values['statistic']} {value} [{low}, {high}]{unit}"

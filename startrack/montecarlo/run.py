@@ -1,21 +1,19 @@
 """Many trials of one case over workers: the same numbers for any number of them."""
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from startrack.core import Advance, Refused, Rows, whole
 from startrack.design import Case, Fidelity
 from startrack.montecarlo.sampling import Sampling
-from startrack.montecarlo.workers import Serial, one_thread, pool
+from startrack.montecarlo.workers import Serial
 from startrack.population import Units
 from startrack.trial import OUTCOMES
-
-__all__ = ["OUTCOMES", "Block", "Serial", "blocks", "one_thread", "pool", "run", "warm"]
 
 BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one; chosen by hand
 UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the main process
@@ -35,24 +33,11 @@ class Block(NamedTuple):
     result: Any
 
 
-class Trials(Protocol):
-    """Makes something of trials, as a `Sampling` makes their outcomes."""
-
-    def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> Any:
-        """What is made of some trials of a case."""
-
-
 def run(
-    case: Case,
-    trials: int,
-    seed: int,
-    executor: Executor,
-    first: int = 0,
-    workers: int = 1,
-    progress: Advance | None = None,
-    fidelity: Fidelity = Fidelity.FRAME,
+    case: Case, trials: int, seed: int, executor: Executor, first: int = 0, workers: int = 1,
+    progress: Advance | None = None, fidelity: Fidelity = Fidelity.FRAME,
     units: Units | None = None,
-) -> Rows:
+) -> Rows:  # fmt: skip
     """The outcomes of trials first ... first + trials - 1.
 
     progress  called with the number of trials that just ended
@@ -68,9 +53,8 @@ def run(
     end = first + trials
     plan = [range(at, min(at + size, end)) for at in range(first, end, size)]
     outcomes = np.empty(trials, OUTCOMES)
-    for numbers, result in blocks(
-        case, seed, plan, executor, workers, 1, Sampling(fidelity, units=units)
-    ):
+    trials_of = Sampling(fidelity, units=units).trials
+    for numbers, result in blocks(case, seed, plan, executor, workers, 1, trials_of):
         if isinstance(result, Exception):
             raise result
         outcomes[numbers.start - first : numbers.stop - first] = result[list(OUTCOMES.names or ())]
@@ -97,14 +81,9 @@ def warm(case: Case, sampling: Sampling = FRAMES) -> None:
 
 
 def blocks(
-    case: Case,
-    seed: int,
-    plan: Iterable[range],
-    executor: Executor,
-    workers: int = 1,
-    tries: int = TRIES,
-    sampling: Trials = FRAMES,
-) -> Iterator[Block]:
+    case: Case, seed: int, plan: Iterable[range], executor: Executor, workers: int = 1,
+    tries: int = TRIES, make: Callable[[Case, int, range], Any] = FRAMES.trials,
+) -> Iterator[Block]:  # fmt: skip
     """Blocks of trials as they end, in no order.
 
     A block whose worker died is repeated alone, because any block then running may have ended it;
@@ -112,6 +91,7 @@ def blocks(
     in each of its `tries`.
 
     plan  ranges of numbers of trials, submitted one by one as workers become free
+    make  makes something of the trials of a range of a case, such as their outcomes
     """
     waiting = iter(plan)
     failed = dict[range, int]()  # how often each has failed
@@ -120,7 +100,7 @@ def blocks(
     futures = dict[Future[Any], range]()
 
     def submit(numbers: range) -> None:
-        futures[executor.submit(sampling.trials, case, seed, numbers)] = numbers
+        futures[executor.submit(make, case, seed, numbers)] = numbers
 
     try:
         while True:
@@ -148,17 +128,14 @@ def blocks(
                 broken = isinstance(error, BrokenExecutor)
                 failed[numbers] = failed.get(numbers, 0) + (alone or not broken)
                 if failed[numbers] >= (TRIES if broken else tries):
-                    yield Block(numbers, _exception(error))
+                    # As an Exception, so that the main process goes on.
+                    stopped = isinstance(error, Exception)
+                    yield Block(numbers, error if stopped else RuntimeError(repr(error)))
                 else:
                     (suspects if broken else again).append(numbers)
     finally:
         for future in futures:
             future.cancel()
-
-
-def _exception(error: BaseException) -> Exception:
-    """An error of a worker as an Exception, so that the main process goes on."""
-    return error if isinstance(error, Exception) else RuntimeError(repr(error))
 
 
 def touching_runs(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:

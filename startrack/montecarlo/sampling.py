@@ -124,15 +124,12 @@ class Sampling(Parameters):
 
         Raises  as `startrack.run_trials` and `control`
         """
+        attitudes = self.attitudes_of(seed, numbers)
         if self.units:
-            attitudes = None if self.attitudes == "random" else self.attitudes_of(seed, numbers)
             return unit_trials(case, seed, numbers, self.units, self.fidelity, attitudes)
         if not self.control:
-            attitudes = None if self.attitudes == "random" else self.attitudes_of(seed, numbers)
             return run_trials(case, seed, numbers, self.fidelity, attitudes)
-        outcomes, controls = sample_controlled(
-            case, seed, numbers, self.attitudes_of(seed, numbers)
-        )
+        outcomes, controls = sample_controlled(case, seed, numbers, attitudes)
         table = np.empty(len(numbers), self.dtype)
         table[list(OUTCOMES.names or ())] = outcomes
         table["surplus_across"], table["surplus_about"] = surplus(controls), surplus(controls, True)

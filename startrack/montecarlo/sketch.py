@@ -9,25 +9,26 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import special
 
 from startrack import metrics
-from startrack.core import Advance, Floats, Ints, Rows, inputs_of, printed
+from startrack.core import Advance, Floats, Ints, Rows, inputs_of, printed, software
 from startrack.design import Case
 from startrack.io import read_bytes, save_text, to_table
 from startrack.montecarlo.resume import last_words, missing
 from startrack.montecarlo.run import blocks, touching_runs
 from startrack.montecarlo.sampling import Sampling
-from startrack.montecarlo.store import difference, origin
+from startrack.montecarlo.store import difference
 
 FORMAT = "startrack sketch 2"
 EARLIER = "startrack sketch 1"  # without a checksum
@@ -183,26 +184,18 @@ def edge(index: int) -> float:
 def about_of(case: Case, seed: int, sampling: Sampling, limits: metrics.Limits) -> dict[str, Any]:
     """What sketches of one campaign have in common, as JSON has it."""
     about = {
-        "case": to_table(case),
-        "inputs": inputs_of(case),
-        "seed": seed,
-        "sampling": str(sampling),
-        "limits": limits._asdict(),
-        "startrack": origin()["startrack"],
-    }
+        "case": to_table(case), "inputs": inputs_of(case), "seed": seed, "sampling": str(sampling),
+        "limits": limits._asdict(), "startrack": software(),
+    }  # fmt: skip
     return dict(json.loads(json.dumps(about)))
 
 
-class Sketching(NamedTuple):
-    """Makes sketches in workers, in place of the outcomes of a Sampling."""
-
-    sampling: Sampling
-    limits: metrics.Limits
-    about: dict[str, Any]
-
-    def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> Sketch:
-        """The sketch of some trials first, first + 1, ..., as `Sampling.trials` runs them."""
-        return sketched(self.sampling.trials(case, seed, numbers), self.limits, self.about)
+def _sketch_of(
+    sampling: Sampling, limits: metrics.Limits, about: dict[str, Any],
+    case: Case, seed: int, numbers: range,
+) -> Sketch:  # fmt: skip
+    """The sketch of some trials first, first + 1, ..., made in a worker."""
+    return sketched(sampling.trials(case, seed, numbers), limits, about)
 
 
 def sketched(outcomes: Rows, limits: metrics.Limits, about: dict[str, Any]) -> Sketch:
@@ -218,13 +211,9 @@ def sketched(outcomes: Rows, limits: metrics.Limits, about: dict[str, Any]) -> S
         "about^2": z * z, "about^4": (z * z) * (z * z), "nees": judged["nees"],
     }  # fmt: skip
     counts = (
-        *(len(outcomes), len(solved), outcomes["false"].sum(), len(judged)),
-        *(
-            metrics.correct(outcomes, limits).sum(),
-            np.any(far, axis=0).sum(),
-            judged["stars"].sum(),
-        ),
-    )
+        len(outcomes), len(solved), outcomes["false"].sum(), len(judged),
+        metrics.correct(outcomes, limits).sum(), np.any(far, axis=0).sum(), judged["stars"].sum(),
+    )  # fmt: skip
     made = Sketch(about, [(first, first + len(outcomes))])
     made.counts = {name: int(count) for name, count in zip(COUNTS, counts, strict=True)}
     made.sums = {name: exact_sum(values[name]) for name in SUMS}
@@ -304,9 +293,8 @@ def load_sketch(path: Path) -> Sketch:
         made.sums = {name: int(table["sums"][name], 16) for name in SUMS}
         made.worst = float.fromhex(table["worst"][0]), int(table["worst"][1])
         for name in BINNED:
-            made.bins[name] = Bins(
-                *(np.array(numbers, np.int64) for numbers in table["bins"][name])
-            )
+            index, count = (np.array(numbers, np.int64) for numbers in table["bins"][name])
+            made.bins[name] = Bins(index, count)
         _check(made)
     except DAMAGED as error:
         raise ValueError(f"{path} must be a sketch of trials, but is none: {error}") from None
@@ -363,8 +351,8 @@ def resume_sketch(
     done = [range(*ends) for ends in sketch.ranges]
     plan = missing(done, numbers.stop, block, numbers.start)
     saved = time.monotonic()
-    making = Sketching(sampling, limits, sketch.about)
-    for which, result in blocks(case, seed, plan, executor, workers, sampling=making):
+    make = partial(_sketch_of, sampling, limits, sketch.about)
+    for which, result in blocks(case, seed, plan, executor, workers, make=make):
         if isinstance(result, Exception):
             save_sketch(path, sketch)
             words = last_words(f"{type(result).__name__}: {result}")

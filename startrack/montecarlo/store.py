@@ -47,14 +47,11 @@ PACKAGES = ("numpy", "scipy", "numba", "astropy", "opencv-contrib-python-headles
 def origin() -> dict[str, str]:
     """Versions and machine, as text."""
     return {
-        "startrack": software(),
-        "python": platform.python_version(),
+        "startrack": software(), "python": platform.python_version(),
         **{package: version(package) for package in PACKAGES},
-        "system": platform.platform(),
-        "machine": platform.machine(),
-        "processor": platform.processor(),
-        "cores": str(os.cpu_count()),
-    }
+        "system": platform.platform(), "machine": platform.machine(),
+        "processor": platform.processor(), "cores": str(os.cpu_count()),
+    }  # fmt: skip
 
 
 STORE = FileKind(
@@ -129,10 +126,9 @@ class Store:
                 about.get("control", "no") == "yes",
                 Units(**json.loads(about["units"])) if "units" in about else None,
             )
-            self._table = json.loads(about["case"])
             self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
             self.startrack = about["startrack"]
-            self._case = from_table(Case, self._table)
+            self.case: Case = from_table(Case, json.loads(about["case"]))
             held_code = json.loads(about.get("code", "[]"))
             self.code = tuple(Code(*map(str, text)) for text in held_code)
             # Stores without them are from before each block had to have a checksum.
@@ -143,7 +139,7 @@ class Store:
             if self.dtype.hasobject or self.dtype.itemsize > LARGEST_TRIAL:
                 raise ValueError("its trials are none")
             digest = self._sums().get(ABOUT)
-            if digest is not None and digest != _checksum_of(about):
+            if digest is not None and digest != _checksum_of(sorted(about.items())):
                 raise ValueError("what it says of its trials is not as it was written")
         if case is not None:
             self._must_match(case, self.seed if seed is None else seed, sampling)
@@ -172,14 +168,13 @@ class Store:
             raise ValueError(f"{self.path} holds trials of seed {self.seed}, not of seed {seed}")
         if sampling != self.sampling:
             raise ValueError(f"{self.path} holds trials of {self.sampling}, not of {sampling}")
-        if (version := origin()["startrack"]) != self.startrack or self.dtype != sampling.dtype:
+        if software() != self.startrack or self.dtype != sampling.dtype:
             raise ValueError(
                 f"{self.path} holds trials of startrack {self.startrack}, which this startrack "
-                f"{version} must not mix with others; begin another store"
+                f"{software()} must not mix with others; begin another store"
             )
         stored, asked = (json.loads(json.dumps(to_table(design))) for design in (self.case, case))
-        other = difference(stored, asked)
-        if other:
+        if other := difference(stored, asked):
             raise ValueError(f"{self.path} holds trials of another design: {other}")
         self.require_inputs()
 
@@ -213,11 +208,6 @@ class Store:
     def _about(self) -> dict[str, str]:
         return dict(self._database.read("SELECT name, value FROM about"))
 
-    @property
-    def case(self) -> Case:
-        """The case of the trials."""
-        return self._case
-
     def keep(self, first: int, outcomes: Rows) -> None:
         """Commit a block of trials first, first + 1, ...; it may have failed before."""
         data = outcomes.tobytes()
@@ -249,7 +239,7 @@ class Store:
         sums = self._sums() if rows and self._checksums else {}
         with self._damage():
             for row in rows if self._checksums else ():
-                if sums.get(FAILED - int(row[0])) != _checksum_of_failure(row):
+                if sums.get(FAILED - int(row[0])) != _checksum_of(row):
                     raise ValueError(f"a failure at trial {row[0]!r:.40} is not as it was written")
             return [
                 (range(int(first), int(first) + int(trials)), str(report))
@@ -269,11 +259,8 @@ class Store:
                 outcome of its trials. The message says how many of the others are whole.
         """
         end = 2**63 - 1 if trials is None else trials
-        blocks = [
-            np.frombuffer(data, self.dtype)
-            for numbers, data in self._blocks()
-            if numbers.start < end
-        ]
+        some = (data for numbers, data in self._blocks() if numbers.start < end)
+        blocks = [np.frombuffer(data, self.dtype) for data in some]
         table = np.concatenate([np.empty(0, self.dtype), *blocks])
         return table[: np.searchsorted(table["trial"], end)]
 
@@ -365,17 +352,15 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
     """The first rows of a store."""
     whole(0, 2**63 - 1, seed=seed)
     about = {
-        "case": json.dumps(to_table(case), sort_keys=True),
-        **({"code": json.dumps(code)} if (code := _code_of(case)) else {}),
-        "inputs": json.dumps(inputs_of(case)),
-        "seed": str(seed),
-        "fidelity": sampling.fidelity.value,
-        "attitudes": sampling.attitudes,
+        "case": json.dumps(to_table(case), sort_keys=True), "inputs": json.dumps(inputs_of(case)),
+        "seed": str(seed), "fidelity": sampling.fidelity.value, "attitudes": sampling.attitudes,
         "control": "yes" if sampling.control else "no",
-        **({"units": json.dumps(asdict(sampling.units))} if sampling.units else {}),
-        "fields": json.dumps(sampling.dtype.descr),
-        "startrack": origin()["startrack"],
-    }
+        "fields": json.dumps(sampling.dtype.descr), "startrack": software(),
+    }  # fmt: skip
+    if code := [origin_of(key, name) for key, _, name in code_in(case)]:
+        about["code"] = json.dumps(code)
+    if sampling.units:
+        about["units"] = json.dumps(asdict(sampling.units))
     write_about(execute, about)
 
 
@@ -383,11 +368,14 @@ def write_about(execute: Execute, about: Mapping[str, str]) -> None:
     """Write what a store says of its trials, with a checksum of all of it."""
     for row in about.items():
         execute("INSERT OR REPLACE INTO about VALUES (?, ?)", row)
-    execute("INSERT OR REPLACE INTO checksums VALUES (?, ?)", (ABOUT, _checksum_of(about)))
+    execute(
+        "INSERT OR REPLACE INTO checksums VALUES (?, ?)",
+        (ABOUT, _checksum_of(sorted(about.items()))),
+    )
 
 
-def _checksum_of(about: Mapping[str, str]) -> bytes:
-    return checksum(json.dumps(sorted(about.items())).encode())
+def _checksum_of(value: Sequence[Any]) -> bytes:
+    return checksum(json.dumps(value).encode())
 
 
 def write_failure(execute: Execute, row: Sequence[Any]) -> None:
@@ -396,19 +384,8 @@ def write_failure(execute: Execute, row: Sequence[Any]) -> None:
     row  first trial, trials, seed and report
     """
     execute("INSERT OR IGNORE INTO failures VALUES (?, ?, ?, ?)", row)
-    execute(
-        "INSERT OR IGNORE INTO checksums VALUES (?, ?)",
-        (FAILED - row[0], _checksum_of_failure(row)),
-    )
-
-
-def _checksum_of_failure(row: Sequence[Any]) -> bytes:
-    return checksum(json.dumps(list(row)).encode())
-
-
-def _code_of(case: Case) -> list[Code]:
-    """Where the code is from that a case names."""
-    return [origin_of(key, name) for key, _, name in code_in(case)]
+    values = (FAILED - row[0], _checksum_of(row))
+    execute("INSERT OR IGNORE INTO checksums VALUES (?, ?)", values)
 
 
 def _forget_failures(execute: Execute, numbers: range) -> None:

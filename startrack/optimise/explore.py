@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import scipy.stats
@@ -38,9 +38,7 @@ CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
 # the worst would decide its lengths.
 BEYOND = 0.7
 NEAR = 0.25  # the same, where only the neighbourhood of the best is looked at
-MISSED = (
-    0.4  # on its scale, of a margin that is missed, from which on an emulator need not go through
-)
+MISSED = 0.4  # on its scale, of a margin that is missed: from there on it need not go through
 FEWEST = 2  # designs per variable at least that an emulator goes through
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
@@ -53,15 +51,36 @@ ALL = 0.9  # of its range, from which on a variable that may have any value does
 SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 where it has none
 
 
-class Linear(Protocol):
-    """A linear function of a point (d,), with its slope (d,)."""
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """ln(measured error / expected error) as a linear function over the cube, and its covariance.
+
+    The relative standard error of n trials is 1 / sqrt(4 n) at best, more than the difference
+    between neighbouring designs. The budget has no noise but an error that changes slowly over the
+    cube, which the trials of all designs estimate together.
+
+    middle      (d,) unit-cube coordinates
+    terms       (d + 1,) the value at the middle, and the slope
+    covariance  (d + 1, d + 1) of the terms
+    """
+
+    middle: Floats
+    terms: Floats
+    covariance: Floats
+
+    def __call__(self, coordinates: Floats) -> float:
+        """The correction at unit-cube coordinates (d,)."""
+        return float(self.terms @ np.append(1.0, coordinates - self.middle))
 
     @property
     def slope(self) -> Floats:
-        """(d,) by each coordinate."""
+        """(d,) per range of each variable."""
+        return self.terms[1:]
 
-    def __call__(self, point: Floats, /) -> float:
-        """The value at a point."""
+    def standard_error(self, point: Floats, other: Floats) -> float:
+        """Standard error of the difference of the correction between two designs."""
+        apart = np.append(0.0, point - other)
+        return math.sqrt(float(apart @ self.covariance @ apart))
 
 
 class Scale(NamedTuple):
@@ -119,7 +138,7 @@ class Emulators:
         self,
         starts: Floats,
         sigmas: float = 0.0,
-        correction: Linear | None = None,
+        correction: Correction | None = None,
         box: tuple[Floats, Floats] | None = None,
         allowed: Callable[[Floats], bool] | None = None,
     ) -> tuple[Floats, float]:
@@ -404,10 +423,8 @@ class Explorer:
         bound, box = SIGMAS, None
         if bold:
             model = emulators(np.array(self.points), self.values, self.scales, model, NEAR)
-            bound, box = (
-                BOLD,
-                (np.maximum(self.best - AROUND, 0), np.minimum(self.best + AROUND, 1)),
-            )
+            box = np.maximum(self.best - AROUND, 0), np.minimum(self.best + AROUND, 1)
+            bound = BOLD
         for sigmas, gain in ((0.0, worth), *[(bound, 2.5 * worth)] * (BATCH - 1)):
 
             def may_be(point: Floats) -> bool:
@@ -537,12 +554,10 @@ def landscape_of(explorer: Explorer, best: Floats) -> Landscape:
     names = [variable.name for variable in explorer.space.variables]
     every = zip(explorer.points, explorer.values, strict=True)
     tried = [(point, value) for point, value in every if not value.left_out]
+    spans = dict(zip(names, explorer.spans(best), strict=True))
     return Landscape(
         tuple(tuple(point.tolist()) for point, _ in tried),
         tuple(value.expected for _, value in tried),
         tuple(not missed(value.margins) for _, value in tried),
-        max(0.0, explorer.score - explorer.lowest()),
-        dict(zip(names, explorer.spans(best), strict=True)),
-        explorer.prices(best),
-        explorer.ending,
-    )
+        max(0.0, explorer.score - explorer.lowest()), spans, explorer.prices(best), explorer.ending,
+    )  # fmt: skip

@@ -31,22 +31,18 @@ class TrialRunner:
     trials only and has the same result.
 
     seed    of all random numbers
+    workers number of them
     ledger  keeps the outcomes; None for one in memory
     """
 
     def __init__(
-        self,
-        seed: int,
-        executor: Executor | None = None,
-        workers: int = 1,
+        self, seed: int, executor: Executor | None = None, workers: int = 1,
         ledger: Ledger | None = None,
-    ):
-        self.seed = seed
+    ):  # fmt: skip
+        self.seed, self.workers, self.ledger = seed, workers, ledger or Ledger()
         self._asked = dict[bytes, tuple[Fidelity, int]]()
         self._recalled = dict[Any, Any]()
         self._executor = executor or Serial()
-        self._workers = workers
-        self.ledger = ledger or Ledger()
 
     @property
     def tried(self) -> dict[Fidelity, int]:
@@ -85,16 +81,9 @@ class TrialRunner:
             return stored[:trials]
         try:
             new = run(
-                case,
-                lacking,
-                self.seed,
-                self._executor,
-                first + len(stored),
-                self._workers,
-                progress,
-                fidelity,
-                units,
-            )
+                case, lacking, self.seed, self._executor, first + len(stored), self.workers,
+                progress, fidelity, units,
+            )  # fmt: skip
         except Refused as error:
             if error.lasting:
                 self.ledger.keep_note(REFUSED, key, str(error))
@@ -141,11 +130,6 @@ class TrialRunner:
         for key in list(recalled)[:-RECALLED]:
             del recalled[key]
         return results
-
-    @property
-    def workers(self) -> int:
-        """Number of workers."""
-        return self._workers
 
     def forecast_key(self, case: Case, campaign: Campaign, limits: tuple[float, ...]) -> bytes:
         """Of a design's forecast, by all that it depends on.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from startrack.core import Floats, Refused, Rows, arcsec
 from startrack.design import Campaign, DesignSpace, Judged, Requirements
 from startrack.metrics import Interval
 from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed
-from startrack.optimise.explore import Explorer
+from startrack.optimise.explore import Correction, Explorer
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
 from startrack.optimise.units import fresh_units, likely_errors
@@ -139,38 +138,6 @@ PRIOR_SLOPE = 0.1
 SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
 
 
-@dataclass(frozen=True, eq=False)
-class Correction:
-    """ln(measured error / expected error) as a linear function over the cube, and its covariance.
-
-    The relative standard error of n trials is 1 / sqrt(4 n) at best, more than the difference
-    between neighbouring designs. The budget has no noise but an error that changes slowly over the
-    cube, which the trials of all designs estimate together.
-
-    middle      (d,) unit-cube coordinates
-    terms       (d + 1,) the value at the middle, and the slope
-    covariance  (d + 1, d + 1) of the terms
-    """
-
-    middle: Floats
-    terms: Floats
-    covariance: Floats
-
-    def __call__(self, coordinates: Floats) -> float:
-        """The correction at unit-cube coordinates (d,)."""
-        return float(self.terms @ np.append(1.0, coordinates - self.middle))
-
-    @property
-    def slope(self) -> Floats:
-        """(d,) per range of each variable."""
-        return self.terms[1:]
-
-    def standard_error(self, point: Floats, other: Floats) -> float:
-        """Standard error of the difference of the correction between two designs."""
-        apart = np.append(0.0, point - other)
-        return math.sqrt(float(apart @ self.covariance @ apart))
-
-
 def correct(tried: Sequence[Evaluation], middle: Floats, radius: float) -> Correction:
     """Fit the correction to the designs within `radius` of the middle along each axis.
 
@@ -224,10 +191,7 @@ def refine(
         if point is None:
             ending = explorer.ending
             break
-        foresight = explorer.forecast_of(point)
-        tried.append(
-            evaluate(explorer.space, campaign, point, runner, None, correction, known=foresight)
-        )
+        tried.append(_tried(explorer, campaign, point, runner, None, correction))
         watch(tried[-1])
     correction = correct(tried, explorer.best, EVERYWHERE)
 
@@ -241,13 +205,19 @@ def refine(
     last = list[Evaluation]()
     for finalist in tried[:FINALISTS]:
         point, most = np.array(finalist.coordinates), campaign.most_trials
-        foresight = explorer.forecast_of(point)
-        last.append(
-            evaluate(explorer.space, campaign, point, runner, most, correction, known=foresight)
-        )
+        last.append(_tried(explorer, campaign, point, runner, most, correction))
         watch(last[-1])
     last.sort(key=lambda evaluation: (not evaluation.feasible, evaluation.score))
     return [*last, *tried[FINALISTS:]], ending
+
+
+def _tried(
+    explorer: Explorer, campaign: Campaign, point: Floats, runner: TrialRunner, trials: int | None,
+    correction: Correction | None = None,
+) -> Evaluation:  # fmt: skip
+    """A design by trials, with the forecast that is known of it."""
+    known = explorer.forecast_of(point)
+    return evaluate(explorer.space, campaign, point, runner, trials, correction, known=known)
 
 
 def _next(
@@ -299,9 +269,8 @@ def best_branch(
         return next(iter(explorers))
     scores = {}
     for label, explorer in explorers.items():
-        point, most = explorer.best, campaign.most_trials
-        foresight = explorer.forecast_of(point)
-        done = evaluate(explorer.space, campaign, point, runner, most, known=foresight)
+        point = explorer.best
+        done = _tried(explorer, campaign, point, runner, campaign.most_trials)
         watch(done)
         scores[label] = done.score + correct([done], point, EVERYWHERE)(point)
     return min(scores, key=scores.__getitem__)
