@@ -236,33 +236,18 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     systematic = systematic[kept]
     fixed = [cause for cause in causes(case) if cause.name in OF_STARS]
     mean = np.stack([np.interp(magnitude, star.magnitude, axis) for axis in star.mean.T], axis=-1)
-    displacement = [
-        mean,
-        near,
-        *(
-            lens.shift[cause.name][kept]
-            if cause.name in lens.shift
-            else moved(case, cause, view, inside)
-            for cause in fixed
-        ),
-    ]
-    identification = case.tracker.identification
-    solver = Solver(
-        case.believed_camera.focal_length_px,
-        identification.focal_tolerance,
-        lost,
-        case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots,
-    )
+    displacement = [mean, near]
+    for cause in fixed:
+        of_lens = lens.shift.get(cause.name)
+        displacement.append(moved(case, cause, view, inside) if of_lens is None else of_lens[kept])
+    most = case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots
+    tolerance = case.tracker.identification.focal_tolerance
+    solver = Solver(case.believed_camera.focal_length_px, tolerance, lost, most)
     counted = FieldStars(
-        np.searchsorted(view.field[inside], np.arange(len(view.attitude) + 1)),
-        view.x[inside],
-        view.y[inside],
-        magnitude,
-        lens.zone[kept],
-        chance[kept],
-        systematic,
+        np.searchsorted(view.field[inside], np.arange(len(view.attitude) + 1)), view.x[inside],
+        view.y[inside], magnitude, lens.zone[kept], chance[kept], systematic,
         np.stack(displacement),
-    )
+    )  # fmt: skip
     errors = propagate(counted, table, solver)
     total = float(errors.solved.sum())
     if not total > 0:

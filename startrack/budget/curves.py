@@ -229,11 +229,6 @@ def survey(case: Case, places: int = DIRECTIONS) -> Survey:
     faintest = np.full(len(per_field.stars), np.nan)
     inside = np.repeat(np.arange(len(per_field.stars)), np.diff(seen.first))
     np.fmax.at(faintest, inside[counts], seen.magnitude[counts])
-    return Survey(
-        view.attitude.inv().apply([0.0, 0.0, 1.0]),
-        per_field.stars,
-        per_field.solved,
-        np.sqrt(square[:, :2].mean(axis=1)),
-        np.sqrt(square[:, 2]),
-        faintest,
-    )
+    direction = view.attitude.inv().apply([0.0, 0.0, 1.0])
+    across, about = np.sqrt(square[:, :2].mean(axis=1)), np.sqrt(square[:, 2])
+    return Survey(direction, per_field.stars, per_field.solved, across, about, faintest)

@@ -54,12 +54,9 @@ def fields(
 
 @lru_cache(maxsize=16)
 def _fields(
-    selection: Selection,
-    resolution: float,
-    radius: float,
-    spread: Callable[[int], Rotation],
+    selection: Selection, resolution: float, radius: float, spread: Callable[[int], Rotation],
     count: int,
-) -> Fields:
+) -> Fields:  # fmt: skip
     stars, sky = separated(selection, resolution), open_sky(selection)
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
@@ -89,11 +86,8 @@ def boresights(count: int) -> Rotation:
     k = np.arange(count) + 0.5
     declination = np.arcsin(1 - 2 * k / count)
     # The boresight is +z: turned to the pole first, then down to the star.
-    down = Rotation.from_euler(
-        "ZYZ",
-        np.column_stack([GOLDEN_ANGLE * k, np.pi / 2 - declination, GOLDEN_ANGLE * k * np.sqrt(2)]),
-    )
-    return down.inv()
+    turn = [GOLDEN_ANGLE * k, np.pi / 2 - declination, GOLDEN_ANGLE * k * np.sqrt(2)]
+    return Rotation.from_euler("ZYZ", np.column_stack(turn)).inv()
 
 
 class Response(NamedTuple):
@@ -218,13 +212,9 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
     """
     count, causes, shifts = len(seen.first) - 1, response.causes.shape[1], len(seen.displacement)
     errors = Attitudes(
-        np.zeros(count),
-        np.zeros(count),
-        np.zeros((count, causes, 3)),
-        np.zeros((count, shifts, 3)),
-        np.zeros((count, 3, 3)),
-        np.zeros((len(seen.x), 4, 2)),
-    )
+        np.zeros(count), np.zeros(count), np.zeros((count, causes, 3)),
+        np.zeros((count, shifts, 3)), np.zeros((count, 3, 3)), np.zeros((len(seen.x), 4, 2)),
+    )  # fmt: skip
     _propagate(seen, response, solver, errors)
     return errors
 
@@ -305,16 +295,9 @@ def _information(
 
 @kernel
 def _gains(
-    first: int,
-    end: int,
-    seen: FieldStars,
-    response: Response,
-    solver: Solver,
-    inverse: Floats,
-    moved: Floats,
-    row: Floats,
-    gain: Floats,
-) -> None:
+    first: int, end: int, seen: FieldStars, response: Response, solver: Solver, inverse: Floats,
+    moved: Floats, row: Floats, gain: Floats,
+) -> None:  # fmt: skip
     """Gains of the stars of a field, each with the probability that it counts.
 
     inverse  (3, 3) radian^2, of the information

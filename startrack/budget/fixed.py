@@ -133,12 +133,10 @@ def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
 def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
     """Pixel (n, 2) by which the light of its neighbours moves each star of the fields."""
     x, y = view.x[inside], view.y[inside]
-    move = view.attitude[view.field[inside]].apply(
-        trial.blending_shift(case, case.catalog)[view.star[inside]]
-    )
-    return (move[:, :2] - np.column_stack([x, y]) * move[:, 2:]) * np.sqrt(1 + x * x + y * y)[
-        :, None
-    ]
+    shift = trial.blending_shift(case, case.catalog)[view.star[inside]]
+    move = view.attitude[view.field[inside]].apply(shift)
+    slant = np.sqrt(1 + x * x + y * y)[:, None]
+    return (move[:, :2] - np.column_stack([x, y]) * move[:, 2:]) * slant
 
 
 def _directions(true: Selection, believed: Selection, star: Ints) -> Floats:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import trial
 from startrack.attitude import Mounting, solve
 from startrack.budget import budget
 from startrack.budget.analytic import has_hot_pixels
@@ -22,31 +23,6 @@ from startrack.identification import refit
 from startrack.metrics import indices
 from startrack.scene import illuminate
 from startrack.sequence import Sequence, fly_sequences
-from startrack.trial import (
-    DSNU,
-    HITS,
-    METHOD,
-    READ,
-    SHOT,
-    Record,
-    Term,
-    cell_side,
-    detection_plan,
-    expected_electrons,
-    focal_stretches,
-    line_of_sight,
-    measure,
-    noise_free_frame,
-    observe,
-    pixel_noise,
-    random_attitude,
-    reference_attitude,
-    scale,
-    shrunk,
-    star_images,
-    systematic_variance,
-    throughput,
-)
 
 SAME = 0.7  # pixel, within which a spot is the same in two frames; chosen by hand, below the
 # distance of separate spots and above the noise of their centroids
@@ -55,14 +31,9 @@ BLOCKS = 8  # of members, for each worker
 
 
 def measured(
-    case: Case,
-    members: int,
-    seed: int,
-    executor: Executor,
-    times: int = 1,
-    workers: int = 1,
+    case: Case, members: int, seed: int, executor: Executor, times: int = 1, workers: int = 1,
     progress: Advance | None = None,
-) -> budget.Budget[budget.Sample]:
+) -> budget.Budget[budget.Sample]:  # fmt: skip
     """Error budget from trials.
 
         contribution of a cause = error - error without it
@@ -98,12 +69,9 @@ def measured(
         budget.Line(name, term, budget.Sample(table[good, :, k + 1]))
         for k, (name, term) in enumerate(terms(case))
     ]
-    return budget.Budget(
-        tuple(lines),
-        budget.Line("end to end", None, budget.Sample(table[good, :, 0])),
-        float(np.isfinite(table).all(axis=(2, 3)).mean()),
-        float(stars[good].mean()),
-    )
+    whole_line = budget.Line("end to end", None, budget.Sample(table[good, :, 0]))
+    available = float(np.isfinite(table).all(axis=(2, 3)).mean())
+    return budget.Budget(tuple(lines), whole_line, available, float(stars[good].mean()))
 
 
 class Content(Enum):
@@ -116,14 +84,14 @@ class Content(Enum):
     SINGLE = "no noise, and each star in a separate frame, on the boresight"
 
 
-def terms(case: Case) -> tuple[tuple[str, Term], ...]:
+def terms(case: Case) -> tuple[tuple[str, trial.Term], ...]:
     """The lines of a measured budget."""
     return (*budget.ALWAYS, *((_name(case, cause), cause.term) for cause in budget.causes(case)))
 
 
 def _name(case: Case, cause: budget.Cause) -> str:
     """A frame has the hot pixels and the others, which the analytic budget tells apart."""
-    return HOT_TOO if cause.name == DSNU and has_hot_pixels(case) else cause.name
+    return HOT_TOO if cause.name == trial.DSNU and has_hot_pixels(case) else cause.name
 
 
 def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Floats, int]:
@@ -135,25 +103,24 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
     Returns  (1 + causes, 3) radian in camera axes, the error first, then as in `terms`; NaN where
              the trial has no correct attitude; the number of stars
     """
-    record = observe(case, attitude, streams)
+    record = trial.observe(case, attitude, streams)
     rows = np.full((1 + len(terms(case)), 3), np.nan)
     if not record.outcome.solved or record.outcome.false:
         return rows, record.outcome.stars
-    trial = _Trial(case, attitude, streams, record)
-    error, noise_free = trial.error(case, Content.REAL), trial.error(case, Content.NOISE_FREE)
+    again = _Trial(case, attitude, streams, record)
+    error, noise_free = again.error(case, Content.REAL), again.error(case, Content.NOISE_FREE)
     ideal = budget.bare(case)
     parts = {
-        SHOT: trial.error(case, Content.SHOT) - noise_free,
-        READ: trial.error(case, Content.READ) - noise_free,
-        budget.NEIGHBOURS: trial.error(ideal, Content.NOISE_FREE)
-        - trial.error(ideal, Content.SINGLE),
-        METHOD: trial.error(ideal, Content.SINGLE),
+        trial.SHOT: again.error(case, Content.SHOT) - noise_free,
+        trial.READ: again.error(case, Content.READ) - noise_free,
+        budget.NEIGHBOURS: again.error(ideal, Content.NOISE_FREE)
+        - again.error(ideal, Content.SINGLE),
+        trial.METHOD: again.error(ideal, Content.SINGLE),
     }
     for cause in budget.causes(case):
-        content, total = (
-            (Content.REAL, error) if cause.name == HITS else (Content.NOISE_FREE, noise_free)
-        )
-        parts[_name(case, cause)] = total - trial.error(cause.without(case), content)
+        hits = cause.name == trial.HITS
+        content, total = (Content.REAL, error) if hits else (Content.NOISE_FREE, noise_free)
+        parts[_name(case, cause)] = total - again.error(cause.without(case), content)
     rows[0] = record.outcome.error_x, record.outcome.error_y, record.outcome.error_z
     for k, (name, _) in enumerate(terms(case)):
         rows[k + 1] = parts[name]
@@ -163,7 +130,7 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
 class _Trial:
     """One trial, rendered again with other causes; its stars and weights stay the same."""
 
-    def __init__(self, case: Case, attitude: Rotation, streams: Streams, record: Record):
+    def __init__(self, case: Case, attitude: Rotation, streams: Streams, record: trial.Record):
         self._case, self._attitude, self._streams = case, attitude, streams
         self._record, self._used = record, _used(case, record)
         self._known = {(_imaging(case), case.tracker.detection, Content.REAL): record.spots}
@@ -174,27 +141,19 @@ class _Trial:
         matches, (star, direction) = self._record.matches, self._believed(case)
         chosen = replace(matches, direction=direction)
         believes = case.tracker.identification
-        stretch = focal_stretches(case)
+        stretch = trial.focal_stretches(case)
         if stretch is None:
             chosen = replace(chosen, camera=refit(spots, chosen, case.believed_camera, believes))
         else:
             chosen = replace(chosen, camera=case.believed_camera)
-            spots, chosen = shrunk(spots, chosen, case.tracker, stretch)
-        kept = replace(
-            chosen,
-            spot=matches.spot[self._used],
-            star=star[self._used],
-            direction=direction[self._used],
-        )
-        estimate = solve(
-            spots,
-            kept,
-            replace(case.tracker.attitude, gate=1e9, sift=False),
-            believes.focal_tolerance,
-            systematic_variance(self._case)[matches.star[self._used]],
-        )
+            spots, chosen = trial.shrunk(spots, chosen, case.tracker, stretch)
+        used = self._used
+        kept = replace(chosen, spot=matches.spot[used], star=star[used], direction=direction[used])
+        settings = replace(case.tracker.attitude, gate=1e9, sift=False)
+        systematic = trial.systematic_variance(self._case)[matches.star[used]]
+        estimate = solve(spots, kept, settings, believes.focal_tolerance, systematic)
         assert estimate.icrs_to_camera is not None
-        asked = reference_attitude(case, self._attitude, self._streams)
+        asked = trial.reference_attitude(case, self._attitude, self._streams)
         return (estimate.icrs_to_camera * asked.inv()).as_rotvec()
 
     def _believed(self, case: Case) -> tuple[Ints, Floats]:
@@ -221,27 +180,29 @@ class _Trial:
         return self._known[key]
 
     def _frame(self, case: Case, content: Content) -> Frame:
-        detector, size = case.instrument.detector, scale(case)
+        detector, size = case.instrument.detector, trial.scale(case)
         electrons = self._electrons(case)
         # Where one kind of noise is alone, the ripple represents the others.
         match content:
             case Content.REAL:
                 return frame_of(electrons, detector, self._streams)
             case Content.SHOT:
-                return noise_free_frame(
+                return trial.noise_free_frame(
                     shot(electrons, self._streams), detector, size.noise, size.noise
                 )
             case Content.READ:
-                frame = noise_free_frame(
+                frame = trial.noise_free_frame(
                     electrons, detector, math.sqrt(size.background), size.noise
                 )
-                noise = pixel_noise(detector, self._streams) / detector.electrons_per_dn
+                noise = trial.pixel_noise(detector, self._streams) / detector.electrons_per_dn
                 return replace(frame, image=np.rint(frame.image + noise).astype(np.float32))
-        return noise_free_frame(electrons, detector, size.pixel, size.noise)
+        return trial.noise_free_frame(electrons, detector, size.pixel, size.noise)
 
     def _electrons(self, case: Case) -> Floats:
-        path = line_of_sight(case.instrument, self._streams)
-        return expected_electrons(case, self._record.stars, path, self._attitude, self._streams)
+        path = trial.line_of_sight(case.instrument, self._streams)
+        return trial.expected_electrons(
+            case, self._record.stars, path, self._attitude, self._streams
+        )
 
     def _single(self, case: Case) -> Spots:
         """Spots with each matched star measured in a separate cell, for a case without causes."""
@@ -250,15 +211,15 @@ class _Trial:
         stars = stars[stars.find(matched)[0]]
         light = illuminate(case.scene, stars)
         detector = case.instrument.detector
-        rate, _ = electron_rate(light, detector, throughput(case.instrument))
+        rate, _ = electron_rate(light, detector, trial.throughput(case.instrument))
         pixel = camera.project(self._attitude.apply(self._believed(case)[1]))
         old = self._record.spots
         # A star between two pixels may be measured in the window around either: use the one of
         # the other frames.
         nearest = np.rint(np.column_stack([old.x, old.y])[matches.spot])
-        side = cell_side(case.instrument, case.tracker.detection)
-        shape = star_images(case.instrument, pixel - nearest, side)
-        place, _ = measure(case, (rate * detector.exposure)[:, None, None] * shape)
+        side = trial.cell_side(case.instrument, case.tracker.detection)
+        shape = trial.star_images(case.instrument, pixel - nearest, side)
+        place, _ = trial.measure(case, (rate * detector.exposure)[:, None, None] * shape)
         x, y = old.x.copy(), old.y.copy()
         finite = np.isfinite(place[:, 0])
         x[matches.spot[finite]], y[matches.spot[finite]] = (nearest + place)[finite].T
@@ -270,7 +231,7 @@ class _Trial:
         candidates = Candidates(
             np.rint(old.x).astype(np.int64), np.rint(old.y).astype(np.int64), old.area
         )
-        plan = detection_plan(self._case, detection)
+        plan = trial.detection_plan(self._case, detection)
         new = centroid(frame, calibrated(frame, plan), candidates, plan)
         if not len(new):
             return old
@@ -287,7 +248,7 @@ def _imaging(case: Case) -> Instrument:
     return replace(case.instrument, mounting=Mounting(), delay=0.0)
 
 
-def _used(case: Case, record: Record) -> Ints:
+def _used(case: Case, record: trial.Record) -> Ints:
     """Indices of the matches that the estimate used: those with the smallest residuals."""
     matches, estimate = record.matches, record.estimate
     if estimate.stars == len(matches):
@@ -295,7 +256,7 @@ def _used(case: Case, record: Record) -> Ints:
     assert estimate.icrs_to_camera is not None
     seen = matches.camera.project(estimate.icrs_to_camera.apply(matches.direction))
     spots = record.spots
-    systematic = systematic_variance(case)[matches.star, None, None] * np.eye(2)
+    systematic = trial.systematic_variance(case)[matches.star, None, None] * np.eye(2)
     residual = np.column_stack([spots.x, spots.y])[matches.spot] - seen
     inverse = np.linalg.inv(spots.covariance[matches.spot] + systematic)
     square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
@@ -307,7 +268,7 @@ def _members(case: Case, seed: int, times: int, members: range) -> tuple[Floats,
     table = np.empty((len(members), times, 1 + len(terms(case)), 3))
     stars = np.empty((len(members), times))
     for i, member in enumerate(members):
-        attitude = random_attitude(Streams(seed, member * times))
+        attitude = trial.random_attitude(Streams(seed, member * times))
         for k in range(times):
             streams = Streams(seed, member * times + k)
             table[i, k], stars[i, k] = contributions(case, attitude, streams)
@@ -325,14 +286,9 @@ INDICES: dict[str, str] = {
 
 
 def indices_of(
-    case: Case,
-    sequence: Sequence,
-    members: int,
-    seed: int,
-    window: float,
-    executor: Executor,
+    case: Case, sequence: Sequence, members: int, seed: int, window: float, executor: Executor,
     progress: Advance | None = None,
-) -> dict[str, Line[Sample]]:
+) -> dict[str, Line[Sample]]:  # fmt: skip
     """The indices of the attitudes of single frames, over sequences of random attitudes.
 
     window   second

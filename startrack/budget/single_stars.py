@@ -6,28 +6,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import trial
 from startrack.budget.analytic import HOT, response
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Ints, Streams
 from startrack.design import Case
 from startrack.motion import stability
-from startrack.trial import (
-    METHOD,
-    READ,
-    SHOT,
-    Record,
-    SingleStars,
-    boxed,
-    boxed_stars,
-    colour_correction,
-    observe,
-    random_attitude,
-)
 
 STEP = 10  # rows of the table of the formula, between two magnitudes
 
 
-def single_stars(case: Case, seed: int = 0) -> SingleStars:
+def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
     """Of a tracker with boxes by stars that are drawn in them, else by the formula of the budget.
 
     The formula's errors are means over zones of the frame and colours; its usual error is that
@@ -36,8 +25,8 @@ def single_stars(case: Case, seed: int = 0) -> SingleStars:
     seed      of the drawn stars
     Accuracy  as of `boxed_stars` and `analytic`.
     """
-    if boxed(case):
-        return boxed_stars(case, seed)
+    if trial.boxed(case):
+        return trial.boxed_stars(case, seed)
     of_stars = response(case)
     table, rows = of_stars.table, slice(None, None, STEP)
     by_cause = {
@@ -52,9 +41,8 @@ def single_stars(case: Case, seed: int = 0) -> SingleStars:
     measured = table.fraction[:, rows].mean(axis=0)
     magnitude: Floats = table.start + table.step * STEP * np.arange(len(measured), dtype=float)
     stated = np.sqrt(np.trace(table.stated[:, rows], axis1=2, axis2=3).mean(axis=0) / 2)
-    return SingleStars(
-        magnitude, measured, stated, rms(only=(SHOT, READ)), rms(only=(METHOD,)), rms(), rms(HOT)
-    )
+    noise, method = rms(only=(trial.SHOT, trial.READ)), rms(only=(trial.METHOD,))
+    return trial.SingleStars(magnitude, measured, stated, noise, method, rms(), rms(HOT))
 
 
 class Residuals(NamedTuple):
@@ -79,11 +67,11 @@ def residuals(case: Case, seed: int, trials: int, progress: Advance = lambda _: 
     """
     stars, believed = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
     true, _ = stars.find(believed.identifier)
-    faint = colour_correction(case, stars.colour)
+    faint = trial.colour_correction(case, stars.colour)
     parts = []
     for number in range(trials):
         streams = Streams(seed, number)
-        record = observe(case, random_attitude(streams), streams)
+        record = trial.observe(case, trial.random_attitude(streams), streams)
         matches, spots = record.matches, record.spots
         star = true[matches.star]
         # Where the tracker merges two stars, their light has one position.
@@ -119,13 +107,13 @@ def star_errors(
     """
     rows = [np.empty((0, 4))]
     for number, attitude in zip(numbers, icrs_to_camera, strict=True):
-        rows.append(_stars(case, observe(case, attitude, Streams(seed, number))))
+        rows.append(_stars(case, trial.observe(case, attitude, Streams(seed, number))))
         progress(1)
     magnitude, radius, x, y = np.concatenate(rows).T
     return StarErrors(magnitude, radius, np.column_stack([x, y]), len(numbers))
 
 
-def _stars(case: Case, record: Record) -> Floats:
+def _stars(case: Case, record: trial.Record) -> Floats:
     """(m, 4): magnitude, radius and error of the matched stars, at the mean line of sight."""
     if not record.outcome.solved or record.outcome.false:
         return np.empty((0, 4))

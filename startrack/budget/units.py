@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,7 @@ TURNS = tuple(
 )
 FIELDS = 64  # of each unit in each environment
 ENVIRONMENTS = 3  # of each unit
+ARRAYS = ("mean", "sigma", "weight", "bias", "availability")  # of `UnitBudgets`
 
 
 @printed
@@ -66,19 +67,13 @@ class UnitBudgets:
 
     def first(self, count: int) -> UnitBudgets:
         """The budgets of the first of these units."""
-        return replace(
-            self,
-            mean=self.mean[:count],
-            sigma=self.sigma[:count],
-            weight=self.weight[:count],
-            bias=self.bias[:count],
-            terms={term: values[:count] for term, values in self.terms.items()},
-            availability=self.availability[:count],
-        )
+        terms = {term: values[:count] for term, values in self.terms.items()}
+        some = {name: getattr(self, name)[:count] for name in ARRAYS}
+        return replace(self, terms=terms, **some)
 
-    def all(self) -> Law:
-        """The error of all units together, with their biases."""
-        mean = self.mean + self.bias[:, None]
+    def all(self, biased: bool = True) -> Law:
+        """The error of all units together, with their biases or without."""
+        mean = self.mean + self.bias[:, None] if biased else self.mean
         flat = [values.reshape(-1, 3) for values in (mean, self.sigma)]
         return Law(flat[0], flat[1], self.weight.ravel() / len(self))
 
@@ -120,22 +115,14 @@ class UnitBudgets:
                     if (total := self.weight[:, f].sum()) > 0
                 ]
                 return max(unit.level(axes, fraction, Interpretation.MIXED) for unit in every)
-        flat = [values.reshape(-1, 3) for values in (self.mean, self.sigma)]
-        whole_law = Law(flat[0], flat[1], self.weight.ravel() / len(self))
-        return whole_law.level(axes, fraction, Interpretation.MIXED)
+        return self.all(biased=False).level(axes, fraction, Interpretation.MIXED)
 
 
 def unit_budgets(
-    case: Case,
-    seed: int,
-    count: int,
-    age: float = 0.0,
-    environments: int = ENVIRONMENTS,
-    count_fields: int = FIELDS,
-    progress: Advance | None = None,
-    first: int = 0,
+    case: Case, seed: int, count: int, age: float = 0.0, environments: int = ENVIRONMENTS,
+    count_fields: int = FIELDS, progress: Advance | None = None, first: int = 0,
     apart: bool = True,
-) -> UnitBudgets:
+) -> UnitBudgets:  # fmt: skip
     """The analytic budget of each of some units of a seed.
 
     age           second
@@ -170,16 +157,15 @@ def unit_budgets(
 
 def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
     """Budgets of units of one age that were computed apart, in their order."""
-    mean, sigma, weight, bias, available = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("mean", "sigma", "weight", "bias", "availability")
-    )
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS
+    }
     terms = {
         term: np.concatenate([part.terms.get(term, np.zeros((len(part), 3))) for part in parts])
         for term in Term
         if any(term in part.terms for part in parts)
     }
-    return UnitBudgets(parts[0].age, mean, sigma, weight, bias, terms, available)
+    return replace(parts[0], terms=terms, **arrays)
 
 
 class _Settings(NamedTuple):

@@ -18,16 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from startrack.core import (
-    Code,
-    Rows,
-    code_in,
-    inputs_of,
-    optional_package,
-    origin_of,
-    software,
-    whole,
-)
+from startrack import core
+from startrack.core import Rows, code_in, inputs_of, optional_package, origin_of, software, whole
 from startrack.design import Campaign, Case, Fidelity
 from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_table
 from startrack.io import whole as whole_file
@@ -130,7 +122,7 @@ class Store:
             self.startrack = about["startrack"]
             self.case: Case = from_table(Case, json.loads(about["case"]))
             held_code = json.loads(about.get("code", "[]"))
-            self.code = tuple(Code(*map(str, text)) for text in held_code)
+            self.code = tuple(core.Code(*map(str, text)) for text in held_code)
             # Stores without them are from before each block had to have a checksum.
             self._checksums = "inputs" in about
             self._inputs: dict[str, str] = json.loads(about.get("inputs", "{}"))

@@ -4,16 +4,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from startrack import design
 from startrack.budget import unit_budgets
 from startrack.core import Advance, Floats, Refused, printed
 from startrack.metrics import Interval, quantile_of_few
+from startrack.optimise.units import choices, interval_of
 from startrack.verification import units_expected
 
 ENVIRONMENTS = 2  # of each unit; chosen by hand: time against the rms of a unit
-RESAMPLES = 4000
 BOOTSTRAP = 4  # names the stream of the resampling
 
 
@@ -67,15 +65,10 @@ class Allocation:
 
 
 def allocation(
-    case: design.Case,
-    objective: design.Objective,
-    limits: Sequence[design.Accuracy],
-    fraction: float,
-    seed: int,
-    count: int,
-    changes: Sequence[Change],
+    case: design.Case, objective: design.Objective, limits: Sequence[design.Accuracy],
+    fraction: float, seed: int, count: int, changes: Sequence[Change],
     progress: Advance | None = None,
-) -> Allocation:
+) -> Allocation:  # fmt: skip
     """Make each change in turn, on the same draws of the same units.
 
     At the end of life. Intervals are bootstrap percentiles
@@ -92,8 +85,7 @@ def allocation(
         units = unit_budgets(case, seed, count, age, ENVIRONMENTS, progress=progress, apart=False)
         return [units_expected(goal, units) for goal in asked]
 
-    rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))
-    chosen = np.vstack([np.arange(count), rng.integers(0, count, (RESAMPLES, count))])
+    chosen = choices(count, seed, BOOTSTRAP)
     before = errors(case)
     level = quantile_of_few(before[0][chosen], fraction)
     kept = [values <= limit.most for values, limit in zip(before[1:], limits, strict=True)]
@@ -109,7 +101,7 @@ def allocation(
             ((values <= limit.most) * 1.0 - was)[chosen].mean(axis=1)
             for values, limit, was in zip(after[1:], limits, kept, strict=True)
         ]
-        gains.append(Gain(change, _interval(gained), tuple(map(_interval, more))))
+        gains.append(Gain(change, interval_of(gained), tuple(map(interval_of, more))))
     gains.sort(key=lambda gain: -gain.level.value)
     shares = tuple(float(flags.mean()) for flags in kept)
     return Allocation(age, fraction, float(level[0]), shares, tuple(gains), tuple(refused))
@@ -142,6 +134,7 @@ STEPS = {
 }
 STIFFER = {"aluminium": "titanium", "titanium": "invar", "invar": "carbon"}
 FEET, THIN = "instrument.structure.feet_thickness", 2e-3  # metre: they give way to a panel
+HALVED = {"gradient": ("_x", "_y"), "detector_offset": ("",)}  # of a structure
 WATT = 0.5  # of a heater
 DEEPER = 0.5  # magnitude
 HIGHEST, FIRST_MAP, FINEST_MAP = 7, 5, 9  # order of a polynomial; nodes along a side
@@ -184,25 +177,17 @@ def levers(case: design.Case) -> Iterator[Change]:
             changed = design.replaced_all(case, {name: value, **thin})
             yield Change(name, changed, f"to {value} from {now}" + ", thin feet" * bool(thin))
             continue
-        text = (
-            f"to {design.value_text(case, name, value)} from {design.value_text(case, name, now)}"
-        )
-        yield Change(
-            name, design.replaced_all(case, {name: value}), "on" if value is True else text
-        )
+        new, old = (design.value_text(case, name, number) for number in (value, now))
+        text = "on" if value is True else f"to {new} from {old}"
+        yield Change(name, design.replaced_all(case, {name: value}), text)
     for change in halved(case):
         if ".residual." in change.name:
             yield change._replace(text="halved")
-    gradients = ("instrument.structure.gradient_x", "instrument.structure.gradient_y")
-    if structure is not None and (structure.gradient_x or structure.gradient_y):
-        less = {name: design.found_at(case, name) / 2 for name in gradients}
-        yield Change(
-            "instrument.structure.gradient_x and _y", design.replaced_all(case, less), "halved"
-        )
-    if structure is not None and structure.detector_offset:
-        name = "instrument.structure.detector_offset"
-        less = {name: structure.detector_offset / 2}
-        yield Change(name, design.replaced_all(case, less), "halved")
+    for key, ends in HALVED.items() if structure is not None else ():
+        name = f"instrument.structure.{key}"
+        less = {f"{name}{end}": _value(case, f"{name}{end}") / 2 for end in ends}
+        if any(less.values()):
+            yield Change(f"{name}{' and '.join(ends)}", design.replaced_all(case, less), "halved")
 
 
 def _value(case: design.Case, name: str) -> Any:
@@ -211,9 +196,3 @@ def _value(case: design.Case, name: str) -> Any:
     for step in name.split("."):
         part = getattr(part, step, None)
     return part
-
-
-def _interval(values: Floats) -> Interval:
-    """The first value, with 95 % percentiles of the others."""
-    low, high = np.quantile(values[1:], [0.025, 0.975])
-    return Interval(float(values[0]), float(low), float(high))

@@ -96,14 +96,11 @@ class Chains:
     @property
     def reason_unconverged(self) -> str:
         """Why the chains have not converged, empty where they have."""
-        steps = self.samples.shape[1]
-        longest = float(np.max(self.autocorrelation))
-        farthest = float(np.max(self.split_r_hat))
-        fewest = float(np.min(self.effective))
+        steps, longest = self.samples.shape[1], float(np.max(self.autocorrelation))
+        farthest, fewest = float(np.max(self.split_r_hat)), float(np.min(self.effective))
+        times = f"{LONG_ENOUGH} autocorrelation times of {longest:.0f}"
         if not steps >= LONG_ENOUGH * longest:
-            return (
-                f"{steps} steps are fewer than {LONG_ENOUGH} autocorrelation times of {longest:.0f}"
-            )
+            return f"{steps} steps are fewer than {times}"
         if not farthest <= FARTHEST:
             return f"the ensembles differ: split R-hat is {farthest:.3f}, above {FARTHEST}"
         if not fewest >= FEWEST:
@@ -171,13 +168,10 @@ class _Ensemble:
     """One ensemble; the ledger keeps its steps."""
 
     def __init__(
-        self,
-        log_probability: Callable[[Floats], Floats],
-        start: Callable[[np.random.Generator, int], Floats],
-        entropy: tuple[int, int],
-        settings: Ensembles,
-        ledger: Ledger,
-    ) -> None:
+        self, log_probability: Callable[[Floats], Floats],
+        start: Callable[[np.random.Generator, int], Floats], entropy: tuple[int, int],
+        settings: Ensembles, ledger: Ledger,
+    ) -> None:  # fmt: skip
         import emcee  # costs 0.9 s, and only sampling needs it
 
         sequence = np.random.SeedSequence(entropy)
@@ -220,13 +214,10 @@ class _Ensemble:
         _, key, position, has_gauss, gauss = self._at.random_state
         file = io.BytesIO()
         np.savez(
-            file,
-            chain=self.sampler.get_chain()[-size:],
-            log_prob=self.sampler.get_log_prob()[-size:],
-            accepted=self.sampler.backend.accepted,
-            key=key,
+            file, chain=self.sampler.get_chain()[-size:], key=key,
+            log_prob=self.sampler.get_log_prob()[-size:], accepted=self.sampler.backend.accepted,
             rest=np.array([position, has_gauss, gauss]),
-        )
+        )  # fmt: skip
         return file.getvalue()
 
     def _unpack(self, packed: bytes) -> None:

@@ -67,15 +67,10 @@ class Evaluation:
 
 
 def evaluate(
-    space: DesignSpace,
-    campaign: Campaign,
-    coordinates: Floats,
-    runner: TrialRunner,
-    trials: int | None = None,
-    correction: Callable[[Floats], float] | None = None,
-    spare: bool = False,
-    known: Foresight | None = None,
-) -> Evaluation:
+    space: DesignSpace, campaign: Campaign, coordinates: Floats, runner: TrialRunner,
+    trials: int | None = None, correction: Callable[[Floats], float] | None = None,
+    spare: bool = False, known: Foresight | None = None,
+) -> Evaluation:  # fmt: skip
     """Score a design by its analytic budget, corrected by trials.
 
         score = ln(expected / arcsec) + correction(coordinates) + PENALTY sum(max(0, -margin))
@@ -113,21 +108,18 @@ def evaluate(
                 if condition.weight
             }
     except Refused as reason:  # such a design has the worst score; the search goes on
-        refused = LOST + PENALTY
-        return Evaluation(
-            tuple(coordinates), values, math.nan, math.nan, refused, {}, None, str(reason)
-        )
+        nothing = math.nan, math.nan, LOST + PENALTY, dict[str, float](), None
+        return Evaluation(tuple(coordinates), values, *nothing, str(reason))
     except Exception as fault:
         named_values = ", ".join(f"{name} = {value:g}" for name, value in values.items())
         fault.add_note(f"of the design with {named_values}")
         raise
     summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
     for condition in judged if tried else ():
-        by_trials = tried.get(condition.name)
         there = foreseen[condition.name]
         own = there.margins
-        if by_trials is not None:
-            own = measured(condition, by_trials, runner.seed, there)
+        if condition.name in tried:
+            own = measured(condition, tried[condition.name], runner.seed, there)
         margins |= named(condition.name, own)
     error = combined(judged, tried, objective, foreseen)
     if not expected > 0:
@@ -147,11 +139,9 @@ def try_out(condition: Judged, trials: int, fidelity: Fidelity, runner: TrialRun
 
 
 def combined(
-    judged: Sequence[Judged],
-    tried: Mapping[str, Rows],
-    objective: Objective,
+    judged: Sequence[Judged], tried: Mapping[str, Rows], objective: Objective,
     foreseen: Mapping[str, Forecast],
-) -> float:
+) -> float:  # fmt: skip
     """The objective (radian) over the trials of all conditions that have a weight.
 
     foreseen  of each condition, whose budgets say how the level over units is from all trials
@@ -217,16 +207,11 @@ def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats, seed: i
 
 
 def foresee_all(
-    space: DesignSpace,
-    campaign: Campaign,
-    points: Sequence[Floats],
-    runner: TrialRunner | None = None,
-    seed: int = 1,
-    enough: float = math.inf,
-    most_excess: float = MOST_EXCESS,
-    known: Mapping[str, Forecast] | None = None,
+    space: DesignSpace, campaign: Campaign, points: Sequence[Floats],
+    runner: TrialRunner | None = None, seed: int = 1, enough: float = math.inf,
+    most_excess: float = MOST_EXCESS, known: Mapping[str, Forecast] | None = None,
     progress: Advance | None = None,
-) -> list[Foresight]:
+) -> list[Foresight]:  # fmt: skip
     """What is expected of several designs, each computed by a worker of a runner.
 
     A runner's ledger keeps them, so that none is computed again after an interruption.
@@ -239,19 +224,13 @@ def foresee_all(
     cases = [_built(space, coordinates) for coordinates in points]
     seed = runner.seed if runner else seed
     compute = partial(
-        _foreseen,
-        campaign=campaign,
-        seed=seed,
-        enough=enough,
-        most_excess=most_excess,
+        _foreseen, campaign=campaign, seed=seed, enough=enough, most_excess=most_excess,
         known=known or {},
-    )
+    )  # fmt: skip
     if runner is None:
         return [compute(case) for case in cases]
-    keys = [
-        runner.forecast_key(case, campaign, (enough, most_excess)) if case else b""
-        for case in cases
-    ]
+    limits = enough, most_excess
+    keys = [runner.forecast_key(case, campaign, limits) if case else b"" for case in cases]
     notes = {key: runner.ledger.note(FORECAST, key) for key in keys}
     new = {key: case for key, case in zip(keys, cases, strict=True) if key and not notes[key]}
     if progress and len(keys) > len(new):
@@ -272,13 +251,9 @@ def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
 
 
 def _foreseen(
-    case: Case | None,
-    campaign: Campaign,
-    seed: int,
-    enough: float,
-    most_excess: float,
+    case: Case | None, campaign: Campaign, seed: int, enough: float, most_excess: float,
     known: Mapping[str, Forecast],
-) -> Foresight:
+) -> Foresight:  # fmt: skip
     """What is expected of a design; nothing for None, and where it contradicts itself."""
     if case is None:
         return NOTHING

@@ -45,10 +45,8 @@ def bounded(margins: Mapping[str, float]) -> dict[str, float]:
 
 def blind(needs: Requirements) -> dict[str, float]:
     """The margins where no attitude is expected: all missed by the most."""
-    return {
-        **{accuracy.name: -MOST_MISSED for accuracy in needs.accuracy},
-        "availability": -needs.min_availability,
-    }
+    errors = {accuracy.name: -MOST_MISSED for accuracy in needs.accuracy}
+    return errors | {"availability": -needs.min_availability}
 
 
 def _coarse(case: Case) -> Case:
@@ -104,11 +102,6 @@ class Forecast(NamedTuple):
     over: dict[str, list[float]] = {}  # noqa: RUF012, never changed
 
 
-def level_over_units(objective: Objective, units: UnitBudgets, fraction: float) -> float:
-    """Radian, the objective that a fraction of the units does not exceed, by their budgets."""
-    return float(quantile_of_few(verification.units_expected(objective, units), fraction))
-
-
 def over_units(
     condition: Judged, outcomes: Rows, objective: Objective, foreseen: Forecast | None
 ) -> float:
@@ -146,7 +139,11 @@ def _forecast_units(
     units, fraction = joined(solved), condition.units.fraction
     limits = condition.needs.accuracy
     every = {str(goal): goal for goal in (objective, *(limit.objective for limit in limits))}
-    level = {name: level_over_units(goal, units, fraction) for name, goal in every.items()}
+    # That a fraction of the units does not exceed, by their budgets.
+    level = {
+        name: float(quantile_of_few(verification.units_expected(goal, units), fraction))
+        for name, goal in every.items()
+    }
     errors = {limit.name: margin(limit.most, level[str(limit.objective)]) for limit in limits}
     margins = bounded(errors)
     margins["availability"] = float(units.availability.mean()) - condition.needs.min_availability
@@ -158,24 +155,21 @@ def _forecast_units(
     return Forecast(level[str(objective)], margins, over)
 
 
-class _Task(NamedTuple):
-    """What a worker computes of a condition: its forecast, or the budgets of some of its units."""
-
-    condition: Judged
-    units: range | None
+# What a worker computes of a condition: its forecast, or the budgets of some of its units.
+Task = tuple[Judged, range | None]
 
 
-def _tasks(condition: Judged, workers: int) -> list[_Task]:
+def _tasks(condition: Judged, workers: int) -> list[Task]:
     if condition.units is None:
-        return [_Task(condition, None)]
+        return [(condition, None)]
     count = condition.units.count
     # Behind a lens table all units share the images and the response of one, which take longest.
     shared = condition.case.instrument.optics.tabulated
     size = count if shared else math.ceil(count / workers)
-    return [_Task(condition, range(at, min(at + size, count))) for at in range(0, count, size)]
+    return [(condition, range(at, min(at + size, count))) for at in range(0, count, size)]
 
 
-def _done(task: _Task, objective: Objective, seed: int) -> Forecast | UnitBudgets | None:
+def _done(task: Task, objective: Objective, seed: int) -> Forecast | UnitBudgets | None:
     condition, units = task
     if condition.units is None or units is None:
         return forecast(condition, objective)
@@ -195,8 +189,7 @@ def forecasts(
     seed    of the units, without a runner
     known   what is expected of some conditions already
     """
-    seed, workers = (runner.seed, runner.workers) if runner else (seed, 1)
-    given = known or {}
+    (seed, workers), given = (runner.seed, runner.workers) if runner else (seed, 1), known or {}
     tasks = [[] if condition.name in given else _tasks(condition, workers) for condition in judged]
     call = partial(_done, objective=objective, seed=seed)
     every = iter((runner.map if runner else map)(call, [task for some in tasks for task in some]))
@@ -210,17 +203,11 @@ def forecasts(
         else:
             of_units = [part if isinstance(part, UnitBudgets) else None for part in parts]
             foreseen.append(_forecast_units(condition, objective, of_units))
-    return combined_forecasts(judged, foreseen)
-
-
-def combined_forecasts(
-    judged: Sequence[Judged], every: Sequence[Forecast]
-) -> tuple[float, dict[str, Forecast]]:
-    """The objective (radian) of all conditions by their weights, and each of them by its name."""
-    by_name = {condition.name: foreseen for condition, foreseen in zip(judged, every, strict=True)}
-    weights = [condition.weight for condition in judged]
-    counted = [foreseen.error for foreseen, weight in zip(every, weights, strict=True) if weight]
-    return geometric_mean(counted, [weight for weight in weights if weight]), by_name
+    pairs = list(zip(judged, foreseen, strict=True))
+    errors = [expected.error for condition, expected in pairs if condition.weight]
+    weights = [condition.weight for condition in judged if condition.weight]
+    by_name = {condition.name: expected for condition, expected in pairs}
+    return geometric_mean(errors, weights), by_name
 
 
 def without_units(case: Case) -> Case:

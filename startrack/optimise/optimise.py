@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 
@@ -117,13 +117,10 @@ class _Progress:
 
 
 def optimize(
-    case: design.Case,
-    campaign: Campaign,
-    runner: TrialRunner,
-    watch: steps.Watch | None = None,
+    case: design.Case, campaign: Campaign, runner: TrialRunner, watch: steps.Watch | None = None,
     watch_stage: Callable[[Stage], None] | None = None,
     adapt: Callable[[design.Case], design.Case] | None = None,
-) -> Optimum:
+) -> Optimum:  # fmt: skip
     """Forecast designs where they tell most, then run trials where they decide.
 
     The analytic budget of some designs over the space, and then of those that may be the best,
@@ -155,7 +152,9 @@ def optimize(
     label, finalists, ending, landscape = _search(spaces, campaign, runner, tried, record, progress)
     space = spaces[label]
     first = _fresh_frames(campaign.judged(case), campaign, runner, progress.fresh)
-    best, second, assured = _verify(space, finalists[:FINALISTS], campaign, runner, progress.fresh)
+    best, second, margins, availability = _verify(
+        space, finalists[:FINALISTS], campaign, runner, progress.fresh
+    )
     objective, needs = design.Objective.read(campaign.objective), campaign.requirements
     winner = space.design(np.array(best.coordinates))
     counted = [condition for condition in campaign.judged(winner) if condition.weight]
@@ -172,50 +171,27 @@ def optimize(
     before, after, tuned = (
         [objective.squares(rows) for rows in trials.values()] for trials in (first, second, tuning)
     )
+    if units:
+        factor, optimism = units.factor, units.optimism
+    else:
+        factor = objective.ratio_of_means(before, after, weights, runner.seed)
+        optimism = objective.ratio_of_means(after, tuned, weights, runner.seed, paired=False)
+    fresh = [summarise(trials[design.NOMINAL], needs.limits) for trials in (first, second)]
     return Optimum(
-        space,
-        label,
-        case,
-        winner,
-        tuple(tried),
-        (
-            summarise(first[design.NOMINAL], needs.limits),
-            summarise(second[design.NOMINAL], needs.limits),
-        ),
-        units.factor if units else objective.ratio_of_means(before, after, weights, runner.seed),
-        best.error,
-        units.optimism
-        if units
-        else objective.ratio_of_means(after, tuned, weights, runner.seed, paired=False),
-        assured.availability,
-        best.margins | assured.margins,
-        ending,
-        {fidelity.value: count for fidelity, count in runner.tried.items()},
-        units,
-        landscape,
-    )
-
-
-class _Searched(NamedTuple):
-    """The branch of the best designs, these, why the search ended, and what forecasts say."""
-
-    label: str
-    finalists: Sequence[Evaluation]
-    ending: str
-    landscape: Landscape | None
+        space, label, case, winner, tuple(tried), (fresh[0], fresh[1]), factor, best.error,
+        optimism, availability, best.margins | margins, ending,
+        {fidelity.value: count for fidelity, count in runner.tried.items()}, units, landscape,
+    )  # fmt: skip
 
 
 def _search(
-    spaces: Mapping[str, design.DesignSpace],
-    campaign: Campaign,
-    runner: TrialRunner,
-    tried: Sequence[Evaluation],
-    record: steps.Watch,
-    progress: _Progress,
-) -> _Searched:
+    spaces: Mapping[str, design.DesignSpace], campaign: Campaign, runner: TrialRunner,
+    tried: Sequence[Evaluation], record: steps.Watch, progress: _Progress,
+) -> tuple[str, Sequence[Evaluation], str, Landscape | None]:  # fmt: skip
     """Forecasts of all branches, then trials of the best designs; of the nearest one if none fits.
 
     tried, record  the evaluations so far, and what adds one
+    Returns  the branch of the best designs, these, why the search ended, and what forecasts say
     """
     nearest = {
         label: steps.feasible_start(space, campaign.requirements) for label, space in spaces.items()
@@ -225,7 +201,7 @@ def _search(
         label = min(nearest, key=lambda label: nearest[label].short)
         record(evaluate(spaces[label], campaign, nearest[label].coordinates, runner))
         ending = "no design in the design space meets the requirements that need no trials"
-        return _Searched(label, tried, ending, None)
+        return label, tried, ending, None
     explorers = {label: Explorer(spaces[label], campaign, runner, label) for label in starts}
     for explorer in explorers.values():
         explorer.watch = partial(progress.forecast, explorers)
@@ -234,47 +210,38 @@ def _search(
     rest = replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
     finalists, ending = steps.refine(left[label], rest, runner, record)
     landscape = landscape_of(left[label], np.array(finalists[0].coordinates))
-    return _Searched(label, finalists, ending, landscape)
+    return label, finalists, ending, landscape
 
 
-class _Shown(NamedTuple):
-    """What fresh trials show of a design: margins, and the availability in its own condition."""
-
-    margins: dict[str, float]
-    availability: Interval
+Confirmed = tuple[Evaluation, dict[str, Rows], dict[str, float], Interval]
 
 
 def _verify(
-    space: design.DesignSpace,
-    finalists: Sequence[Evaluation],
-    campaign: Campaign,
-    runner: TrialRunner,
-    watch: Advance | None,
-) -> tuple[Evaluation, dict[str, Rows], _Shown]:
+    space: design.DesignSpace, finalists: Sequence[Evaluation], campaign: Campaign,
+    runner: TrialRunner, watch: Advance | None,
+) -> Confirmed:  # fmt: skip
     """The first finalist that meets the requirements on fresh trials, else the first.
 
-    Returns  it, its outcomes on fresh frames in each condition that has a weight, what they show
+    Returns  it; its outcomes on fresh frames in each condition that has a weight; what these show:
+             margins, and the availability in its own condition
     """
-    results = list[tuple[Evaluation, dict[str, Rows], _Shown]]()
+    results = list[Confirmed]()
     for finalist in finalists:
         judged = campaign.judged(space.design(np.array(finalist.coordinates)))
         fresh = _fresh_frames(judged, campaign, runner, watch)
-        shown = _shown(judged, campaign, runner, fresh, watch)
-        results.append((finalist, fresh, shown))
-        margins = finalist.margins | shown.margins
+        shown, availability = _shown(judged, campaign, runner, fresh, watch)
+        results.append((finalist, fresh, shown, availability))
+        margins = finalist.margins | shown
         if finalist.summary and all(margin >= 0 for margin in margins.values()):
             return results[-1]
     return results[0]
 
 
 def _shown(
-    judged: Sequence[design.Judged],
-    campaign: Campaign,
-    runner: TrialRunner,
-    fresh: Mapping[str, Rows],
-    watch: Advance | None,
-) -> _Shown:
-    """The margins that need trials, from fresh ones; of the bound that must hold."""
+    judged: Sequence[design.Judged], campaign: Campaign, runner: TrialRunner,
+    fresh: Mapping[str, Rows], watch: Advance | None,
+) -> tuple[dict[str, float], Interval]:  # fmt: skip
+    """The margins that need trials, from fresh ones, of the bound that must hold; availability."""
     margins, fraction = dict[str, float](), Interval(math.nan, 0.0, 1.0)
     for condition in judged:
         outcomes = fresh.get(condition.name)
@@ -288,7 +255,7 @@ def _shown(
         elif condition.name == design.NOMINAL:
             fraction = confirmed["availability"].bounds
         margins |= named(condition.name, shown | {"false attitudes": -summary.false.value})
-    return _Shown(margins, fraction)
+    return margins, fraction
 
 
 def _fresh_frames(
@@ -303,12 +270,9 @@ def _fresh_frames(
 
 
 def _fresh(
-    judged: design.Judged,
-    campaign: Campaign,
-    runner: TrialRunner,
-    fidelity: design.Fidelity,
+    judged: design.Judged, campaign: Campaign, runner: TrialRunner, fidelity: design.Fidelity,
     watch: Advance | None,
-) -> Rows:
+) -> Rows:  # fmt: skip
     """Outcomes of trials that no tuning used, none where the design cannot be built."""
     try:
         if judged.units is not None:

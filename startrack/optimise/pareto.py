@@ -19,6 +19,7 @@ from startrack.optimise.steps import USUAL, Stage, explore, feasible_start
 from startrack.optimise.units import fresh_units, level_interval_of_units
 
 METHODS = ("epsilon", "weighted")
+NONE_MEETS = "no design in the design space meets the requirements that need no trials"
 SAME = 1e-3  # of ln(goal), by which a limit may be exceeded
 UNITS = {"mass": "kg", "power": "W", "data rate": "bit / s", "volume": "m3", "cost": "1"}
 
@@ -62,14 +63,9 @@ class Point:
 
 
 def front(
-    space: DesignSpace,
-    campaign: Campaign,
-    goals: Goals,
-    runner: TrialRunner,
-    points: int = 7,
-    method: str = "epsilon",
-    watch: Callable[[Stage], None] | None = None,
-) -> list[Point]:
+    space: DesignSpace, campaign: Campaign, goals: Goals, runner: TrialRunner, points: int = 7,
+    method: str = "epsilon", watch: Callable[[Stage], None] | None = None,
+) -> list[Point]:  # fmt: skip
     """Pareto front of both goals by the analytic budget; trials then measure each point.
 
     epsilon:   least first goal while the second is at most e, for e between the two extremes
@@ -93,16 +89,20 @@ def front(
         _check_levels(goals, campaign)
     start = feasible_start(space, campaign.requirements)
     if start.short:
-        raise Refused("no design in the design space meets the requirements that need no trials")
-    report = _told(watch, (USUAL + ROUNDS) * len(space))
-    search = _Search(space, campaign, goals, runner, start.coordinates, report)
+        raise Refused(NONE_MEETS)
+
+    def tell(explorer: Explorer) -> None:
+        if watch:
+            count, usual = len(explorer.points), (USUAL + ROUNDS) * len(space)
+            watch(Stage(f"{count} forecasts", FORECAST * min(count / usual, 1.0), math.nan))
+
+    search = _Search(space, campaign, goals, runner, start.coordinates, tell)
     for _ in range(ROUNDS):
         new = search.proposals(points, method)
         if not new:
             break
         search.explorer.forecast(new)
-    result = []
-    numbers = search.front(points, method)
+    result, numbers = [], search.front(points, method)
     for number in numbers:
         coordinates, pair = search.explorer.points[number], search.pairs[number]
         result.append(_measured(space, campaign, goals, runner, coordinates, pair))
@@ -110,17 +110,6 @@ def front(
             part = FORECAST + (1 - FORECAST) * len(result) / len(numbers)
             watch(Stage(f"{len(result)} of {len(numbers)} points tried", part, math.nan))
     return result
-
-
-def _told(watch: Callable[[Stage], None] | None, usual: int) -> Callable[[Explorer], None]:
-    """What an explorer calls after new forecasts, of which there are so many in most fronts."""
-
-    def tell(explorer: Explorer) -> None:
-        if watch:
-            count = len(explorer.points)
-            watch(Stage(f"{count} forecasts", FORECAST * min(count / usual, 1.0), math.nan))
-
-    return tell
 
 
 def _check_levels(goals: Goals, campaign: Campaign) -> None:
@@ -148,15 +137,7 @@ def undominated(values: Floats) -> list[int]:
 
 def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
     """The cost model of a goal, None where the goal is an error."""
-    needs = campaign.requirements
-    models = {
-        "mass": needs.mass,
-        "power": needs.power,
-        "data rate": needs.data_rate,
-        "volume": needs.volume,
-        "cost": needs.cost,
-    }
-    return models.get(goal)
+    return getattr(campaign.requirements, goal.replace(" ", "_")) if goal in UNITS else None
 
 
 ROUNDS = 4  # of proposals for all points of a front; chosen by hand
@@ -223,12 +204,8 @@ class _Search:
             starts = np.vstack([near, ends, self._best(pairs, 1 - part, limit)])
             if method == "epsilon":
                 # As a margin, near zero on the scale of `Scale`.
-                room = replace(
-                    second,
-                    mean=(limit - second.mean) / WIDTH,
-                    weight=-second.weight / WIDTH,
-                    size=second.size / WIDTH,
-                )
+                mean, weight = (limit - second.mean) / WIDTH, -second.weight / WIDTH
+                room = replace(second, mean=mean, weight=weight, size=second.size / WIDTH)
                 limited = replace(like, objective=first, margins=like.margins | {"goal": room})
                 point = ends[1] if part == 1 else limited.least(starts)[0]
             else:
@@ -251,9 +228,7 @@ class _Search:
         pairs = self.pairs
         met = np.flatnonzero(self._met(pairs))
         if not len(met):
-            raise Refused(
-                "no design in the design space meets the requirements that need no trials"
-            )
+            raise Refused(NONE_MEETS)
         some = pairs[met]
         high, low = some[some[:, 0].argmin(), 1], some[:, 1].min()
         chosen = list[int]()
@@ -269,13 +244,9 @@ class _Search:
 
 
 def _measured(
-    space: DesignSpace,
-    campaign: Campaign,
-    goals: Goals,
-    runner: TrialRunner,
-    coordinates: Floats,
-    expected: Floats,
-) -> Point:
+    space: DesignSpace, campaign: Campaign, goals: Goals, runner: TrialRunner,
+    coordinates: Floats, expected: Floats,
+) -> Point:  # fmt: skip
     judged = campaign.judged(space.design(coordinates))
     tried = {
         condition.name: fresh_units(condition, campaign, runner, condition.units.count)
@@ -293,18 +264,15 @@ def _measured(
         else:
             intervals.append(_interval(judged, tried, Objective.read(goal), runner.seed))
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
-    measured = intervals[0].value, intervals[1].value
-    point = tuple(coordinates), space.values(coordinates), both, measured
-    return Point(*point, (intervals[0], intervals[1]))
+    first, second = intervals
+    measured = first.value, second.value
+    return Point(tuple(coordinates), space.values(coordinates), both, measured, (first, second))
 
 
 def _over_units(
-    judged: Sequence[Judged],
-    tried: Mapping[str, Rows],
-    objective: Objective,
-    campaign: Campaign,
+    judged: Sequence[Judged], tried: Mapping[str, Rows], objective: Objective, campaign: Campaign,
     runner: TrialRunner,
-) -> Interval:
+) -> Interval:  # fmt: skip
     """Arcsec, the level of the objective over the fresh units in all conditions of a weight."""
     counted = [condition for condition in judged if condition.name in tried and condition.units]
     outcomes = [tried[condition.name] for condition in counted]

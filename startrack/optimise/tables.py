@@ -32,16 +32,12 @@ def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
             *(f"margin {name}" for name in margins), "score", "feasible", "note"]  # fmt: skip
     rows = (
         [
-            number,
-            *evaluation.values.values(),
-            *_errors(evaluation),
+            number, *evaluation.values.values(), *_errors(evaluation),
             *(evaluation.margins.get(name, math.nan) for name in margins),
-            evaluation.score,
-            evaluation.feasible,
-            evaluation.note,
+            evaluation.score, evaluation.feasible, evaluation.note,
         ]
         for number, evaluation in enumerate(evaluations)
-    )
+    )  # fmt: skip
     save_csv(path, head, rows)
 
 
@@ -184,28 +180,23 @@ def _units_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
 
 def units_values(units: ComparedUnits) -> dict[str, Any]:
     """Start and best over fresh units, for JSON; yields as of other commands."""
-    return {
-        "fraction": units.over.fraction,
-        "age_years": units.over.age / YEAR,
-        "count": units.count,
-        "trials_each": units.trials,
-        "predicted_level_arcsec": units.predicted / arcsec,
-        **{
-            name: {
-                "level_arcsec": level.value / arcsec,
-                "level_arcsec_95": [level.low / arcsec, level.high / arcsec],
-                "yields": [
-                    {
-                        "requirement": str(share.accuracy.objective),
-                        "most_arcsec": share.accuracy.most / arcsec,
-                        **asdict(getattr(share, name)),
-                    }
-                    for share in units.yields
-                ],
+    values: dict[str, Any] = {
+        "fraction": units.over.fraction, "age_years": units.over.age / YEAR, "count": units.count,
+        "trials_each": units.trials, "predicted_level_arcsec": units.predicted / arcsec,
+    }  # fmt: skip
+    for name, level in (("start", units.start), ("best", units.best)):
+        yields = [
+            {
+                "requirement": str(share.accuracy.objective),
+                "most_arcsec": share.accuracy.most / arcsec,
+                **asdict(getattr(share, name)),
             }
-            for name, level in (("start", units.start), ("best", units.best))
-        },
-    }
+            for share in units.yields
+        ]
+        bounds = [level.low / arcsec, level.high / arcsec]
+        level_arcsec = level.value / arcsec
+        values[name] = {"level_arcsec": level_arcsec, "level_arcsec_95": bounds, "yields": yields}
+    return values
 
 
 def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
@@ -239,17 +230,12 @@ def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
     points = np.quantile(tolerance.samples, FRACTIONS, axis=0)
     rows = [tolerance.space.values(coordinates) for coordinates in points]
     return {
-        "limit_arcsec": tolerance.limit / arcsec,
-        "quantiles": list(FRACTIONS),
+        "limit_arcsec": tolerance.limit / arcsec, "quantiles": list(FRACTIONS),
         "values_si": {name: [row[name] for row in rows] for name in names},
-        "surface_error": tolerance.surface_error,
-        "check_error": tolerance.check_error,
-        "checks": tolerance.checks,
-        "promised": tolerance.expected,
-        "kept": tolerance.kept,
-        **chain_values(tolerance.chains),
-        "designs": tolerance.designs,
-    }
+        "surface_error": tolerance.surface_error, "check_error": tolerance.check_error,
+        "checks": tolerance.checks, "promised": tolerance.expected, "kept": tolerance.kept,
+        **chain_values(tolerance.chains), "designs": tolerance.designs,
+    }  # fmt: skip
 
 
 def chain_values(chains: Chains) -> dict[str, Any]:
@@ -305,13 +291,9 @@ def write_samples(path: Path, tolerance: Tolerance) -> None:
 
 
 def _errors(evaluation: Evaluation) -> tuple[float, float, float]:
-    if evaluation.summary is None:
+    if (tried := evaluation.summary) is None:
         return math.nan, math.nan, math.nan
-    return (
-        evaluation.summary.across.value / arcsec,
-        evaluation.summary.about.value / arcsec,
-        evaluation.summary.availability.value,
-    )
+    return tried.across.value / arcsec, tried.about.value / arcsec, tried.availability.value
 
 
 def _written(interval: Interval, unit: float = arcsec) -> str:

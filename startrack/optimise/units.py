@@ -11,11 +11,11 @@ from scipy.special import polygamma
 from startrack.budget import UnitBudgets, joined
 from startrack.core import Advance, Floats, Ints, Rows, Unit, printed
 from startrack.design import Accuracy, Campaign, Case, Judged, Objective, OverUnits
-from startrack.metrics import Interval, fraction_interval, quantile_of_few
+from startrack.metrics import Interval, quantile_of_few
 from startrack.optimise.forecast import budgets_of_units
 from startrack.optimise.runner import FRESH_UNIT, TrialRunner
 from startrack.population import Units, middle_of, unit_errors
-from startrack.verification import units_expected
+from startrack.verification import units_expected, yield_of
 
 ENVIRONMENTS = 4  # of each fresh unit; chosen by hand: time against the rms of a unit
 RESAMPLES = 4000
@@ -29,13 +29,9 @@ def how(units: OverUnits, campaign: Campaign) -> Units:
 
 
 def fresh_units(
-    condition: Judged,
-    campaign: Campaign,
-    runner: TrialRunner,
-    count: int | None = None,
-    done: int = 0,
-    watch: Advance | None = None,
-) -> Rows:
+    condition: Judged, campaign: Campaign, runner: TrialRunner, count: int | None = None,
+    done: int = 0, watch: Advance | None = None,
+) -> Rows:  # fmt: skip
     """The outcomes of trials of units that no tuning used, in the campaign's fidelity.
 
     condition  which is judged over units
@@ -73,10 +69,9 @@ def noise_of(objective: Objective, outcomes: Rows, units: OverUnits, campaign: C
     squares = objective.squares(outcomes).reshape(-1, order.trials)
     mean = np.nanmean(squares, axis=1, keepdims=True)
     apart = np.nan_to_num(squares / mean - 1)
-    begin = np.unique(
-        np.arange(order.trials) * order.environments // order.trials, return_index=True
-    )
-    sums = np.add.reduceat(apart, begin[1], axis=1)
+    environment = np.arange(order.trials) * order.environments // order.trials
+    begin = np.unique(environment, return_index=True)[1]
+    sums = np.add.reduceat(apart, begin, axis=1)
     groups = sums.shape[1]
     if groups < 2:
         return 0.0
@@ -121,12 +116,9 @@ class ComparedUnits:
 
 
 def compare_units(
-    campaign: Campaign,
-    start: tuple[Sequence[Judged], Sequence[Rows]],
-    best: tuple[Sequence[Judged], Sequence[Rows]],
-    predicted: float,
-    runner: TrialRunner,
-) -> ComparedUnits | None:
+    campaign: Campaign, start: tuple[Sequence[Judged], Sequence[Rows]],
+    best: tuple[Sequence[Judged], Sequence[Rows]], predicted: float, runner: TrialRunner,
+) -> ComparedUnits | None:  # fmt: skip
     """Start and best by their fresh units, in the conditions that have a weight; the own one first.
 
     Intervals of levels are bootstrap percentiles over units, the same ones of both designs; those
@@ -139,7 +131,7 @@ def compare_units(
         return None
     objective = Objective.read(campaign.objective)
     weights, n = [condition.weight for condition in best[0]], campaign.fresh_units
-    chosen = _choices(n, runner.seed)
+    chosen = choices(n, runner.seed)
     before, after = (
         _levels(_measured(objective, *side, campaign, runner), weights, over.fraction, chosen)
         for side in (start, best)
@@ -151,10 +143,10 @@ def compare_units(
             likely_errors(limit.objective, conditions[0], rows[0], campaign, runner)
             for conditions, rows in (start, best)
         )
-        yields.append(UnitYield(limit, *(_share(error, limit.most, n) for error in errors)))
+        yields.append(UnitYield(limit, *(yield_of(limit, error) for error in errors)))
     return ComparedUnits(
-        over, n, campaign.trials_per_unit, _interval(before), _interval(after), predicted,
-        tuple(yields), _interval(before / after), _interval(after / predicted),
+        over, n, campaign.trials_per_unit, interval_of(before), interval_of(after), predicted,
+        tuple(yields), interval_of(before / after), interval_of(after / predicted),
     )  # fmt: skip
 
 
@@ -176,12 +168,9 @@ class MeasuredUnits(NamedTuple):
 
 
 def level_interval_of_units(
-    objective: Objective,
-    judged: Sequence[Judged],
-    outcomes: Sequence[Rows],
-    campaign: Campaign,
+    objective: Objective, judged: Sequence[Judged], outcomes: Sequence[Rows], campaign: Campaign,
     runner: TrialRunner,
-) -> Interval:
+) -> Interval:  # fmt: skip
     """The level over units, radian, as a geometric mean over conditions, with its interval.
 
     judged, outcomes  conditions, and the outcomes of the fresh units in each
@@ -189,8 +178,8 @@ def level_interval_of_units(
     measured, units = _measured(objective, judged, outcomes, campaign, runner), judged[0].units
     assert units is not None
     weights = [condition.weight for condition in judged]
-    chosen = _choices(len(measured[0].error), runner.seed)
-    return _interval(_levels(measured, weights, units.fraction, chosen))
+    chosen = choices(len(measured[0].error), runner.seed)
+    return interval_of(_levels(measured, weights, units.fraction, chosen))
 
 
 def likely_errors(
@@ -201,24 +190,17 @@ def likely_errors(
     As `errors_of` where some of their trials are left out.
     """
     assert condition.units is not None
-    trials = outcomes["trial"]
-    if (
-        not len(trials)
-        or len(trials) % how(condition.units, campaign).trials
-        or (np.diff(trials) != 1).any()
-    ):
+    trials, each = outcomes["trial"], how(condition.units, campaign).trials
+    if not len(trials) or len(trials) % each or (np.diff(trials) != 1).any():
         return errors_of(objective, outcomes, condition.units, campaign)
     [units] = _measured(objective, [condition], [outcomes], campaign, runner)
     return units.freed(np.arange(len(units.error)))
 
 
 def _measured(
-    objective: Objective,
-    judged: Sequence[Judged],
-    outcomes: Sequence[Rows],
-    campaign: Campaign,
+    objective: Objective, judged: Sequence[Judged], outcomes: Sequence[Rows], campaign: Campaign,
     runner: TrialRunner,
-) -> list[MeasuredUnits]:
+) -> list[MeasuredUnits]:  # fmt: skip
     return [
         MeasuredUnits(
             errors_of(objective, rows, condition.units, campaign),
@@ -258,9 +240,9 @@ def _budgets(block: Block) -> UnitBudgets | None:
     return budgets_of_units(*block)
 
 
-def _choices(count: int, seed: int) -> Ints:
+def choices(count: int, seed: int, stream: int = BOOTSTRAP) -> Ints:
     """(1 + RESAMPLES, n) all units, then units with repetition."""
-    rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))
+    rng = np.random.default_rng(np.random.SeedSequence((seed, stream)))
     return np.vstack([np.arange(count), rng.integers(0, count, (RESAMPLES, count))])
 
 
@@ -298,18 +280,13 @@ def without_noise(errors: Floats, expected: Floats, noise: float) -> Floats:
     mean, variance = logs.mean(axis=-1, keepdims=True), logs.var(axis=-1, ddof=1, keepdims=True)
     part = np.sqrt(np.maximum(1 - noise / np.maximum(variance, 1e-300), 0.0))
     freed = expected * np.exp(part * (logs - mean))
-    squares = ((values**2).mean(axis=-1, keepdims=True) for values in (errors, freed))
-    before, after = squares
+    before, after = ((values**2).mean(axis=-1, keepdims=True) for values in (errors, freed))
     return np.asarray(freed * np.sqrt(before / after))
 
 
-def _interval(values: Floats) -> Interval:
+def interval_of(values: Floats) -> Interval:
     """The first value, with percentiles of the others; NaN where one is not known."""
     if not np.isfinite(values[0]):
         return Interval(float(values[0]), np.nan, np.nan)
     low, high = np.nanquantile(values[1:], [0.025, 0.975])
     return Interval(float(values[0]), float(low), float(high))
-
-
-def _share(errors: Floats, most: float, count: int) -> Interval:
-    return fraction_interval(int((errors <= most).sum()), count)

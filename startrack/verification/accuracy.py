@@ -92,12 +92,7 @@ def _parts(law: Law) -> Iterator[Law | None]:
         inside = (region == number) & (law.weight > 0)
         total = float(law.weight[inside].sum())
         if total > 0:
-            yield replace(
-                law,
-                mean=law.mean[inside],
-                sigma=law.sigma[inside],
-                weight=law.weight[inside] / total,
-            )
+            yield Law(law.mean[inside], law.sigma[inside], law.weight[inside] / total)
         else:
             yield None
 
@@ -147,10 +142,8 @@ def expected_margins(needs: Requirements, budget: Budget[Law]) -> dict[str, floa
         accuracy.name: margin(accuracy.most, expected_over(accuracy.objective, budget, needs.sky))
         for accuracy in needs.accuracy
     }
-    return {
-        **by_name,
-        "availability": expected_availability(needs, budget) - needs.min_availability,
-    }
+    available = expected_availability(needs, budget)
+    return by_name | {"availability": available - needs.min_availability}
 
 
 # Chosen by hand: finer ones cost a count of the stars in every field for each new focal length.
@@ -179,12 +172,11 @@ def cost_margins(requirements: Requirements, case: Case) -> dict[str, float]:
         "data rate": (requirements.data_rate, requirements.max_data_rate),
         "cost": (requirements.cost, requirements.max_cost),
     }
+    least = requirements.min_update_rate
     return {name: 1 - model(case) / limit for name, (model, limit) in limits.items() if limit} | {
         "mass": 1 - requirements.mass(case) / requirements.max_mass,
         "power": 1 - requirements.power(case) / requirements.max_power,
-        "update rate": rate / requirements.min_update_rate - 1
-        if requirements.min_update_rate
-        else 1.0,
+        "update rate": rate / least - 1 if least else 1.0,
     }
 
 
@@ -199,10 +191,9 @@ def limiting_magnitude(case: Case) -> float:
     """
     detector = case.instrument.detector
     pixel = case.instrument.camera.focal_length_px**-2
-    unknown = np.full(len(MAGNITUDES), np.nan)
-    stars = Stars(
-        np.zeros(len(MAGNITUDES), np.int64), np.zeros((len(MAGNITUDES), 3)), MAGNITUDES, unknown
-    )
+    many = len(MAGNITUDES)
+    unknown = np.full(many, np.nan)
+    stars = Stars(np.zeros(many, np.int64), np.zeros((many, 3)), MAGNITUDES, unknown)
     light = illuminate(case.scene, stars)
     star, sky = electron_rate(light, detector, throughput(case.instrument))
     noise = (sky * pixel + detector.dark_rate) * detector.integration
@@ -247,9 +238,8 @@ def _needed(
     # Too few stars in the whole source: a magnitude beyond its limit.
     faintest, left = np.full(FIELDS, catalog.limit_g + 1), np.arange(FIELDS)
     # The stars are in order of brightness: so many hold a few times the stars that a field needs.
-    count = math.ceil(
-        FIRST_STARS * stars * 4 * math.pi * camera.focal_length_px**2 / columns / rows
-    )
+    sphere = 4 * math.pi * camera.focal_length_px**2
+    count = math.ceil(FIRST_STARS * stars * sphere / columns / rows)
     while True:
         bright = Sky(sky.stars[:count])
         near = bright.cones(axes[left, 2], camera.half_diagonal)

@@ -19,18 +19,7 @@ import numpy as np
 from scipy import optimize
 
 from startrack import core, detection
-from startrack.core import (
-    Advance,
-    Flags,
-    Floats,
-    Ints,
-    Parameters,
-    Psf,
-    Refused,
-    Streams,
-    printed,
-    whole,
-)
+from startrack.core import Advance, Flags, Floats, Ints, Refused, printed
 from startrack.design import Case
 from startrack.detector import Detector, dark, dark_frames, flickering, frame_of, response, stamp
 from startrack.metrics import Interval
@@ -68,7 +57,7 @@ KEYS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Windows(Parameters):
+class Windows(core.Parameters):
     """Images of one star over time.
 
     time        (n,) second, rising
@@ -220,12 +209,10 @@ def windows_of_frames(
                 raise Refused("frames must have a star away from the border, got none in the first")
         stamps.append(frame.time)
         inside = np.clip(corner, 4, np.array(size[::-1]) - 4)
-        middle = np.asarray(inside - 0.5, float)
         corners.append(corner - 4)
         numbers.append(_cut(frame.image, inside, detector))
-        acquired.append(_acquired(detection.detect_near(frame, middle, NEAR + 1, plan), middle))
-        after = detection.follow(frame, corner, box, plan).corner
-        corner = np.where(after < 0, corner, after)
+        acquired.append(_acquired(frame, inside, plan))
+        corner = _followed(frame, corner, box, plan)
         if progress:
             progress(1)
     time = _times(np.array(stamps), detector)
@@ -275,10 +262,20 @@ def _first_corners(spots: core.Spots, size: tuple[int, int]) -> Ints:
     return np.rint(place[chosen] + 0.5).astype(np.int64).reshape(-1, 2)
 
 
-def _acquired(spots: core.Spots, place: Floats) -> Flags:
-    """Whether a spot lies near each place (m, 2), in an image's middle half."""
+def _acquired(frame: core.Frame, corner: Ints, plan: detection.DetectionPlan) -> Flags:
+    """Whether the search finds a spot in the middle half of each image (m, 2) about a corner."""
+    place = np.asarray(corner - 0.5, float)
+    spots = detection.detect_near(frame, place, NEAR + 1, plan)
     away = np.abs(np.column_stack([spots.x, spots.y]) - place[:, None])
     return np.asarray(np.any(np.all(away < NEAR, axis=2), axis=1))
+
+
+def _followed(
+    frame: core.Frame, corner: Ints, box: detection.Box, plan: detection.DetectionPlan
+) -> Ints:
+    """Where the tracker's boxes are after a frame; those that lose their star stay."""
+    after = detection.follow(frame, corner, box, plan).corner
+    return np.where(after < 0, corner, after)
 
 
 class Centroids(NamedTuple):
@@ -344,7 +341,7 @@ class Measured(NamedTuple):
     curve: Floats
 
 
-def measure(stars: Sequence[Windows], box: detection.Box, psf: Psf | None) -> list[Measured]:
+def measure(stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None) -> list[Measured]:
     """Measure stars that were seen together.
 
     temporal    pixel rms of an axis, of third differences in time between exposures whose image
@@ -488,7 +485,7 @@ def photon_transfer(windows: Windows) -> tuple[float, float]:
     return float(1 / line[1]), math.sqrt(max(float(line[0]) - 1 / 12, 0.0))
 
 
-def image_difference(seen: Centroids, box: detection.Box, psf: Psf) -> float:
+def image_difference(seen: Centroids, box: detection.Box, psf: core.Psf) -> float:
     """Worst pixel of the mean images of phase cells less the design's image, of the peak."""
     light, corner = _light(seen.windows, box)
     size = light.shape[1]
@@ -509,7 +506,7 @@ def image_difference(seen: Centroids, box: detection.Box, psf: Psf) -> float:
     return worst
 
 
-def _fitted(image: Floats, start: Floats, spread: Floats, psf: Psf) -> Floats:
+def _fitted(image: Floats, start: Floats, spread: Floats, psf: core.Psf) -> Floats:
     """An image less that of a star at the place and of the flux that fit best."""
     size = len(image)
     far = (size - 1) / 2 + BORDER
@@ -542,14 +539,14 @@ def simulate(
     Accuracy  model: the mean image of the field, where the design has several; a star does not move
               within an exposure; one path error of some hundredths of a pixel, by the centroids.
     """
-    whole(1, 1000, devices=devices)
+    core.whole(1, 1000, devices=devices)
     box, psf, drawn = case.tracker.box, psf_of(case.instrument), []
     for number, star in enumerate(stars):
         seen = centroids(star, box)
         path = _smoothed(seen.place)
         share = _fraction(psf, box)
         flux = float(np.median(seen.total)) / share * case.instrument.detector.electrons_per_dn
-        drawn.append(_drawn(case, seen.windows, path, flux, devices, Streams(seed, number)))
+        drawn.append(_drawn(case, seen.windows, path, flux, devices, core.Streams(seed, number)))
         if progress:
             progress(1)
     return [list(device) for device in zip(*drawn, strict=True)]
@@ -561,7 +558,7 @@ def _smoothed(place: Floats) -> Floats:
     return np.column_stack([np.convolve(axis, kernel, "valid") for axis in padded.T])
 
 
-def _fraction(psf: Psf, box: detection.Box) -> float:
+def _fraction(psf: core.Psf, box: detection.Box) -> float:
     """Fraction of a star's light in its image, the star in the middle."""
     image = np.zeros((box.size + 2 * BORDER, box.size + 2 * BORDER))
     middle = np.array([(len(image) - 1) / 2])
@@ -571,7 +568,7 @@ def _fraction(psf: Psf, box: detection.Box) -> float:
 
 
 def _drawn(
-    case: Case, seen: Windows, path: Floats, flux: float, devices: int, streams: Streams
+    case: Case, seen: Windows, path: Floats, flux: float, devices: int, streams: core.Streams
 ) -> list[Windows]:
     """One star on detectors side by side, each a tile of one frame."""
     low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
@@ -596,16 +593,14 @@ def _drawn(
         if state and k:
             state.later(float(seen.time[k] - seen.time[k - 1]))
         frame = frame_of(
-            light + empty, device, Streams(streams.seed, 10**6 * (1 + streams.trial) + k),
+            light + empty, device, core.Streams(streams.seed, 10**6 * (1 + streams.trial) + k),
             state=state,
         )  # fmt: skip
         corners.append(corner - 4)
         numbers.append(_cut(frame.image, corner, device))
         if seen.acquired is not None:
-            middle = np.asarray(corner - 0.5, float)
-            acquired.append(_acquired(detection.detect_near(frame, middle, NEAR + 1, plan), middle))
-        after = detection.follow(frame, corner, box, plan).corner
-        corner = np.where(after < 0, corner, after)
+            acquired.append(_acquired(frame, corner, plan))
+        corner = _followed(frame, corner, box, plan)
     origin = np.column_stack([low[0] - shift, np.full(devices, low[1])])
     return [
         replace(seen, number=np.array([n[k] for n in numbers]), background=None,
@@ -668,17 +663,16 @@ def compare_flown(
     parts = [measure(block, box, None) for block in _blocks(stars)]
     differences, curves = [], {}
     electrons = case.instrument.detector.electrons_per_dn
+    noise = case.instrument.detector.noise / electrons
+    stated = {"image": 0.0, "gain": electrons, "read_noise": noise}
     for n, star in enumerate(stars):
         for name, value in measured[n].scalar.items():
             seen = _jackknifed(value, [part[n].scalar[name] for part in parts])
             predicted = _middle([unit[n].scalar[name] for unit in drawn])
             if name == "image":
-                seen, predicted = Interval(value, value, value), Interval(0.0, 0.0, 0.0)
-            if name == "gain":
-                predicted = Interval(electrons, electrons, electrons)
-            if name == "read_noise":
-                noise = case.instrument.detector.noise / electrons
-                predicted = Interval(noise, noise, noise)
+                seen = Interval(value, value, value)
+            if name in stated:
+                predicted = Interval(*[stated[name]] * 3)
             if math.isfinite(seen.value):
                 differences.append(Difference(star.name, name, seen, predicted, KEYS[name]))
         curves[star.name] = (

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from startrack.core import Flags, Floats, Rows, arcsec
+from startrack.core import Floats, Rows, arcsec
 from startrack.design import YEAR, Campaign, Case, Judged
 from startrack.io import aligned
 from startrack.metrics import Interval, bracketed, correct
@@ -75,19 +75,15 @@ class StatedErrors:
 def _stated(outcomes: Rows, how: Units) -> StatedErrors:
     used = outcomes[outcomes["solved"] & ~outcomes["false"]]
     errors = np.column_stack([used[f"error_{axis}"] for axis in "xyz"])
-    _, place, count = np.unique(
-        used["trial"] // how.trials, return_inverse=True, return_counts=True
-    )
+    unit = used["trial"] // how.trials
+    _, place, count = np.unique(unit, return_inverse=True, return_counts=True)
     mean = np.zeros((len(count), 3))
     np.add.at(mean, place, errors)
     left = errors - (mean / count[:, None])[place]
     # A mean of n trials takes 1 / n of their variance.
     freed = max(len(used) - len(count), 1)
-    return StatedErrors(
-        how.age,
-        np.sqrt((errors**2).sum(axis=0) / max(len(used), 1)),
-        np.sqrt((left**2).sum(axis=0) / freed),
-    )
+    with_bias = np.sqrt((errors**2).sum(axis=0) / max(len(used), 1))
+    return StatedErrors(how.age, with_bias, np.sqrt((left**2).sum(axis=0) / freed))
 
 
 @dataclass(frozen=True)
@@ -174,24 +170,18 @@ def _at(
     good = np.bincount(place, correct(outcomes, condition.needs.limits)) / np.bincount(place)
     met["availability"] = good >= condition.needs.min_availability
     for name, meets in met.items():
-        yield name, _verdict(claim, meets, how.age, tails)
-
-
-def _verdict(claim: YieldClaim, met: Flags, age: float, tails: tuple[float, float]) -> YieldVerdict:
-    bounds = claim.bounds(met, *tails)
-    answer = claim.answer(bounds)
-    needed = claim.needed(bounds.value, *tails) if answer is Answer.NOT_SHOWN else None
-    return YieldVerdict(age, bounds, answer, needed)
+        bounds = claim.bounds(meets, *tails)
+        answer = claim.answer(bounds)
+        needed = claim.needed(bounds.value, *tails) if answer is Answer.NOT_SHOWN else None
+        yield name, YieldVerdict(how.age, bounds, answer, needed)
 
 
 def _rows(
     condition: Judged, at_ages: list[dict[str, YieldVerdict]], least: float
 ) -> Iterator[UnitRow]:
-    limits = {
-        accuracy.name: (str(accuracy.objective), accuracy.most)
-        for accuracy in condition.needs.accuracy
-    }
-    limits["availability"] = ("fraction of correct attitudes", condition.needs.min_availability)
+    needs = condition.needs
+    limits = {limit.name: (str(limit.objective), limit.most) for limit in needs.accuracy}
+    limits["availability"] = ("fraction of correct attitudes", needs.min_availability)
     for name, (statistic, limit) in limits.items():
         ages = tuple(verdicts[name] for verdicts in at_ages)
         yield UnitRow(condition.name, name, statistic, limit, least, ages)
@@ -280,8 +270,5 @@ def unit_text(verified: UnitVerification) -> str:
 def _written(verdict: YieldVerdict) -> str:
     if verdict.answer is not Answer.NOT_SHOWN:
         return verdict.answer.loud
-    return f"{verdict.answer.loud}: " + (
-        f"about {verdict.needed} units would do"
-        if verdict.needed
-        else "no number of units would do"
-    )
+    enough = f"about {verdict.needed} units" if verdict.needed else "no number of units"
+    return f"{verdict.answer.loud}: {enough} would do"

@@ -104,13 +104,9 @@ def _by_formula(condition: Judged) -> Iterator[Verdict]:
 
 
 def _by_trials(
-    condition: Judged,
-    trials: Trials,
-    seed: int,
-    looks: Looks,
-    tails: tuple[float, float],
+    condition: Judged, trials: Trials, seed: int, looks: Looks, tails: tuple[float, float],
     watch: Callable[[str, int], None] | None,
-) -> Iterator[Verdict]:
+) -> Iterator[Verdict]:  # fmt: skip
     claims = claims_of(condition.needs)
     analysis, note = _analysis(condition)
     decided = dict[str, tuple[Interval, int]]()
@@ -130,22 +126,12 @@ def _by_trials(
     for claim in claims:
         bounds, size = decided[claim.name]
         answer = claim.answer(bounds)
-        needed = None
-        if answer is Answer.NOT_SHOWN:
-            needed = claim.needed(outcomes, boresight, *tails)
+        open_ = answer is Answer.NOT_SHOWN
         yield Verdict(
-            condition.name,
-            claim.name,
-            _statistic(claim),
-            claim.limit,
-            analysis.get(claim.name, math.nan),
-            bounds,
-            size,
-            claim.margin(bounds.value),
-            answer,
-            needed,
-            note,
-        )
+            condition.name, claim.name, _statistic(claim), claim.limit,
+            analysis.get(claim.name, math.nan), bounds, size, claim.margin(bounds.value), answer,
+            claim.needed(outcomes, boresight, *tails) if open_ else None, note,
+        )  # fmt: skip
 
 
 def _statistic(claim: Claim) -> str:
@@ -213,13 +199,9 @@ def verdict_table(verified: Verification) -> Table:
 
 def verdict_notes(verified: Verification) -> list[str]:
     """What the table means, and what it leaves out."""
-    limited = dict.fromkeys(
-        f"{verdict.name}: {verdict.statistic}" for verdict in verified.verdicts if verdict.trials
-    )
-    lines = list(limited)
-    lines += [
-        f"{verdict.condition}: {verdict.note}" for verdict in verified.verdicts if verdict.note
-    ]
+    rows = verified.verdicts
+    lines = list(dict.fromkeys(f"{row.name}: {row.statistic}" for row in rows if row.trials))
+    lines += [f"{row.condition}: {row.note}" for row in rows if row.note]
     lines += [f"not judged: {reason}" for reason in verified.left]
     sizes, alpha = ", ".join(map(str, verified.looks.sizes)), 100 * verified.looks.alpha
     lines.append(
