@@ -99,9 +99,8 @@ class Campaign(Parameters):
             try:
                 non_negative(age=parse(self.age, "s"))
             except ValueError:
-                raise Refused(
-                    f"age must be begin, end or a time such as 3 yr, got {self.age!r}"
-                ) from None
+                said = f"age must be begin, end or a time such as 3 yr, got {self.age!r}"
+                raise Refused(said) from None
         if self.units is None:
             return
         if not 0 < self.units < 1:
@@ -123,10 +122,8 @@ class Campaign(Parameters):
     @property
     def limited(self) -> tuple[Accuracy, ...]:
         """The errors that are limited, in any condition."""
-        needs = [
-            self.requirements,
-            *(need.requirements(self.requirements) for need in self.conditions),
-        ]
+        own = self.requirements
+        needs = [own, *(condition.requirements(own) for condition in self.conditions)]
         return tuple(accuracy for need in needs for accuracy in need.accuracy)
 
     @property

@@ -12,19 +12,7 @@ import numpy as np
 from startrack import core
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    Floats,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    deg,
-    mm,
-    printed,
-    um,
-)
+from startrack.core import FINITE, NON_NEGATIVE, Floats, Parameters, Range, Refused, Unit
 from startrack.design.epoch import believed_from, seen_from
 from startrack.design.parameter import unchecked
 from startrack.design.structure import Structure
@@ -239,43 +227,25 @@ class Instrument(Parameters):
 
     @property
     def _camera_model(self) -> core.Camera:
-        optics = self.optics
+        optics, columns, rows = self.optics, self.detector.columns, self.detector.rows
         shift_x, shift_y = self.detector.shift
+        principal = optics.principal_x + shift_x, optics.principal_y + shift_y
         if self.imaged:
             model, traced = self.imaged.camera.ideal, self.imaged.optics
-            return replace(
-                model,
-                focal_length_px=model.focal_length_px * optics.focal_length / traced.focal_length,
-                principal_x=optics.principal_x + shift_x,
-                principal_y=optics.principal_y + shift_y,
-            )
+            focal = model.focal_length_px * optics.focal_length / traced.focal_length
+            x, y = principal
+            return replace(model, focal_length_px=focal, principal_x=x, principal_y=y)
         places = bool(optics.psf_file) and open_psf_file(optics.psf_file).place is not None
         if optics.traced or places:
-            frame = (
-                self.detector.columns,
-                self.detector.rows,
-                self.detector.pitch,
-                (optics.principal_x + shift_x, optics.principal_y + shift_y),
-                WAVELENGTH,
-                self.detected_spectra(np.array([SUN]))[0],
-            )
+            where = columns, rows, self.detector.pitch, principal
+            spectrum = self.detected_spectra(np.array([SUN]))[0]
             if places:
-                return camera_of_cube(optics, *frame)
-            *where, _, spectrum = frame
+                return camera_of_cube(optics, *where, WAVELENGTH, spectrum)
             return _traced_camera(optics, self.lens_temperature, *where, spectrum.tobytes())
         return core.Camera(
-            self.detector.columns,
-            self.detector.rows,
-            optics.focal_length / self.detector.pitch,
-            optics.principal_x + shift_x,
-            optics.principal_y + shift_y,
-            optics.k1,
-            optics.k2,
-            optics.p1,
-            optics.p2,
-            optics.k3,
-            optics.polynomial,
-        )
+            columns, rows, optics.focal_length / self.detector.pitch, *principal,
+            optics.k1, optics.k2, optics.p1, optics.p2, optics.k3, optics.polynomial,
+        )  # fmt: skip
 
     def detected_spectra(self, temperature: Floats) -> Floats:
         """Photons per second of blackbodies that are detected in each spectral bin, on any scale.
@@ -364,7 +334,7 @@ class Tracker(Parameters):
             raise Refused("mounting of a tracker must not swing: it believes one turn")
 
 
-@printed
+@core.printed
 @dataclass(frozen=True)
 class Case(core.CarriesCode):
     """One design in one scene: everything that a trial needs except its attitude and its noise.
@@ -427,14 +397,11 @@ class Case(core.CarriesCode):
     @property
     def _rows(self) -> list[tuple[str, str]]:
         optics, detector = self.instrument.optics, self.instrument.detector
-        camera = self.instrument.camera
+        camera, size = self.instrument.camera, f"{detector.columns} x {detector.rows}"
         return [
-            ("field", f"{camera.fov_x / deg:.3g} x {camera.fov_y / deg:.3g} deg"),
-            ("lens", f"{optics.focal_length / mm:.4g} mm f/{optics.f_number:.3g}"),
-            (
-                "detector",
-                f"{detector.columns} x {detector.rows} pixels of {detector.pitch / um:g} um",
-            ),
+            ("field", f"{camera.fov_x / core.deg:.3g} x {camera.fov_y / core.deg:.3g} deg"),
+            ("lens", f"{optics.focal_length / core.mm:.4g} mm f/{optics.f_number:.3g}"),
+            ("detector", f"{size} pixels of {detector.pitch / core.um:g} um"),
             ("exposure", f"{1e3 * detector.exposure:g} ms"),
             ("stars", self.catalog.extent),
         ]
@@ -461,13 +428,8 @@ class Case(core.CarriesCode):
         if self.design is None:
             return self
         own = self.design.tracker
-        tracker = replace(
-            self.tracker,
-            camera=own.camera,
-            camera_model=own.camera_model,
-            mounting=own.mounting,
-            delay=own.delay,
-        )
+        names = ("camera", "camera_model", "mounting", "delay")
+        tracker = replace(self.tracker, **{name: getattr(own, name) for name in names})
         return self.design if tracker == own else replace(self.design, tracker=tracker)
 
     @cached_property
@@ -509,8 +471,7 @@ class Case(core.CarriesCode):
 
     def unit_of(self, design: Case) -> Case:
         """The case as the truth of a unit of a design."""
-        unit: Case = unchecked(self, {"design": design})
-        return unit
+        return unchecked(self, {"design": design})
 
     @property
     def believed_camera(self) -> core.Camera:

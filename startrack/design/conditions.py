@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 
 from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, printed
 from startrack.design.case import Case
-from startrack.design.parameter import find, quantity, replaced_all
+from startrack.design.parameter import with_values
 from startrack.design.requirements import Requirements
 from startrack.motion import Motion
 
@@ -62,21 +62,13 @@ class Condition(Parameters):
             case = turning(case, self.rate)
         if self.background_g is not None:
             case = replace(case, scene=replace(case.scene, background_g=self.background_g))
-        values = {
-            change.name: change.value
-            if isinstance(find(case, change.name), str)
-            else quantity(case, change.name, change.value)
-            for change in self.change
-        }
-        return replaced_all(case, values) if values else case
+        values = {change.name: change.value for change in self.change}
+        return with_values(case, values) if values else case
 
     def requirements(self, needs: Requirements) -> Requirements:
         """The requirements with the limits of this condition."""
-        own = {
-            name: getattr(self, name)
-            for name in ("max_across", "max_about", "min_availability")
-            if getattr(self, name) is not None
-        }
+        names = ("max_across", "max_about", "min_availability")
+        own = {name: limit for name in names if (limit := getattr(self, name)) is not None}
         return replace(needs, **own) if own else needs
 
 

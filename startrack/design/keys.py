@@ -129,9 +129,7 @@ def _range(limits: Range, unit: Unit | None) -> str:
     """The limits in the unit that files have."""
 
     def text(value: float) -> str:
-        if not unit or value == 0:
-            return f"{value:g}"
-        return f"{unit.of(value):.4g}"
+        return f"{unit.of(value):.4g}" if unit and value else f"{value:g}"
 
     low, high = limits.low, limits.high
     if math.isinf(low) and math.isinf(high):
@@ -279,18 +277,15 @@ def design_schema() -> Schema:
     between several keys, are left to `load_design`: a file that it refuses is no design, one that
     it takes may still be none. In a file with `base` or `include` no key is required.
     """
-    design = _table(Case, "")
-    campaign, required = _table(Campaign, "campaign"), _required(Case)
+    design, required = _table(Case, ""), _required(Case)
     required["properties"]["campaign"] = _required(Campaign)
-    detector = required["properties"]["instrument"]["properties"]["detector"]
+    campaign = {"campaign": _table(Campaign, "campaign")}
     either = {"anyOf": [{"required": [name]} for name in ("base", "include")]}
-    design["properties"] |= {"campaign": campaign} | {key.name: _plain(key) for key in OF_FILES}
+    design["properties"] |= campaign | {key.name: _plain(key) for key in OF_FILES}
     within = design["properties"]["instrument"]["properties"]["detector"]
     within["properties"]["product"] = _plain(PRODUCT)
-    with_product = {"required": ["product"]}
-    required["properties"]["instrument"]["properties"]["detector"] = {
-        "anyOf": [with_product, detector]
-    }
+    parts = required["properties"]["instrument"]["properties"]
+    parts["detector"] = {"anyOf": [{"required": ["product"]}, parts["detector"]]}
     return {
         "$schema": DRAFT,
         "title": "startrack design",
@@ -311,11 +306,9 @@ def _table(kind: type, place: str) -> Schema:
     properties = dict[str, Schema]()
     for name, field in fields_of(kind).items():
         where = f"{place}.{name}" if place else name
-        properties[name] = {"description": _meanings()[where].meaning} | _value(
-            field, range_of(field), where
-        )
+        key = _meanings()[where]
+        properties[name] = {"description": key.meaning} | _value(field, range_of(field), where)
         if field.default is not None and not dataclasses.is_dataclass(field.kind):
-            key = _meanings()[where]
             properties[name]["markdownDescription"] = f"{key.meaning}\n\nDefault: `{key.default}`"
     old: Mapping[str, str] = getattr(kind, "OLD_KEYS", {})
     for before, name in old.items():

@@ -113,14 +113,9 @@ class Objective:
             return np.sqrt(axes * quantile(squares, self.fraction, axis=-1))
 
     def ratio(
-        self,
-        first: Floats,
-        second: Floats,
-        seed: int,
-        resamples: int = RESAMPLES,
-        confidence: float = 0.95,
-        paired: bool = True,
-    ) -> Interval:
+        self, first: Floats, second: Floats, seed: int, resamples: int = RESAMPLES,
+        confidence: float = 0.95, paired: bool = True,
+    ) -> Interval:  # fmt: skip
         """Statistic of the squares of some trials over that of others, with its interval.
 
         Trials are resampled (bootstrap percentiles), in pairs where both are on the same skies;
@@ -133,15 +128,9 @@ class Objective:
         return self.ratio_of_means([first], [second], [1.0], seed, resamples, confidence, paired)
 
     def ratio_of_means(
-        self,
-        first: Sequence[Floats],
-        second: Sequence[Floats],
-        weights: Sequence[float],
-        seed: int,
-        resamples: int = RESAMPLES,
-        confidence: float = 0.95,
-        paired: bool = True,
-    ) -> Interval:
+        self, first: Sequence[Floats], second: Sequence[Floats], weights: Sequence[float],
+        seed: int, resamples: int = RESAMPLES, confidence: float = 0.95, paired: bool = True,
+    ) -> Interval:  # fmt: skip
         """`ratio` of the geometric means of the statistic over several conditions, by weights.
 
         first, second  of each condition, on the same skies in all of them
@@ -152,16 +141,10 @@ class Objective:
         n, m = len(first[0]), len(second[0])
         chosen = rng.integers(0, n, (resamples, n))
         other_chosen = chosen if paired else rng.integers(0, m, (resamples, m))
-        ratios = _weighted(
-            [
-                self.of(a[chosen]) / self.of(b[other_chosen])
-                for a, b in zip(first, second, strict=True)
-            ],
-            weights,
-        )
-        value = _weighted(
-            [self.of(a) / self.of(b) for a, b in zip(first, second, strict=True)], weights
-        )
+        pairs = list(zip(first, second, strict=True))
+        resampled = [self.of(a[chosen]) / self.of(b[other_chosen]) for a, b in pairs]
+        ratios = _weighted(resampled, weights)
+        value = _weighted([self.of(a) / self.of(b) for a, b in pairs], weights)
         tail = (1 - confidence) / 2
         low, high = np.nanquantile(ratios, [tail, 1 - tail])
         return Interval(float(value), float(low), float(high))

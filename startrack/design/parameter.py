@@ -3,10 +3,12 @@
 import dataclasses
 import warnings
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from startrack.core import Refused, Unit, parse, unit_of
 from startrack.io import current_key
+
+C = TypeVar("C")
 
 
 def current_name(case: Any, name: str) -> str:
@@ -55,7 +57,7 @@ def number(case: Any, name: str) -> float:
     return float(value)
 
 
-def replaced(case: Any, name: str, value: Any) -> Any:
+def replaced(case: C, name: str, value: Any) -> C:
     """The case with another value at a name; a number is rounded where a whole one was.
 
     Raises  ValueError with the name, where the parameter refuses the value.
@@ -63,7 +65,7 @@ def replaced(case: Any, name: str, value: Any) -> Any:
     return replaced_all(case, {name: value})
 
 
-def replaced_all(case: Any, values: Mapping[str, Any]) -> Any:
+def replaced_all(case: C, values: Mapping[str, Any]) -> C:
     """The case with other values at some names, all changed at once.
 
     Each part of the case is checked with all of its new values, so that values that are valid only
@@ -73,12 +75,23 @@ def replaced_all(case: Any, values: Mapping[str, Any]) -> Any:
     Raises  ValueError with the names of those values that the part which refused them has; and
             where one name is part of another.
     """
-    return _with(case, _changes(case, values), checked=True)
+    changed: C = _with(case, _changes(case, values), checked=True)
+    return changed
 
 
-def unchecked(case: Any, values: Mapping[str, Any]) -> Any:
+def with_values(case: C, values: Mapping[str, float | str]) -> C:
+    """`replaced_all` by numbers, texts with a unit where a parameter has one, or names."""
+    in_si = {
+        name: value if isinstance(find(case, name), str) else quantity(case, name, value)
+        for name, value in values.items()
+    }
+    return replaced_all(case, in_si)
+
+
+def unchecked(case: C, values: Mapping[str, Any]) -> C:
     """As `replaced_all`, but no part of the case is checked: only to compute other values from."""
-    return _with(case, _changes(case, values), checked=False)
+    changed: C = _with(case, _changes(case, values), checked=False)
+    return changed
 
 
 def unit_at(case: Any, name: str) -> Unit | None:

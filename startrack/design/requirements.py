@@ -53,11 +53,10 @@ def lens_cost(optics: Optics) -> LensCost | None:
     surfaces = full_surfaces(optics)  # stopped down, it is as large as before
     if surfaces is None:
         return None
-    if not optics.lens_family:
-        return cost_of(surfaces, len(surfaces.elements))
-    return cost_of(
-        surfaces, element_count(optics.lens_family, optics.f_number, optics.family_field)
-    )
+    elements: float = len(surfaces.elements)
+    if optics.lens_family:
+        elements = element_count(optics.lens_family, optics.f_number, optics.family_field)
+    return cost_of(surfaces, elements)
 
 
 def cost_of(surfaces: Surfaces, elements: float) -> LensCost:

@@ -1,7 +1,7 @@
 """Variable, Link, DesignSpace, Choice: the parameters of a case that a campaign may change."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -10,8 +10,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from startrack.core import FINITE, Floats, Parameters, Range, Refused, printed
+from startrack.design import parameter
 from startrack.design.case import Case
-from startrack.design.parameter import find, label, number, quantity, replaced_all, text, unchecked
+from startrack.design.parameter import find, number, quantity, replaced_all, text, unchecked
 from startrack.design.products import with_product
 from startrack.io import from_table, to_table
 
@@ -170,7 +171,9 @@ class DesignSpace:
 
     def labels(self) -> dict[str, str]:
         """The names of the variables, and how tables show them."""
-        return {variable.name: label(self.case, variable.name) for variable in self.variables}
+        return {
+            variable.name: parameter.label(self.case, variable.name) for variable in self.variables
+        }
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""
@@ -235,15 +238,15 @@ def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
     count = math.prod(len(choice.values) for choice in choices)
     if count > MOST_BRANCHES:
         raise Refused(f"choices must make at most {MOST_BRANCHES} combinations, got {count}")
-    return list(_branches(case, choices))
-
-
-def _branches(case: Case, choices: Sequence[Choice]) -> Iterator[Branch]:
+    made = []
     for values in product(*(choice.values for choice in choices)):
-        chosen = _chosen(case, {which.name: v for which, v in zip(choices, values, strict=True)})
-        names = (choice.name.rpartition(".")[2] for choice in choices)
-        label = ", ".join(f"{name} {_written(v)}" for name, v in zip(names, values, strict=True))
-        yield Branch(label, chosen)
+        chosen = {choice.name: value for choice, value in zip(choices, values, strict=True)}
+        texts = (
+            f"{name.rpartition('.')[2]} {value if isinstance(value, str) else f'{value:g}'}"
+            for name, value in chosen.items()
+        )
+        made.append(Branch(", ".join(texts), _chosen(case, chosen)))
+    return made
 
 
 def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
@@ -251,28 +254,13 @@ def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
     rest = dict(values)
     if DETECTOR in rest:
         table = to_table(case)
-        own = {
-            name: setting
-            for name, setting in table["instrument"]["detector"].items()
-            if name in KEPT
-        }
-        if "age" in own:
-            own["age"] = {
-                name: setting for name, setting in own["age"].items() if name not in OF_DEVICE
-            }
+        detector = table["instrument"]["detector"]
+        own = {name: detector[name] for name in KEPT if name in detector}
+        for name in OF_DEVICE:
+            own.get("age", {}).pop(name, None)
         # A product may refuse the exposure of the case, but not the one that is chosen with it.
         if EXPOSURE in rest:
             own["exposure"] = rest.pop(EXPOSURE)
         table["instrument"]["detector"] = {"product": rest.pop(DETECTOR)} | own
         case = from_table(Case, with_product(table))
-    return replaced_all(
-        case,
-        {
-            name: value if isinstance(find(case, name), str) else quantity(case, name, value)
-            for name, value in rest.items()
-        },
-    )
-
-
-def _written(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
+    return parameter.with_values(case, rest)

@@ -360,8 +360,5 @@ def aged(case: Any, age: float) -> Any:
     if detection.dark_map is not None:
         then = detection.dark_map_age
         detection = replace(detection, dark_map_age=age if then is None else min(then, age))
-    return replace(
-        case,
-        instrument=replace(case.instrument, detector=older),
-        tracker=replace(case.tracker, detection=detection),
-    )
+    instrument = replace(case.instrument, detector=older)
+    return replace(case, instrument=instrument, tracker=replace(case.tracker, detection=detection))

@@ -51,6 +51,7 @@ from startrack.metrics.results import (
 from startrack.metrics.summary import (
     Interval,
     Summary,
+    beyond_ten_sigma,
     fraction_interval,
     interval_table,
     rms_interval,
@@ -59,13 +60,6 @@ from startrack.metrics.summary import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Limits",
-    "Star",
-    "attitude_bound",
-    "centroid_bound",
-    "fraction_interval",
-    "judge",
-    "reproducibility",
-    "rms_interval",
-    "summarise",
-]
+    "Limits", "Star", "attitude_bound", "centroid_bound", "fraction_interval", "judge",
+    "reproducibility", "rms_interval", "summarise",
+]  # fmt: skip

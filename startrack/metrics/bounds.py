@@ -50,13 +50,8 @@ def centroid_bound(star: Star) -> tuple[float, float]:
         for fraction_y, slope_y in across:
             fractions = np.outer(fraction_y, fraction_x)
             mean = star.flux * fractions + star.background + star.read_noise**2
-            slopes = np.array(
-                [
-                    star.flux * np.outer(fraction_y, slope_x),
-                    star.flux * np.outer(slope_y, fraction_x),
-                    fractions,
-                ]
-            ).reshape(3, -1)
+            by_x, by_y = np.outer(fraction_y, slope_x), np.outer(slope_y, fraction_x)
+            slopes = np.array([star.flux * by_x, star.flux * by_y, fractions]).reshape(3, -1)
             # Pixels without electrons or noise have no information.
             weight = np.divide(1, mean, out=np.zeros_like(mean), where=mean > 1e-200).ravel()
             total += np.diag(np.linalg.inv((slopes * weight) @ slopes.T))[:2]

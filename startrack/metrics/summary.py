@@ -69,13 +69,10 @@ class Summary:
             ("available", self.availability, 0.01, "%"),
             ("false", self.false, 0.01, "%"),
         )
-        rows = [
-            (
-                name,
-                f"{size.value / unit:.3g} {text} [{size.low / unit:.3g}, {size.high / unit:.3g}]",
-            )
-            for name, size, unit, text in sizes
-        ]
+        rows = []
+        for name, size, unit, text in sizes:
+            value, low, high = (f"{end / unit:.3g}" for end in vars(size).values())
+            rows.append((name, f"{value} {text} [{low}, {high}]"))
         rows += [("stars", f"{self.stars:.1f}"), ("trials", str(self.trials))]
         return [*rows, ("intervals", "95 %")]
 
@@ -114,9 +111,7 @@ def interval_table(statistics: Any) -> Rows:
             columns |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
         else:
             columns[field.name] = value
-    kind = [
-        (name, np.int64 if isinstance(value, int) else float) for name, value in columns.items()
-    ]
+    kind = [(name, np.int64 if isinstance(v, int) else float) for name, v in columns.items()]
     return np.array([tuple(columns.values())], kind)
 
 
@@ -131,20 +126,18 @@ def summarise(outcomes: Rows, limits: Limits = STATED_ALONE) -> Summary:
     solved = outcomes[outcomes["solved"] & ~outcomes["false"]]
     across = (solved["error_x"] ** 2 + solved["error_y"] ** 2) / 2
     hits = int(correct(outcomes, limits).sum())
-    return Summary(
-        rms_interval(across),
-        rms_interval(solved["error_z"] ** 2),
-        fraction_interval(hits, len(outcomes)),
-        fraction_interval(int(outcomes["false"].sum()), len(outcomes)),
-        float(solved["nees"].mean()) if len(solved) else float("nan"),
-        float(solved["stars"].mean()) if len(solved) else float("nan"),
-        len(outcomes),
-        _beyond(outcomes[outcomes["solved"]]),
-        fraction_interval(len(solved) - hits, len(outcomes)),
+    n, false = len(outcomes), int(outcomes["false"].sum())
+    nees, stars = (
+        float(solved[name].mean()) if len(solved) else float("nan") for name in ("nees", "stars")
     )
+    return Summary(
+        rms_interval(across), rms_interval(solved["error_z"] ** 2), fraction_interval(hits, n),
+        fraction_interval(false, n), nees, stars, n, beyond_ten_sigma(outcomes[outcomes["solved"]]),
+        fraction_interval(len(solved) - hits, n),
+    )  # fmt: skip
 
 
-def _beyond(solved: Rows) -> int:
+def beyond_ten_sigma(solved: Rows) -> int:
     """`Summary.beyond`, of the trials with an attitude."""
     error, sigma = (
         np.column_stack([solved[f"{of}_{axis}"] for axis in "xyz"]) for of in ("error", "sigma")

@@ -45,7 +45,6 @@ COUNTS = ("trials", "solved", "false", "judged", "correct", "beyond", "stars")
 # Of the attitudes that are solved and not false: sums of powers, and what is in bins.
 SUMS = ("x", "y", "z", "across^2", "across^4", "about^2", "about^4", "nees")
 BINNED = ("x", "-x", "y", "-y", "z", "-z", "across", "nees")
-BEYOND = 10.0  # stated standard deviations about an axis, as in `Summary.beyond`
 
 
 @printed
@@ -203,7 +202,6 @@ def sketched(outcomes: Rows, limits: metrics.Limits, about: dict[str, Any]) -> S
     first = int(outcomes["trial"][0])
     judged = outcomes[outcomes["solved"] & ~outcomes["false"]]
     solved = outcomes[outcomes["solved"]]
-    far = [np.abs(solved[f"error_{axis}"]) > BEYOND * solved[f"sigma_{axis}"] for axis in "xyz"]
     x, y, z = (judged[f"error_{axis}"] for axis in "xyz")
     square, across = (x * x + y * y) / 2, np.sqrt(x * x + y * y)
     values = {
@@ -212,7 +210,8 @@ def sketched(outcomes: Rows, limits: metrics.Limits, about: dict[str, Any]) -> S
     }  # fmt: skip
     counts = (
         len(outcomes), len(solved), outcomes["false"].sum(), len(judged),
-        metrics.correct(outcomes, limits).sum(), np.any(far, axis=0).sum(), judged["stars"].sum(),
+        metrics.correct(outcomes, limits).sum(), metrics.beyond_ten_sigma(solved),
+        judged["stars"].sum(),
     )  # fmt: skip
     made = Sketch(about, [(first, first + len(outcomes))])
     made.counts = {name: int(count) for name, count in zip(COUNTS, counts, strict=True)}

@@ -210,8 +210,7 @@ def _at(case: Case, bare: Case, name: str, value: float) -> Case:
     new: Any = float(value)
     if isinstance(old, Curve):
         new = old.scaled(float(value))
-    changed: Case = replaced(bare, name, new)
-    return changed.unit_of(case)
+    return replaced(bare, name, new).unit_of(case)
 
 
 def _parts(plan: Plan) -> list[Floats]:
@@ -226,14 +225,13 @@ def _parts(plan: Plan) -> list[Floats]:
 def _with(plan: Plan, parts: list[Floats]) -> Plan:
     """A plan with other arrays."""
     flux, bias, root, light, above, kept, least, pull, false = parts
-    response = plan.response._replace(
-        bias=bias,
-        covariance_root=np.where(plan.response.covariance_root != 0, root, 0.0),
-        light=np.maximum(light, 0.0),
-        threshold_margin=above,
+    old = plan.response
+    response = old._replace(
+        bias=bias, covariance_root=np.where(old.covariance_root != 0, root, 0.0),
+        light=np.maximum(light, 0.0), threshold_margin=above,
         pass_probability=np.clip(kept, 0.0, 1.0),
-        star_at_threshold=np.where(np.isnan(plan.response.star_at_threshold), np.nan, least),
-    )
+        star_at_threshold=np.where(np.isnan(old.star_at_threshold), np.nan, least),
+    )  # fmt: skip
     brighter = float((flux - plan.field.flux).mean())
     return plan._replace(
         response=response,

@@ -22,10 +22,7 @@ def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
     Raises  ValueError with unit and name, where a parameter refuses what was drawn.
     """
     unit = _built(case, seed, moment)
-    if unit.design is None or case.tracker.calibration is None:
-        return unit
-    camera, mounting = _beliefs(case, seed, moment, run)
-    return _believing(unit, camera, mounting)
+    return unit if unit.design is None else _believing(unit, case, seed, moment, run)
 
 
 @lru_cache(maxsize=8)
@@ -49,25 +46,23 @@ def placed(case: Case, like: Case, seed: int, moment: Moment) -> Case:
     case  the design, whose `imaged_alike` holds
     like  a unit of it
     """
-    unit = _with_places(case, like, seed, moment)
+    return _believing(_with_places(case, like, seed, moment), case, seed, moment, False)
+
+
+def _believing(unit: Case, case: Case, seed: int, moment: Moment, run: bool) -> Case:
+    """A unit whose tracker believes what its calibration finds; as it is where there is none."""
     if case.tracker.calibration is None:
         return unit
-    camera, mounting = _beliefs(case, seed, moment, False)
-    return _believing(unit, camera, mounting)
-
-
-def _believing(unit: Case, camera: Camera, mounting: Mounting) -> Case:
-    believed: Case = unchecked(
-        unit,
-        {"tracker.camera": camera, "tracker.camera_model": "radial", "tracker.mounting": mounting},
-    )
-    return believed
+    camera, mounting = _calibrated_once(case, seed, moment.unit, run)
+    if case.tracker.calibration.place == "recursive":
+        camera = _followed(case, seed, replace(moment, frame=-1), run)
+    beliefs = {"camera": camera, "camera_model": "radial", "mounting": mounting}
+    return unchecked(unit, {f"tracker.{name}": value for name, value in beliefs.items()})
 
 
 def _with_places(case: Case, like: Case, seed: int, moment: Moment) -> Case:
     alone, values = _of_places(case), unit_values(case, seed, moment)
-    unit: Case = unchecked(like, {name: values[name] for name in values.keys() & alone})
-    return unit
+    return unchecked(like, {name: values[name] for name in values.keys() & alone})
 
 
 def _built(case: Case, seed: int, moment: Moment) -> Case:
@@ -76,8 +71,7 @@ def _built(case: Case, seed: int, moment: Moment) -> Case:
 
 
 def _imaged_as(unit: Case, case: Case) -> Case:
-    imaged: Case = unchecked(unit, {"instrument.imaged": case.instrument})
-    return imaged
+    return unchecked(unit, {"instrument.imaged": case.instrument})
 
 
 def middle_of(case: Case, age: float) -> Case | None:
@@ -97,15 +91,6 @@ def middle_of(case: Case, age: float) -> Case | None:
         if changes and variation.name not in names and not of_places(case, variation.name):
             return None
     return _imaged_as(middle_case(case, age, names), case)
-
-
-def _beliefs(case: Case, seed: int, moment: Moment, run: bool) -> tuple[Camera, Mounting]:
-    """Camera and mounting that the tracker of a unit believes at a moment."""
-    assert case.tracker.calibration
-    camera, mounting = _calibrated_once(case, seed, moment.unit, run)
-    if case.tracker.calibration.place == "recursive":
-        camera = _followed(case, seed, replace(moment, frame=-1), run)
-    return camera, mounting
 
 
 @lru_cache(maxsize=64)

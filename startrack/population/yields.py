@@ -14,7 +14,6 @@ from startrack.metrics import Interval, fraction_interval
 from startrack.population.nodes import unit_plans
 from startrack.population.unit import unit_of
 from startrack.trial import OUTCOMES, outcomes, random_attitudes, run_trials
-from startrack.trial import outcomes as drawn_outcomes
 
 ENVIRONMENTS = 10  # of each unit
 # A row of a table of trials of units: of which, and in which environment.
@@ -53,13 +52,9 @@ class Units(Parameters):
 
 
 def unit_trials(
-    case: Case,
-    seed: int,
-    numbers: Sequence[int],
-    units: Units,
-    fidelity: Fidelity = Fidelity.COVARIANCE,
-    icrs_to_camera: Rotation | None = None,
-) -> Rows:
+    case: Case, seed: int, numbers: Sequence[int], units: Units,
+    fidelity: Fidelity = Fidelity.COVARIANCE, icrs_to_camera: Rotation | None = None,
+) -> Rows:  # fmt: skip
     """The outcomes of some trials of a seed, each of a unit drawn from the design's variations.
 
     icrs_to_camera  a true attitude for each; None: random ones
@@ -76,13 +71,11 @@ def unit_trials(
         unit = unit_of(case, seed, moment)
         if plans is None:
             part = run_trials(unit, seed, some, fidelity, attitudes[rows])
-            for name in OUTCOMES.names or ():
-                table[name][rows] = part[name]
         else:
             part = outcomes(unit, seed, some, attitudes[rows], plans.of(unit))
-            for name in part.dtype.names or ():
-                table[name][rows] = part[name]
-            table["trial"][rows] = some
+        for name in part.dtype.names or ():
+            table[name][rows] = part[name]
+        table["trial"][rows] = some
         table["unit"][rows], table["environment"][rows] = moment.unit, moment.environment
     return table
 
@@ -171,6 +164,6 @@ def _rms(case: Case, other: Case, seed: int, units: Units, numbers: list[int]) -
         some = [n for n in numbers if units.moment(case, n).environment == environment]
         unit = unit_of(other, seed, units.moment(case, some[0]))
         attitudes = random_attitudes(seed, some)
-        table = drawn_outcomes(unit, seed, some, attitudes, plans.of(unit))
+        table = outcomes(unit, seed, some, attitudes, plans.of(unit))
         squares.append(across.squares(table))
     return float(across.of(np.concatenate(squares)))

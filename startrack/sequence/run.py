@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -43,20 +43,12 @@ PIXEL_LENGTH = 0.5
 FASTEST = 10.0  # sigma of the rate at the start, that two frames may show
 MEAN_POINTS = 64  # of an exposure, whose mean attitude is asked for
 # A row of the table of a sequence: one frame of one head.
-FRAMES: np.dtype[np.void] = np.dtype(
-    [
-        ("sequence", np.int64),
-        ("head", np.int8),
-        ("time", float),
-        ("rate", float),
-        ("mode", np.int8),
-        *typing.get_type_hints(Outcome).items(),
-        *((f"filtered_{axis}", float) for axis in AXES),
-        *((f"filtered_sigma_{axis}", float) for axis in AXES),
-        *((f"alignment_{axis}", float) for axis in AXES),
-        *((f"alignment_sigma_{axis}", float) for axis in AXES),
-    ]
-)
+OF_FILTER = ("filtered", "filtered_sigma", "alignment", "alignment_sigma")
+FRAMES: np.dtype[np.void] = np.dtype([
+    ("sequence", np.int64), ("head", np.int8), ("time", float), ("rate", float), ("mode", np.int8),
+    *typing.get_type_hints(Outcome).items(),
+    *((f"{name}_{axis}", float) for name in OF_FILTER for axis in AXES),
+])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +90,9 @@ def predict_state(
     """
     if tracker.state is None:
         return tracker
-    gyro = sequence.gyro
-    believed = (
-        attitude.Gyroscope(0.0, sequence.angular_acceleration_psd)
-        if gyro is None
-        else attitude.Gyroscope(gyro.angle_random_walk, gyro.rate_random_walk)
-    )
+    gyro, walks = sequence.gyro, (0.0, sequence.angular_acceleration_psd)
+    if gyro:
+        walks = gyro.angle_random_walk, gyro.rate_random_walk
     rate = np.zeros(3) if shown is None else shown
     turn, keep = tracker.state.rate_of(rate) * step, []
     for head in range(len(tracker.lasting)):
@@ -113,7 +102,10 @@ def predict_state(
         moved = np.array([y + along, x + along, np.hypot(x, y) + z / 2])
         keep.append(np.exp(-moved / lengths[[0, 0, 1]]))
     errors = attitude.Lasting(tracker.lasting.reshape(-1, 3, 3), np.concatenate(keep))
-    return replace(tracker, state=attitude.predict(tracker.state, rate, step, believed, errors))
+    return replace(
+        tracker,
+        state=attitude.predict(tracker.state, rate, step, attitude.Gyroscope(*walks), errors),
+    )
 
 
 def error_lengths(case: Case) -> Floats:
@@ -252,13 +244,9 @@ def _started(
 
 
 def from_two_frames(
-    before: TrackerState,
-    estimate: core.Estimate,
-    head: int,
-    step: float,
-    sequence: Sequence,
+    before: TrackerState, estimate: core.Estimate, head: int, step: float, sequence: Sequence,
     lengths: Floats,
-) -> TrackerState:
+) -> TrackerState:  # fmt: skip
     """The prediction of a frame by the rate that its attitude and that of the frame before give.
 
     A filter without gyroscope that has seen one frame knows its rate within `initial_rate_sigma`
@@ -306,15 +294,10 @@ class Mode(IntEnum):
 
 
 def fly_sequences(
-    case: Case,
-    sequence: Sequence,
-    sequences: int,
-    seed: int,
-    executor: Executor,
-    progress: Advance | None = None,
-    recording: Recording | None = None,
+    case: Case, sequence: Sequence, sequences: int, seed: int, executor: Executor,
+    progress: Advance | None = None, recording: Recording | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
-) -> Rows:
+) -> Rows:  # fmt: skip
     """Many sequences over workers, one after the other in the table, as `run`.
 
     progress   called with 1 for each sequence that ended
@@ -349,13 +332,9 @@ class Recording:
 
 
 def run(
-    case: Case,
-    sequence: Sequence,
-    seed: int,
-    number: int,
-    recording: Recording | None = None,
+    case: Case, sequence: Sequence, seed: int, number: int, recording: Recording | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
-) -> Rows:
+) -> Rows:  # fmt: skip
     """One sequence from a random attitude, by a tracker without an attitude at its start.
 
     recording  what is kept of the frames, and where; None: nothing
@@ -404,15 +383,10 @@ def run(
         tracker = update_state(tracker, estimates, sequence, parts)
         for head, estimate in zip(heads, estimates, strict=True):
             table[k, head.number] = (
-                number,
-                head.number,
-                time,
-                float(np.linalg.norm(true.turns[k].speed)),
-                _mode(tracker),
-                *judge(estimate, head.turn * asked[k], head.spots),
-                *_filtered(tracker.predicted, asked[k]),
-                *_aligned(tracker.predicted, head),
-            )
+                number, head.number, time, float(np.linalg.norm(true.turns[k].speed)),
+                _mode(tracker), *judge(estimate, head.turn * asked[k], head.spots),
+                *_filtered(tracker.predicted, asked[k]), *_aligned(tracker.predicted, head),
+            )  # fmt: skip
     for head in heads:
         head.save()
     return table.ravel()
@@ -518,7 +492,7 @@ def _other_device(case: Case, number: int) -> Case:
     residual = case.instrument.residual
     if residual and residual.seed:
         seeds["instrument.residual.seed"] = residual.seed
-    return cast(Case, replaced_all(case, {name: seed + number for name, seed in seeds.items()}))
+    return replaced_all(case, {name: seed + number for name, seed in seeds.items()})
 
 
 def _name(number: int, head: int) -> str:
@@ -535,13 +509,9 @@ class _StarImages:
         self._rows = defaultdict[int, list[tuple[Any, ...]]](list)
 
     def add(
-        self,
-        time: float,
-        frame: core.Frame,
-        spots: core.Spots,
-        matches: core.Matches,
+        self, time: float, frame: core.Frame, spots: core.Spots, matches: core.Matches,
         images: Images,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Images are where the tracker has them, or about the pixel nearest to the spot."""
         rows, columns = frame.image.shape
         for spot, star in zip(matches.spot.tolist(), matches.star.tolist(), strict=True):
@@ -653,17 +623,11 @@ def _frames(
     for k, turn in enumerate(true.turns):
         stars = trial.stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
+        light = trial.light_of(case, stars, true.attitude[k], _sky(seed, number))
         exposure = Exposure(
-            trial.light_of(case, stars, true.attitude[k], _sky(seed, number)),
-            trial.images_of(instrument),
-            path,
-            true.attitude[k],
-            camera,
-            detector,
-            trial.throughput(instrument),
-            turn.over,
-            before,
-        )
+            light, trial.images_of(instrument), path, true.attitude[k], camera, detector,
+            trial.throughput(instrument), turn.over, before,
+        )  # fmt: skip
         electrons = expected(exposure)
         before = electrons if detector.lag else None
         if state and k:
@@ -696,12 +660,8 @@ def _see(
         plan = trial.detection_plan(case, smear=(x, y))
         spots, matches, images = trial.follow_boxes(case, frame, camera, predicted[0], images, plan)
         spots = trial.at_one_time(spots, case.believed_row_delay, rate, camera)
-        return (
-            spots,
-            matches,
-            trial.estimate_of(case, trial.agreeing(tracker), spots, matches),
-            images,
-        )
+        estimate = trial.estimate_of(case, trial.agreeing(tracker), spots, matches)
+        return spots, matches, estimate, images
     stars = open_sky(case.believed_catalog).stars
     spots = trial.at_one_time(view.spots((x, y)), case.believed_row_delay, rate, camera)
     rooms = spots, camera, stars, trial.pattern_indexes(case.believed_catalog)(case.believed_camera)

@@ -63,32 +63,21 @@ def summarise_sequences(table: Rows) -> Tracking:
     hours = sum(float(_span(sequence)) for sequence in apart) / 3600
     lost = [_losses(sequence) for sequence in apart]
     waits = np.array([wait for sequence in lost for wait in sequence])
-    count = len(waits)
     return Tracking(
         rms_interval(_means(apart, _measured, "filtered_x", "filtered_y")),
         rms_interval(_means(apart, _measured, "filtered_z")),
         rms_interval(_means(apart, _measured, "error_x", "error_y")),
         rms_interval(_means(apart, _coasted, "filtered_x", "filtered_y")),
         _mean(np.array([float((_error(rows) > FALSE_ANGLE).mean()) for rows in apart])),
-        float(np.nanmax(_error(table), initial=0.0)),
-        _known_fraction(apart),
-        _rate(count, hours),
-        _mean(waits[np.isfinite(waits)]),
-        len(apart),
-        rms_interval(_means(last, _aligned, *(f"alignment_{axis}" for axis in "xyz"))),
-    )
-
-
-Choice = Callable[[Rows], Flags]
+        float(np.nanmax(_error(table), initial=0.0)), _known_fraction(apart),
+        _rate(len(waits), hours), _mean(waits[np.isfinite(waits)]), len(apart),
+        rms_interval(_means(last, None, *(f"alignment_{axis}" for axis in "xyz"))),
+    )  # fmt: skip
 
 
 def _measured(sequence: Rows) -> Flags:
     seen = np.isin(sequence["mode"], (Mode.ACQUIRED, Mode.TRACKED))
     return np.asarray(seen & _known(sequence) & ~sequence["false"])
-
-
-def _aligned(sequence: Rows) -> Flags:
-    return np.asarray(np.isfinite(sequence["alignment_x"]))
 
 
 def _coasted(sequence: Rows) -> Flags:
@@ -100,12 +89,14 @@ def _error(table: Rows) -> Floats:
     return np.asarray(np.sqrt(sum(table[f"filtered_{axis}"] ** 2 for axis in "xyz")))
 
 
-def _means(apart: list[Rows], choice: Choice, *names: str) -> Floats:
-    """Mean square over the chosen frames of each sequence that has any."""
+def _means(apart: list[Rows], choice: Callable[[Rows], Flags] | None, *names: str) -> Floats:
+    """Mean square over the chosen frames (None: all) of each sequence that has any."""
     squares = []
     for sequence in apart:
         square = np.mean([sequence[name] ** 2 for name in names], axis=0)
-        good = np.isfinite(square) & choice(sequence)
+        good = np.isfinite(square)
+        if choice:
+            good &= choice(sequence)
         if good.any():
             squares.append(float(square[good].mean()))
     return np.array(squares)
