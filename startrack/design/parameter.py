@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 from startrack.core import Refused, Unit, parse, unit_of
 from startrack.io import current_key
 
-C = TypeVar("C")
+T = TypeVar("T")
 
 
 def current_name(case: Any, name: str) -> str:
@@ -57,7 +57,7 @@ def number(case: Any, name: str) -> float:
     return float(value)
 
 
-def replaced(case: C, name: str, value: Any) -> C:
+def replaced(case: T, name: str, value: Any) -> T:
     """The case with another value at a name; a number is rounded where a whole one was.
 
     Raises  ValueError with the name, where the parameter refuses the value.
@@ -65,7 +65,7 @@ def replaced(case: C, name: str, value: Any) -> C:
     return replaced_all(case, {name: value})
 
 
-def replaced_all(case: C, values: Mapping[str, Any]) -> C:
+def replaced_all(case: T, values: Mapping[str, Any]) -> T:
     """The case with other values at some names, all changed at once.
 
     Each part of the case is checked with all of its new values, so that values that are valid only
@@ -75,11 +75,11 @@ def replaced_all(case: C, values: Mapping[str, Any]) -> C:
     Raises  ValueError with the names of those values that the part which refused them has; and
             where one name is part of another.
     """
-    changed: C = _with(case, _changes(case, values), checked=True)
+    changed: T = _with(case, _changes(case, values), checked=True)
     return changed
 
 
-def with_values(case: C, values: Mapping[str, float | str]) -> C:
+def with_values(case: T, values: Mapping[str, float | str]) -> T:
     """`replaced_all` by numbers, texts with a unit where a parameter has one, or names."""
     in_si = {
         name: value if isinstance(find(case, name), str) else quantity(case, name, value)
@@ -88,9 +88,9 @@ def with_values(case: C, values: Mapping[str, float | str]) -> C:
     return replaced_all(case, in_si)
 
 
-def unchecked(case: C, values: Mapping[str, Any]) -> C:
+def unchecked(case: T, values: Mapping[str, Any]) -> T:
     """As `replaced_all`, but no part of the case is checked: only to compute other values from."""
-    changed: C = _with(case, _changes(case, values), checked=False)
+    changed: T = _with(case, _changes(case, values), checked=False)
     return changed
 
 

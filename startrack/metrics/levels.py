@@ -1,7 +1,6 @@
 """Size of the error that is not exceeded at a confidence level, and the error indices of ECSS."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
@@ -104,11 +103,6 @@ def quantile_of_few(values: Floats, fraction: float) -> Floats:
     ordered = np.sort(values, axis=-1)
     # A value that is infinite counts only where it has a weight.
     return np.asarray(np.where(weight > 0, ordered, 0.0) @ weight)
-
-
-def levels(error: Floats, fractions: Sequence[float] = LEVELS) -> tuple[Interval, ...]:
-    """Levels of independent errors (n,) of one axis, each with its 95 % interval."""
-    return tuple(level_interval(error, fraction) for fraction in fractions)
 
 
 def _sizes(error: Floats, fraction: float) -> Floats:

@@ -41,6 +41,8 @@ PLANET_KNOT = 3600.0  # second between two places of the planets
 SAMPLED = 4000  # instants from which the range of rates is taken
 MARGIN = 0.02  # relative, of the range of rates
 WORST = 10  # moments that are listed
+# Of `Flown`, what parts of a mission add up.
+SUMMED = ("planets", "count", "valid_sum", "known", "square_sum", "head_sum", "exactly", "by_beta")
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +100,9 @@ def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: No
             raise Refused(f"head {head.name}: {error}") from None
         made |= dict.fromkeys(same, surrogate)
         advance(len(same))
-    return Plan(
-        loaded,
-        motion,
-        heads,
-        tuple(made[h] for h in range(len(heads))),
-        tuple(own_light[0] if own_light else None for own_light in stray),
-    )
+    surrogates = tuple(made[h] for h in range(len(heads)))
+    lights = tuple(own_light[0] if own_light else None for own_light in stray)
+    return Plan(loaded, motion, heads, surrogates, lights)
 
 
 def groups_of(loaded: Loaded, heads: Sequence[Mounted]) -> list[list[int]]:
@@ -289,15 +287,9 @@ def merged(parts: Sequence[Flown]) -> Flown:
     def each(name: str) -> Floats:
         return np.array([getattr(part, name) for part in parts])
 
-    summed: dict[str, Any] = {
-        name: each(name).sum(axis=0)
-        for name in (
-            "planets", "count", "valid_sum", "known", "square_sum", "head_sum", "exactly", "by_beta"
-        )
-    }  # fmt: skip
-    worst = sorted(
-        (moment for part in parts for moment in part.worst), key=lambda moment: -moment[1]
-    )
+    summed: dict[str, Any] = {name: each(name).sum(axis=0) for name in SUMMED}
+    every = (moment for part in parts for moment in part.worst)
+    worst = sorted(every, key=lambda moment: -moment[1])
     return replace(
         parts[0],
         blind=np.concatenate([part.blind for part in parts], axis=1),

@@ -148,9 +148,8 @@ def _read(path: Path, first: str, kind: str) -> tuple[dict[str, str], list[list[
 
 def _one_of(path: Path, meta: dict[str, str], key: str, values: Sequence[str]) -> None:
     if meta.get(key, "").upper() not in values:
-        raise ValueError(
-            f"{path} must have {key} = {' or '.join(values)}, got {shown(meta.get(key))}"
-        )
+        wanted = " or ".join(values)
+        raise ValueError(f"{path} must have {key} = {wanted}, got {shown(meta.get(key))}")
 
 
 def _scale(path: Path, meta: dict[str, str]) -> str:

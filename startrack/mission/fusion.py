@@ -10,12 +10,9 @@ from startrack.core import Flags, Floats, Refused
 
 
 def fused_variance(
-    boresights: Sequence[Floats],
-    across: Sequence[Floats],
-    about: Sequence[Floats],
-    valid: Sequence[Flags],
-    common: Floats,
-) -> Floats:
+    boresights: Sequence[Floats], across: Sequence[Floats], about: Sequence[Floats],
+    valid: Sequence[Flags], common: Floats,
+) -> Floats:  # fmt: skip
     """Variance of the fused attitude about the body's axes at n instants.
 
         P = (sum_h V_h^-1)^-1 + C,   V_h^-1 = (I - b b^T) / across + b b^T / about

@@ -63,15 +63,11 @@ def _rectangles(obstacle: Obstacle) -> list[Floats]:
         if not (half[a] and half[b]):
             continue
         for side in (-1, 1) if half[n] else (1,):
-            middle = centre.copy()
-            middle[n] += side * half[n]
-            corners = []
-            for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
-                corner = middle.copy()
-                corner[a] += u * half[a]
-                corner[b] += v * half[b]
-                corners.append(corner)
-            rectangles.append(np.array(corners))
+            from_centre = np.zeros((4, 3))
+            from_centre[:, n] = side * half[n]
+            from_centre[:, a] = half[a] * np.array([-1, 1, 1, -1])
+            from_centre[:, b] = half[b] * np.array([-1, -1, 1, 1])
+            rectangles.append(centre + from_centre)
     return rectangles
 
 

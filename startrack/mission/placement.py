@@ -157,11 +157,9 @@ class Placement:
 
 
 def place(
-    plan: Plan,
-    advance: Advance = lambda _: None,
-    grid_step: float | None = None,
+    plan: Plan, advance: Advance = lambda _: None, grid_step: float | None = None,
     evaluations: int | None = None,
-) -> Placement:
+) -> Placement:  # fmt: skip
     """Find mountings for the heads of a mission by their requirements.
 
     Each head in turn takes the best direction of a grid over the sphere, until none moves; then
@@ -296,12 +294,9 @@ def _mass(plan: Plan, angle: float) -> float:
 
 
 def lightest(
-    plan: Plan,
-    counts: Sequence[int],
-    angles: tuple[float, float],
-    advance: Advance = lambda _: None,
-    evaluations: int = EVALUATIONS,
-) -> list[tuple[Trade, Placement]]:
+    plan: Plan, counts: Sequence[int], angles: tuple[float, float],
+    advance: Advance = lambda _: None, evaluations: int = EVALUATIONS,
+) -> list[tuple[Trade, Placement]]:  # fmt: skip
     """The lightest heads and baffles, of each number of heads, that meet the requirements.
 
     Directions of all heads and the angle of their baffles together: from the mountings of a coarse

@@ -191,16 +191,14 @@ def _places(
     plan: Plan, chunk: Chunk, group: Sequence[int], count: int
 ) -> tuple[list[tuple[int, int]], dict[str, Floats]]:
     """Heads and instants of the trials, and the values that a correction may depend on there."""
-    where = list[Ints]()
-    parts = list[dict[str, Floats]]()
+    where, parts = list[Ints](), list[dict[str, Floats]]()
     for h in group:
         seen = chunk.seen[h]
         now = conditions_of(plan, h, chunk.instants, seen, chunk.shadow)
         valid = np.flatnonzero(seen.blind == 0)
         where.append(np.stack([np.full(len(valid), h), valid], axis=1))
-        parts.append({
-            name: value[valid] for name, value in plan.surrogates[h].values(now).items()
-        })  # fmt: skip
+        of_head = plan.surrogates[h].values(now)
+        parts.append({name: value[valid] for name, value in of_head.items()})
     every = np.concatenate(where)
     names = ", ".join(plan.heads[h].name for h in group)
     if not len(every):
@@ -227,12 +225,11 @@ def fitted(ratio: Floats, values: dict[str, Floats]) -> Correction:
     ratio   (n, 2) squared errors over their expected values, across and about
     values  each (n,), of `Surrogate.values`
     """
-    ends = [(float(value.min()), float(value.max())) for value in values.values()]
-    used = [(name, low, high) for name, (low, high) in zip(values, ends, strict=True) if high > low]
+    ends = {name: (float(value.min()), float(value.max())) for name, value in values.items()}
+    used = [(name, low, high) for name, (low, high) in ends.items() if high > low]
     scale = [(0.0, 1.0), *(((low + high) / 2, (high - low) / 2) for _, low, high in used)]
-    shape = Correction(
-        ("all", *(name for name, _, _ in used)), np.array(scale), np.empty(0), np.empty(0)
-    )
+    names = "all", *(name for name, _, _ in used)
+    shape = Correction(names, np.array(scale), np.empty(0), np.empty(0))
     features = shape.features({"stars": np.zeros(len(ratio)), **values})
     coefficient, spread = zip(
         *(_gamma(features, ratio[:, k], dispersion) for k, dispersion in enumerate((1.0, 2.0))),

@@ -224,10 +224,9 @@ def _survey(case: Case, rate: float, background: float, lit: bool) -> tuple[Floa
     places = survey(case, PLACES)
     _, nearest = cKDTree(places.direction).query(middles())
     finite = np.isfinite(places.across)
-    worst = [float(error[finite].max()) for error in (places.across, places.about)]
     across, about = (
-        np.log(np.where(finite, error, largest) ** 2)
-        for error, largest in zip((places.across, places.about), worst, strict=True)
+        np.log(np.where(finite, error, float(error[finite].max())) ** 2)
+        for error in (places.across, places.about)
     )
     stars = np.log(np.maximum(places.stars, 1.0))
     return np.stack([across, about, places.solved])[:, nearest], stars[nearest]
@@ -269,8 +268,7 @@ def stray_light_of(case: Case, head: Mounted) -> tuple[StrayLight, float] | None
     if case.instrument.stray is None:
         return None
     levels = stray_light_levels(case, np.maximum(LEVELS, 0.05 * deg))
-    sky = case.scene.sky_g
-    limits = head.limits
+    sky, limits = case.scene.sky_g, head.limits
     outside = [
         float(np.interp(angle, LEVELS, levels[name]))
         for name, angle in (("sun", limits.sun), ("moon", limits.moon), ("earth", limits.earth))

@@ -163,9 +163,8 @@ def fly_units(plan: Plan, count: int, seed: int, advance: Advance = lambda _: No
         turned = [turned_by_heat(plan, turns[h], h, chunk.instants, heat) for h in range(heads)]
         valid = np.array([seen.blind == 0 for seen in chunk.seen])
         gain, own = _gains(plan, chunk, weight, valid)
-        row = np.concatenate(
-            [*gain, sum((g @ t.T[..., None] for g, t in zip(gain, turned, strict=True)))], axis=2
-        )
+        by_heat = sum(g @ turn.T[..., None] for g, turn in zip(gain, turned, strict=True))
+        row = np.concatenate([*gain, by_heat], axis=2)
         row = row[valid.any(axis=0)].transpose(1, 0, 2)
         moments += row.transpose(0, 2, 1) @ row
         noise += own.sum(axis=0)
@@ -211,12 +210,8 @@ def _drawn(plan: Plan, count: int, seed: int) -> tuple[Floats, Floats]:
 
 def _square(budgets: UnitBudgets) -> Floats:
     """Mean square error (n, 3) of units, without bias and thermo-elastic turns."""
-    return np.asarray(
-        sum(
-            (rms**2 for term, rms in budgets.terms.items() if term not in SHARED),
-            np.zeros((len(budgets), 3)),
-        )
-    )
+    squares = (rms**2 for term, rms in budgets.terms.items() if term not in SHARED)
+    return np.asarray(sum(squares, np.zeros((len(budgets), 3))))
 
 
 def _designed(case: Case) -> Floats:
@@ -293,10 +288,8 @@ def _of_heads(alone: list[Floats], bias: Floats, extra: Floats) -> Floats:
         steps = max(total[3, 3], 1.0)
         noise = np.array([total[0, 3], total[0, 3], total[2, 3]]) / steps
         mean, square = total[3, :3] / steps, total[:3, :3].diagonal() / steps
-        whole_square = noise + extra[:, h] + bias[:, h] ** 2 + 2 * bias[:, h] * mean + square
-        rms.append(
-            np.sqrt(np.stack([whole_square[:, :2].mean(axis=1), whole_square[:, 2]], axis=1))
-        )
+        error = noise + extra[:, h] + bias[:, h] ** 2 + 2 * bias[:, h] * mean + square
+        rms.append(np.sqrt(np.stack([error[:, :2].mean(axis=1), error[:, 2]], axis=1)))
     return np.stack(rms, axis=1)
 
 

@@ -55,13 +55,9 @@ class Endings:
 
 
 def endings(
-    case: Case,
-    seed: int,
-    outcomes: Rows,
-    icrs_to_camera: Rotation,
-    limits: Limits = STATED_ALONE,
+    case: Case, seed: int, outcomes: Rows, icrs_to_camera: Rotation, limits: Limits = STATED_ALONE,
     keep_out: KeepOut | None = None,
-) -> Endings:
+) -> Endings:  # fmt: skip
     """How each trial ended, from its outcome, without repeating it.
 
     icrs_to_camera  true attitude of each

@@ -16,11 +16,9 @@ from startrack.trial import run_trials
 RESAMPLES = 2000  # of the bootstrap; its percentiles of 95 % then scatter by 3 % of the width
 PAIRS = 3  # names the stream of the resampling
 STATISTICS = (
-    Objective("across"),
-    Objective("about"),
-    Objective("across", 0.9973),
+    Objective("across"), Objective("about"), Objective("across", 0.9973),
     Objective("across", 0.9973, "per axis"),
-)
+)  # fmt: skip
 
 
 class Difference(NamedTuple):
@@ -38,12 +36,10 @@ class Difference(NamedTuple):
 
 
 def differences(
-    first: Rows,
-    second: Rows,
-    seed: int = 0,
+    first: Rows, second: Rows, seed: int = 0,
     limits: tuple[metrics.Limits, metrics.Limits] = (metrics.STATED_ALONE, metrics.STATED_ALONE),
     paired: bool = True,
-) -> list[Difference]:
+) -> list[Difference]:  # fmt: skip
     """Errors and availability of two campaigns, and their differences.
 
     Errors: over the trials that both solved, where paired; bootstrap percentiles over trials.
@@ -56,12 +52,8 @@ def differences(
     Accuracy       statistical: a level of 99.73 % of fewer than 1000 trials is nearly the largest
                    error, and its bootstrap interval too narrow.
     """
-    return [
-        *_errors(first, second, seed, paired),
-        _availability(
-            metrics.correct(first, limits[0]), metrics.correct(second, limits[1]), paired
-        ),
-    ]
+    right = metrics.correct(first, limits[0]), metrics.correct(second, limits[1])
+    return [*_errors(first, second, seed, paired), _availability(*right, paired)]
 
 
 def _errors(first: Rows, second: Rows, seed: int, paired: bool) -> Iterator[Difference]:
@@ -97,15 +89,11 @@ def _availability(first: Flags, second: Flags, paired: bool) -> Difference:
         n = len(first) + 2
         gained = (int((second & ~first).sum()) + 0.5) / n
         lost = (int((first & ~second).sum()) + 0.5) / n
-        half = float(special.ndtri(0.975)) * math.sqrt(
-            max(gained + lost - (gained - lost) ** 2, 0.0) / n
-        )
+        variance = max(gained + lost - (gained - lost) ** 2, 0.0) / n
+        half = float(special.ndtri(0.975)) * math.sqrt(variance)
         change = metrics.Interval(after - before, gained - lost - half, gained - lost + half)
     else:
-        a, b = (
-            metrics.fraction_interval(int(correct_of.sum()), len(correct_of))
-            for correct_of in (first, second)
-        )
+        a, b = (metrics.fraction_interval(int(met.sum()), len(met)) for met in (first, second))
         low = after - before - math.hypot(after - b.low, a.high - before)
         high = after - before + math.hypot(b.high - after, before - a.low)
         change = metrics.Interval(after - before, low, high)

@@ -39,10 +39,7 @@ class Mean(NamedTuple):
         Few values with a control may estimate a square below zero; its root is taken as zero.
         """
         square = self.interval(confidence)
-        value, low, high = (
-            math.sqrt(max(end, 0.0)) for end in (square.value, square.low, square.high)
-        )
-        return Interval(value, low, high)
+        return Interval(*(math.sqrt(max(end, 0.0)) for end in vars(square).values()))
 
 
 def plain(values: Floats) -> Mean:
@@ -142,9 +139,9 @@ def mean_square(outcomes: Rows, about: bool = False, sobol: bool = False) -> Mea
         return Mean(math.nan, math.nan, 1.0)
     ratio = float(squares(outcomes, about).mean()) / fraction
     rest = _rest(outcomes, ratio, about)
-    name = "surplus_about" if about else "surplus_across"
-    if name in (outcomes.dtype.names or ()):
-        rest = rest - explained(rest, outcomes[name][:, None])
+    control = _control(outcomes, about)
+    if control is not None:
+        rest = rest - explained(rest, control)
     mean = replicated(rest, outcomes["trial"] % REPLICATES) if sobol else plain(rest)
     return Mean(ratio + mean.value / fraction, mean.error / fraction, mean.freedom)
 
@@ -186,14 +183,9 @@ def _telescope(levels: Sequence[tuple[Rows, Fidelity]], ratio: float, about: boo
         )
     fine = fine[of_fine]
     further = [(more[~np.isin(more["trial"], fine["trial"])], kind) for more, kind in others]
-    name = "surplus_about" if about else "surplus_across"
-    has_control = name in (fine.dtype.names or ())
-    return two_levels(
-        _value(fine, kind, ratio, about),
-        _value(coarse[of_coarse], faster, ratio, about),
-        _telescope(further, ratio, about),
-        fine[name][:, None] if has_control else None,
-    )
+    coarse_values = _value(coarse[of_coarse], faster, ratio, about)
+    rest = _telescope(further, ratio, about)
+    return two_levels(_value(fine, kind, ratio, about), coarse_values, rest, _control(fine, about))
 
 
 def _value(outcomes: Rows, fidelity: Fidelity, ratio: float, about: bool) -> Floats:
@@ -206,6 +198,12 @@ def _value(outcomes: Rows, fidelity: Fidelity, ratio: float, about: bool) -> Flo
 
 def _rest(outcomes: Rows, ratio: float, about: bool) -> Floats:
     return squares(outcomes, about) - ratio * _correct(outcomes)
+
+
+def _control(outcomes: Rows, about: bool) -> Floats | None:
+    """(n, 1) of trials that have one."""
+    name = "surplus_about" if about else "surplus_across"
+    return outcomes[name][:, None] if name in (outcomes.dtype.names or ()) else None
 
 
 def _correct(outcomes: Rows) -> Flags:

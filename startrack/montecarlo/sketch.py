@@ -313,17 +313,10 @@ def _check(sketch: Sketch) -> None:
 
 
 def resume_sketch(
-    path: Path,
-    case: Case,
-    seed: int,
-    sampling: Sampling,
-    numbers: range,
-    executor: Executor,
-    workers: int = 1,
-    limits: metrics.Limits = metrics.STATED_ALONE,
-    progress: Advance | None = None,
-    block: int = BLOCK,
-) -> Sketch:
+    path: Path, case: Case, seed: int, sampling: Sampling, numbers: range, executor: Executor,
+    workers: int = 1, limits: metrics.Limits = metrics.STATED_ALONE,
+    progress: Advance | None = None, block: int = BLOCK,
+) -> Sketch:  # fmt: skip
     """The sketch of trials, after doing those that the file lacks.
 
     The file is written again from time to time, so that the same call continues after an

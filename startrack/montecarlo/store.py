@@ -80,12 +80,9 @@ class Store:
     """
 
     def __init__(
-        self,
-        path: Path | None,
-        case: Case | None = None,
-        seed: int | None = None,
+        self, path: Path | None, case: Case | None = None, seed: int | None = None,
         sampling: Sampling = FRAMES,
-    ):
+    ):  # fmt: skip
         """Open a store, or begin one.
 
         path  None keeps it in memory

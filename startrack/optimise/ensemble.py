@@ -117,11 +117,9 @@ class Chains:
 
 def draw(
     log_probability: Callable[[Floats], Floats],
-    start: Callable[[np.random.Generator, int], Floats],
-    seed: int,
-    settings: Ensembles | None = None,
-    ledger: Ledger | None = None,
-) -> Chains:
+    start: Callable[[np.random.Generator, int], Floats], seed: int,
+    settings: Ensembles | None = None, ledger: Ledger | None = None,
+) -> Chains:  # fmt: skip
     """Sample by emcee's moves along differences of walkers, in independent ensembles.
 
     Differential evolution (ter Braak 2006, Statistics and Computing 16, 239), and a fifth of the

@@ -135,13 +135,9 @@ class Emulators:
         return np.asarray(score)
 
     def least(
-        self,
-        starts: Floats,
-        sigmas: float = 0.0,
-        correction: Correction | None = None,
-        box: tuple[Floats, Floats] | None = None,
-        allowed: Callable[[Floats], bool] | None = None,
-    ) -> tuple[Floats, float]:
+        self, starts: Floats, sigmas: float = 0.0, correction: Correction | None = None,
+        box: tuple[Floats, Floats] | None = None, allowed: Callable[[Floats], bool] | None = None,
+    ) -> tuple[Floats, float]:  # fmt: skip
         """The design of the least score, by nlopt's SLSQP (Kraft 1994) from some starts (m, d).
 
         correction  is added to the objective
@@ -185,12 +181,9 @@ class Emulators:
 
 
 def emulators(
-    points: Floats,
-    values: Sequence[Foresight],
-    scales: Mapping[str, Scale],
-    like: Emulators | None = None,
-    beyond: float = BEYOND,
-) -> Emulators:
+    points: Floats, values: Sequence[Foresight], scales: Mapping[str, Scale],
+    like: Emulators | None = None, beyond: float = BEYOND,
+) -> Emulators:  # fmt: skip
     """The emulators of some forecasts.
 
     scales   of the margins that are chances, by name

@@ -177,12 +177,9 @@ def _done(task: Task, objective: Objective, seed: int) -> Forecast | UnitBudgets
 
 
 def forecasts(
-    judged: Sequence[Judged],
-    objective: Objective,
-    runner: TrialRunner | None = None,
-    seed: int = 1,
-    known: Mapping[str, Forecast] | None = None,
-) -> tuple[float, dict[str, Forecast]]:
+    judged: Sequence[Judged], objective: Objective, runner: TrialRunner | None = None,
+    seed: int = 1, known: Mapping[str, Forecast] | None = None,
+) -> tuple[float, dict[str, Forecast]]:  # fmt: skip
     """The objective (radian) by the analytic budget, and what it expects of each condition.
 
     runner  whose workers compute the conditions and units; None: this process

@@ -277,7 +277,7 @@ def _over_units(
     counted = [condition for condition in judged if condition.name in tried and condition.units]
     outcomes = [tried[condition.name] for condition in counted]
     interval = level_interval_of_units(objective, counted, outcomes, campaign, runner)
-    return Interval(*(bound / arcsec for bound in (interval.value, interval.low, interval.high)))
+    return Interval(*(bound / arcsec for bound in vars(interval).values()))
 
 
 def _interval(

@@ -56,14 +56,9 @@ class TrialRunner:
         return tried
 
     def run(
-        self,
-        case: Case,
-        trials: int,
-        fidelity: Fidelity = Fidelity.FRAME,
-        first: int = 0,
-        progress: Advance | None = None,
-        units: Units | None = None,
-    ) -> Rows:
+        self, case: Case, trials: int, fidelity: Fidelity = Fidelity.FRAME, first: int = 0,
+        progress: Advance | None = None, units: Units | None = None,
+    ) -> Rows:  # fmt: skip
         """The outcomes of trials first ... first + trials - 1 of a design.
 
         units     how these go over its units; None: all are of the unit as designed

@@ -44,12 +44,9 @@ class Sensitivity:
 
 
 def sensitivities(
-    space: DesignSpace,
-    campaign: Campaign,
-    runner: TrialRunner,
-    designs: int = DESIGNS,
+    space: DesignSpace, campaign: Campaign, runner: TrialRunner, designs: int = DESIGNS,
     progress: Advance | None = None,
-) -> list[Sensitivity]:
+) -> list[Sensitivity]:  # fmt: skip
     """Derivatives at the design, excursions to the bounds, and Sobol indices over the space.
 
     All by the analytic budget, which has no noise. The indices are of ln(error), as an error over
@@ -98,12 +95,9 @@ def sensitivities(
 
 
 def _log_errors(
-    space: DesignSpace,
-    campaign: Campaign,
-    points: Sequence[Floats],
-    runner: TrialRunner,
+    space: DesignSpace, campaign: Campaign, points: Sequence[Floats], runner: TrialRunner,
     progress: Advance | None = None,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """ln(error / arcsec) of designs, whatever they cost; NaN where no attitude is expected."""
     limits = -math.inf, math.inf  # in conditions with a weight alone
     seen = foresee_all(space, campaign, points, runner, runner.seed, *limits, progress=progress)

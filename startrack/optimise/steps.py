@@ -95,12 +95,10 @@ class FeasibleStart(NamedTuple):
 
     coordinates  (d,) in the unit cube; those of the start where it meets them all
     short        1, sum of the amounts by which margins are missed; 0 where none is
-    margins      of the design
     """
 
     coordinates: Floats
     short: float
-    margins: dict[str, float]
 
 
 def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleStart:
@@ -108,7 +106,6 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
 
     Accuracy  model: a feasible corner may be missed where it is smaller than 1 / 120 of the space.
     """
-
     tried = list[float]()
 
     def score(coordinates: Floats) -> float:
@@ -126,9 +123,9 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
 
     end = least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
     if not math.isfinite(end.score):
-        return FeasibleStart(end.coordinates, end.score, {})
+        return FeasibleStart(end.coordinates, end.score)
     margins = margins_of(requirements, space.design(end.coordinates))
-    return FeasibleStart(end.coordinates, missed(margins), margins)
+    return FeasibleStart(end.coordinates, missed(margins))
 
 
 # Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand: the

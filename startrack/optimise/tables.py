@@ -12,7 +12,7 @@ from startrack.budget import caveats, differences, refusal
 from startrack.core import Refused, arcsec
 from startrack.design import YEAR, Campaign, Objective, OverUnits
 from startrack.io import save_csv
-from startrack.metrics import Interval, markdown
+from startrack.metrics import Interval, bracketed, markdown
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.forecast import budget_of, without_units
@@ -119,11 +119,10 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         tuned = "level that the search expected was"
     lines += [
         "",
-        f"Better by a factor of {factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}] in the "
-        f"{what}, on {fresh}. {designs} "
+        f"Better by a factor of {bracketed(factor, '.2f')} in the {what}, on {fresh}. {designs} "
         f"designs were evaluated, {campaign.trials} to {campaign.most_trials} trials each. The "
         f"{tuned} {tuning:.{_digits(tuning)}f} arcsec; {later} "
-        f"{optimism.value:.3f} [{optimism.low:.3f}, {optimism.high:.3f}] of that. {trials} trials "
+        f"{bracketed(optimism, '.3f')} of that. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
         "the frames have a false attitude. Brackets and bounds hold with 95 % confidence.",
@@ -297,9 +296,7 @@ def _errors(evaluation: Evaluation) -> tuple[float, float, float]:
 
 
 def _written(interval: Interval, unit: float = arcsec) -> str:
-    value, low, high = (x / unit for x in (interval.value, interval.low, interval.high))
-    digits = _digits(value)
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+    return bracketed(interval, f".{_digits(interval.value / unit)}f", unit)
 
 
 def _digits(value: float) -> int:

@@ -69,13 +69,9 @@ class Verification:
 
 
 def verify(
-    case: Case,
-    campaign: Campaign,
-    trials: Trials,
-    seed: int,
-    looks: Looks | None = None,
+    case: Case, campaign: Campaign, trials: Trials, seed: int, looks: Looks | None = None,
     watch: Callable[[str, int], None] | None = None,
-) -> Verification:
+) -> Verification:  # fmt: skip
     """Judge each requirement of a campaign on a design, in each condition.
 
     Those on mass, power and the like by their formulas. Error and availability by trials, at the
