@@ -52,7 +52,9 @@ def response(case: Case) -> Measured:
     """Detection and errors of single stars; kept for the 2 last cases, as units share one."""
     if trial.boxed(case):
         return in_boxes(case)
-    pattern = trial.dark_pattern(case) if has_hot_pixels(case) else None
+    detector = case.instrument.detector
+    outlying = detector.age or (detector.defects and detector.defects.hot)
+    pattern = trial.dark_pattern(case) if outlying else None
     even = trial.with_uniform_dark(case) if pattern else case
     star = trial.errors(even)
     # Where dark signal fills the converter no star is measured, and none is moved.
@@ -73,10 +75,8 @@ def response(case: Case) -> Measured:
         size = trial.scale(even)
         # Of what the read-out adds, the spread of the dark signal is constant in time.
         part = (pattern.spread / size.noise) ** 2
-        random = random | {
-            trial.READ: (1 - part) * random[trial.READ],
-            "DSNU": part * random[trial.READ],
-        }
+        read = random[trial.READ]
+        random = random | {trial.READ: (1 - part) * read, "DSNU": part * read}
         random |= {HOT: np.broadcast_to(hot.moment, stated.shape)}
         kept = kept * hot.kept
         light = size.star * 10 ** (-0.4 * grid)
@@ -92,10 +92,8 @@ def _measured(
 ) -> Measured:  # fmt: skip
     """Covariances `stated` and `random`, (z, m, 2, 2) of stars, over the magnitudes of a grid."""
     causes = [_fine(star.magnitude, covariance, grid) for covariance in random.values()]
-    table = Response(
-        float(grid[0]), FINE, fraction, _fine(star.magnitude, stated, grid),
-        np.stack(causes, axis=1), false,
-    )  # fmt: skip
+    fine = _fine(star.magnitude, stated, grid)
+    table = Response(float(grid[0]), FINE, fraction, fine, np.stack(causes, axis=1), false)
     return Measured(star, above, table, list(random), lost)
 
 
@@ -123,9 +121,8 @@ def in_boxes(case: Case) -> Measured:
     }
     random = {name: square[:, None, None] * np.eye(2) for name, square in variance.items()}
     no_mean = np.zeros((len(magnitude), 2))
-    star = trial.Errors(
-        magnitude, np.ones(len(measured)), stated[:, None, None] * np.eye(2), random, no_mean
-    )
+    kept, covariance = np.ones(len(measured)), stated[:, None, None] * np.eye(2)
+    star = trial.Errors(magnitude, kept, covariance, random, no_mean)
     grid = np.arange(magnitude[0], magnitude[-1] + FINE / 2, FINE)
     zones = len(trial.zone_errors(case).kept) if case.instrument.optics.tabulated else 1
     fraction, stated = (
@@ -133,15 +130,8 @@ def in_boxes(case: Case) -> Measured:
         for part in (_between(magnitude, measured[None], grid), star.stated[None])
     )
     by_zone = {name: np.repeat(table[None], zones, axis=0) for name, table in random.items()}
-    return _measured(
-        star, measured, grid, fraction, stated, by_zone, np.zeros(len(grid)), np.ones(2)
-    )
-
-
-def has_hot_pixels(case: Case) -> bool:
-    """Whether some pixels have a dark current far from that of the others."""
-    detector = case.instrument.detector
-    return bool(detector.age or (detector.defects and detector.defects.hot))
+    no_spots = np.zeros(len(grid))
+    return _measured(star, measured, grid, fraction, stated, by_zone, no_spots, np.ones(2))
 
 
 def _between(magnitude: Floats, table: Floats, grid: Floats) -> Floats:

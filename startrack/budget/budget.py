@@ -198,9 +198,8 @@ class Budget(Generic[S]):
             f"Error budget; attitude in {100 * self.availability:.4g} % of the sky and time, "
             f"{self.stars:.1f} stars"
         )
-        return html_table(
-            title, rows, ("cause", "across, arcsec rms per axis", "about, arcsec rms")
-        )
+        head = ("cause", "across, arcsec rms per axis", "about, arcsec rms")
+        return html_table(title, rows, head)
 
     @property
     def across(self) -> float:

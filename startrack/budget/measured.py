@@ -200,9 +200,8 @@ class _Trial:
 
     def _electrons(self, case: Case) -> Floats:
         path = trial.line_of_sight(case.instrument, self._streams)
-        return trial.expected_electrons(
-            case, self._record.stars, path, self._attitude, self._streams
-        )
+        stars = self._record.stars
+        return trial.expected_electrons(case, stars, path, self._attitude, self._streams)
 
     def _single(self, case: Case) -> Spots:
         """Spots with each matched star measured in a separate cell, for a case without causes."""
@@ -228,9 +227,8 @@ class _Trial:
     def _measured(self, frame: Frame, detection: Detection) -> Spots:
         """All spots of the record, measured in another frame; lost ones stay as they are."""
         old = self._record.spots
-        candidates = Candidates(
-            np.rint(old.x).astype(np.int64), np.rint(old.y).astype(np.int64), old.area
-        )
+        column, row = (np.rint(place).astype(np.int64) for place in (old.x, old.y))
+        candidates = Candidates(column, row, old.area)
         plan = trial.detection_plan(self._case, detection)
         new = centroid(frame, calibrated(frame, plan), candidates, plan)
         if not len(new):
@@ -238,9 +236,8 @@ class _Trial:
         distance = np.hypot(old.x[:, None] - new.x, old.y[:, None] - new.y)
         nearest = distance.argmin(axis=1)
         same = distance[np.arange(len(old)), nearest] < SAME
-        return replace(
-            old, x=np.where(same, new.x[nearest], old.x), y=np.where(same, new.y[nearest], old.y)
-        )
+        x, y = np.where(same, new.x[nearest], old.x), np.where(same, new.y[nearest], old.y)
+        return replace(old, x=x, y=y)
 
 
 def _imaging(case: Case) -> Instrument:
@@ -301,9 +298,8 @@ def indices_of(
     alone = replace(sequence, heads=())  # whose frames are those of the camera of the design
     table = fly_sequences(case, alone, members, seed, executor, progress)
     frames = len(table) // members
-    error = np.stack([table[f"error_{axis}"] for axis in "xyz"], axis=-1).reshape(
-        members, frames, 3
-    )
+    error = np.stack([table[f"error_{axis}"] for axis in "xyz"], axis=-1)
+    error = error.reshape(members, frames, 3)
     error[table["false"].reshape(members, frames)] = np.nan
     time = table["time"].reshape(members, frames)[0]
     seen = np.all(np.isfinite(error), axis=(0, 2))

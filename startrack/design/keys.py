@@ -194,9 +194,8 @@ def template(product: str = "", optional: bool = False) -> str:
         rows = [row for row in table.pop("variation") if row["name"] != AGEING]
         if rows:
             table["variation"] = rows
-    keys = {key.name: key for key in design_keys()}
     head = "# A star tracker; the values are those of an example. All keys: startrack keys"
-    return "\n".join([head, *_tables(table, "", keys, optional)]) + "\n"
+    return "\n".join([head, *_tables(table, "", _by_name(), optional)]) + "\n"
 
 
 def _tables(table: Any, place: str, keys: dict[str, Key], optional: bool) -> Iterator[str]:
@@ -266,7 +265,7 @@ Schema = dict[str, Any]
 
 
 @cache
-def _meanings() -> dict[str, Key]:
+def _by_name() -> dict[str, Key]:
     return {key.name: key for key in design_keys()}
 
 
@@ -306,7 +305,7 @@ def _table(kind: type, place: str) -> Schema:
     properties = dict[str, Schema]()
     for name, field in fields_of(kind).items():
         where = f"{place}.{name}" if place else name
-        key = _meanings()[where]
+        key = _by_name()[where]
         properties[name] = {"description": key.meaning} | _value(field, range_of(field), where)
         if field.default is not None and not dataclasses.is_dataclass(field.kind):
             properties[name]["markdownDescription"] = f"{key.meaning}\n\nDefault: `{key.default}`"

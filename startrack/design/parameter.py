@@ -165,9 +165,8 @@ def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
     values = {}
     for head in dict.fromkeys(change.path[0] for change in changes):
         part = owner[int(head)] if isinstance(owner, tuple) else getattr(owner, head)
-        inner = [
-            change._replace(path=change.path[1:]) for change in changes if change.path[0] == head
-        ]
+        own = (change for change in changes if change.path[0] == head)
+        inner = [change._replace(path=change.path[1:]) for change in own]
         values[head] = _with(part, inner, checked) if inner[0].path else inner[0].value
     if isinstance(owner, tuple):
         return tuple(values.get(str(at), part) for at, part in enumerate(owner))

@@ -112,9 +112,8 @@ class Structure(Parameters):
               gradient, 18 % with a flux and 15 % where the panel bends the base.
     """
 
-    material: Annotated[str, Range(choices=tuple(MATERIALS)), "of tube, base and feet"] = (
-        "aluminium"
-    )
+    material: Annotated[str, Range(choices=tuple(MATERIALS)),
+        "of tube, base and feet"] = "aluminium"  # fmt: skip
     expansion: Annotated[float | None, EXPANSION, FINITE,
         "in place of the material's"] = None  # fmt: skip
     conductivity: Annotated[float | None, Unit("W / (m K)"), POSITIVE,
@@ -332,9 +331,8 @@ class Structure(Parameters):
             over = response @ orbit
             if tabulated and np.ptp(over):
                 values = tuple(_text(name, float(value)) for value in over)
-                yield Variation(
-                    name, "table", values=values, vary=vary, per=Scope.ENVIRONMENT, group=ORBIT
-                )
+                scope = Scope.ENVIRONMENT
+                yield Variation(name, "table", values=values, vary=vary, per=scope, group=ORBIT)
             elif not tabulated and over[0]:
                 amplitude, phase = float(abs(over[0])), cmath.phase(over[0]) / math.tau
                 yield Variation(

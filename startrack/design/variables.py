@@ -171,16 +171,13 @@ class DesignSpace:
 
     def labels(self) -> dict[str, str]:
         """The names of the variables, and how tables show them."""
-        return {
-            variable.name: parameter.label(self.case, variable.name) for variable in self.variables
-        }
+        names = (variable.name for variable in self.variables)
+        return {name: parameter.label(self.case, name) for name in names}
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""
-        return {
-            variable.name: text(case, variable.name, number(case, variable.name))
-            for variable in self.variables
-        }
+        names = (variable.name for variable in self.variables)
+        return {name: text(case, name, number(case, name)) for name in names}
 
     def shown(self, name: str, value: float, digits: int) -> str:
         """A value of a variable as a person writes it, with its unit."""

@@ -96,10 +96,8 @@ def quantile_of_few(values: Floats, fraction: float) -> Floats:
     """
     _proper(fraction)
     n = values.shape[-1]
-    ends = scipy.special.betainc(
-        fraction * (n + 1), (1 - fraction) * (n + 1), np.linspace(0, 1, n + 1)
-    )
-    weight = np.diff(ends)
+    a, b = fraction * (n + 1), (1 - fraction) * (n + 1)
+    weight = np.diff(scipy.special.betainc(a, b, np.linspace(0, 1, n + 1)))
     ordered = np.sort(values, axis=-1)
     # A value that is infinite counts only where it has a weight.
     return np.asarray(np.where(weight > 0, ordered, 0.0) @ weight)

@@ -91,9 +91,8 @@ def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: No
         warm = head.temperature
         warmer = warm.offset - warm.swing, warm.offset + warm.swing
         age = None if head.age is None else (head.age, head.age + mission.time.duration)
-        state = partial(
-            state_of, loaded.designs[same[0]].case, mission.heads[same[0]], mission.check.seed
-        )
+        of_design, given = loaded.designs[same[0]].case, mission.heads[same[0]]
+        state = partial(state_of, of_design, given, mission.check.seed)
         try:
             surrogate = surrogate_of(case, Ranges(span, min(light), warmer, age), state)
         except Refused as error:

@@ -70,9 +70,8 @@ def frames_of(
                 place[f"turn_{axis}"] = value
             if scene.blind:
                 continue
-            outcome = run_trial(
-                scene.case, scene.icrs_to_camera, Streams(seed, n * heads + h), fidelity
-            )
+            streams = Streams(seed, n * heads + h)
+            outcome = run_trial(scene.case, scene.icrs_to_camera, streams, fidelity)
             place["solved"], place["false"] = outcome.solved, outcome.false
             for axis in AXES:
                 place[f"error_{axis}"] = getattr(outcome, f"error_{axis}")

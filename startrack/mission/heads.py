@@ -115,9 +115,8 @@ def nearest(faces: Sequence[Floats], position: Floats, boresight: Floats) -> Flo
             ahead, behind = dot(cross(normal, a), line), dot(cross(b, normal), line)
             between = (ahead >= 0) & (behind >= 0) & (size > 1e-9)
             ends = np.minimum(angle(dot(a, line)), angle(dot(b, line)))
-            best = np.minimum(
-                best, np.where(between, np.abs(np.arcsin(np.clip(height, -1, 1))), ends)
-            )
+            off = np.abs(np.arcsin(np.clip(height, -1, 1)))
+            best = np.minimum(best, np.where(between, off, ends))
             sides.append(height)
         middle = dot(np.sum(rays, axis=0), line) > 0
         inside = (

@@ -377,11 +377,19 @@ class _Around:
 
     @cached_property
     def _tangents(self) -> list[tuple[Floats, Floats]]:
-        return [_tangents(line) for line in self.lines]
+        """Two unit vectors across each direction."""
+        turns = [mounted(*angles_of(line)).as_matrix() for line in self.lines]
+        return [(axes[:, 0], axes[:, 1]) for axes in turns]
 
     @cached_property
     def _variances(self) -> list[tuple[float, float]]:
-        return [_mean_variances(self.plan, h) for h in range(len(self.lines))]
+        """Radian^2 across and about, over the sky, at the middle rate and the faintest sky."""
+        variances = []
+        for head, surrogate in zip(self.plan.heads, self.plan.surrogates, strict=True):
+            table = surrogate.table[:2, len(surrogate.rate) // 2, -1, -1, -1]
+            across, about = np.exp(table).mean(axis=1) + head.drift
+            variances.append((float(across), float(about)))
+        return variances
 
     def moved(self, coordinates: Floats) -> list[Floats]:
         """Directions (3,) at coordinates (2 h,) of the unit cube, whose middle is the start."""
@@ -596,17 +604,3 @@ def _masks(samples: Samples, heads: Sequence[Mounted], grid: Floats) -> list[Fla
 
 def _with(items: Sequence[Any], at: int, item: Any) -> list[Any]:
     return [*items[:at], item, *items[at + 1 :]]
-
-
-def _tangents(line: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors across a direction."""
-    axes = mounted(*angles_of(line)).as_matrix()
-    return axes[:, 0], axes[:, 1]
-
-
-def _mean_variances(plan: Plan, h: int) -> tuple[float, float]:
-    """Radian^2 across and about, over the sky, at the middle rate and the faintest background."""
-    surrogate, drift = plan.surrogates[h], plan.heads[h].drift
-    table = surrogate.table[:2, len(surrogate.rate) // 2, -1, -1, -1]
-    across, about = np.exp(table).mean(axis=1)
-    return float(across + drift[0]), float(about + drift[1])

@@ -87,10 +87,8 @@ def _checked(
         return plan, checks
     surrogates, checks_ = list(plan.surrogates), []
     for entry in json.loads(stored):
-        check: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in entry["check"].items()
-        }
-        checks_.append(Checked(**check))
+        lists = {k: tuple(v) for k, v in entry["check"].items() if isinstance(v, list)}
+        checks_.append(Checked(**(entry["check"] | lists)))
         names, *numbers = entry["correction"].values()
         correction = Correction(tuple(names), *map(np.array, numbers))
         for h in checks_[-1].heads:
@@ -116,7 +114,6 @@ def _read(data: bytes) -> Flown:
     ends = values.pop("ends")
     values["step"] = float(values["step"])
     values["worst"] = [(float(a), float(b)) for a, b in values["worst"]]
-    values["chances"] = tuple(
-        chances.tolist() for chances in np.split(values["chances"], ends[:-1])
-    )
+    chances = np.split(values["chances"], ends[:-1])
+    values["chances"] = tuple(part.tolist() for part in chances)
     return Flown(**values)

@@ -78,10 +78,8 @@ def control(
         return None
     answer, direction = answer.of(kept), direction[kept]
     weight = weight[kept]
-    tolerance = case.tracker.identification.focal_tolerance
-    fitted = refine(
-        answer.place, weight, direction, case.believed_camera, icrs_to_camera, tolerance
-    )
+    believed, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
+    fitted = refine(answer.place, weight, direction, believed, icrs_to_camera, tolerance)
     gain = _gain(direction, weight, case, fitted.icrs_to_camera)
     place, slope = _by_pixel(answer, gain, detector.columns)
     slope = slope * (electrons.ravel()[place] < FULL * detector.full_well)

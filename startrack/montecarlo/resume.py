@@ -64,9 +64,8 @@ class Precision(Parameters):
         about = self.statistic == "about"
         if self.sobol or "surplus_across" in (outcomes.dtype.names or ()):
             return mean_square(outcomes, about, self.sobol).root(self.confidence)
-        return metrics.rms_interval(
-            solved["error_z"] ** 2 if about else squares / 2, self.confidence
-        )
+        squares = solved["error_z"] ** 2 if about else squares / 2
+        return metrics.rms_interval(squares, self.confidence)
 
     def reached(self, outcomes: Rows) -> bool:
         """Whether the interval is narrow enough."""

@@ -379,9 +379,8 @@ def write_failure(execute: Execute, row: Sequence[Any]) -> None:
 
 def _forget_failures(execute: Execute, numbers: range) -> None:
     # With another number of workers, blocks have other sizes: one may hold several that failed.
-    execute(
-        "DELETE FROM failures WHERE first < ? AND first + trials > ?", (numbers.stop, numbers.start)
-    )
+    within = "DELETE FROM failures WHERE first < ? AND first + trials > ?"
+    execute(within, (numbers.stop, numbers.start))
     execute(
         "DELETE FROM checksums WHERE first <= ? AND ? - first NOT IN (SELECT first FROM failures)",
         (FAILED, FAILED),

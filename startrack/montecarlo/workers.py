@@ -175,11 +175,8 @@ class Certificates(NamedTuple):
 
 def versions() -> dict[str, str]:
     """What must be the same on all machines, so that a trial has the same result on each."""
-    return {
-        "startrack": software(),
-        "numba": metadata.version("numba"),
-        "numpy": metadata.version("numpy"),
-    }
+    packages = {name: metadata.version(name) for name in ("numba", "numpy")}
+    return {"startrack": software()} | packages
 
 
 def require_same_versions(workers: Mapping[str, Mapping[str, str]]) -> None:
@@ -191,10 +188,9 @@ def require_same_versions(workers: Mapping[str, Mapping[str, str]]) -> None:
     mine = versions()
     for name, theirs in workers.items():
         for package, version in mine.items():
-            if theirs.get(package) != version:
+            if (other := theirs.get(package, "none")) != version:
                 raise ValueError(
-                    f"worker {name} must have {package} {version}, as here, got "
-                    f"{theirs.get(package, 'none')}"
+                    f"worker {name} must have {package} {version}, as here, got {other}"
                 )
 
 

@@ -127,9 +127,8 @@ def _of(points: Floats, values: Floats, length: Floats, noise: float, doubt: Flo
     scaled = points / length
     covariance = _matern(cdist(scaled, scaled)) + np.diag(noise + doubt)
     factor = np.asfortranarray(np.linalg.cholesky(covariance), np.float64)
-    inverse = scipy.linalg.cho_solve(
-        (factor, True), np.column_stack([values, np.ones_like(values)])
-    )
+    sides = np.column_stack([values, np.ones_like(values)])
+    inverse = scipy.linalg.cho_solve((factor, True), sides)
     mean = float(inverse[:, 0].sum() / inverse[:, 1].sum())
     weight = inverse[:, 0] - mean * inverse[:, 1]
     size = math.sqrt(max(float((values - mean) @ weight) / len(values), 0.0))

@@ -149,7 +149,7 @@ def _forecast_units(
     margins["availability"] = float(units.availability.mean()) - condition.needs.min_availability
     first = [units.first(count) for count in range(1, len(units) + 1)]
     over = {
-        name: [float(level[name] / verification.expected_in_all(goal, some)) for some in first]
+        name: [float(level[name] / verification.expected_of(goal, some.all())) for some in first]
         for name, goal in every.items()
     }
     return Forecast(level[str(objective)], margins, over)

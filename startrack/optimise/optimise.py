@@ -152,9 +152,8 @@ def optimize(
     label, finalists, ending, landscape = _search(spaces, campaign, runner, tried, record, progress)
     space = spaces[label]
     first = _fresh_frames(campaign.judged(case), campaign, runner, progress.fresh)
-    best, second, margins, availability = _verify(
-        space, finalists[:FINALISTS], campaign, runner, progress.fresh
-    )
+    likely = finalists[:FINALISTS]
+    best, second, margins, availability = _verify(space, likely, campaign, runner, progress.fresh)
     objective, needs = design.Objective.read(campaign.objective), campaign.requirements
     winner = space.design(np.array(best.coordinates))
     counted = [condition for condition in campaign.judged(winner) if condition.weight]

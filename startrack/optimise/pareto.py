@@ -259,37 +259,29 @@ def _measured(
     for goal, value in zip((goals.first, goals.second), np.exp(expected), strict=True):
         if cost_of(campaign, goal):
             intervals.append(Interval(*[float(value)] * 3))
-        elif campaign.units is not None:
-            intervals.append(_over_units(judged, tried, Objective.read(goal), campaign, runner))
         else:
-            intervals.append(_interval(judged, tried, Objective.read(goal), runner.seed))
+            intervals.append(_interval(judged, tried, Objective.read(goal), campaign, runner))
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
     first, second = intervals
     measured = first.value, second.value
     return Point(tuple(coordinates), space.values(coordinates), both, measured, (first, second))
 
 
-def _over_units(
+def _interval(
     judged: Sequence[Judged], tried: Mapping[str, Rows], objective: Objective, campaign: Campaign,
     runner: TrialRunner,
 ) -> Interval:  # fmt: skip
-    """Arcsec, the level of the objective over the fresh units in all conditions of a weight."""
-    counted = [condition for condition in judged if condition.name in tried and condition.units]
-    outcomes = [tried[condition.name] for condition in counted]
-    interval = level_interval_of_units(objective, counted, outcomes, campaign, runner)
-    return Interval(*(bound / arcsec for bound in vars(interval).values()))
-
-
-def _interval(
-    judged: Sequence[Judged], tried: Mapping[str, Rows], objective: Objective, seed: int
-) -> Interval:
-    """Arcsec, the objective over the trials of all conditions that have a weight."""
+    """Arcsec, the objective over trials, or its level over units, in conditions of a weight."""
     counted = [condition for condition in judged if condition.name in tried]
+    if campaign.units is not None:
+        outcomes = [tried[condition.name] for condition in counted]
+        level = level_interval_of_units(objective, counted, outcomes, campaign, runner)
+        return Interval(*(bound / arcsec for bound in vars(level).values()))
     squares = [objective.squares(tried[condition.name]) for condition in counted]
     # Over errors of one arcsec, of which every sample has the same statistic.
     unit = [np.full_like(sample, arcsec**2) for sample in squares]
     weights = [condition.weight for condition in counted]
-    ratio = objective.ratio_of_means(squares, unit, weights, seed)
+    ratio = objective.ratio_of_means(squares, unit, weights, runner.seed)
     scale = float(objective.of(unit[0])) / arcsec
     nothing = {condition.name: Forecast(np.nan, {}) for condition in counted}
     value = combined(judged, tried, objective, nothing) / arcsec

@@ -169,9 +169,8 @@ def _by_code(watch: _Watch, start: Floats, search: Search) -> str:
         return value if value < REFUSED else math.inf
 
     random = core.Streams(search.seed, 0)("search by code")
-    core.call_code(
-        CODE, search.algorithm, SearchInput(score, start.copy(), search.evaluations, random)
-    )
+    given = SearchInput(score, start.copy(), search.evaluations, random)
+    core.call_code(CODE, search.algorithm, given)
     return f"{search.algorithm} converged"
 
 

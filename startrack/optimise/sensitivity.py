@@ -76,18 +76,16 @@ def sensitivities(
     every = [*moved, *ends, *(over if d > 1 else [])]
     logs = _log_errors(space, campaign, every, runner, progress)
     step, end = logs[: 2 * d].reshape(d, 2), np.exp(logs[2 * d : 4 * d]).reshape(d, 2)
-    fractions = (
-        _indices(over, _filled(logs[4 * d :])) if d > 1 else [(Interval(1.0, 1.0, 1.0),) * 2]
-    )
+    fractions = [(Interval(1.0, 1.0, 1.0),) * 2]
+    if d > 1:
+        fractions = _indices(over, _filled(logs[4 * d :]))
     result = []
     for i, variable in enumerate(space.variables):
-        values = [
+        before, after = (
             found_at(space.design(point), variable.name) for point in moved[2 * i : 2 * i + 2]
-        ]
-        value = found_at(space.case, variable.name)
-        slope = (
-            float(step[i, 1] - step[i, 0]) / (values[1] - values[0]) * value if value else math.nan
         )
+        value, rise = found_at(space.case, variable.name), float(step[i, 1] - step[i, 0])
+        slope = rise / (after - before) * value if value else math.nan
         slope += 0.0  # not -0
         low, high = end[i].tolist()
         result.append(Sensitivity(variable.name, math.exp(here), low, high, slope, *fractions[i]))
@@ -156,10 +154,8 @@ def _beside(space: DesignSpace, centre: Floats, axis: int) -> tuple[Floats, Floa
     name = space.variables[axis].name
     step, low, high = STEP, centre, centre
     while found_at(space.design(low), name) == found_at(space.design(high), name):
-        low, high = (
-            _moved(centre, axis, float(np.clip(centre[axis] + side, 0, 1)))
-            for side in (-step, step)
-        )
+        ends = np.clip([centre[axis] - step, centre[axis] + step], 0, 1).tolist()
+        low, high = (_moved(centre, axis, end) for end in ends)
         step *= 2
     return low, high
 

@@ -42,9 +42,8 @@ def fresh_units(
     assert condition.units is not None
     order = how(condition.units, campaign)
     first, count = FRESH_UNIT + done, count or campaign.fresh_units
-    return runner.run(
-        condition.case, count * order.trials, campaign.fidelity, first * order.trials, watch, order
-    )
+    many, begin = count * order.trials, first * order.trials
+    return runner.run(condition.case, many, campaign.fidelity, begin, watch, order)
 
 
 def errors_of(objective: Objective, outcomes: Rows, units: OverUnits, campaign: Campaign) -> Floats:

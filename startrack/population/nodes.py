@@ -157,9 +157,8 @@ class UnitPlans:
             self.last.clear()
             self.last[at] = _with(self.plan, parts)
         camera = unit.instrument.camera
-        return self.last[at]._replace(
-            view=view_of(camera, self.plan.view.border), through=through_of(unit)
-        )
+        view = view_of(camera, self.plan.view.border)
+        return self.last[at]._replace(view=view, through=through_of(unit))
 
 
 def unit_plans(case: Case, age: float = 0.0) -> UnitPlans:

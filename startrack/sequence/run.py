@@ -173,9 +173,8 @@ def doubted(
     """
     if sequence.gyro or before.state is None or before.missed or not step:
         return predicted
-    psd = math.hypot(
-        sequence.angular_acceleration_psd, sequence.initial_rate_sigma / math.sqrt(step)
-    )
+    manoeuvre = sequence.initial_rate_sigma / math.sqrt(step)
+    psd = math.hypot(sequence.angular_acceleration_psd, manoeuvre)
     restless = replace(sequence, angular_acceleration_psd=psd)
     return predict_state(before, None, step, restless, lengths)
 
@@ -385,7 +384,7 @@ def run(
             table[k, head.number] = (
                 number, head.number, time, float(np.linalg.norm(true.turns[k].speed)),
                 _mode(tracker), *judge(estimate, head.turn * asked[k], head.spots),
-                *_filtered(tracker.predicted, asked[k]), *_aligned(tracker.predicted, head),
+                *_known(tracker.predicted, asked[k], head),
             )  # fmt: skip
     for head in heads:
         head.save()
@@ -678,16 +677,13 @@ def _mode(tracker: TrackerState) -> Mode:
     return Mode.SEARCHING if tracker.predicted is None else Mode.COASTED
 
 
-def _filtered(state: attitude.State | None, truth: Rotation) -> tuple[float, ...]:
+def _known(state: attitude.State | None, truth: Rotation, head: _Head) -> list[float]:
+    """Error and stated sigma of the filter, and of the alignment of a further head: 12 numbers."""
     if state is None:
-        return (math.nan,) * 6
+        return [math.nan] * 12
+    variance, numbers = np.diag(state.covariance), [math.nan] * 6
     error = (state.icrs_to_camera * truth.inv()).as_rotvec()
-    return *error.tolist(), *np.sqrt(np.diag(state.covariance)[:3]).tolist()
-
-
-def _aligned(state: attitude.State | None, head: _Head) -> tuple[float, ...]:
-    if state is None or not head.number:
-        return (math.nan,) * 6
-    error = (state.to_head(head.number) * head.turn.inv()).as_rotvec()
-    place = state.alignment(head.number)
-    return *error.tolist(), *np.sqrt(np.diag(state.covariance)[place]).tolist()
+    if head.number:
+        turned = (state.to_head(head.number) * head.turn.inv()).as_rotvec()
+        numbers = [*turned.tolist(), *np.sqrt(variance[state.alignment(head.number)]).tolist()]
+    return [*error.tolist(), *np.sqrt(variance[:3]).tolist(), *numbers]

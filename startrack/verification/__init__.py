@@ -15,8 +15,8 @@ flown     Images of stars that a tracker sent down, and its design -> each figur
 from startrack.verification.accuracy import (
     cost_margins,
     expected_error,
-    expected_in_all,
     expected_margins,
+    expected_of,
     margin,
     margins,
     measured_over,

@@ -62,11 +62,6 @@ def units_expected(objective: Objective, budgets: UnitBudgets) -> Floats:
     return np.array([expected_of(objective, budgets.whole(k)) for k in range(len(budgets))])
 
 
-def expected_in_all(objective: Objective, budgets: UnitBudgets) -> float:
-    """`expected_error` of all units together, radian, their biases included."""
-    return expected_of(objective, budgets.all())
-
-
 def yield_of(accuracy: Accuracy, errors: Floats) -> Interval:
     """Share of the units whose errors (n,) meet a limit, with its interval."""
     return fraction_interval(int((errors <= accuracy.most).sum()), len(errors))
