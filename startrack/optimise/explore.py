@@ -38,7 +38,7 @@ CLIPPED = 2.0  # ln(error) above the least, beyond which a design is only bad
 # the worst would decide its lengths.
 BEYOND = 0.7
 NEAR = 0.25  # the same, where only the neighbourhood of the best is looked at
-MISSED = 0.4  # on its scale, of a margin that is missed: from there on it need not go through
+MISSED = 0.4  # the same of a margin that is missed, on its scale
 FEWEST = 2  # designs per variable at least that an emulator goes through
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
