@@ -95,10 +95,12 @@ class FeasibleStart(NamedTuple):
 
     coordinates  (d,) in the unit cube; those of the start where it meets them all
     short        1, sum of the amounts by which margins are missed; 0 where none is
+    margins      of the design
     """
 
     coordinates: Floats
     short: float
+    margins: dict[str, float]
 
 
 def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleStart:
@@ -123,9 +125,9 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
 
     end = least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
     if not math.isfinite(end.score):
-        return FeasibleStart(end.coordinates, end.score)
+        return FeasibleStart(end.coordinates, end.score, {})
     margins = margins_of(requirements, space.design(end.coordinates))
-    return FeasibleStart(end.coordinates, missed(margins))
+    return FeasibleStart(end.coordinates, missed(margins), margins)
 
 
 # Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand: the
