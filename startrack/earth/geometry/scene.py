@@ -59,18 +59,18 @@ class Sensor(Parameters):
         width = self.columns // 2 if self.detector == "staggered" else self.columns
         return core.Camera(width, rows, self.focal_length / self.pixel_pitch)
 
-    def elements(self, orbit: Carrier) -> list[Elements]:
-        """Elements of each line of a matrix; of other detectors one for all lines."""
+    def elements(self, orbit: Carrier, first: int = 0, count: int = 1) -> Elements:
+        """Elements of some lines of a matrix; of other detectors those of each line."""
         middle = self.camera.centre[1]
         if self.detector == "matrix":
-            return sight.matrix_elements(self.columns, self.lines)
+            return sight.matrix_elements(self.columns, first, count)
         if self.detector == "staggered":
             pace = self._square(orbit) / self.dating(orbit).period
-            first = middle - self.stages / 2
-            return [sight.staggered_elements(self.columns, first, self.stages, lines_a_pixel=pace)]
+            upper = middle - self.stages / 2
+            return sight.staggered_elements(self.columns, upper, self.stages, lines_a_pixel=pace)
         if self.detector == "tdi":
-            return [sight.tdi_elements(self.columns, middle, self.stages)]
-        return [sight.line_elements(self.columns, middle)]
+            return sight.tdi_elements(self.columns, middle, self.stages)
+        return sight.line_elements(self.columns, middle)
 
     def dating(self, orbit: Carrier) -> sight.Dating:
         """The image is taken around the epoch of the orbit, or `delay` after it."""
@@ -106,18 +106,10 @@ class Fractal(Parameters):
         """Its heights."""
         step_y = self.cell / EQUATORIAL
         step_x = step_y / math.cos(self.latitude)
-        half = self.cells / 2
-        count = self.cells + 1
-        grid = Grid(
-            self.longitude - half * step_x,
-            self.latitude + half * step_y,
-            step_x,
-            step_y,
-            count,
-            count,
-        )
-        streams = core.Streams(self.seed, 0)
-        return Array(grid, fractal(count, count, streams, self.relief, self.roughness))
+        half, count = self.cells / 2, self.cells + 1
+        west, north = self.longitude - half * step_x, self.latitude + half * step_y
+        heights = fractal(count, count, core.Streams(self.seed, 0), self.relief, self.roughness)
+        return Array(Grid(west, north, step_x, step_y, count, count), heights)
 
 
 @dataclass(frozen=True)
@@ -168,14 +160,11 @@ class Terrain(Parameters):
 
     def charts(self, folder: Path) -> dict[str, Chart]:
         """The maps by their names."""
-        return {
-            map_file.name: Chart(
-                Mosaic((Raster(folder / map_file.file, map_file.band, map_file.exact),)),
-                map_file.exact,
-                map_file.absent,
-            )
-            for map_file in self.maps
-        }
+        charts = {}
+        for entry in self.maps:
+            source = Raster(folder / entry.file, entry.band, entry.exact)
+            charts[entry.name] = Chart(Mosaic((source,)), entry.exact, entry.absent)
+        return charts
 
 
 @dataclass(frozen=True)
@@ -235,12 +224,9 @@ class Strip:
 
 
 def observe_earth(
-    scene: EarthScene,
-    folder: Path,
-    turn: sight.Jitter | None = None,
-    camera: core.Camera | None = None,
-    terrain: Pyramid | None = None,
-) -> Iterator[Strip]:
+    scene: EarthScene, folder: Path, turn: sight.Jitter | None = None,
+    camera: core.Camera | None = None, terrain: Pyramid | None = None,
+) -> Iterator[Strip]:  # fmt: skip
     """Ground that all pixels of a scene see, some lines at a time.
 
     folder   folder of the files
@@ -251,19 +237,16 @@ def observe_earth(
     terrain, charts = terrain or scene.terrain.open(folder), scene.terrain.charts(folder)
     cell = terrain.terrain.grid.step_y
     sensor, orbit = scene.sensor, scene.carrier
-    elements, dating = sensor.elements(orbit), sensor.dating(orbit)
     sun = sun_direction(orbit.epoch, sensor.delay)
-    rays_of_line = elements[0].x.size * sensor.rays**2
-    step = max(1, BATCH // rays_of_line)
+    step = max(1, BATCH // (sensor.elements(orbit).x.size * sensor.rays**2))
     for first in range(0, sensor.lines, step):
         count = min(step, sensor.lines - first)
-        row, lines = elements[0], np.arange(first, first + count, dtype=np.float64)
-        if len(elements) > 1:  # a matrix, whose rows are exposed together
-            row, lines = sight.together(elements[first : first + count]), np.zeros(1)
+        lines = np.arange(first, first + count, dtype=np.float64)
         rays = sight.scan_lines(
-            camera or sensor.camera, row, lines, dating, orbit, scene.pointing, turn, sensor.rays
-        )
-        ground = survey(terrain, rays, sun, scene.sky_rays)
-        ground = read_charts(ground, charts, cell)
+            camera or sensor.camera, sensor.elements(orbit, first, count),
+            lines[:1] if sensor.detector == "matrix" else lines, sensor.dating(orbit), orbit,
+            scene.pointing, turn, sensor.rays,
+        )  # fmt: skip
+        ground = read_charts(survey(terrain, rays, sun, scene.sky_rays), charts, cell)
         shape = (count, sensor.columns, len(rays) // (count * sensor.columns))
         yield Strip(first, shape, ground)

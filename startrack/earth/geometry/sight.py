@@ -94,19 +94,11 @@ def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Ele
     return Elements(x, y + stage + 0 * x, forwards * stage + 0 * x)
 
 
-def matrix_elements(columns: int, rows: int) -> list[Elements]:
-    """The rows of a matrix, one for each line of the image."""
-    core.whole(1, 2**20, rows=rows)
-    return [line_elements(columns, float(row)) for row in range(rows)]
-
-
-def together(lines: list[Elements]) -> Elements:
-    """The elements of several lines as those of one, line after line."""
-    return Elements(
-        np.concatenate([elements.x for elements in lines]),
-        np.concatenate([elements.y for elements in lines]),
-        np.concatenate([elements.delay for elements in lines]),
-    )
+def matrix_elements(columns: int, first: int, rows: int) -> Elements:
+    """Some rows of a matrix, which are exposed together, row after row."""
+    core.whole(1, 2**20, columns=columns, rows=rows)
+    y, x = np.mgrid[first : first + rows, :columns].astype(float).reshape(2, -1, 1)
+    return Elements(x, y, np.zeros_like(x))
 
 
 def inside_pixel(side: int) -> Floats:
@@ -142,26 +134,10 @@ class Pointing(Parameters):
         return local * Rotation.from_euler("ZYX", [self.yaw, self.roll, -self.pitch])
 
 
-@dataclass(frozen=True, eq=False)
-class Fixed:
-    """A camera that keeps its attitude among the stars."""
-
-    icrs_to_camera: Rotation
-
-    def camera_to_itrs(self, flight: Flight) -> Rotation:
-        """(n,) rotations."""
-        return flight.icrs_to_itrs * self.icrs_to_camera.inv()
-
-
 def sight(
-    camera: core.Camera,
-    pixel: Floats,
-    time: Floats,
-    orbit: Carrier,
-    pointing: Pointing | Fixed,
-    turn: Jitter | None = None,
-    spread: float | None = None,
-) -> Rays:
+    camera: core.Camera, pixel: Floats, time: Floats, orbit: Carrier, pointing: Pointing,
+    turn: Jitter | None = None, spread: float | None = None,
+) -> Rays:  # fmt: skip
     """The lines of sight of pixels at their times.
 
     Light comes from the apparent direction minus the velocity over the speed of light. With the
@@ -190,15 +166,9 @@ def sight(
 
 
 def scan_lines(
-    camera: core.Camera,
-    elements: Elements,
-    lines: Floats,
-    dating: Dating,
-    orbit: Carrier,
-    pointing: Pointing | Fixed,
-    turn: Jitter | None = None,
-    rays_per_side: int = 1,
-) -> Rays:
+    camera: core.Camera, elements: Elements, lines: Floats, dating: Dating, orbit: Carrier,
+    pointing: Pointing, turn: Jitter | None = None, rays_per_side: int = 1,
+) -> Rays:  # fmt: skip
     """The rays of lines of an image: line by line, column by column, stage by stage.
 
     A pixel is the mean of its rays: reshape to (lines, columns, stages * rays_per_side^2).
@@ -211,15 +181,9 @@ def scan_lines(
     shape = (len(lines), *elements.x.shape, len(inside))
     time = dating.at(lines[:, None, None, None] + elements.delay[..., None])
     place = np.stack([elements.x, elements.y], axis=-1)[None, :, :, None] + inside
-    return sight(
-        camera,
-        np.broadcast_to(place, (*shape, 2)).reshape(-1, 2),
-        np.broadcast_to(time, shape).ravel(),
-        orbit,
-        pointing,
-        turn,
-        1 / camera.focal_length_px / rays_per_side,
-    )
+    place = np.broadcast_to(place, (*shape, 2)).reshape(-1, 2)
+    spread = 1 / camera.focal_length_px / rays_per_side
+    return sight(camera, place, np.broadcast_to(time, shape).ravel(), orbit, pointing, turn, spread)
 
 
 @lru_cache(maxsize=16)

@@ -71,7 +71,7 @@ class Locator:
         turn = self.scene.pointing.camera_to_itrs(flight).as_matrix().reshape(-1, 9)
         values = np.concatenate([flight.position, flight.velocity, turn], 1)
         object.__setattr__(self, "_flight", CubicSpline(at, values))
-        object.__setattr__(self, "_row", sensor.elements(carrier)[0])
+        object.__setattr__(self, "_row", sensor.elements(carrier))
         object.__setattr__(self, "_at_once", not dating.period)
 
     def locate(self, point: Floats) -> Floats:

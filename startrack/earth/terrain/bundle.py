@@ -11,9 +11,7 @@ from startrack.earth.terrain.path import Path, Ray, path_at
 from startrack.earth.terrain.surface import Lattice
 
 POLISHED = 1e-9  # metre, change at the next step of Newton's method
-NEAR = (
-    1.0  # metre, within which a path is its ray to 1e-12 m, and its vertical is good to 2e-7 radian
-)
+NEAR = 1.0  # metre, within which a path is its ray to 1e-12 m, its vertical good to 2e-7 radian
 STEPS = 60  # of bisection in the worst case, which reduce 100 km to 1e-13 m
 
 

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from startrack.core import Flags, Floats, finite, kernel
 from startrack.earth.terrain.ellipsoid import angle, shell, vertical
@@ -25,35 +24,24 @@ class ConstantHeight:
         finite(height=self.height)
 
     def meet(self, rays: Rays) -> tuple[Hits, Levels]:
-        """As `meet_level`."""
-        return meet_constant_height(rays, self.height), np.zeros(len(rays), np.int8)
+        """Find where rays from above meet the surface; at height 0 in closed form.
+
+        Accuracy  numerical: 1e-8 m; a ray that grazes within 1e-6 m may be put on the wrong side.
+        """
+        hits = no_hits(len(rays))
+        # A whole number would be compiled for anew.
+        _meet(rays.origin, rays.direction, float(self.height), hits)
+        return hits, np.zeros(len(rays), np.int8)
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
         """Whether rays that begin on the surface lead below it."""
         moved = Rays(rays.origin + start * rays.direction, rays.direction, rays.spread)
-        return meet_constant_height(moved, self.height).hit
-
-
-def meet_constant_height(rays: Rays, height: float) -> Hits:
-    """Find where rays from above meet the surface of constant height.
-
-    At height 0 this is the ellipsoid itself, in closed form.
-
-    height  metre above the ellipsoid
-    Accuracy  numerical: 1e-8 m; a ray that grazes within 1e-6 m may be put on the wrong side.
-    """
-    hits = no_hits(len(rays))
-    # A whole number would be compiled for anew.
-    origin, direction, above = rays.origin, rays.direction, float(height)
-    _meet(origin, direction, above, hits.status, hits.distance, hits.place, hits.normal)
-    return hits
+        return self.meet(moved)[0].hit
 
 
 @kernel
-def _meet(
-    origin: Floats, direction: Floats, height: float, status: NDArray[np.uint8], distance: Floats,
-    place: Floats, normal: Floats,
-) -> None:  # fmt: skip
+def _meet(origin: Floats, direction: Floats, height: float, hits: Hits) -> None:
+    status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
     for n in range(len(origin)):
         ox, oy, oz = origin[n]
         dx, dy, dz = direction[n]
@@ -77,16 +65,13 @@ def _meet(
         normal[n, 0], normal[n, 1], normal[n, 2] = scale * x, scale * y, sine
 
 
-def tangent_height(rays: Rays) -> np.ndarray:
-    """Lowest height of each ray above the ellipsoid, (n,) metre; of its origin if it only rises."""
-    out = np.empty(len(rays))
-    _tangent(rays.origin, rays.direction, out)
-    return out
-
-
 @kernel
-def _tangent(origin: Floats, direction: Floats, out: Floats) -> None:
-    """Newton's method on the slope of the height; its slope is cos^2(e) / r, nearly constant."""
+def tangent_height(origin: Floats, direction: Floats) -> Floats:
+    """Lowest height of each ray above the ellipsoid, (n,) metre; of its origin if it only rises.
+
+    Newton's method on the slope of the height; its slope is cos^2(e) / r, nearly constant.
+    """
+    out = np.empty(len(origin))
     for n in range(len(origin)):
         ox, oy, oz = origin[n]
         dx, dy, dz = direction[n]
@@ -101,3 +86,4 @@ def _tangent(origin: Floats, direction: Floats, out: Floats) -> None:
             if abs(step) < 1e-3 or s == 0:
                 break
         out[n] = vertical(ox + s * dx, oy + s * dy, oz + s * dz)[2]
+    return out

@@ -26,14 +26,8 @@ def cartesian(longitude: Floats, latitude: Floats, height: Floats) -> Floats:
     sine = np.sin(latitude)
     normal = EQUATORIAL / np.sqrt(1 - ECCENTRICITY_2 * sine**2)
     across = (normal + height) * np.cos(latitude)
-    return np.stack(
-        [
-            across * np.cos(longitude),
-            across * np.sin(longitude),
-            (normal * (1 - ECCENTRICITY_2) + height) * sine,
-        ],
-        axis=-1,
-    )
+    along = (normal * (1 - ECCENTRICITY_2) + height) * sine
+    return np.stack([across * np.cos(longitude), across * np.sin(longitude), along], axis=-1)
 
 
 def geodetic(point: Floats) -> tuple[Floats, Floats, Floats]:

@@ -32,9 +32,7 @@ class Mosaic:
     @cached_property
     def ordered(self) -> tuple[Source, ...]:
         """The source of the smallest cells first."""
-        return tuple(
-            sorted(self.sources, key=lambda source: source.grid.step_y * source.grid.step_x)
-        )
+        return tuple(sorted(self.sources, key=lambda own: own.grid.step_y * own.grid.step_x))
 
     @cached_property
     def grid(self) -> Grid:
@@ -66,9 +64,7 @@ class Mosaic:
 
     def shape(self, level: int) -> tuple[int, int]:
         """Cells down and across at a level; they reach over the edges by less than a cell."""
-        grid = self.grid
-        across = grid.columns if grid.closed else grid.columns - 1
-        return -(-(grid.rows - 1) >> level), -(-across >> level)
+        return -(-(self.grid.rows - 1) >> level), -(-self.grid.cells_across >> level)
 
     def level_of(self, place: Floats) -> NDArray[np.int8]:
         """The level of the finest source at longitudes and latitudes (n, 2); (n,).
@@ -82,9 +78,12 @@ class Mosaic:
         out = np.full(len(place), levels[-1], np.int8)
         for source, level in zip(reversed(self.ordered), reversed(levels), strict=True):
             grid = source.grid
-            width = (grid.columns - (0 if grid.closed else 1)) * grid.step_x
             east = (place[:, 0] - grid.west) % FULL_TURN
-            inside = (east <= width) & (place[:, 1] <= grid.north) & (place[:, 1] >= grid.south)
+            inside = (
+                (east <= grid.cells_across * grid.step_x)
+                & (place[:, 1] <= grid.north)
+                & (place[:, 1] >= grid.south)
+            )
             out[inside] = level
         return out
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from startrack.core import Flags, Singles, finite
-from startrack.earth.terrain.constant_height import ConstantHeight, meet_constant_height
+from startrack.earth.terrain.constant_height import ConstantHeight
 from startrack.earth.terrain.ellipsoid import EQUATORIAL
 from startrack.earth.terrain.ground import Levels, Rays
 from startrack.earth.terrain.horizon import with_horizon
@@ -29,7 +29,7 @@ def under(surface: Surface, sea: float | None, rays: Rays, start: float) -> Flag
     deep = ConstantHeight(surface.lowest if sea is None else min(sea, surface.lowest))
     stopped = deep.stops(rays, np.zeros(0, np.int8), start)
     if sea is not None:
-        wet = meet_constant_height(rays, sea)
+        wet, _ = ConstantHeight(sea).meet(rays)
         stopped |= wet.hit & (wet.distance > start) & ~covered(surface, wet.place)
     return stopped
 
@@ -74,7 +74,7 @@ class Pyramid:
                   bounds.
         Accuracy  model: a ray keeps the level that follows from its resolution at the sea.
         """
-        wet, out = meet_constant_height(rays, self.sea), no_hits(len(rays))
+        wet, out = ConstantHeight(self.sea).meet(rays)[0], no_hits(len(rays))
         level = self.choose(rays, wet)
         for own_level in np.unique(level):
             mine = np.flatnonzero(level == own_level)

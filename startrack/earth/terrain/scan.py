@@ -32,41 +32,34 @@ class Scan:
     stop: float
 
     def meet(self, rays: Rays) -> tuple[Hits, Levels]:
-        """As `scan`."""
+        """The first cell on or under whose surface each ray lies."""
         hits = no_hits(len(rays))
         heights = self.heights.astype(np.float32)
-        hits.distance[:] = scan(self.grid, heights, rays, self.start, self.stop)
+        hits.distance[:] = self._search(heights, rays, self.start)
         hits.status[:] = np.where(np.isfinite(hits.distance), HIT, MISS)
         point = rays.origin + np.where(hits.hit, hits.distance, np.nan)[:, None] * rays.direction
         describe_all(index(self.grid, heights), point, hits.hit, hits.place, hits.normal)
         return hits, np.zeros(len(rays), np.int8)
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """As `scan`, from `start` on over the same length."""
-        length = self.stop - self.start
-        return np.isfinite(scan(self.grid, self.heights, rays, start, start + length))
+        """Which rays meet it from `start` on over the same length."""
+        return np.isfinite(self._search(self.heights, rays, start))
 
+    def _search(self, heights: NDArray[np.floating], rays: Rays, start: float) -> Floats:
+        """Distance (n,) metre at which each ray first lies on or under the surface, or infinity.
 
-def scan(
-    grid: Grid, heights: NDArray[np.floating], rays: Rays, start: float, stop: float
-) -> Floats:
-    """Distance at which each ray first lies on or under the surface, between two distances.
-
-    heights      (rows, columns) metre above the ellipsoid; NaN is a hole
-    start, stop  metre, along the ray
-    Returns      (n,) metre, infinity where it does not
-    Accuracy     numerical: 1e-9 m of a bisection; a dip under the surface that is shorter than a
-                 fifth of a cell is found where a parabola shows it.
-    """
-    out = np.full(len(rays), np.inf)
-    shape = (grid.west, grid.north, grid.step_x, grid.step_y)
-    _scan(shape, heights, rays.origin, rays.direction, start, stop, out)
-    return out
+        Accuracy  numerical: 1e-9 m of a bisection; a dip under the surface that is shorter than a
+                  fifth of a cell is found where a parabola shows it.
+        """
+        shape = (self.grid.west, self.grid.north, self.grid.step_x, self.grid.step_y)
+        stop = start + (self.stop - self.start)
+        return _scan(shape, heights, rays.origin, rays.direction, start, stop)
 
 
 @kernel
-def _scan(grid, heights, origin, direction, start, stop, out):  # type: ignore[no-untyped-def]
+def _scan(grid, heights, origin, direction, start, stop):  # type: ignore[no-untyped-def]
     rows, columns = heights.shape
+    out = np.full(len(origin), np.inf)
     borders = np.empty(2 * (rows + columns) + 2)
     for n in range(len(origin)):
         count = _borders(grid, rows, columns, origin[n], direction[n], start, stop, borders)
@@ -79,6 +72,7 @@ def _scan(grid, heights, origin, direction, start, stop, out):  # type: ignore[n
                 if distance < math.inf:
                     out[n] = distance
                     break
+    return out
 
 
 @kernel
@@ -172,11 +166,8 @@ def _bisect(grid, columns, corner, j, i, origin, direction, low, high):  # type:
 def _place(grid, columns, origin, direction, s):  # type: ignore[no-untyped-def]
     """Columns, rows and height of a point of a ray."""
     west, north, step_x, step_y = grid
-    x, y, z = (
-        origin[0] + s * direction[0],
-        origin[1] + s * direction[1],
-        origin[2] + s * direction[2],
-    )
+    x, y = origin[0] + s * direction[0], origin[1] + s * direction[1]
+    z = origin[2] + s * direction[2]
     sine, cosine, height, _ = vertical(x, y, z)
     turn = FULL_TURN / step_x
     u = ((math.atan2(y, x) - west) / step_x) % turn

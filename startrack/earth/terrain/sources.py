@@ -67,26 +67,18 @@ class Raster:
         """Bilinear (nearest where exact), with GDAL's smoothing where the steps are coarser."""
         out = np.full((grid.rows, grid.columns), np.nan, np.float32)
         for turn in (-FULL_TURN, 0.0, FULL_TURN):
-            west = grid.west + turn
+            west, mine = grid.west + turn, self.grid
             east = west + (grid.columns - 1) * grid.step_x
-            mine = self.grid
-            if west > mine.west + mine.columns * mine.step_x or east < mine.west - mine.step_x:
-                continue
-            part = self._warp(grid, west)
-            np.copyto(out, part, where=np.isnan(out))
+            if west <= mine.west + mine.columns * mine.step_x and east >= mine.west - mine.step_x:
+                np.copyto(out, self._warp(grid, west), where=np.isnan(out))
         return out
 
     def _warp(self, grid: Grid, west: float) -> Singles:
         rasterio = require_rasterio("to read terrain files")
         across, down = math.degrees(grid.step_x), math.degrees(grid.step_y)
-        transform = rasterio.Affine(
-            across,
-            0,
-            math.degrees(west) + across * (NUDGE - 0.5),
-            0,
-            -down,
-            math.degrees(grid.north) - down * (NUDGE - 0.5),
-        )
+        left, top = math.degrees(west), math.degrees(grid.north)
+        left, top = left + across * (NUDGE - 0.5), top - down * (NUDGE - 0.5)
+        transform = rasterio.Affine(across, 0, left, 0, -down, top)
         method = rasterio.enums.Resampling
         with _open(self.path) as file:
             try:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Singles, finite, kernel, positive, whole
 from startrack.earth.terrain.ellipsoid import angle, vertical
-from startrack.earth.terrain.tile import BLOCKS, CELLS, PATCHES, VERTICES, cut, fill
+from startrack.earth.terrain.tile import BLOCKS, CELLS, PATCHES, VERTICES, fill
 
 FULL_TURN = 2 * math.pi
 SEAM = 1e-6  # of a step, within which a grid closes around the Earth or reaches a pole
@@ -64,6 +64,11 @@ class Grid(NorthUp):
     def closed(self) -> bool:
         """Whether the column after the last one is the first."""
         return abs(self.columns * self.step_x - FULL_TURN) < SEAM * self.step_x
+
+    @property
+    def cells_across(self) -> int:
+        """Cells between its columns."""
+        return self.columns if self.closed else self.columns - 1
 
 
 class Horizon(NamedTuple):
@@ -143,14 +148,15 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
     heights, north = close(grid, heights.astype(np.float32, copy=False))
     rows, columns = heights.shape[0] - 1, heights.shape[1] - 1
     down, across = -(-rows // CELLS), -(-columns // CELLS)
-    tiles = np.empty((down * across, VERTICES, VERTICES), np.float32)
+    tiles = np.full((down * across, VERTICES, VERTICES), np.nan, np.float32)
     maxima = np.empty((down * across, BLOCKS), np.float32)
     steepness = np.empty((down * across, PATCHES, 2), np.float32)
     slot = np.arange(down * across, dtype=np.int32).reshape(down, across)
     top = np.empty((down, across))
     lowest = math.inf
     for (j, i), n in np.ndenumerate(slot):
-        tiles[n] = cut(heights, j, i)
+        part = heights[j * CELLS : j * CELLS + VERTICES, i * CELLS : i * CELLS + VERTICES]
+        tiles[n, : part.shape[0], : part.shape[1]] = part
         low, top[j, i] = fill(tiles[n], maxima[n], steepness[n])
         lowest = min(lowest, low)
     highest = float(top.max())

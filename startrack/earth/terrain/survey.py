@@ -82,11 +82,8 @@ def read_charts(ground: Ground, charts: dict[str, Chart], cell: float) -> Ground
     maps = dict(ground.maps)
     for name, chart in charts.items():
         maps[name] = np.full(len(ground), np.nan)
-        maps[name][hit] = chart.at(
-            ground.longitude[hit],
-            ground.latitude[hit],
-            cell * np.exp2(ground.level[hit], dtype=float),
-        )
+        cells = cell * np.exp2(ground.level[hit], dtype=float)
+        maps[name][hit] = chart.at(ground.longitude[hit], ground.latitude[hit], cells)
     return replace(ground, maps=maps)
 
 
@@ -130,7 +127,7 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
     if sky_rays:
         sky_view[hit] = view_sky(ground, point[hit], hits.normal[hit], level[hit], sky_rays)
     tangent = np.full(len(rays), np.nan)
-    tangent[~hit] = tangent_height(Rays(rays.origin[~hit], rays.direction[~hit], rays.spread[~hit]))
+    tangent[~hit] = tangent_height(rays.origin[~hit], rays.direction[~hit])
     longitude, latitude, height = hits.place.T
     return Ground(
         hit, distance, point, longitude, latitude, height, hits.normal,
@@ -162,10 +159,7 @@ def view_sky(
     north = np.cross(normal, east)
     for k in range(count):
         radius, angle = np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE
-        direction = (
-            np.sqrt(1 - radius**2) * normal
-            + radius * np.cos(angle) * east
-            + radius * np.sin(angle) * north
-        )
+        across, along = radius * np.cos(angle) * east, radius * np.sin(angle) * north
+        direction = np.sqrt(1 - radius**2) * normal + across + along
         seen += ~ground.stops(Rays(point, direction, np.zeros(len(point))), level, LIFT)
     return seen / count

@@ -106,19 +106,6 @@ def _fill_maxima(tile, maxima):  # type: ignore[no-untyped-def]
     return lowest, highest
 
 
-def cut(heights: Singles, j: int, i: int) -> Singles:
-    """One tile of an array, NaN beyond its edges.
-
-    heights  (rows, columns) metre
-    j, i     row and column of the tile
-    Returns  (513, 513)
-    """
-    tile = np.full((VERTICES, VERTICES), np.nan, heights.dtype)
-    part = heights[j * CELLS : j * CELLS + VERTICES, i * CELLS : i * CELLS + VERTICES]
-    tile[: part.shape[0], : part.shape[1]] = part
-    return tile
-
-
 Key = tuple[int, int, int]  # level, row and column of a tile
 
 

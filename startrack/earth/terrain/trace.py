@@ -78,25 +78,14 @@ def trace(surface: Surface, rays: Rays) -> Hits:
 
 def waiting(count: int, start: float) -> Hits:
     """Hits of rays that have not begun, to be filled in by `go_on`; `start` in metres."""
-    return Hits(
-        np.full(count, ABSENT, np.uint8),
-        np.full(count, start),
-        np.empty((count, 3)),
-        np.empty((count, 3)),
-        np.full((count, 2), -1, np.int32),
-    )
+    place, normal = np.full((2, count, 3), np.nan)
+    tile = np.full((count, 2), -1, np.int32)
+    return Hits(np.full(count, ABSENT, np.uint8), np.full(count, start), place, normal, tile)
 
 
 def no_hits(count: int) -> Hits:
     """Hits of rays that meet nothing."""
-    nothing = np.full((count, 3), np.nan)
-    return Hits(
-        np.zeros(count, np.uint8),
-        np.full(count, np.inf),
-        nothing,
-        nothing.copy(),
-        np.full((count, 2), -1, np.int32),
-    )
+    return waiting(count, np.inf)._replace(status=np.full(count, MISS, np.uint8))
 
 
 @kernel
@@ -158,12 +147,8 @@ def _march_all(
         elif status[n] == HIT and exact:
             bundle[of.GUESS + k], bundle[of.LOW + k], bundle[of.HIGH + k] = guess, low, high
             bundle[of.COLUMN + k], bundle[of.ROW + k] = i, j
-            a, b, c, d = corners(
-                surface.heights,
-                surface.slot[j >> SIZE, i >> SIZE],
-                j & (CELLS - 1),
-                i & (CELLS - 1),
-            )
+            slot = surface.slot[j >> SIZE, i >> SIZE]
+            a, b, c, d = corners(surface.heights, slot, j & (CELLS - 1), i & (CELLS - 1))
             bundle[of.A + k] = a if low < high else math.nan  # met from the side, not from above
             bundle[of.B + k], bundle[of.C + k], bundle[of.D + k] = b, c, d
 

@@ -1,5 +1,6 @@
 """Each element looks along its own line of sight at its own time."""
 
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from startrack.earth.geometry import EarthScene, Orbit, Pointing, fly, ground_ra
 from startrack.earth.geometry.scene import Fractal, Sensor, Terrain
 from startrack.earth.geometry.sight import (
     Dating,
-    Fixed,
     line_elements,
     matrix_elements,
     scan_lines,
@@ -106,7 +106,7 @@ def test_staggered_rows_mesh():
 def test_staggered_rows_of_a_scene_mesh_at_any_pace(period):
     """Whatever the period, all pixels of a line see one line of the ground, to a tenth of them."""
     sensor = Sensor("staggered", 40, 5, 1.0, 10e-6, period, 8)
-    (elements,) = sensor.elements(ORBIT)
+    elements = sensor.elements(ORBIT)
     line = np.array([2.0])  # the middle one
     at = ground(scan_lines(sensor.camera, elements, line, sensor.dating(ORBIT), ORBIT, DOWN))
     velocity = fly(ORBIT, np.zeros(1)).inertial[0]
@@ -129,7 +129,7 @@ def test_the_sun_is_that_of_the_middle_line():
 def test_a_matrix_sees_all_at_once():
     frame = [
         scan_lines(CAMERA, row, np.zeros(1), Dating(2.0), ORBIT, DOWN)
-        for row in matrix_elements(101, 2)
+        for row in (matrix_elements(101, first, 1) for first in (0, 1))
     ]
     np.testing.assert_array_equal(frame[0].origin[0], frame[1].origin[-1])
 
@@ -147,6 +147,16 @@ def test_jitter_enters_each_line():
     shift = metres(ground(moved), ground(still))
     height = geodetic(fly(ORBIT, np.zeros(1)).position)[2][0]
     np.testing.assert_allclose(shift, lines * angle * height, rtol=1e-3, atol=1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """A camera that keeps its attitude among the stars."""
+
+    icrs_to_camera: Rotation
+
+    def camera_to_itrs(self, flight):
+        return flight.icrs_to_itrs * self.icrs_to_camera.inv()
 
 
 def test_a_camera_fixed_among_the_stars_keeps_its_direction():

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core.streams import Streams
-from startrack.earth.terrain import Grid, Rays, cartesian, fractal, up
-from startrack.earth.terrain.constant_height import meet_constant_height
+from startrack.earth.terrain import ConstantHeight, Grid, Rays, cartesian, fractal, up
 from startrack.earth.terrain.pyramid import Flags, Levels, beside, under
 from startrack.earth.terrain.surface import Surface
 from startrack.earth.terrain.trace import Hits, blocked, trace
@@ -29,7 +28,7 @@ class Relief:
         """As `trace`, or the sea where that is nearer and beside the surface."""
         hits = trace(self.surface, rays)
         if self.sea is not None:
-            hits = beside(self.surface, meet_constant_height(rays, self.sea), hits)
+            hits = beside(self.surface, ConstantHeight(self.sea).meet(rays)[0], hits)
         return hits, np.zeros(len(rays), np.int8)
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
