@@ -23,7 +23,7 @@ from startrack.earth.atmosphere.radiance import (
     radiance,
     sight_of,
 )
-from startrack.earth.atmosphere.spectra import sun_spectrum
+from startrack.earth.atmosphere.spectra import edges_of, sun_spectrum
 from startrack.earth.atmosphere.table import (
     SPREADS,
     Air,

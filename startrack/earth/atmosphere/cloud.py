@@ -152,11 +152,9 @@ def layer_optics(albedo: float, asymmetry: float) -> LayerOptics:
     fluxes = _refined(np.concatenate([0 * fluxes[:1], fluxes]), depths[0], cosine, (1,))
     multiple = _refined(np.concatenate([0 * multiple[:1], multiple]), depths[1], cosine, (1, 2))
     few, fewer = (_stretched(depth) for depth in depths)
+    of_flux = RegularGridInterpolator((few, ANGLES), fluxes)
     return LayerOptics(
-        albedo,
-        asymmetry,
-        RegularGridInterpolator((few, ANGLES), fluxes),
-        RegularGridInterpolator((fewer, ANGLES, ANGLES), multiple),
+        albedo, asymmetry, of_flux, RegularGridInterpolator((fewer, ANGLES, ANGLES), multiple)
     )
 
 

@@ -71,16 +71,11 @@ class FineTable:
 
     def heat(self, values: Singles, sight: Sight) -> Floats:
         """(n, b) of `through`, `rise` or `fall`, linear between its nodes."""
-        height, sensor = (
-            np.clip((place - start) / step, 0, size - 1)
-            for place, start, step, size in zip(
-                (sight.height, sight.sensor), self.start, self.step, values.shape, strict=False
-            )
-        )
+        last = np.array(values.shape[:2]) - 1
+        height = np.clip((sight.height - self.start[0]) / self.step[0], 0, last[0])
+        sensor = np.clip((sight.sensor - self.start[1]) / self.step[1], 0, last[1])
         h, v = height.astype(int), sensor.astype(int)
-        up, right = (
-            np.minimum(at + 1, size - 1) for at, size in zip((h, v), values.shape, strict=False)
-        )
+        up, right = np.minimum(h + 1, last[0]), np.minimum(v + 1, last[1])
         y, x = (height - h)[:, None], (sensor - v)[:, None]
         near = values[h, v] * (1 - x) + values[h, right] * x
         far = values[up, v] * (1 - x) + values[up, right] * x
@@ -94,12 +89,8 @@ def refine(table: BandTable, ranges: Reach) -> FineTable:
     Accuracy  numerical: linear interpolation over 1 degree is good to 1e-3 up to 70 degrees.
     """
     axes = table.height, table.sensor, table.sun, table.azimuth
-    nodes = [
-        _nodes(name, axis, extent, step)
-        for name, axis, extent, step in zip(
-            Reach._fields, axes, ranges, (HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP), strict=True
-        )
-    ]
+    steps = HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP
+    nodes = [_nodes(*way) for way in zip(Reach._fields, axes, ranges, steps, strict=True)]
     ground = np.concatenate([table.direct, table.sky, table.around], 3)
     path, backscatter = table.path, table.backscatter
     for i, (axis, at) in enumerate(zip(axes, nodes, strict=True)):
@@ -113,12 +104,10 @@ def refine(table: BandTable, ranges: Reach) -> FineTable:
         )
         for term in (table.through, table.rise, table.fall)
     ]  # fmt: skip
-    return FineTable(
-        np.array([at[0] for at in nodes]),
-        np.array([at[1] - at[0] if len(at) > 1 else 1.0 for at in nodes]),
-        *(_single(part) for part in (path, ground, backscatter)),
-        *heat,
-    )
+    start = np.array([at[0] for at in nodes])
+    step = np.array([at[1] - at[0] if len(at) > 1 else 1.0 for at in nodes])
+    sunlit = (_single(part) for part in (path, ground, backscatter))
+    return FineTable(start, step, *sunlit, *heat)
 
 
 def _single(values: Floats) -> Singles:
@@ -126,12 +115,9 @@ def _single(values: Floats) -> Singles:
 
 
 def look_up(
-    table: FineTable,
-    sight: Sight,
-    reflectance: Reals,
-    surroundings: Reals,
+    table: FineTable, sight: Sight, reflectance: Reals, surroundings: Reals,
     direct: Reals | None = None,
-) -> tuple[Singles, Singles, Singles]:
+) -> tuple[Singles, Singles, Singles]:  # fmt: skip
     """Reflected and scattered sunlight, in the terms of the paper.
 
         L_dir = R s cos(alpha) / cos(sun) D
@@ -163,7 +149,8 @@ def look_up(
     around = _singles(around, (2, around.shape[1], bands))
     for name, values in (("reflectance", rho), ("surroundings", around)):
         if not (values >= 0).all() or not (values <= 1).all():
-            raise ValueError(f"{name} must lie in [0, 1], got {_worst(values)}")
+            wrong = values[~((values >= 0) & (values <= 1))]
+            raise ValueError(f"{name} must lie in [0, 1], got {float(wrong[0])}")
     if not (factor >= 0).all():
         raise ValueError(f"direct must be at least 0, got {factor[~(factor >= 0)][0]}")
     beam = np.maximum(sight.incidence, 0) / np.cos(sight.sun) * sight.lit
@@ -202,11 +189,6 @@ def _spline(axis: Floats, values: Floats, along: int, at: Floats) -> Floats:
 
 def _singles(values: Reals, shape: tuple[int, ...]) -> Singles:
     return read_only(np.ascontiguousarray(np.broadcast_to(values, shape), np.float32))
-
-
-def _worst(values: Singles) -> float:
-    bad = values[~((values >= 0) & (values <= 1))]
-    return float(bad[0])
 
 
 @kernel(fastmath={"contract", "reassoc", "nsz", "arcp"})

@@ -154,15 +154,12 @@ def sight_of(ground: Ground) -> Sight:
     level, shone = camera - high[:, None] * zenith, sun - low[:, None] * zenith
     apart, about = (np.sqrt(np.einsum("ij,ij->i", vector, vector)) for vector in (level, shone))
     turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
+    lit = (~ground.shadow[seen]).astype(np.float64)
     return Sight(
-        ground.height[seen],
-        np.arctan2(apart, high),
-        np.arctan2(about, low),
-        np.arccos(np.clip(turned, -1, 1)),
-        np.cos(ground.sun_incidence[seen]),
-        (~ground.shadow[seen]).astype(np.float64),
+        ground.height[seen], np.arctan2(apart, high), np.arctan2(about, low),
+        np.arccos(np.clip(turned, -1, 1)), np.cos(ground.sun_incidence[seen]), lit,
         ground.sky_view[seen],
-    )
+    )  # fmt: skip
 
 
 def at_sensor(
@@ -196,15 +193,10 @@ def at_sensor(
         surroundings = surroundings[:, ground.hit]
     warm = None if temperature is None else temperature[ground.hit]
     beam = None if direct is None else direct[ground.hit]
-    seen_terms = radiance(_near(table, sight), sight, here, surroundings, heat, warm, direct=beam)
+    reach = Reach._make((float(values.min()), float(values.max())) for values in sight[:4])
+    fine = refine(table, reach)
+    seen_terms = radiance(fine, sight, here, surroundings, heat, warm, direct=beam)
     for name, all_rays, part in zip(Terms._fields, out, seen_terms, strict=True):
         lit_by_air = name in ("indirect", "scattered")
         all_rays[ground.hit] = part * weak[:, None] if lit_by_air else part
     return out
-
-
-def _near(table: BandTable, sight: Sight) -> FineTable:
-    """The part of the table that a scene needs."""
-    return refine(
-        table, Reach._make((float(values.min()), float(values.max())) for values in sight[:4])
-    )

@@ -34,10 +34,14 @@ def sun_spectrum(wavelength: Floats) -> Floats:
             f"wavelength must lie in [{nodes[0]:g}, {nodes[-1]:g}] metre, got {wavelength[0]:g} to "
             f"{wavelength[-1]:g}"
         )
-    edges = np.concatenate(
-        [wavelength[:1], (wavelength[1:] + wavelength[:-1]) / 2, wavelength[-1:]]
-    )
+    edges = edges_of(wavelength)
     return np.asarray(np.diff(np.interp(edges, nodes, total)) / np.diff(edges))
+
+
+def edges_of(wavelength: Floats) -> Floats:
+    """Borders (f + 1,) of the cells of a grid (f,): half-way between, and its ends."""
+    middle = (wavelength[1:] + wavelength[:-1]) / 2
+    return np.concatenate([wavelength[:1], middle, wavelength[-1:]])
 
 
 @lru_cache(maxsize=1)

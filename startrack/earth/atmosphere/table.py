@@ -27,13 +27,11 @@ AIR_AT_GROUND = 1.16e-5  # 1 / m, Rayleigh extinction at 550 nm and sea level
 # in the lowest three, then spring and summer, then a background stratosphere.
 # Source: Shettle and Fenn (1979), table 4; as LOWTRAN 7 has them, AFGL-TR-88-0177.
 VISIBILITIES: Floats = np.array([50.0, 23, 10, 5, 2]) * 1e3
-LOW: Floats = np.array(
-    [
-        [6.62e-2, 1.58e-1, 3.79e-1, 7.70e-1, 1.94],
-        [4.15e-2, 9.91e-2, 3.79e-1, 7.70e-1, 1.94],
-        [2.60e-2, 6.21e-2, 6.21e-2, 6.21e-2, 6.21e-2],
-    ]
-)
+LOW: Floats = np.array([
+    [6.62e-2, 1.58e-1, 3.79e-1, 7.70e-1, 1.94],
+    [4.15e-2, 9.91e-2, 3.79e-1, 7.70e-1, 1.94],
+    [2.60e-2, 6.21e-2, 6.21e-2, 6.21e-2, 6.21e-2],
+])  # fmt: skip
 MIDDLE_HAZY = (3.46e-2, 1.85e-2)  # at 3 and 4 km for 23 km and less
 MIDDLE_CLEAR = (1.46e-2, 1.02e-2)  # for 50 km
 HIGH = (

@@ -30,7 +30,14 @@ from startrack.earth.imager.figures import (
     known,
     margins_of,
 )
-from startrack.earth.imager.files import ABOUT, RADIANCE, open_fits, thinned, write_geotiff
+from startrack.earth.imager.files import (
+    ABOUT,
+    RADIANCE,
+    open_fits,
+    thinned,
+    write_bands,
+    write_geotiff,
+)
 from startrack.earth.imager.land import Cover, HotSpot, Land, ReflectanceMap
 from startrack.earth.imager.lens import lens_registration
 from startrack.earth.imager.parameters import (

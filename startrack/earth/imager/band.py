@@ -51,8 +51,7 @@ def band_of(
     altitude  metre above the ground
     Raises    ValueError where no shipped table has this air, or covers this band.
     """
-    fine, every = _answers(channel)
-    middle = float(every @ fine / every.sum())
+    every, middle = _answers(channel)
     table = _table(air, middle > INFRARED)
     step = np.gradient(table.spectrum)
     response = _in_cells(channel, table.spectrum)
@@ -96,12 +95,11 @@ def terms_in_band(
 
 def mean_wavelength(channel: Channel) -> float:
     """Of a channel's response to an even spectrum of energy, metre."""
-    fine, every = _answers(channel)
-    return float(every @ fine / every.sum())
+    return _answers(channel)[1]
 
 
-def _answers(channel: Channel) -> tuple[Floats, Floats]:
-    """Wavelengths (f,) metre, and the response in the interval of each."""
+def _answers(channel: Channel) -> tuple[Floats, float]:
+    """The response in fine intervals of wavelength (f,), and its mean wavelength, metre."""
     fine = np.geomspace(0.2, 60, 20001) * um
     every = channel.photoelectrons(fine) * np.gradient(fine)
     if not every.any():
@@ -109,12 +107,12 @@ def _answers(channel: Channel) -> tuple[Floats, Floats]:
             f"channel {channel.name}: band, transmission and quantum_efficiency must overlap "
             "between 0.2 and 60 um"
         )
-    return fine, every
+    return every, float(every @ fine / every.sum())
 
 
 def _in_cells(channel: Channel, spectrum: Floats) -> Floats:
     """The mean of a channel's response between the wavelengths of a table; edges count in part."""
-    edges = np.concatenate([spectrum[:1], (spectrum[1:] + spectrum[:-1]) / 2, spectrum[-1:]])
+    edges = atmosphere.edges_of(spectrum)
     inside = edges[:-1, None] + np.diff(edges)[:, None] * (np.arange(PARTS) + 0.5) / PARTS
     return channel.photoelectrons(inside).mean(1)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -86,54 +86,8 @@ class CloudLayer(Parameters):
         Raises  as Raster.
         """
         if self.file:
-            mosaic = Mosaic((Raster(folder / self.file, self.band),))
-            cell = mosaic.grid.step_y
-            return Sheet(self, _Mapped(Chart(mosaic, absent=0.0), cell, self.optical_depth))
-        if self.cover is None:
-            return Sheet(self, _Even(self.optical_depth))
-        return Sheet(self, _Generated(self))
-
-
-class Field(Protocol):
-    """Optical depth over the Earth."""
-
-    def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
-        """(n,) 1 at (n,) radian."""
-        ...
-
-
-class _Even(NamedTuple):
-    depth: float
-
-    def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
-        return np.full(len(longitude), self.depth)
-
-
-class _Mapped(NamedTuple):
-    chart: Chart
-    cell: float
-    factor: float
-
-    def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
-        depth = self.chart.at(longitude, latitude, np.full(len(longitude), self.cell))
-        return np.maximum(depth * self.factor, 0.0)
-
-
-class _Generated(NamedTuple):
-    layer: CloudLayer
-
-    def __call__(self, longitude: Floats, latitude: Floats) -> Floats:
-        """Linear between texels."""
-        texels = _clouds(self.layer.seed, self.layer.cover or 1.0)
-        x, y = on_texture(longitude, latitude, self.layer.cell)
-        i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-        u, v = x - i, y - j
-        depth = np.zeros(len(x))
-        for down, across, weight in (
-            (0, 0, (1 - v) * (1 - u)), (0, 1, (1 - v) * u), (1, 0, v * (1 - u)), (1, 1, v * u),
-        ):  # fmt: skip
-            depth += weight * texels[(j + down) % TEXELS, (i + across) % TEXELS]
-        return depth * self.layer.optical_depth
+            return Sheet(self, Chart(Mosaic((Raster(folder / self.file, self.band),)), absent=0.0))
+        return Sheet(self, None)
 
 
 @lru_cache(maxsize=4)
@@ -146,10 +100,29 @@ def _clouds(seed: int, cover: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A cloud layer with its field of optical depth."""
+    """A cloud layer, and the map of its file."""
 
     layer: CloudLayer
-    field: Field
+    chart: Chart | None
+
+    def depth(self, longitude: Floats, latitude: Floats) -> Floats:
+        """Vertical optical depth (n,) 1 at (n,) radian; between generated texels linear."""
+        layer = self.layer
+        if self.chart:
+            cell = np.full(len(longitude), self.chart.mosaic.grid.step_y)
+            return np.maximum(self.chart.at(longitude, latitude, cell) * layer.optical_depth, 0.0)
+        if layer.cover is None:
+            return np.full(len(longitude), layer.optical_depth)
+        texels = _clouds(layer.seed, layer.cover)
+        x, y = on_texture(longitude, latitude, layer.cell)
+        i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+        u, v = x - i, y - j
+        depth = np.zeros(len(x))
+        for down, across, weight in (
+            (0, 0, (1 - v) * (1 - u)), (0, 1, (1 - v) * u), (1, 0, v * (1 - u)), (1, 1, v * u),
+        ):  # fmt: skip
+            depth += weight * texels[(j + down) % TEXELS, (i + across) % TEXELS]
+        return depth * layer.optical_depth
 
     def cross(self, point: Floats, direction: Floats) -> Crossing:
         """Where straight paths leave the layer, and its optical depth there.
@@ -171,7 +144,7 @@ class Sheet:
             cosine = np.maximum((zenith * direction).sum(-1), GRAZING)
             distance = np.maximum(distance + (self.layer.height - height) / cosine, 0.0)
         depth = np.zeros(len(point))
-        depth[below] = self.field(longitude[below], latitude[below])
+        depth[below] = self.depth(longitude[below], latitude[below])
         return Crossing(there, longitude, latitude, cosine, distance, depth)
 
 

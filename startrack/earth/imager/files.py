@@ -1,6 +1,7 @@
 """FITS that is filled while an image is rendered; GeoTIFF with ground control points."""
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -79,28 +80,42 @@ def write_geotiff(path: Path, picture: Picture) -> None:
     rasterio = require_rasterio("to write GeoTIFF")
     lines, columns = picture.numbers.shape
     points = [
-        rasterio.control.GroundControlPoint(j + 0.5, i + 0.5, *_place(picture, j, i))
+        rasterio.control.GroundControlPoint(
+            j + 0.5, i + 0.5, float(picture.longitude[j, i]), float(picture.latitude[j, i])
+        )
         for j in np.linspace(0, lines - 1, POINTS).round().astype(int)
         for i in np.linspace(0, columns - 1, POINTS).round().astype(int)
         if np.isfinite(picture.longitude[j, i])
     ]
     if len(points) < 3:
         raise ValueError(f"a GeoTIFF needs 3 points of ground, got {len(points)}")
-    options: dict[str, Any] = {
-        "driver": "GTiff", "height": lines, "width": columns, "count": 6, "dtype": "float32",
-        "gcps": points, "crs": "EPSG:4326", "compress": "deflate",
-    }  # fmt: skip
+    names = ("digital number", *(f"{name} ({RADIANCE})" for name in ABOUT))
+    bands = dict(zip(names, (picture.numbers, *picture.terms), strict=True))
+    write_bands(path, bands, "float32", {"gcps": points, "crs": "EPSG:4326"})
+
+
+def write_bands(
+    path: Path, bands: Mapping[str, NDArray[Any]], kind: str, place: Mapping[str, Any],
+    units: Mapping[str, str] | None = None, tags: Mapping[str, Any] | None = None,
+) -> None:  # fmt: skip
+    """Arrays of one shape as a GeoTIFF.
+
+    kind   of its numbers, as NumPy names it
+    place  where it lies, and further options of GDAL
+    units  of each band
+    Raises  ImportError without rasterio.
+    """
+    rasterio = require_rasterio("to write GeoTIFF")
+    rows, columns = next(iter(bands.values())).shape
+    options = {"driver": "GTiff", "height": rows, "width": columns, "count": len(bands),
+               "dtype": kind, "compress": "deflate", **place}  # fmt: skip
     with whole(path) as draft, rasterio.open(draft, "w", **options) as file:
-        names = ("digital number", *(f"{name} ({RADIANCE})" for name in ABOUT))
-        for n, (name, values) in enumerate(
-            zip(names, (picture.numbers, *picture.terms), strict=True)
-        ):
-            file.set_band_description(n + 1, name)
-            file.write(np.asarray(values, np.float32), n + 1)
-
-
-def _place(picture: Picture, j: int, i: int) -> tuple[float, float]:
-    return float(picture.longitude[j, i]), float(picture.latitude[j, i])
+        file.update_tags(**(tags or {}))
+        for n, (name, values) in enumerate(bands.items(), 1):
+            file.set_band_description(n, name)
+            if units:
+                file.set_band_unit(n, units[name])
+            file.write(np.asarray(values, kind), n)
 
 
 def thinned(values: NDArray[Any], most: int) -> NDArray[Any]:

@@ -65,14 +65,10 @@ class Product(NamedTuple):
 
 
 def make_product(
-    survey: Survey,
-    channel: Channel,
-    folder: Path,
-    numbers: NDArray[np.integer],
-    calibration: retrieval.Calibration,
-    settings: Settings = Settings(),
+    survey: Survey, channel: Channel, folder: Path, numbers: NDArray[np.integer],
+    calibration: retrieval.Calibration, settings: Settings = Settings(),
     advance: Callable[[float], None] = lambda part: None,
-) -> Product:
+) -> Product:  # fmt: skip
     """Radiance, reflectance or temperature, and their map on the terrain.
 
     The geometry is that of the scene file; of its land nothing is used, of its clouds only where
@@ -97,23 +93,20 @@ def make_product(
         which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
         grounds.append(strip.ground[which.ravel()])
         advance(0.3 * strip.shape[0] / lines)
-    if not any(ground.hit.any() for ground in grounds):
+    ground = joined(grounds)
+    if not ground.hit.any():
         raise ValueError("an image must show the ground to be put on a map, but shows only sky")
-    distance = np.concatenate([ground.distance for ground in grounds]).reshape(lines, columns)
-    longitude, latitude = (
-        np.concatenate([getattr(ground, name) for ground in grounds])
-        for name in ("longitude", "latitude")
-    )
+    distance = ground.distance.reshape(lines, columns)
     size = float(np.nanmedian(distance)) * channel.detector.pitch / channel.optics.image_distance
     image, here = _layers(radiance, grounds, setting, size)
     causes: dict[str, dict[str, Floats]] = {}
     if settings.uncertainty:
-        causes = contributors(image, numbers, joined(grounds), calibration, here, survey, channel)
+        causes = contributors(image, numbers, ground, calibration, here, survey, channel)
     doubts = {
         f"{name}: {cause}": values for name, own in causes.items() for cause, values in own.items()
     }
     cell = settings.cell or float(f"{size / (channel.columns / channel.detector.columns):.2g}")
-    grid = ortho.grid_of(longitude, latitude, settings.projection, cell)
+    grid = ortho.grid_of(ground.longitude, ground.latitude, settings.projection, cell)
     require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
     layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image | doubts}
     quality = np.zeros((grid.rows, grid.columns), np.uint8)
@@ -146,12 +139,8 @@ def _layers(
         retrieval.retrieve(part, ground, here) for part, ground in zip(parts, grounds, strict=True)
     ]
     image = {"radiance": radiance}
-    for name, values in zip(
-        ("reflectance", "surface reflectance", "brightness temperature"),
-        zip(*retrievals, strict=True), strict=True,
-    ):  # fmt: skip
-        if values[0] is not None:
-            image[name] = np.concatenate(values).reshape(radiance.shape)
+    for name in retrievals[0]:
+        image[name] = np.concatenate([part[name] for part in retrievals]).reshape(radiance.shape)
     return image, here
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats
-from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance
+from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance, write_bands
 from startrack.earth.product.ortho import QUALITY, Bytes, MapGrid
 from startrack.earth.product.retrieval import Calibration
 from startrack.earth.terrain import require_rasterio
@@ -139,28 +139,16 @@ def write_product(
     tags: Mapping[str, Any],
 ) -> None:  # fmt: skip
     """Layers of a product as bands of a GeoTIFF, 32-bit floats, NaN where there is nothing."""
-    _write(path, dict(layers), "float32", np.nan, grid, dict(tags), dict(units))
+    write_bands(path, layers, "float32", _place(grid) | {"nodata": np.nan}, units, tags)
 
 
 def write_quality(path: Path, quality: Bytes, grid: MapGrid) -> None:
     """Quality of each cell as a GeoTIFF of bits; its tags name them."""
     tags = {f"BIT_{bit}": name for name, bit in QUALITY.items()}
-    _write(path, {"quality": quality}, "uint8", None, grid, tags, {"quality": "bits"})
+    write_bands(path, {"quality": quality}, "uint8", _place(grid), {"quality": "bits"}, tags)
 
 
-def _write(
-    path: Path, layers: dict[str, Any], kind: str, nodata: float | None, grid: MapGrid,
-    tags: dict[str, Any], units: dict[str, str],
-) -> None:  # fmt: skip
-    rasterio = require_rasterio("to write GeoTIFF")
-    options: dict[str, Any] = {
-        "driver": "GTiff", "height": grid.rows, "width": grid.columns, "count": len(layers),
-        "dtype": kind, "crs": grid.system, "nodata": nodata, "compress": "deflate", "tiled": True,
-        "transform": rasterio.Affine(grid.step_x, 0, grid.west, 0, -grid.step_y, grid.north),
-    }  # fmt: skip
-    with whole(path) as draft, rasterio.open(draft, "w", **options) as file:
-        file.update_tags(**tags)
-        for n, (name, values) in enumerate(layers.items(), 1):
-            file.set_band_description(n, name)
-            file.set_band_unit(n, units[name])
-            file.write(np.asarray(values, kind), n)
+def _place(grid: MapGrid) -> dict[str, Any]:
+    affine = require_rasterio("to write GeoTIFF").Affine
+    transform = affine(grid.step_x, 0, grid.west, 0, -grid.step_y, grid.north)
+    return {"crs": grid.system, "tiled": True, "transform": transform}

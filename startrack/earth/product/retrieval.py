@@ -48,13 +48,9 @@ class Calibration(NamedTuple):
 
 
 def calibrate(
-    survey: imager.Survey,
-    channel: imager.Channel,
-    setting: imager.Setting,
-    seed: int,
-    count: int | None = None,
-    advance: Advance = lambda frames: None,
-) -> Calibration:
+    survey: imager.Survey, channel: imager.Channel, setting: imager.Setting, seed: int,
+    count: int | None = None, advance: Advance = lambda frames: None,
+) -> Calibration:  # fmt: skip
     """Simulate dark frames, and flat frames of known radiance, with the detector's own noise.
 
     setting  of the channel's images
@@ -98,9 +94,8 @@ def _lines(
     """Mean and variance (1, columns) of lines in even light, watt / m^2 / sr / m."""
     even = np.full((count, channel.columns), light)
     electrons = imager.pixel_electrons(channel, setting, even)
-    numbers = read_out(electrons, imager.as_matrix(channel, count), Streams(seed, turn)).astype(
-        float
-    )
+    numbers = read_out(electrons, imager.as_matrix(channel, count), Streams(seed, turn))
+    numbers = numbers.astype(float)
     return numbers.mean(0, keepdims=True), numbers.var(0, ddof=1, keepdims=True)
 
 
@@ -110,8 +105,7 @@ def _frames(
     """Mean and variance (rows, columns) of frames, likewise."""
     rows = channel.detector.rows
     electrons = imager.pixel_electrons(channel, setting, np.full((rows, channel.columns), light))
-    total, squares = np.zeros((2, rows, channel.columns))
-    start = np.zeros((rows, channel.columns))
+    start, total, squares = np.zeros((3, rows, channel.columns))
     for n in range(count):
         numbers = read_out(electrons, imager.as_matrix(channel, rows), Streams(seed, turn + n))
         values = numbers.astype(float)
@@ -151,38 +145,28 @@ def to_radiance(numbers: NDArray[np.integer], calibration: Calibration) -> Float
     return out
 
 
-class Retrieval(NamedTuple):
-    """What radiance says about the ground, (n,) each or None; NaN for the sky.
-
-    reflectance  1, at the top of the atmosphere
-    surface      1, of a Lambertian surface below the air that gives this radiance
-    temperature  kelvin, of a blackbody without air that gives this radiance
-    """
-
-    reflectance: Floats | None
-    surface: Floats | None
-    temperature: Floats | None
-
-
 def is_thermal(band: imager.Band) -> bool:
     """Whether thermal radiance exceeds sunlight: its product is a temperature."""
     return float(band.weight @ band.wavelength) > imager.INFRARED
 
 
-def retrieve(radiance: Floats, ground: Ground, setting: imager.Setting) -> Retrieval:
-    """The products of n pixels.
+def retrieve(radiance: Floats, ground: Ground, setting: imager.Setting) -> dict[str, Floats]:
+    """The products of n pixels by their names; NaN for the sky.
 
     radiance  (n,) watt / m^2 / sr / um
     ground    that their middles see
     setting   with the mean reflectance of the ground around, as `surroundings`
+    Returns   (n,) each: reflectance at the top of the atmosphere, and of a Lambertian surface below
+              the air that gives this radiance; or the kelvin of a blackbody without air that does
     """
     if is_thermal(setting.band):
-        return Retrieval(None, None, brightness_temperature(radiance, setting.band))
+        return {"brightness temperature": brightness_temperature(radiance, setting.band)}
     apparent = np.full(len(radiance), math.nan)
     hit = ground.hit
     zenith = ground[hit].sun_zenith
     apparent[hit] = apparent_reflectance(radiance[hit], zenith, setting.band)
-    return Retrieval(apparent, surface_reflectance(radiance, ground, setting), None)
+    surface = surface_reflectance(radiance, ground, setting)
+    return {"reflectance": apparent, "surface reflectance": surface}
 
 
 def apparent_reflectance(radiance: Floats, sun_zenith: Floats, band: imager.Band) -> Floats:
@@ -229,9 +213,8 @@ def mean_reflectance(
     if is_thermal(setting.band):
         return math.nan
     step = max(1, sum(len(values) for values in grounds) // THINNED)
-    some = [
-        (values[::step], ground[::step]) for values, ground in zip(radiance, grounds, strict=True)
-    ]
+    parts = zip(radiance, grounds, strict=True)
+    some = [(values[::step], ground[::step]) for values, ground in parts]
     around = FIRST
     for _ in range(ROUNDS):
         here = setting._replace(surroundings=around)
@@ -283,12 +266,9 @@ def settled(
 
 def _air(ground: Ground, setting: imager.Setting) -> tuple[Floats, Floats]:
     """Radiance (n,) of the air, and that of white ground, watt / m^2 / sr / m."""
-    terms = imager.terms_in_band(
-        ground, setting.band, np.ones(1), imager.around_of(setting, ground)
-    )
-    scattered, direct, indirect = (
-        term.astype(np.float64) for term in (terms.scattered, terms.direct, terms.indirect)
-    )
+    around = imager.around_of(setting, ground)
+    terms = imager.terms_in_band(ground, setting.band, np.ones(1), around)
+    direct, indirect, scattered = (term.astype(np.float64) for term in terms[:3])
     return scattered, direct + indirect
 
 
@@ -303,7 +283,4 @@ def brightness_temperature(radiance: Floats, band: imager.Band) -> Floats:
     temperature = 1 / np.linspace(1 / 50.0, 1 / 3000.0, 4000)
     table = np.log(band.heat(temperature)[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = np.interp(
-            np.log(radiance / um), table, 1 / temperature, left=math.nan, right=math.nan
-        )
-        return 1 / inverse
+        return 1 / np.interp(np.log(radiance / um), table, 1 / temperature, math.nan, math.nan)
