@@ -9,19 +9,8 @@ from typing import Annotated
 
 import numpy as np
 
-from startrack.core import (
-    GALACTIC_POLE,
-    Flags,
-    Floats,
-    Ints,
-    Refused,
-    Streams,
-    Unit,
-    arcsec,
-    deg,
-    finite,
-    printed,
-)
+from startrack import core
+from startrack.core import Flags, Floats, Ints, Refused, Unit, arcsec, deg, printed
 
 
 @printed
@@ -54,7 +43,7 @@ class Catalog:
     colour: Annotated[Floats, Unit("mag")]
 
     def __post_init__(self) -> None:
-        finite(epoch=self.epoch)
+        core.finite(epoch=self.epoch)
         for name in _columns():
             shape = np.shape(getattr(self, name))
             if shape != (len(self),):
@@ -168,7 +157,7 @@ def assemble(
     if len(identifier) == 0:
         raise Refused(f"{path} must hold stars, got none")
     # NaN fails every comparison, so this catches what is not finite too.
-    finite(**{f"{path}: epoch": epoch})
+    core.finite(**{f"{path}: epoch": epoch})
     if not 1000 <= epoch <= 3000:
         raise Refused(f"{path}: epoch must be a Julian year in [1000, 3000], got {epoch:g}")
     good = (ra_deg >= 0) & (ra_deg <= 360) & (np.abs(dec_deg) <= 90)
@@ -237,7 +226,7 @@ def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog
     Accuracy   model: numbers within 0.1 % over the sky, 20 % rms in circles of 5 degrees, as the
                counts differ over galactic longitude; no double stars, which half of all stars are.
     """
-    random = Streams(0, 0)("stars beyond the catalogue")
+    random = core.Streams(0, 0)("stars beyond the catalogue")
     logarithm = np.log(COUNTED)
     ends = [np.exp([np.interp(g, EDGES, row) for row in logarithm]) for g in (brightest, faintest)]
     count = np.rint((ends[1] - ends[0]) * BELT).astype(int)
@@ -266,12 +255,12 @@ def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog
 
 def _from_pole(height: Floats, longitude: Floats) -> Floats:
     """Directions (3, n) ICRS, of sines of a galactic latitude and longitudes from any meridian."""
-    across = np.cross(GALACTIC_POLE, [1.0, 0.0, 0.0])
+    across = np.cross(core.GALACTIC_POLE, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
-    third = np.cross(GALACTIC_POLE, across)
+    third = np.cross(core.GALACTIC_POLE, across)
     flat = np.sqrt(1 - height**2)
     return (
-        np.outer(GALACTIC_POLE, height)
+        np.outer(core.GALACTIC_POLE, height)
         + np.outer(across, flat * np.cos(longitude))
         + np.outer(third, flat * np.sin(longitude))
     )

@@ -15,19 +15,7 @@ from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR, apparent, earth_ob
 from startrack.catalog.catalog import FIRST_G, LAST_G, Catalog, join, random_stars
 from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G, deep, file_of, read_bright
 from startrack.catalog.readers import FORMATS, column_names, read
-from startrack.core import (
-    Floats,
-    Ints,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    first_not_below,
-    kept,
-    kernel,
-    printed,
-    within,
-)
+from startrack.core import Floats, Ints, Parameters, Range, Refused, Unit, first_not_below, kernel
 from startrack.io import shipped
 
 FAINTEST_G = 21.0  # Gaia's own limit
@@ -89,17 +77,17 @@ class Selection(Parameters):
         if self.source in ("bright", "deep"):
             core.one_of(("auto",), **{f"format of the source {self.source!r}": self.format})
         faintest = LIMITS.get(self.source, FAINTEST_G)
-        within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
+        core.within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
         if self.random_g is not None:
-            within(FIRST_G, LAST_G, **{"limit_g beside random_g": self.limit_g})
-            within(self.limit_g, LAST_G, random_g=self.random_g)
-        within(FIRST_YEAR, 2200, epoch=self.year)
+            core.within(FIRST_G, LAST_G, **{"limit_g beside random_g": self.limit_g})
+            core.within(self.limit_g, LAST_G, random_g=self.random_g)
+        core.within(FIRST_YEAR, 2200, epoch=self.year)
         for name in ("proper_motion", "aberration", "parallax"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be true or false, got {getattr(self, name)!r}")
         self._check_velocity()
         if self.aberration or self.parallax:
-            within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.year})
+            core.within(FIRST_YEAR, LAST_YEAR, **{"epoch with aberration or parallax": self.year})
 
     @property
     def faintest_g(self) -> float:
@@ -143,7 +131,7 @@ class Selection(Parameters):
 SLACK = 1e-12  # of a height, so that rounding leaves no star out
 
 
-@printed
+@core.printed
 @dataclass(frozen=True, eq=False)
 class Sky:
     """Stars that are found by direction.
@@ -165,7 +153,7 @@ class Sky:
         Raises     ValueError for a direction without length.
         Accuracy   numerical: 3e-16 rad.
         """
-        within(0, np.pi, radius=radius)
+        core.within(0, np.pi, radius=radius)
         length = math.hypot(*direction)
         if not 0 < length < math.inf:
             raise Refused("directions must be finite and have a length, got one that has not")
@@ -236,7 +224,7 @@ def belt(direction, height, radius):  # type: ignore[no-untyped-def]
     return first_not_below(rising, low), first_not_below(rising, high)
 
 
-@kept(8)
+@core.kept(8)
 def open_sky(selection: Selection) -> Sky:
     """The sky of a selection, brightest star first; the same one for the same selection.
 

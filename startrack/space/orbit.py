@@ -7,15 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from startrack.core import (
-    Floats,
-    Refused,
-    installed_tables,
-    lagrange_weights,
-    optional_package,
-    shown,
-    utc,
-)
+from startrack import core
+from startrack.core import Floats, Refused, shown, utc
 from startrack.space.bodies import DAY
 from startrack.space.earth import EARTH_RADIUS, GM, J2
 
@@ -185,7 +178,7 @@ def propagate(record: Any, jd: tuple[Floats, Floats], name: str) -> tuple[Floats
 
 def _sgp4() -> Any:
     needed = "sgp4 must be installed to fly an orbit: pip install 'startrack[earth]'"
-    return optional_package("sgp4.api", needed)
+    return core.optional_package("sgp4.api", needed)
 
 
 @dataclass(frozen=True)
@@ -228,7 +221,7 @@ def sun_synchronous(axis: float, eccentricity: float = 0.0) -> float:
 
 def node_at(epoch: str, local_time: float) -> float:
     """Right ascension of the node at a mean local solar time (second): from Greenwich's."""
-    with installed_tables():
+    with core.installed_tables():
         date = utc(epoch)
         greenwich = date.sidereal_time("mean", "greenwich", model="IAU1982").rad
         second = float(date.ut1.jd1 - 0.5 + date.ut1.jd2) % 1.0 * DAY
@@ -259,7 +252,7 @@ class Tabulated:
         near = np.searchsorted(self.second, second) - self.points // 2
         near = np.clip(near, 0, len(self.second) - self.points)
         at = near + np.arange(self.points)[:, None]
-        weight = np.ascontiguousarray(lagrange_weights(self.second[at].T, second).T)
+        weight = np.ascontiguousarray(core.lagrange_weights(self.second[at].T, second).T)
         place, speed = (
             np.einsum("kn,akn->an", weight, values[:, at]) for values in (self.place, self.speed)
         )

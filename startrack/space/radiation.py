@@ -9,15 +9,8 @@ import numpy as np
 import scipy
 
 from startrack.core import GOLDEN_ANGLE, Floats, Ints, optional_package, positive, within
-from startrack.space.electrons import (
-    ALUMINIUM,
-    BETHE,
-    DENSITY,
-    ELECTRON,
-    SILICON,
-    Electrons,
-    Matter,
-)
+from startrack.space import electrons
+from startrack.space.electrons import SILICON, Electrons, Matter
 
 PROTON = 938.27209  # MeV, rest energy: CODATA 2018
 MEV_RAD = 1.602177e-8  # rad in a g of silicon
@@ -34,7 +27,7 @@ SILICON_DENSITY, PAIR = 2.33, 3.65  # g / cm3; eV, to make an electron in silico
 OPEN_L = 5.0  # Earth's radii, beyond which solar protons come: 63.4 degrees of latitude, King
 
 
-def stopping(energy: Floats, matter: Matter = ALUMINIUM) -> Floats:
+def stopping(energy: Floats, matter: Matter = electrons.ALUMINIUM) -> Floats:
     """Energy that protons lose in matter, MeV cm2 / g, by the formula of Bethe.
 
         S = K Z / A (ln(2 m c^2 b^2 g^2 / I) - b^2) / b^2
@@ -47,8 +40,8 @@ def stopping(energy: Floats, matter: Matter = ALUMINIUM) -> Floats:
     """
     gamma = 1 + energy / PROTON
     square = 1 - 1 / gamma**2
-    light = np.log(2 * ELECTRON * square * gamma**2 / matter.excitation) - square
-    return np.asarray(BETHE * (matter.z / matter.mass) * light / square)
+    light = np.log(2 * electrons.ELECTRON * square * gamma**2 / matter.excitation) - square
+    return np.asarray(electrons.BETHE * (matter.z / matter.mass) * light / square)
 
 
 @lru_cache(maxsize=1)
@@ -61,7 +54,7 @@ def _ranges() -> tuple[Floats, Floats]:
 def left_behind(energy: Floats, shielding: float) -> Floats:
     """Energy (n,) MeV that protons have left behind so much aluminium (metre); 0: stopped."""
     energies, ranges = _ranges()
-    rest = np.interp(energy, energies, ranges) - 100 * shielding * DENSITY
+    rest = np.interp(energy, energies, ranges) - 100 * shielding * electrons.DENSITY
     return np.where(rest > 0, np.interp(rest, ranges, energies), 0.0)
 
 

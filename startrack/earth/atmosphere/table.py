@@ -9,16 +9,8 @@ from typing import Annotated
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import (
-    NON_NEGATIVE,
-    Floats,
-    Parameters,
-    Range,
-    Unit,
-    lagrange_weights,
-    positive,
-    printed,
-)
+from startrack import core
+from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Unit, positive, printed
 from startrack.io import open_checked
 
 KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
@@ -175,7 +167,7 @@ def mixed(air: Air, tables: Sequence[AirTable]) -> AirTable:
     low, high = depth[:, height < LAYER].sum(1), depth[:, height >= LAYER].sum(1)
     layered = np.linalg.solve([low[:-1], high[:-1], np.ones(3)], [low[-1], high[-1], 1.0])
     bend = -np.expm1(-(low + high) / 2)
-    bent = lagrange_weights(bend[:-1], bend[-1:])[0]
+    bent = core.lagrange_weights(bend[:-1], bend[-1:])[0]
     forms, made = [_form(table) for table in tables], dict[str, Floats]()
     for name in ARRAYS:
         weights = layered if name in ("seen", "beam", "spread") else bent

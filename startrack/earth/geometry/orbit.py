@@ -7,18 +7,8 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import space
-from startrack.core import (
-    FINITE,
-    POSITIVE,
-    Floats,
-    Parameters,
-    Range,
-    Unit,
-    installed_tables,
-    printed,
-    utc,
-)
+from startrack import core, space
+from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Unit, printed
 from startrack.earth.terrain import cartesian, up
 
 SPIN_VECTOR: Floats = np.array([0.0, 0.0, space.SPIN])  # rad / s
@@ -42,7 +32,7 @@ class Orbit(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         space.require_perigee(self.altitude, self.eccentricity)
-        utc(self.epoch)
+        core.utc(self.epoch)
 
     def satellite(self) -> Any:
         """The record that SGP4 moves."""
@@ -68,7 +58,7 @@ class TwoLines:
         from astropy.time import Time
 
         record = self.satellite()
-        with installed_tables():
+        with core.installed_tables():
             date = Time(
                 record.jdsatepoch, record.jdsatepochF, format="jd", scale="utc", precision=6
             )
@@ -157,7 +147,7 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
         (icrs_to_itrs,) = space.to_itrs(("GCRS",), orbit.epoch, second)
         return Flight(second, where, velocity, inertial, velocity, icrs_to_itrs)
     teme_to_itrs, icrs_to_itrs = space.to_itrs(("TEME", "GCRS"), orbit.epoch, second)
-    date = utc(orbit.epoch)
+    date = core.utc(orbit.epoch)
     dates = np.full(len(second), date.jd1), date.jd2 + second / space.DAY
     state = space.propagate(orbit.satellite(), dates, "the orbit")
     where, inertial = (teme_to_itrs.apply(values) for values in state)

@@ -141,18 +141,15 @@ def reflection(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -
                         surface of waves or snow lies as the terrain slopes.
     """
     rho = reflectance(land, ground, wavelength, weight)
-    out = Reflection(rho, rho, rho)
     if not any(cover.law for cover in land.covers):
-        return out
+        return Reflection(rho, rho, rho)
     out = Reflection(*(rho.copy() for _ in range(3)))
     cover, angles = _cover(land, ground), brdf.angles_of(ground)
     for n, kind in enumerate(land.covers):
         mine = np.flatnonzero(ground.hit & (cover == n))
         if kind.law and len(mine):
-            seen, weights = (
-                brdf.Angles(*(cosines[mine] for cosines in angles)),
-                kind.weights(wavelength, weight),
-            )
+            seen = brdf.Angles(*(cosines[mine] for cosines in angles))
+            weights = kind.weights(wavelength, weight)
             out.direct[mine] = brdf.direct_factor(kind.law, rho[mine], weights, seen)
             out.sky[mine] = brdf.sky_factor(kind.law, rho[mine], weights, seen.camera)
             out.albedo[mine] = brdf.sky_factor(kind.law, rho[mine], weights, None)
@@ -182,9 +179,8 @@ def burning_fraction(spot: HotSpot, ground: Ground, spread: float) -> Floats:
     aside = aside - (aside @ normal)[:, None] * normal
     variance = np.maximum((ground.distance * spread) ** 2, spot.area / (2 * math.pi))
     with np.errstate(invalid="ignore"):
-        fraction = (
-            np.exp(-0.5 * (aside**2).sum(1) / variance) * spot.area / (2 * math.pi * variance)
-        )
+        peaked = np.exp(-0.5 * (aside**2).sum(1) / variance)
+        fraction = peaked * spot.area / (2 * math.pi * variance)
     return np.where(ground.hit, np.minimum(fraction, 1.0), 0.0)
 
 

@@ -263,9 +263,8 @@ def field_lens(
         images: Psf | FieldPsf = pixel_psf(
             optics, detector.pitch, wavelength, weight, detector.fill_factor, detector.diffusion
         )
-        return FieldLens(
-            _with_keystone(sensor.camera, keystone, half, detector.pitch), images, None
-        )
+        camera = _with_keystone(sensor.camera, keystone, half, detector.pitch)
+        return FieldLens(camera, images, None)
     try:
         camera = _ahead(channel, sensor.camera, optics, wavelength, weight)
         images = _images(channel, camera, optics, wavelength, weight)
@@ -384,9 +383,9 @@ def lens_registration(
     Returns        pixel of the channel, the largest over its field: along columns, along lines
     Accuracy       model: flat ground straight below.
     """
-    x = np.linspace(0, camera.columns - 1, LIGHT_NODES)
-    rows = np.linspace(0, camera.rows - 1, LIGHT_NODES) if channel.kind == "matrix" else None
-    y = np.array([(camera.rows - 1) / 2]) if rows is None else rows
+    x, y = np.linspace(0, camera.columns - 1, LIGHT_NODES), np.array([(camera.rows - 1) / 2])
+    if channel.kind == "matrix":
+        y = np.linspace(0, camera.rows - 1, LIGHT_NODES)
     place = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     direction = camera.unproject(place)
     plane = direction[:, :2] / direction[:, 2:]

@@ -144,6 +144,17 @@ class Channel(Parameters):
         return self.detector.scan.kind if self.detector.scan else "matrix"
 
     @property
+    def stages(self) -> int:
+        """Exposures that a pixel of the image is the sum of."""
+        scan = self.detector.scan
+        return scan.stages if scan and scan.kind == "tdi" else 1
+
+    def exposure_of_line(self, period: float) -> float:
+        """Second of one line or stage, of the time from line to line; of a matrix that is 0."""
+        exposure = self.detector.exposure
+        return min(exposure, period) if period else exposure
+
+    @property
     def columns(self) -> int:
         """Of the image."""
         return self.detector.columns * (2 if self.kind == "staggered" else 1)
@@ -154,23 +165,21 @@ class Channel(Parameters):
         rate   radian / second of the ground below
         pitch  radian of the camera's axis, forwards positive
         """
-        detector = self.detector
+        detector, stages = self.detector, self.stages
         late = (math.tan(pitch) - math.tan(pitch + self.forwards)) / rate
-        stages = 1
-        if detector.scan:
-            stages = detector.scan.stages if self.kind == "tdi" else round(detector.scan.distance)
+        if detector.scan and self.kind != "tdi":
+            stages = max(round(detector.scan.distance), 1)
         return geometry.Sensor(
             self.kind, self.columns, detector.rows, self.optics.image_distance, detector.pitch,
-            self.period, max(stages, 1), rays, late,
+            self.period, stages, rays, late,
         )  # fmt: skip
 
     def shifted(self, by: float) -> Channel:
         """The same with its filter, or its response, at wavelengths longer by so many metre."""
         key = "band" if self.response is None else "response"
         curve = getattr(self, key)
-        return replace(
-            self, **{key: replace(curve, wavelength=tuple(node + by for node in curve.wavelength))}
-        )
+        moved = tuple(node + by for node in curve.wavelength)
+        return replace(self, **{key: replace(curve, wavelength=moved)})
 
     def cropped(self, columns: int | None, lines: int | None) -> Channel:
         """The same with only the middle columns and lines of its image."""
@@ -315,17 +324,13 @@ def smear(channel: Channel, period: float, rate: float) -> float:
     period  second from line to line, 0 for a matrix
     rate    radian / second of the ground below
     """
-    exposure = channel.detector.exposure
-    time = min(exposure, period) if period else exposure
+    time = channel.exposure_of_line(period)
     return rate * time * channel.optics.image_distance / channel.detector.pitch
 
 
 def exposure_of(channel: Channel, period: float) -> float:
     """Exposure of a pixel of the image, second: the sum of all its stages."""
-    if not channel.detector.scan:
-        return channel.detector.exposure
-    once = min(channel.detector.exposure, period)
-    return once * (channel.detector.scan.stages if channel.kind == "tdi" else 1)
+    return channel.exposure_of_line(period if channel.detector.scan else 0.0) * channel.stages
 
 
 def load_survey(path: Path) -> Survey:
@@ -344,30 +349,21 @@ def load_survey(path: Path) -> Survey:
             table = {**table, "camera": _camera(camera, path.parent, "camera.")}
         elif isinstance(camera, dict):
             table = {**table, "camera": _unshared(camera, "camera.")}
-        for place, cover in enumerate(_covers(table)):
-            _read_spectra(cover, path.parent, f"land.covers[{place}]")
+        _read_spectra(table.get("land"), path.parent, "land")
         return from_table(Survey, table)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _covers(table: dict[str, Any]) -> list[dict[str, Any]]:
-    land = table.get("land")
-    covers = land.get("covers") if isinstance(land, dict) else None
-    return (
-        [cover for cover in covers if isinstance(cover, dict)] if isinstance(covers, list) else []
-    )
-
-
-def _read_spectra(table: dict[str, Any], folder: Path, place: str) -> None:
+def _read_spectra(table: Any, folder: Path, place: str) -> None:
     """Replace curves that name a file by the values in it."""
-    for key, value in table.items():
-        if isinstance(value, dict):
-            if "file" in value:
-                file = from_table(SpectrumFile, value, f"{place}.{key}")
-                table[key] = file.read(folder)
-            else:
-                _read_spectra(value, folder, f"{place}.{key}")
+    for n, entry in enumerate(table if isinstance(table, list) else ()):
+        _read_spectra(entry, folder, f"{place}[{n}]")
+    for key, value in (table if isinstance(table, dict) else {}).items():
+        if isinstance(value, dict) and "file" in value:
+            table[key] = from_table(SpectrumFile, value, f"{place}.{key}").read(folder)
+        else:
+            _read_spectra(value, folder, f"{place}.{key}")
 
 
 @dataclass(frozen=True)
@@ -417,19 +413,12 @@ def load_imager(name: str, folder: Path = Path()) -> Imager:
     return from_table(Imager, _camera(name, folder))
 
 
-def cameras() -> list[str]:
-    """The Earth cameras of the catalogue."""
-    return list(_imagers())
-
-
 @cache
-def _imagers() -> tuple[str, ...]:
+def cameras() -> tuple[str, ...]:
+    """The Earth cameras of the catalogue."""
+    files = shipped("cameras").glob("*.toml")
     return tuple(
-        sorted(
-            path.stem
-            for path in shipped("cameras").glob("*.toml")
-            if "channels" in read_table(path, "a camera file")
-        )
+        sorted(path.stem for path in files if "channels" in read_table(path, "a camera file"))
     )
 
 

@@ -16,18 +16,11 @@ from startrack.core import Advance, Floats, Singles, deg, printed, um
 from startrack.detector import Detector, dark, read_out, response
 from startrack.earth import geometry
 from startrack.earth.atmosphere import Terms
+from startrack.earth.imager import lens
 from startrack.earth.imager.adjacency import Environment, around_scene, leaving
 from startrack.earth.imager.band import Band, band_of, mean_wavelength, terms_in_band
 from startrack.earth.imager.cloud_radiance import Deck, decks_of, with_clouds
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
-from startrack.earth.imager.lens import (
-    blur_strips,
-    blur_weights,
-    field_blur,
-    field_lens,
-    image_pixels,
-    nominal,
-)
 from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
 from startrack.earth.terrain import Ground, Pyramid, geodetic
 from startrack.motion import Motion, realise_motion
@@ -121,7 +114,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     band = band_of(channel, survey.air, max(above, 1.0), survey.sun_distance)
     period = scene.sensor.dating(flight).period
     exposure = exposure_of(channel, period)
-    lens = field_lens(
+    field = lens.field_lens(
         channel, scene.sensor, _shaken(survey.motion, channel, period), band.wavelength,
         band.weight, *_keystone(survey, channel),
     )  # fmt: skip
@@ -133,7 +126,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     electrons = channel.etendue() * exposure * band.electrons
     drift = smear(channel, period, geometry.ground_rate(flight))
     setting = Setting(
-        period, exposure, drift, lens.images, band, around, electrons, lens.camera, lens.light,
+        period, exposure, drift, field.images, band, around, electrons, field.camera, field.light,
         clouds=decks_of(survey.clouds, band, folder), environment=environment, terrain=terrain,
     )  # fmt: skip
     return _with_smile(survey, channel, setting, max(above, 1.0))
@@ -152,9 +145,8 @@ def _keystone(survey: Survey, channel: Channel) -> tuple[float, float]:
         raise ValueError(
             "spectrometer.keystone must be left out of a camera whose channels have one wavelength"
         )
-    return spectrometer.keystone * (2 * mean_wavelength(detector_line) - low - high) / (
-        high - low
-    ), half
+    off = 2 * mean_wavelength(detector_line) - low - high
+    return spectrometer.keystone * off / (high - low), half
 
 
 def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float) -> Setting:
@@ -167,10 +159,8 @@ def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float
     shift = spectrometer.smile * place**2
     nodes = np.unique(np.linspace(shift.min(), shift.max(), SMILES))
     share = core.lagrange_weights(nodes, np.asarray(shift, float)).T
-    bands = [
-        band_of(channel.shifted(node), survey.air, above, survey.sun_distance)
-        for node in nodes.tolist()
-    ]
+    shifted = (channel.shifted(node) for node in nodes.tolist())
+    bands = [band_of(moved, survey.air, above, survey.sun_distance) for moved in shifted]
     answers = np.array([band.electrons for band in bands]) @ share / setting.band.electrons
     light = answers[None] if setting.light is None else setting.light * answers
     return setting._replace(light=light, smile=tuple(zip(bands, share, strict=True)))
@@ -219,9 +209,10 @@ def _blurred(
     across = channel.detector.columns / channel.columns
     along, drift = _lines_apart(channel, setting), setting.smear
     if isinstance(setting.psf, core.Psf):
-        return blur_strips(strips, blur_weights(setting.psf, survey.rays, across, along, drift))
-    columns, rows = image_pixels(channel, survey.scene(channel).sensor)
-    blur = field_blur(setting.psf, columns, rows, survey.rays, across, along, drift)
+        weights = lens.blur_weights(setting.psf, survey.rays, across, along, drift)
+        return lens.blur_strips(strips, weights)
+    columns, rows = lens.image_pixels(channel, survey.scene(channel).sensor)
+    blur = lens.field_blur(setting.psf, columns, rows, survey.rays, across, along, drift)
     return blur.blurred(strips)
 
 
@@ -229,10 +220,8 @@ def turn_of(survey: Survey, seed: int) -> geometry.Jitter | None:
     """The turn of the camera over the time since the epoch, for all channels; None without."""
     if survey.motion == Motion():
         return None
-    scenes = [survey.scene(channel) for channel in survey.channels]
-    longest = max(
-        (scene.sensor.lines - 1) * scene.sensor.dating(scene.carrier).period for scene in scenes
-    )
+    sensors = [survey.scene(channel).sensor for channel in survey.channels]
+    longest = max((own.lines - 1) * own.dating(survey.carrier).period for own in sensors)
     exposures = [channel.detector.exposure for channel in survey.channels]
     return realise_motion(survey.motion, max(longest, *exposures), core.Streams(seed, 0)).at
 
@@ -260,7 +249,7 @@ def _shaken(motion: Motion, channel: Channel, period: float) -> Optics:
     """A channel's lens with the blur by motion within an exposure of one line."""
     if motion == Motion():
         return channel.optics
-    once = min(channel.detector.exposure, period) if period else channel.detector.exposure
+    once = channel.exposure_of_line(period)
     mean = math.sqrt(float((motion_blur(motion, once)[:2] ** 2).mean()))
     optics = channel.optics
     return replace(optics, blur=math.hypot(optics.blur, mean * optics.image_distance))
@@ -276,7 +265,7 @@ def pixel_electrons(
     Returns  (lines, columns)
     """
     scan = channel.detector.scan
-    device = as_matrix(channel, _stages(channel) if scan else channel.detector.rows)
+    device = as_matrix(channel, channel.stages if scan else channel.detector.rows)
     gain, current = response(device), np.asarray(dark(device), float)
     if scan:  # a column of the image averages its stages
         gain = None if gain is None else gain.mean(0)
@@ -315,13 +304,11 @@ def _along_smile(land: Land, strip: geometry.Strip, setting: Setting, spread: fl
     """The terms of all rays of a strip, each in the band of its column."""
     if not setting.smile:
         return radiance_terms(land, strip.ground, setting, spread)
-    parts = [
-        [
-            np.broadcast_to(share[:, None].astype(np.float32), strip.shape).ravel() * term
-            for term in radiance_terms(land, strip.ground, setting._replace(band=band), spread)
-        ]
-        for band, share in setting.smile
-    ]
+    parts = []
+    for band, share in setting.smile:
+        terms = radiance_terms(land, strip.ground, setting._replace(band=band), spread)
+        of_ray = np.broadcast_to(share[:, None].astype(np.float32), strip.shape).ravel()
+        parts.append([of_ray * term for term in terms])
     return Terms(*(np.sum(shares, axis=0) for shares in zip(*parts, strict=True)))
 
 
@@ -333,8 +320,7 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
     band = setting.band
     seen = reflection(land, ground, band.wavelength, band.weight)
     warm = temperature(land, ground)
-    direct = None if seen.direct is seen.sky else seen.direct
-    terms = terms_in_band(ground, band, seen.sky, around_of(setting, ground), warm, direct)
+    terms = terms_in_band(ground, band, seen.sky, around_of(setting, ground), warm, seen.direct)
     if band.heat is not None and land.hot_spots:
         terms = _burning(terms, land, ground, setting, spread)
     if not setting.clouds:
@@ -368,11 +354,9 @@ def _coarse_ground(
 ) -> list[Ground]:
     """The ground of the image by a few rays."""
     coarse = replace(scene, sensor=_coarse(scene.sensor, scene.carrier), sky_rays=0)
-    camera = nominal(channel, coarse.sensor)
-    return [
-        strip.ground[strip.ground.hit]
-        for strip in geometry.observe_earth(coarse, folder, None, camera, terrain)
-    ]
+    camera = lens.nominal(channel, coarse.sensor)
+    strips = geometry.observe_earth(coarse, folder, None, camera, terrain)
+    return [strip.ground[strip.ground.hit] for strip in strips]
 
 
 def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
@@ -387,7 +371,7 @@ def _environment(
 ) -> Environment:  # fmt: skip
     def sent(ground: Ground) -> Floats:
         seen = reflection(survey.land, ground, band.wavelength, band.weight)
-        return leaving(ground, band, seen.sky, None if seen.direct is seen.sky else seen.direct)
+        return leaving(ground, band, seen.sky, seen.direct)
 
     distance = float(np.median(np.concatenate([ground.distance for ground in glimpse])))
     spacing = distance * channel.detector.pitch / channel.optics.image_distance / survey.rays
@@ -420,15 +404,9 @@ def _coarse(sensor: geometry.Sensor, flight: geometry.Carrier) -> geometry.Senso
 
 def _lines_apart(channel: Channel, setting: Setting) -> float:
     """Pixel of the detector between lines of the image."""
-    if not setting.period:
+    if not (setting.period and setting.smear):
         return 1.0
-    once = min(channel.detector.exposure, setting.period)
-    return setting.smear / once * setting.period if setting.smear else 1.0
-
-
-def _stages(channel: Channel) -> int:
-    scan = channel.detector.scan
-    return scan.stages if scan and scan.kind == "tdi" else 1
+    return setting.smear / channel.exposure_of_line(setting.period) * setting.period
 
 
 def as_matrix(channel: Channel, rows: int) -> Detector:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import map_coordinates, maximum_filter
 
 from startrack.core import LIGHT_SPEED, Camera, Flags, Floats, deg, one_of, positive
-from startrack.earth.geometry import EarthScene, Elements, fly
+from startrack.earth.geometry import EarthScene, fly
 from startrack.earth.imager import Sheet
 from startrack.earth.terrain import (
     EQUATORIAL,
@@ -43,7 +43,6 @@ SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one t
 GEOGRAPHIC = "EPSG:4326"
 
 
-@dataclass(frozen=True, eq=False)
 class Locator:
     """The inverse of a sight: from points to the image.
 
@@ -54,25 +53,19 @@ class Locator:
     lens   camera of the sensor's pixels, with its distortion; None: the sensor's own, without
     """
 
-    scene: EarthScene
-    lens: Camera | None = None
-    _flight: CubicSpline = field(init=False)
-    _row: Elements = field(init=False)
-    _at_once: bool = field(init=False)  # a matrix
-
-    def __post_init__(self) -> None:
-        sensor, carrier = self.scene.sensor, self.scene.carrier
+    def __init__(self, scene: EarthScene, lens: Camera | None = None) -> None:
+        sensor, carrier = scene.sensor, scene.carrier
         dating = sensor.dating(carrier)
         margin = BEYOND * sensor.lines + 2 * sensor.stages
         at = np.linspace(-margin, sensor.lines - 1 + margin, NODES)
         if not dating.period:
             at = np.linspace(-1.0, 1.0, 4)
         flight = fly(carrier, dating.at(at))
-        turn = self.scene.pointing.camera_to_itrs(flight).as_matrix().reshape(-1, 9)
+        turn = scene.pointing.camera_to_itrs(flight).as_matrix().reshape(-1, 9)
         values = np.concatenate([flight.position, flight.velocity, turn], 1)
-        object.__setattr__(self, "_flight", CubicSpline(at, values))
-        object.__setattr__(self, "_row", sensor.elements(carrier))
-        object.__setattr__(self, "_at_once", not dating.period)
+        self._sensor, self._lens = sensor, lens or sensor.camera
+        self._flight, self._row = CubicSpline(at, values), sensor.elements(carrier)
+        self._at_once = not dating.period  # a matrix
 
     def locate(self, point: Floats) -> Floats:
         """Where points are seen.
@@ -84,8 +77,7 @@ class Locator:
                   their middle: even and odd columns lie to both sides of it by what the Earth turns
                   in between, 0.09 pixel for the camera `hsrs`.
         """
-        sensor = self.scene.sensor
-        row = self._row
+        sensor, row = self._sensor, self._row
         if self._at_once:
             return self._project(point, np.zeros(len(point)))
         first, last = row.x.mean(1)[[0, -1]]
@@ -109,7 +101,7 @@ class Locator:
 
     def _pace(self, point: Floats, y: float, late: float) -> float:
         """Rows by which the ground moves from line to line, near the image's middle."""
-        middle = (self.scene.sensor.lines - 1) / 2 + late
+        middle = (self._sensor.lines - 1) / 2 + late
         some = point[:: max(1, len(point) // 16)]
         before, after = (self._project(some, np.full(len(some), middle + d)) for d in (-0.5, 0.5))
         moved = (after - before)[:, 1]
@@ -130,8 +122,7 @@ class Locator:
         square = np.einsum("ij,ij->i", drift, drift)
         sight = (np.sqrt(along**2 + 1 - square) - along)[:, None] * sight + drift
         turn = flight[:, 6:].reshape(-1, 3, 3)
-        camera = self.lens or self.scene.sensor.camera
-        return camera.project(np.einsum("nij,ni->nj", turn, sight))
+        return self._lens.project(np.einsum("nij,ni->nj", turn, sight))
 
 
 Bytes = NDArray[np.uint8]
@@ -251,15 +242,14 @@ def _quality(
     near = np.rint(pixel[seen]).astype(np.int64)
     there = farthest[near[:, 1], near[:, 0]]
     steep = between(ground.normal[seen], sight / away[:, None]) > STEEPEST
-    out[seen] |= np.where(steep, STEEP, 0).astype(np.uint8)
-    out[seen] |= np.where(ground.shadow[seen], SHADOW, 0).astype(np.uint8)
-    out[seen] |= np.where(away > there + slack, HIDDEN, 0).astype(np.uint8)
+    flags = [(steep, STEEP), (ground.shadow[seen], SHADOW), (away > there + slack, HIDDEN)]
     for sheet in clouds:
         before = sheet.cross(ground.point[seen], sight / away[:, None])
-        covered = (before.depth > CLOUDY) & (before.distance < away)
         shaded = sheet.cross(ground.point[seen], ground.sun).depth > CLOUDY
-        out[seen] |= np.where(covered, CLOUD, 0).astype(np.uint8)
-        out[seen] |= np.where(shaded, CLOUD_SHADOW, 0).astype(np.uint8)
+        flags.append(((before.depth > CLOUDY) & (before.distance < away), CLOUD))
+        flags.append((shaded, CLOUD_SHADOW))
+    for flag, bit in flags:
+        out[seen] |= np.where(flag, bit, 0).astype(np.uint8)
     return out
 
 
