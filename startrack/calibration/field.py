@@ -52,9 +52,11 @@ class Order(NamedTuple):
         return self.model in OPENCV or self.model == HELD
 
     def __str__(self) -> str:
-        what = {"none": "pinhole", "radial": "pinhole, k1", "full": "pinhole, k1, k2, p1, p2",
-                HELD: "camera as given"}  # fmt: skip
-        name = what.get(self.model, f"polynomial of order {self.model}")
+        name = f"polynomial of order {self.model}"
+        if self.model in OPENCV:
+            name = ", ".join(("pinhole", *OPENCV[self.model]))
+        elif self.model == HELD:
+            name = "camera as given"
         return f"{name}, with temperature" if self.warm else name
 
 
@@ -152,16 +154,7 @@ def fit_field(
     state = _start(table, columns, rows)
     if order.model not in OPENCV:
         state = _solve(state, table, Order("none"))[0]
-    state, weight, covariance = _solve(state, table, order)
-    return FieldFit(
-        order,
-        state.camera,
-        state.attitude,
-        _names(order),
-        covariance,
-        _residual(state, table),
-        weight,
-    )
+    return _fit(state, table, order)
 
 
 def fit_attitude(table: StarTable, camera: core.Camera, first: tuple[float, float]) -> FieldFit:
@@ -176,11 +169,7 @@ def fit_attitude(table: StarTable, camera: core.Camera, first: tuple[float, floa
         raise Refused(f"the table must have 3 stars or more for an attitude, got {len(table)}")
     table, order = replace(table, pixel=table.pixel - first), Order(HELD)
     start = _start(table, camera.columns, camera.rows)
-    state, weight, covariance = _solve(_State(camera, start.attitude), table, order)
-    return FieldFit(
-        order, state.camera, state.attitude, _names(order), covariance, _residual(state, table),
-        weight,
-    )  # fmt: skip
+    return _fit(_State(camera, start.attitude), table, order)
 
 
 def cross_validate(
@@ -195,10 +184,9 @@ def cross_validate(
     Raises    those of `fit_field`.
     """
     core.whole(2, 10**6, folds=folds)
-    parts = np.array_split(
-        core.Streams(seed, 0)("folds").permutation(len(table)), min(folds, len(table))
-    )
-    angle, pixel = np.empty((len(table), 2)), np.empty((len(table), 2))
+    shuffled = core.Streams(seed, 0)("folds").permutation(len(table))
+    parts = np.array_split(shuffled, min(folds, len(table)))
+    angle, pixel = np.empty((2, len(table), 2))
     for part in parts:
         rest = np.ones(len(table), bool)
         rest[part] = False
@@ -265,6 +253,14 @@ def residuals(fit: FieldFit, table: StarTable, first: tuple[float, float]) -> tu
 class _State(NamedTuple):
     camera: core.Camera
     attitude: Rotation
+
+
+def _fit(state: _State, table: StarTable, order: Order) -> FieldFit:
+    state, weight, covariance = _solve(state, table, order)
+    return FieldFit(
+        order, state.camera, state.attitude, _names(order), covariance, _residual(state, table),
+        weight,
+    )  # fmt: skip
 
 
 def _plane(direction: Floats) -> Floats:
@@ -420,9 +416,7 @@ def _derivatives(state: _State, table: StarTable, order: Order) -> Floats:
         own, turn = camera_slopes(state.camera, direction)
         slopes = np.concatenate([turn, own[:, :, _free(order)]], axis=2)
         columns += list(slopes.reshape(2 * len(table), -1).T)
-    terms = core.monomials(_plane(direction))
-    terms = terms * state.camera.focal_length_px
-    zero = np.zeros(len(table))
+    terms = core.monomials(_plane(direction)) * state.camera.focal_length_px
     for suffix, number in _tables(order):
         factor = np.ones(len(table))
         if suffix:
@@ -431,9 +425,9 @@ def _derivatives(state: _State, table: StarTable, order: Order) -> Floats:
             factor = table.temperature - state.camera.polynomial.reference
         for axis in (0, 1):
             for n in range(number):
-                pair = [zero, zero]
-                pair[axis] = terms[:, n] * factor
-                columns.append(np.column_stack(pair).ravel())
+                pair = np.zeros((len(table), 2))
+                pair[:, axis] = terms[:, n] * factor
+                columns.append(pair.ravel())
     return np.column_stack(columns)
 
 

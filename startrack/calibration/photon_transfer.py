@@ -67,11 +67,9 @@ class DetectorPosterior:
 
 
 def sample_detector(
-    levels: Sequence[Level],
-    seed: int,
-    settings: Ensembles | None = None,
+    levels: Sequence[Level], seed: int, settings: Ensembles | None = None,
     ledger: Ledger | None = None,
-) -> DetectorPosterior:
+) -> DetectorPosterior:  # fmt: skip
     """Sample gain K, read noise, dark current, PRNU, dark pattern and offset (photon transfer).
 
         temporal variance  s^2 = (read^2 + dark t + e) / K^2 + 1/12 of a pixel over the frames
@@ -120,14 +118,9 @@ class _LevelStatistics(NamedTuple):
 def _statistics(level: Level) -> _LevelStatistics:
     frames = np.asarray(level.frames, float)
     means = frames.mean(axis=0)
+    temporal, spatial = float(frames.var(axis=0, ddof=1).mean()), float(means.var(ddof=1))
     return _LevelStatistics(
-        level.lit,
-        level.exposure,
-        len(frames),
-        means.size,
-        float(means.mean()),
-        float(frames.var(axis=0, ddof=1).mean()),
-        float(means.var(ddof=1)),
+        level.lit, level.exposure, len(frames), means.size, float(means.mean()), temporal, spatial
     )
 
 

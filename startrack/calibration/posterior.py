@@ -66,10 +66,8 @@ class CameraPosterior:
     @property
     def samples(self) -> Floats:
         """(n, d), floor and width in pixel."""
-        logarithm = [name in LOGARITHMS for name in self.names]
-        return np.where(
-            logarithm, np.exp(np.where(logarithm, self.chains.flat, 0)), self.chains.flat
-        )
+        logarithm, values = [name in LOGARITHMS for name in self.names], self.chains.flat
+        return np.where(logarithm, np.exp(np.where(logarithm, values, 0)), values)
 
     def interval(self, name: str, fraction: float = 0.95) -> tuple[float, float, float]:
         """Median and the ends of the middle fraction of one column."""
@@ -77,15 +75,10 @@ class CameraPosterior:
 
 
 def sample_camera(
-    spots: Sequence[core.Spots],
-    matches: Sequence[core.Matches],
-    camera: core.Camera,
-    prior: Prior,
-    seed: int,
-    settings: Ensembles | None = None,
-    ledger: Ledger | None = None,
+    spots: Sequence[core.Spots], matches: Sequence[core.Matches], camera: core.Camera,
+    prior: Prior, seed: int, settings: Ensembles | None = None, ledger: Ledger | None = None,
     images: Sequence[core.Frame] | None = None,
-) -> CameraPosterior:
+) -> CameraPosterior:  # fmt: skip
     """Sample focal length, principal point, k1 and centroid floor, attitudes marginalised.
 
     With images, also the width of the PSF from the pixels of their stars.
@@ -120,11 +113,9 @@ def sample_camera(
 
     chains = draw(law, start, seed, settings, ledger)
     wide = chains.flat.std(axis=0) > UNCONSTRAINED * law.before
+    unconstrained = tuple(np.array(law.names)[wide].tolist())
     return CameraPosterior(
-        law.names,
-        chains,
-        np.atleast_2d(np.corrcoef(chains.flat.T)),
-        tuple(name for name, unconstrained in zip(law.names, wide, strict=True) if unconstrained),
+        law.names, chains, np.atleast_2d(np.corrcoef(chains.flat.T)), unconstrained
     )
 
 
@@ -132,12 +123,9 @@ class _Law:
     """The logarithm of the posterior, with the prior in the same columns."""
 
     def __init__(
-        self,
-        frames: list[tuple[Floats, Floats, Floats]],
-        camera: core.Camera,
-        prior: Prior,
+        self, frames: list[tuple[Floats, Floats, Floats]], camera: core.Camera, prior: Prior,
         width: Callable[[Floats], Floats] | None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         sigma = np.array([prior.focal_length * camera.focal_length_px, prior.principal,
                           prior.principal, prior.k1])  # fmt: skip
         self.free = np.flatnonzero(sigma > 0)
@@ -188,17 +176,9 @@ def _least_squares(
     """Least-squares estimate and its standard errors, in the columns of the posterior."""
     tight = dict(zip(UNKNOWNS, np.zeros(len(UNKNOWNS)), strict=True))
     tight |= dict(zip(law.names, law.sigma, strict=False))
-    fitted = calibrate(
-        spots,
-        matches,
-        law.camera,
-        Calibration(
-            tight["focal_length_px"] / law.camera.focal_length_px,
-            tight["principal_x"],
-            tight["k1"],
-            floor=law.likely_floor,
-        ),
-    )
+    relative = tight["focal_length_px"] / law.camera.focal_length_px
+    prior = Calibration(relative, tight["principal_x"], tight["k1"], floor=law.likely_floor)
+    fitted = calibrate(spots, matches, law.camera, prior)
     middle = list(camera_vector(fitted.camera)[law.free])
     spread = list(np.sqrt(fitted.covariance.diagonal()[law.free]))
     if "floor" in law.even:
@@ -229,13 +209,9 @@ def project(direction: Floats, values: Floats, camera: core.Camera) -> Floats:
 
 
 def _log_likelihood(
-    pixel: Floats,
-    covariance: Floats,
-    seen: Floats,
-    camera: core.Camera,
-    values: Floats,
+    pixel: Floats, covariance: Floats, seen: Floats, camera: core.Camera, values: Floats,
     floor: Floats,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """(w,) of one frame for many cameras, its attitude marginalised."""
     square = floor[:, None] ** 2
     # Cholesky's root of each star's covariance, whose inverse whitens its residuals.

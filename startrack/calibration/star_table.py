@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -143,15 +143,8 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
         good &= np.isfinite(temperature)
     if good.sum() < 4:
         raise Refused(f"{path} must have at least 4 stars with all values, got {good.sum()}")
-    return StarTable(
-        direction[good],
-        pixel[good],
-        None if temperature is None else temperature[good],
-        sigma[good],
-        kind,
-        int((~good).sum()),
-        used,
-    )
+    table = StarTable(direction, pixel, temperature, sigma, kind).part(good)
+    return replace(table, left_out=int((~good).sum()), columns=used)
 
 
 class _Column(NamedTuple):

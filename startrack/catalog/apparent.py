@@ -46,18 +46,14 @@ def earth_observer(epoch: float, orbital_velocity: Floats | None = None) -> Obse
     orbital = np.zeros(3) if orbital_velocity is None else np.asarray(orbital_velocity, float)
     if orbital.shape != (3,) or not np.isfinite(orbital).all():
         raise Refused(f"orbital_velocity must be three finite numbers, got {orbital_velocity}")
-    return Observer(
-        position=position.xyz.to_value(units.au),
-        velocity=velocity.xyz.to_value(units.m / units.s) + orbital,
-    )
+    speed = velocity.xyz.to_value(units.m / units.s)
+    return Observer(position.xyz.to_value(units.au), speed + orbital)
 
 
 def apparent(
-    catalog: Catalog,
-    epoch: float,
-    observer_position: Floats | None = None,
+    catalog: Catalog, epoch: float, observer_position: Floats | None = None,
     observer_velocity: Floats | None = None,
-) -> Stars:
+) -> Stars:  # fmt: skip
     """Directions in which an observer sees the stars, outside any atmosphere.
 
         u = place(epoch) - parallax * observer_position,   then aberration of u / |u|

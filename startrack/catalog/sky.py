@@ -233,23 +233,16 @@ def open_sky(selection: Selection) -> Sky:
     catalog = _catalog(selection)
     catalog = catalog[catalog.magnitude_g <= selection.limit_g]
     if selection.random_g is not None:
-        fainter = random_stars(catalog, selection.limit_g, selection.random_g)
-        catalog = join(catalog, fainter)
+        catalog = join(catalog, random_stars(catalog, selection.limit_g, selection.random_g))
     catalog = catalog[np.argsort(catalog.magnitude_g, kind="stable")]
     epoch = selection.year if selection.proper_motion else catalog.epoch
     if not (selection.aberration or selection.parallax):
         return Sky(apparent(catalog, epoch))
-    observer = earth_observer(
-        selection.year, np.array(selection.orbital_velocity or (0.0, 0.0, 0.0))
-    )
-    return Sky(
-        apparent(
-            catalog,
-            epoch,
-            observer.position if selection.parallax else None,
-            observer.velocity if selection.aberration else None,
-        )
-    )
+    velocity = np.array(selection.orbital_velocity or (0.0, 0.0, 0.0))
+    observer = earth_observer(selection.year, velocity)
+    place = observer.position if selection.parallax else None
+    speed = observer.velocity if selection.aberration else None
+    return Sky(apparent(catalog, epoch, place, speed))
 
 
 def _catalog(selection: Selection) -> Catalog:

@@ -1,7 +1,7 @@
 """What light arrives: stars, sky and bodies become photons per wavelength at the entrance pupil.
 
-lights      The lights that a scene may have besides its stars: one table of rows.
-parameters  Scene: what there is to see besides the stars, when and from where.
+parameters  Scene: what there is to see besides the stars, when and from where; the table of the
+            lights that it may have.
 photometry  Magnitude and colour into a photon spectrum: blackbodies through Gaia's passbands.
 ephemeris   Scene, Streams -> the observer, and angles from boresights to Sun, Moon and limb.
 planets     Body -> V magnitude of a planet.
@@ -17,9 +17,8 @@ illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by code
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
 from startrack.scene.ephemeris import BODIES, body_angles, date_of, orbital_velocity
 from startrack.scene.illuminate import LightInput, Sight, illuminate
-from startrack.scene.lights import LIGHTS
 from startrack.scene.limb import Limb
-from startrack.scene.parameters import DARK, Orbit, Scene
+from startrack.scene.parameters import DARK, LIGHTS, Orbit, Scene
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, blackbody_photons
 
 # Public; the other imports serve other rooms.

@@ -10,7 +10,7 @@ import numpy as np
 from startrack.core import Flags, Floats, Refused, StrayLightSource, deg
 from startrack.scene.ephemeris import Observer
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_irradiance
-from startrack.space import AU, EARTH_RADIUS, Body
+from startrack.space import AU, EARTH_RADIUS
 
 SUN_G = -26.90  # at one astronomical unit: Casagrande & VandenBerg (2018), MNRAS 479, L102
 SUN_RADIUS = 6.957e8  # metre, IAU 2015 nominal
@@ -91,19 +91,11 @@ def moon_of(observer: Observer) -> Disc:
               Sun's; no earthlight.
     """
     body = observer.see("moon")
-    return Disc(
-        body.direction,
-        math.asin(MOON_RADIUS / body.distance),
-        photon_irradiance(np.array([moon_magnitude(body) + SUN_G_MINUS_V]), np.array([SUN]))[0],
-        body.sun / body.sun_distance,
-    )
-
-
-def moon_magnitude(body: Body) -> float:
-    """V of the Moon; see `moon_of`."""
-    phase = body.phase_angle / deg
+    phase, radius = body.phase_angle / deg, math.asin(MOON_RADIUS / body.distance)
     full = -12.73 + 0.026 * phase + 4e-9 * phase**4
-    return full + 5 * math.log10(body.distance / MOON_DISTANCE * body.sun_distance / AU)
+    v = full + 5 * math.log10(body.distance / MOON_DISTANCE * body.sun_distance / AU)
+    light = photon_irradiance(np.array([v + SUN_G_MINUS_V]), np.array([SUN]))[0]
+    return Disc(body.direction, radius, light, body.sun / body.sun_distance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,8 @@ from startrack.scene.background import starlight, starlight_spectrum, zodiacal, 
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
 from startrack.scene.ephemeris import Observer, observer_of
-from startrack.scene.lights import LIGHTS
 from startrack.scene.limb import HIGHEST, airglow, limb_light
-from startrack.scene.parameters import Scene
+from startrack.scene.parameters import LIGHTS, Scene
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
 from startrack.scene.planets import PLANETS, magnitude_v
 from startrack.space import AU, EARTH_RADIUS

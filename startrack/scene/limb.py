@@ -1,7 +1,7 @@
 """Light of the Earth's air: its bright limb by day, its airglow by night."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -67,22 +67,11 @@ class Limb:
         axes = np.log(self.wavelength), self.tangent, self.sun, self.azimuth
         logarithm = RegularGridInterpolator(axes, np.log(np.maximum(self.radiance, DARK)))
         turned = np.arccos(np.cos(azimuth))
-        nodes = (
-            np.clip(tangent, *self.tangent[[0, -1]]),
-            np.clip(sun, *self.sun[[0, -1]]),
-            np.clip(turned, *self.azimuth[[0, -1]]),
-        )
-        radiance = np.stack(
-            [
-                np.exp(
-                    logarithm(
-                        np.stack([np.full(len(tangent), logarithm_of_wavelength), *nodes], -1)
-                    )
-                )
-                for logarithm_of_wavelength in np.log(wavelength)
-            ],
-            -1,
-        )
+        nodes = [np.clip(place, axis[0], axis[-1])
+                 for place, axis in zip((tangent, sun, turned), axes[1:], strict=True)]  # fmt: skip
+        radiance = np.empty((len(tangent), len(wavelength)))
+        for k, at in enumerate(np.log(wavelength)):
+            radiance[:, k] = np.exp(logarithm(np.stack([np.full(len(tangent), at), *nodes], -1)))
         dark = (tangent > self.tangent[-1]) | (sun > self.sun[-1])
         return np.where(dark[:, None], 0.0, radiance)
 
@@ -93,13 +82,11 @@ def load_limb(path: Path) -> Limb:
     Raises  FileNotFoundError; ValueError where the file is no table of the limb or damaged.
     """
     with open_checked(path, "LIMB", FORMAT, "a table of the limb") as parts:
-        axes = [parts[name].data.astype(np.float64) for name in AXES]
-        wavelength, tangent, sun, azimuth = axes
-        radiance = parts[0].data.astype(np.float64)
-        return Limb(parts[0].header["ALBEDO"], wavelength, tangent, sun, azimuth, radiance)
+        arrays = (parts[name].data.astype(np.float64) for name in (*AXES, 0))
+        return Limb(parts[0].header["ALBEDO"], *arrays)
 
 
-AXES = tuple(field.name for field in fields(Limb) if field.name not in ("albedo", "radiance"))
+AXES = "wavelength", "tangent", "sun", "azimuth"
 
 
 def limb_light(

@@ -1,18 +1,47 @@
-"""Scene: date, observer, background and bodies besides the stars."""
+"""Scene: date, observer, background and bodies besides the stars; the lights that it may have."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 from startrack import core
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, within
-from startrack.scene.lights import LIGHTS
 from startrack.space import FIRST_YEAR, LAST_YEAR
 
 LIMBS = ("molecules", "rural")  # air of the Earth's bright limb
 DARK = 40.0  # magnitude per square arcsecond, below any sky: stands for no background
 J2000 = datetime(2000, 1, 1, 12, tzinfo=UTC)
 JULIAN_YEAR = timedelta(days=365.25)
+
+
+class LightKind(NamedTuple):
+    """A light of the sky.
+
+    varies   whether it varies over the field, wherever the camera points or in some attitudes
+    stray    whether it does so through a baffle
+    dated    whether it needs the date, as it moves in time
+    diffuse  gives it, from a `LightInput`, in front of everything; None: where it stands in
+             `illuminate` by itself, at its distance
+    """
+
+    varies: bool = False
+    stray: bool = False
+    dated: bool = True
+    diffuse: Callable[[Any], Iterable[core.DiffuseLight]] | None = None
+
+
+# By their names in the key scene.lights.
+LIGHTS = {
+    "zodiacal": LightKind(varies=True),
+    "starlight": LightKind(varies=True, dated=False),
+    "planets": LightKind(),
+    "sun": LightKind(stray=True),
+    "moon": LightKind(stray=True),
+    "earth": LightKind(varies=True, stray=True),
+    "airglow": LightKind(varies=True),
+    "cities": LightKind(),
+}
 
 
 @dataclass(frozen=True)

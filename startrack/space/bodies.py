@@ -150,20 +150,14 @@ def bodies_of(begin: str, duration: float) -> Bodies:
         date = utc(begin) + second * units.s
         day = date.tdb
         earth = _barycentric("earth", day)
-        seen = [
-            _seen_from_earth(name, day, earth) for name in ("sun", "moon", *PLANETS)
-        ]  # fmt: skip
+        seen = [_seen_from_earth(name, day, earth) for name in ("sun", "moon", *PLANETS)]
         axes = rotation_matrices("TEME", "GCRS", date)
         greenwich = date.sidereal_time("mean", "greenwich", model="IAU1982").rad
     path = CubicSpline(second, earth)
     steady = np.unwrap(greenwich - SIDEREAL * second)
-    table = np.concatenate(
-        [seen[0], seen[1], path(second, 1), axes.reshape(-1, 9), steady[:, None]], axis=1
-    )
-    planets = np.concatenate(
-        [line / np.linalg.norm(line, axis=1, keepdims=True) for line in seen[2:]], axis=1
-    )
-    return Bodies(CubicSpline(second, table), CubicSpline(second, planets))
+    table = [*seen[:2], path(second, 1), axes.reshape(-1, 9), steady[:, None]]
+    planets = [line / np.linalg.norm(line, axis=1, keepdims=True) for line in seen[2:]]
+    return Bodies(*(CubicSpline(second, np.concatenate(part, 1)) for part in (table, planets)))
 
 
 def _seen_from_earth(name: str, day: Any, earth: Floats) -> Floats:

@@ -142,14 +142,8 @@ def taken_by_head(
     hole, lid = math.pi / 4 * heat.aperture**2, math.pi / 4 * diameter**2
     taken = diameter * length * by_face[:4].sum(axis=0)
     taken = taken + max(lid - hole, 0.0) * by_face[4] + hole * earth[4]
-    return taken, (by_face[0] - by_face[1]) / 2, (by_face[2] - by_face[3]) / 2, _shines(heat)
-
-
-def _shines(heat: Heat) -> float:
-    """m2 of a black surface that shines as a head."""
-    diameter, length = heat.head_size
-    hole, lid = math.pi / 4 * heat.aperture**2, math.pi / 4 * diameter**2
-    return heat.head_emittance * (math.pi * diameter * length + max(lid - hole, 0.0)) + hole
+    shines = heat.head_emittance * (math.pi * diameter * length + max(lid - hole, 0.0)) + hole
+    return taken, (by_face[0] - by_face[1]) / 2, (by_face[2] - by_face[3]) / 2, shines
 
 
 @lru_cache(maxsize=64)
@@ -164,14 +158,11 @@ def warmth(heat: Heat) -> Warmth:
     x, y = (other for other in range(3) if other != axis)
     faces = [2 * x, 2 * x + 1, 2 * y, 2 * y + 1, 2 * axis + (sign < 0)]
     head, side_x, side_y, shines = taken_by_head(heat, sunlight[faces], earth[faces])
-    nodes = _periodic(
-        np.stack([taken + heat.power, head + heat.head_power]),
-        STEFAN * np.array([dark, shines]),
-        np.array([heat.capacity, heat.head_capacity]),
-        heat.conductance,
-        period,
-    )
-    return Warmth(nodes[0], nodes[1], side_x, side_y, period, head)
+    power = np.stack([taken + heat.power, head + heat.head_power])
+    capacity = np.array([heat.capacity, heat.head_capacity])
+    shine = STEFAN * np.array([dark, shines])
+    platform, outside = _periodic(power, shine, capacity, heat.conductance, period)
+    return Warmth(platform, outside, side_x, side_y, period, head)
 
 
 def _incident(heat: Heat) -> tuple[Floats, Floats, float]:

@@ -56,13 +56,11 @@ def require_two_lines(lines: tuple[str, ...]) -> None:
 def orbit_direction(node: float, inclination: float, argument: float) -> Floats:
     """(3,) unit vector from the Earth's centre, at an angle (radian) from the ascending node."""
     along, across = math.cos(argument), math.sin(argument)
-    return np.array(
-        [
-            along * math.cos(node) - across * math.cos(inclination) * math.sin(node),
-            along * math.sin(node) + across * math.cos(inclination) * math.cos(node),
-            across * math.sin(inclination),
-        ]
-    )
+    return np.array([
+        along * math.cos(node) - across * math.cos(inclination) * math.sin(node),
+        along * math.sin(node) + across * math.cos(inclination) * math.cos(node),
+        across * math.sin(inclination),
+    ])  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -106,14 +104,12 @@ class Kepler:
     def state(self, second: Floats) -> tuple[Floats, Floats]:
         """See `Carrier`."""
         since = second - self.start
+        starts = self.node, self.perigee, self.anomaly
         node, perigee, mean = (
-            first + rate * since
-            for first, rate in zip((self.node, self.perigee, self.anomaly), self.rates, strict=True)
+            first + rate * since for first, rate in zip(starts, self.rates, strict=True)
         )
-        e = self.eccentricity
-        if not e:
-            anomaly = mean
-        else:
+        e, anomaly = self.eccentricity, mean
+        if e:
             anomaly = mean + e * np.sin(mean)
             for _ in range(KEPLER_STEPS):
                 anomaly -= (anomaly - e * np.sin(anomaly) - mean) / (1 - e * np.cos(anomaly))

@@ -109,11 +109,7 @@ def trapped_protons(altitude: float, inclination: float, active: bool = False) -
     Raises    ImportError without radbelt.
     Accuracy  model: AP-8 within a factor of two. numerical: 5 % for 2000 places at 550 km.
     """
-    positive(altitude=altitude)
-    within(0, math.pi, inclination=inclination)
-    turn, east = _places()
-    latitude = np.arcsin(np.sin(inclination) * np.sin(turn))
-    lines = field_lines(latitude, east, altitude)
+    lines = _lines_of_orbit(altitude, inclination)
     return Protons(ENERGIES, _trapped_at(*lines, ENERGIES, "p", active).mean(axis=1))
 
 
@@ -132,10 +128,7 @@ def trapped_electrons(altitude: float, inclination: float, active: bool = False)
               dose measurements, 1987, IEEE Transactions on Nuclear Science 34). Beside spectra of
               SPENVIS 0.84 to 1.05 up to 5 MeV.  numerical: 5 %.
     """
-    positive(altitude=altitude)
-    within(0, math.pi, inclination=inclination)
-    turn, east = _places()
-    lines = field_lines(np.arcsin(np.sin(inclination) * np.sin(turn)), east, altitude)
+    lines = _lines_of_orbit(altitude, inclination)
     above, cell = _electrons_at(*lines, active)
     return Electrons(ELECTRON_ENERGIES, above[:, cell].sum(axis=1) / PLACES)
 
@@ -239,17 +232,18 @@ def solar_protons(altitude: float, inclination: float) -> Protons:
     Accuracy  model: events differ by factors of ten; the Earth's shadow, up to a third, is left
               out.
     """
-    turn, east = _places()
-    line, _ = field_lines(np.arcsin(np.sin(inclination) * np.sin(turn)), east, altitude)
+    line, _ = _lines_of_orbit(altitude, inclination)
     open_part = float(((line > OPEN_L) | ~(line > 0)).mean())  # lines of no dipole lead to space
     return Protons(ENERGIES, open_part * 7.9e9 * np.exp((30 - ENERGIES) / 26.5))
 
 
-def _places() -> tuple[Floats, Floats]:
-    """Arguments of latitude and longitudes (n,) radian, evenly over both."""
+def _lines_of_orbit(altitude: float, inclination: float) -> tuple[Floats, Floats]:
+    """`field_lines` of PLACES, evenly over the arguments of latitude and the longitudes."""
+    positive(altitude=altitude)
+    within(0, math.pi, inclination=inclination)
     k = np.arange(PLACES) + 0.5
-    east = np.mod(GOLDEN_ANGLE * k, math.tau) - math.pi
-    return np.asarray(math.tau * k / PLACES, np.float64), np.asarray(east, np.float64)
+    latitude = np.arcsin(np.sin(inclination) * np.sin(math.tau * k / PLACES))
+    return field_lines(latitude, np.mod(GOLDEN_ANGLE * k, math.tau) - math.pi, altitude)
 
 
 def _radbelt() -> Any:
