@@ -86,13 +86,9 @@ class Catalog:
         place = self.place(epoch)
         distance = np.linalg.norm(place, axis=1)
         x, y, z = (place / distance[:, None]).T
-        moved = replace(
-            self,
-            right_ascension=np.arctan2(y, x) % (2 * np.pi),
-            declination=np.arctan2(z, np.hypot(x, y)),
-            epoch=epoch,
-            parallax=self.parallax / distance,
-        )
+        ra, dec = np.arctan2(y, x) % (2 * np.pi), np.arctan2(z, np.hypot(x, y))
+        parallax = self.parallax / distance
+        moved = replace(self, right_ascension=ra, declination=dec, epoch=epoch, parallax=parallax)
         east, north, _ = moved.triad()  # the line has not turned, but east and north have
         pm_ra = np.sum(motion * east, axis=1) / distance
         pm_dec = np.sum(motion * north, axis=1) / distance
@@ -180,18 +176,13 @@ def assemble(
                 f"{where(i)}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
             )
     moving = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)
+    pm_ra, pm_dec = (np.where(moving, motion, 0.0) * MAS for motion in (pm_ra_mas, pm_dec_mas))
+    parallax = np.where(np.isfinite(parallax_mas), parallax_mas, 0.0) * MAS
+    ra, dec = (np.asarray(angle, float) * deg for angle in (ra_deg, dec_deg))
     return Catalog(
-        identifier=np.asarray(identifier, np.int64),
-        right_ascension=np.asarray(ra_deg, float) * deg,
-        declination=np.asarray(dec_deg, float) * deg,
-        epoch=epoch,
-        pm_ra=np.where(moving, pm_ra_mas, 0.0) * MAS,
-        pm_dec=np.where(moving, pm_dec_mas, 0.0) * MAS,
-        proper_motion_known=moving,
-        parallax=np.where(np.isfinite(parallax_mas), parallax_mas, 0.0) * MAS,
-        magnitude_g=np.asarray(magnitude_g, float),
-        colour=np.asarray(colour, float),
-    )
+        np.asarray(identifier, np.int64), ra, dec, epoch, pm_ra, pm_dec, moving, parallax,
+        np.asarray(magnitude_g, float), np.asarray(colour, float),
+    )  # fmt: skip
 
 
 FIRST_G, LAST_G = 5.0, 10.0
@@ -232,19 +223,12 @@ def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog
         magnitude[belt == k] = np.interp(rank[belt == k], row, EDGES)
     height = random.choice((-1.0, 1.0), len(belt)) * (belt + sine) / len(COUNTED)
     x, y, z = _from_pole(height, 2 * np.pi * longitude)
-    unknown = np.zeros(len(belt))
+    ra, dec = np.arctan2(y, x) % (2 * np.pi), np.arcsin(np.clip(z, -1, 1))
+    colour, unknown = random.choice(catalog.colour, len(belt)), np.zeros(len(belt))
     return Catalog(
-        identifier=np.arange(1, len(belt) + 1),
-        right_ascension=np.arctan2(y, x) % (2 * np.pi),
-        declination=np.arcsin(np.clip(z, -1, 1)),
-        epoch=catalog.epoch,
-        pm_ra=unknown,
-        pm_dec=unknown,
-        proper_motion_known=np.zeros(len(belt), bool),
-        parallax=unknown,
-        magnitude_g=magnitude,
-        colour=random.choice(catalog.colour, len(belt)),
-    )
+        np.arange(1, len(belt) + 1), ra, dec, catalog.epoch, unknown, unknown,
+        np.zeros(len(belt), bool), unknown, magnitude, colour,
+    )  # fmt: skip
 
 
 def _from_pole(height: Floats, longitude: Floats) -> Floats:

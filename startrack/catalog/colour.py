@@ -37,7 +37,7 @@ def g_from_johnson(v: Floats, b_minus_v: Floats) -> tuple[Floats, Floats]:
                   colour by 0.3 mag.
     """
     colour = _solve(G_MINUS_V, G_MINUS_B, b_minus_v, -0.5, 3.0)
-    return _from(v, G_MINUS_V, colour), colour
+    return v + _shift(G_MINUS_V, colour), colour
 
 
 def g_from_tycho(vt: Floats, bt_minus_vt: Floats) -> tuple[Floats, Floats]:
@@ -48,7 +48,7 @@ def g_from_tycho(vt: Floats, bt_minus_vt: Floats) -> tuple[Floats, Floats]:
     Accuracy         0.05 mag in G where BT and VT are good to 0.02 mag; without a colour 0.3 mag.
     """
     colour = _solve(G_MINUS_VT, G_MINUS_BT, bt_minus_vt, -0.3, 2.5)
-    return _from(vt, G_MINUS_VT, colour), colour
+    return vt + _shift(G_MINUS_VT, colour), colour
 
 
 def g_from_hipparcos(hp: Floats, v_minus_i: Floats) -> tuple[Floats, Floats]:
@@ -59,7 +59,7 @@ def g_from_hipparcos(hp: Floats, v_minus_i: Floats) -> tuple[Floats, Floats]:
     Accuracy       0.02 mag in G where V - I is good to 0.02 mag; without a colour 0.3 mag.
     """
     colour = _polynomial(np.clip(v_minus_i, -0.4, 4.0), C_OF_V_MINUS_I)
-    return _from(hp, G_MINUS_HP, np.clip(colour, *HP_RANGE)), colour
+    return hp + _shift(G_MINUS_HP, np.clip(colour, *HP_RANGE)), colour
 
 
 def v_from_g(g: Floats, colour: Floats) -> Floats:
@@ -69,10 +69,6 @@ def v_from_g(g: Floats, colour: Floats) -> Floats:
 
 def _shift(relation: tuple[float, ...], colour: Floats) -> Floats:
     return _polynomial(np.where(np.isnan(colour), TYPICAL_COLOUR, colour), relation)
-
-
-def _from(magnitude: Floats, relation: tuple[float, ...], colour: Floats) -> Floats:
-    return magnitude + _shift(relation, colour)
 
 
 def _solve(

@@ -2,12 +2,11 @@
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from startrack.catalog.catalog import Catalog, assemble, join
-from startrack.catalog.tables import any_table, fits_table, numbers, whole_numbers
+from startrack.catalog.tables import any_table, fits_table, numbers, require_columns, whole_numbers
 from startrack.core import Refused
 from startrack.io import read_bytes, shipped
 
@@ -29,8 +28,7 @@ def read_bright(path: Path) -> Catalog:
     Raises  ValueError for a file that is cut, damaged, or of another layout.
     """
     header, columns = fits_table(path)
-    if missing := [name for name in COLUMNS if name not in columns]:
-        raise Refused(f"{path} must have the column {missing[0]}, got {', '.join(columns)}")
+    require_columns(path, columns, COLUMNS)
     moving = (columns["flags"] & (GAIA_MOTION | HIPPARCOS_MOTION)) > 0
     pm_ra, pm_dec = (np.where(moving, columns[n], np.nan) for n in ("pm_ra_cosdec", "pm_dec"))
     epoch = header.get("EPOCH")
@@ -98,9 +96,6 @@ def read_gaia_catalog(path: Path) -> Catalog:
     return assemble(path, 2016.0, star["id"], place, (unknown, unknown, unknown), light)
 
 
-NEEDED = ("source_id", "ra", "dec", "phot_g_mean_mag")
-
-
 def read_gaia_archive(path: Path) -> Catalog:
     """Read rows of gaia_source with at least source_id, ra, dec and phot_g_mean_mag.
 
@@ -110,26 +105,21 @@ def read_gaia_archive(path: Path) -> Catalog:
     Raises  ValueError for a file that is empty, cut, of another format, or of several epochs.
     """
     table = any_table(path)
-    for name in NEEDED:
-        if name not in table.colnames:
-            raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+    require_columns(path, table.colnames, ("source_id", "ra", "dec", "phot_g_mean_mag"))
     if len(table) == 0:
         raise Refused(f"{path} must hold stars, got none")
     colour = numbers(path, table, "bp_rp")
     if "bp_rp" not in table.colnames:
         blue, red = (numbers(path, table, f"phot_{band}_mean_mag") for band in ("bp", "rp"))
         colour = blue - red
-    epoch, identifier = _epoch(path, table), whole_numbers(path, table, "source_id")
+    epochs = np.unique(numbers(path, table, "ref_epoch"))
+    if len(epochs) > 1:
+        raise Refused(f"{path}: ref_epoch must be the same in all rows, got {epochs[:3]}")
+    epoch = 2016.0 if np.isnan(epochs[0]) else float(epochs[0])
+    identifier = whole_numbers(path, table, "source_id")
     ra, dec, pm_ra, pm_dec, parallax, magnitude = (
         numbers(path, table, name)
         for name in ("ra", "dec", "pmra", "pmdec", "parallax", "phot_g_mean_mag")
     )
     motion, light = (pm_ra, pm_dec, parallax), (magnitude, colour)
     return assemble(path, epoch, identifier, (ra, dec), motion, light)
-
-
-def _epoch(path: Path, table: Any) -> float:
-    epochs = np.unique(numbers(path, table, "ref_epoch"))
-    if len(epochs) > 1:
-        raise Refused(f"{path}: ref_epoch must be the same in all rows, got {epochs[:3]}")
-    return 2016.0 if np.isnan(epochs[0]) else float(epochs[0])

@@ -228,9 +228,7 @@ def read_hyg(path: Path) -> Catalog:
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
     table = tables.csv_table(path)
-    for name in ("id", "hip", "ra", "dec", "mag", "dist"):
-        if name not in table.colnames:
-            raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+    tables.require_columns(path, table.colnames, ("id", "hip", "ra", "dec", "mag", "dist"))
     line = np.arange(2, len(table) + 2)
     stars = tables.numbers(path, table, "mag") > -20
     table, line = table[stars], line[stars]

@@ -4,7 +4,7 @@ import io
 import math
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -196,6 +196,14 @@ def in_lower_case(path: Path, table: Any) -> Any:
 
 def _first_line(error: Exception) -> str:
     return next(iter(str(error).strip().splitlines()), type(error).__name__)
+
+
+def require_columns(path: Path, there: Iterable[str], needed: Iterable[str]) -> None:
+    """Raise ValueError where a file lacks a column."""
+    there = list(there)
+    for name in needed:
+        if name not in there:
+            raise Refused(f"{path} must have the column {name}, got {', '.join(there)}")
 
 
 def numbers(path: Path, table: Any, name: str) -> Floats:

@@ -18,7 +18,7 @@ from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import Head, HeadTemperature, Obstacle, Radiation
 from startrack.population import unit_of
-from startrack.space import EarthSeen, angle, cross, dot, from_body, unit
+from startrack.space import EarthSeen, angle, cross, dot, unit
 
 SIDES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # normal of a side of a box, and its two edges
 SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
@@ -328,7 +328,7 @@ def look(head: Mounted, instants: Instants, shadow: Shadow, saa: Flags | None) -
 
     saa  (n,) where the anomaly blinds it; None: nowhere
     """
-    line = from_body(instants.body, head.boresight)
+    line = dot(instants.body, head.boresight)
     sun, moon = angle(dot(line, instants.sun)), angle(dot(line, instants.moon))
     theta, radius, height = shadow.earth.limb(line)
     limb = theta - radius

@@ -36,7 +36,6 @@ from startrack.space.earth import (
     angle,
     cross,
     dot,
-    from_body,
     times,
     unit,
 )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import LIGHT_SPEED, Floats, installed_tables, utc
+from startrack.core import LIGHT_SPEED, Floats, installed_tables, read_only, utc
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -76,9 +76,7 @@ def barycentric(name: str, day: float) -> Floats:
     from astropy.time import Time
 
     with installed_tables():
-        position = _barycentric(name, Time(day, format="jd", scale="tdb"))
-    position.flags.writeable = False
-    return position
+        return read_only(_barycentric(name, Time(day, format="jd", scale="tdb")))
 
 
 def _barycentric(name: str, date: Any) -> Floats:
@@ -195,20 +193,16 @@ def to_itrs(frames: tuple[str, ...], epoch: str, second: Floats) -> list[Rotatio
         return [Rotation.from_matrix(rotation_matrices(name, "ITRS", date)) for name in frames]
 
 
+@lru_cache(maxsize=64)  # all channels of a scene ask for the same
 def sun_direction(epoch: str, second: float = 0.0) -> Floats:
-    """Unit vector (3,) towards the Sun in ITRS, seen from the Earth's centre.
+    """Unit vector (3,) towards the Sun in ITRS, seen from the Earth's centre; read-only.
 
     Accuracy  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are neglected.
     """
-    return np.array(_sun_in_itrs(epoch, second))
-
-
-@lru_cache(maxsize=64)  # all channels of a scene ask for the same
-def _sun_in_itrs(epoch: str, second: float) -> tuple[float, ...]:
     from astropy import units
     from astropy.coordinates import ITRS, get_body
 
     with installed_tables():
         date = utc(epoch) + second * units.s
         there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
-    return tuple((there / np.linalg.norm(there)).tolist())
+    return read_only(there / np.linalg.norm(there))

@@ -23,7 +23,7 @@ TWILIGHT = 6 * deg  # depression of the Sun to which the limb counts as lit; cho
 
 
 def dot(a: Floats, b: Floats) -> Floats:
-    """(n,) scalar products of (3, n)."""
+    """(n,) scalar products of (3, n); also (3, n) of (3, 3, n) body axes and a direction (3,)."""
     total = a[0] * b[0]
     total += a[1] * b[1]
     total += a[2] * b[2]
@@ -45,14 +45,6 @@ def unit(a: Floats) -> Floats:
 def times(matrix: Floats, a: Floats) -> Floats:
     """(3, n) products of (3, 3, n) matrices and (3, n) vectors."""
     return np.stack([dot(row, a) for row in matrix])
-
-
-def from_body(body: Floats, line: Floats) -> Floats:
-    """(3, n) in ICRS axes of a direction (3,) in body axes; body (3, 3, n), see `Instants`."""
-    total = body[0] * line[0]
-    total += body[1] * line[1]
-    total += body[2] * line[2]
-    return total
 
 
 def angle(cosine: Floats) -> Floats:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 
@@ -86,8 +86,37 @@ class CloudLayer(Parameters):
         Raises  as Raster.
         """
         if self.file:
-            return Sheet(self, Chart(Mosaic((Raster(folder / self.file, self.band),)), absent=0.0))
-        return Sheet(self, None)
+            mosaic = Mosaic((Raster(folder / self.file, self.band),))
+            return Sheet(self, partial(_mapped, Chart(mosaic, absent=0.0), self.optical_depth))
+        if self.cover is None:
+            return Sheet(self, lambda longitude, _: np.full(len(longitude), self.optical_depth))
+        return Sheet(self, partial(_generated, self, _clouds(self.seed, self.cover)))
+
+
+class Field(Protocol):
+    """Optical depth over the Earth."""
+
+    def __call__(self, longitude: Floats, latitude: Floats, /) -> Floats:
+        """(n,) 1 at (n,) radian."""
+        ...
+
+
+def _mapped(chart: Chart, factor: float, longitude: Floats, latitude: Floats) -> Floats:
+    depth = chart.at(longitude, latitude, np.full(len(longitude), chart.mosaic.grid.step_y))
+    return np.maximum(depth * factor, 0.0)
+
+
+def _generated(layer: CloudLayer, texels: Floats, longitude: Floats, latitude: Floats) -> Floats:
+    """Linear between texels."""
+    x, y = on_texture(longitude, latitude, layer.cell)
+    i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    u, v = x - i, y - j
+    depth = np.zeros(len(x))
+    for down, across, weight in (
+        (0, 0, (1 - v) * (1 - u)), (0, 1, (1 - v) * u), (1, 0, v * (1 - u)), (1, 1, v * u),
+    ):  # fmt: skip
+        depth += weight * texels[(j + down) % TEXELS, (i + across) % TEXELS]
+    return depth * layer.optical_depth
 
 
 @lru_cache(maxsize=4)
@@ -100,29 +129,10 @@ def _clouds(seed: int, cover: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A cloud layer, and the map of its file."""
+    """A cloud layer with its field of optical depth."""
 
     layer: CloudLayer
-    chart: Chart | None
-
-    def depth(self, longitude: Floats, latitude: Floats) -> Floats:
-        """Vertical optical depth (n,) 1 at (n,) radian; between generated texels linear."""
-        layer = self.layer
-        if self.chart:
-            cell = np.full(len(longitude), self.chart.mosaic.grid.step_y)
-            return np.maximum(self.chart.at(longitude, latitude, cell) * layer.optical_depth, 0.0)
-        if layer.cover is None:
-            return np.full(len(longitude), layer.optical_depth)
-        texels = _clouds(layer.seed, layer.cover)
-        x, y = on_texture(longitude, latitude, layer.cell)
-        i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-        u, v = x - i, y - j
-        depth = np.zeros(len(x))
-        for down, across, weight in (
-            (0, 0, (1 - v) * (1 - u)), (0, 1, (1 - v) * u), (1, 0, v * (1 - u)), (1, 1, v * u),
-        ):  # fmt: skip
-            depth += weight * texels[(j + down) % TEXELS, (i + across) % TEXELS]
-        return depth * layer.optical_depth
+    field: Field
 
     def cross(self, point: Floats, direction: Floats) -> Crossing:
         """Where straight paths leave the layer, and its optical depth there.
@@ -144,7 +154,7 @@ class Sheet:
             cosine = np.maximum((zenith * direction).sum(-1), GRAZING)
             distance = np.maximum(distance + (self.layer.height - height) / cosine, 0.0)
         depth = np.zeros(len(point))
-        depth[below] = self.depth(longitude[below], latitude[below])
+        depth[below] = self.field(longitude[below], latitude[below])
         return Crossing(there, longitude, latitude, cosine, distance, depth)
 
 

@@ -23,10 +23,7 @@ from startrack.space import GM
 PLACES = 17  # along a line, whose lowest MTF is taken
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
 MEAN_RADIUS = 6371e3  # metre, mean
-SLOWEST, FASTEST = (
-    200.0,
-    0.5,
-)  # range of f-numbers of the search; f/0.5 is the limit of a lens in air
+SLOWEST, FASTEST = 200.0, 0.5  # f-numbers of the search; f/0.5 is the limit of a lens in air
 
 
 @dataclass(frozen=True)
@@ -337,7 +334,10 @@ def first_parameters(goals: Goals) -> First:
     period = goals.gsd / goals.speed
     exposure = goals.smear * period
     wanted = _electrons_for(goals)
-    per_area = _electrons(goals, focal, 1.0, exposure)
+    # Equation (4) at one wavelength, of all stages, over the square of the aperture.
+    etendue = math.pi / 4 * (1.0 / focal) ** 2 * goals.pixel_pitch**2
+    photons = goals.radiance * goals.bandwidth * goals.wavelength / (core.PLANCK * core.LIGHT_SPEED)
+    per_area = etendue * photons * goals.efficiency * exposure * goals.stages
     apertures = (
         1.22 * goals.wavelength * goals.height / goals.gsd,
         focal / _slowest_sharp(goals),
@@ -355,13 +355,6 @@ def first_parameters(goals: Goals) -> First:
         focal, aperture, *apertures, focal / aperture, columns, period, exposure, clock,
         clock * goals.bits, per_area * aperture**2,
     )  # fmt: skip
-
-
-def _electrons(goals: Goals, focal: float, aperture: float, exposure: float) -> float:
-    """Equation (4) at one wavelength, summed over all stages."""
-    etendue = math.pi / 4 * (aperture / focal) ** 2 * goals.pixel_pitch**2
-    photons = goals.radiance * goals.bandwidth * goals.wavelength / (core.PLANCK * core.LIGHT_SPEED)
-    return etendue * photons * goals.efficiency * exposure * goals.stages
 
 
 def _electrons_for(goals: Goals) -> float:

@@ -1,7 +1,6 @@
 """A surface and parallel rays -> heights above which they can no longer meet it."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,23 +20,6 @@ SLACK = 2.0  # factor of their range, for what lies between
 STEEPEST = 1.5  # cells aside for a cell along, at most
 WIDEST = 0.5  # radian, of a grid; and distance that it keeps from the poles, a tenth of that
 ROUNDING = 0.01  # metre, more than single precision rounds
-
-
-class _Slopes(NamedTuple):
-    """Parallel rays over a grid, in cells along their main direction and aside of it.
-
-    by_rows  whether they go mostly along rows of cells up or down
-    sign     of that direction
-    shear    cells aside for a cell along, its mean over the grid
-    bend     its largest deviation from that
-    rise     metre, the least that a ray rises for a cell along
-    """
-
-    by_rows: bool
-    sign: float
-    shear: float
-    bend: float
-    rise: float
 
 
 def with_horizon(surface: Surface, rays: Rays) -> Surface:
@@ -97,8 +79,14 @@ def with_horizon(surface: Surface, rays: Rays) -> Surface:
     return surface._replace(horizon=horizon)
 
 
-def _slopes(surface: Surface, direction: Floats) -> _Slopes | None:
-    """None where rays do not rise everywhere, rise steeply, or change their main direction."""
+def _slopes(surface: Surface, direction: Floats) -> tuple[bool, float, float, float, float] | None:
+    """Parallel rays over a grid, in cells along their main direction and aside of it.
+
+    Returns  whether they go mostly along rows of cells up or down; the sign of that direction;
+             cells aside for a cell along, the mean and the largest deviation from it; metre, the
+             least rise for a cell along. None where rays do not rise everywhere, rise steeply, or
+             change their main direction
+    """
     across, down = surface.columns * surface.step_x, surface.rows * surface.step_y
     if max(across, down) > min(WIDEST, FULL_TURN / 2):
         return None
@@ -123,7 +111,7 @@ def _slopes(surface: Surface, direction: Floats) -> _Slopes | None:
     shear, least = float(slope.mean()), float(steep.min() - (SLACK - 1) * np.ptp(steep))
     if np.abs(slope).max() > STEEPEST or least <= 0:
         return None
-    return _Slopes(by_rows, sign, shear, SLACK * float(np.abs(slope - shear).max()), least)
+    return by_rows, sign, shear, SLACK * float(np.abs(slope - shear).max()), least
 
 
 def _maxima(surface: Surface, level: int) -> Singles:
