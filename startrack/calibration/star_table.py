@@ -124,7 +124,7 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
     used: dict[str, str] = {}
     kind, chosen = _directions(path, names, bare)
     direction = _vectors(kind, [_angle(path, columns, name, kind) for name in chosen])
-    pixels = _found(path, names.pixels, bare, PIXELS, "pixels", set(map(_alone, chosen)))
+    pixels = _pixels(path, names.pixels, bare, set(map(_alone, chosen)))
     pixel = np.column_stack([columns[_alone(name)].value for name in pixels])
     kelvin = _optional(names.temperature, bare, TEMPERATURES, path, "temperature")
     weight = _optional(names.weight, bare, (*WEIGHTS, *SIGMAS), path, "weight")
@@ -137,10 +137,8 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
             used[use] = _alone(name)
     temperature = None if kelvin is None else _kelvin(columns[_alone(kelvin)], kelvin)
     sigma = np.ones(len(pixel)) if weight is None else _sigma(path, columns, weight)
-    good = np.isfinite(direction).all(axis=1) & np.isfinite(pixel).all(axis=1)
-    good &= np.isfinite(sigma)
-    if temperature is not None:
-        good &= np.isfinite(temperature)
+    given = [direction, pixel, sigma, *([] if temperature is None else [temperature])]
+    good = np.isfinite(np.column_stack(given)).all(axis=1)
     if good.sum() < 4:
         raise Refused(f"{path} must have at least 4 stars with all values, got {good.sum()}")
     table = StarTable(direction, pixel, temperature, sigma, kind).part(good)
@@ -226,19 +224,18 @@ def _named(path: Path, given: Sequence[str], bare: Mapping[str, str], what: str)
     return tuple(given)
 
 
-def _found(
-    path: Path, given: tuple[str, ...], bare: Mapping[str, str],
-    usual: Sequence[tuple[str, ...]], what: str, taken: set[str],
-) -> tuple[str, ...]:  # fmt: skip
+def _pixels(
+    path: Path, given: tuple[str, ...], bare: Mapping[str, str], taken: set[str]
+) -> tuple[str, ...]:
     if given:
         if len(given) != 2:
-            raise Refused(f"{what} must be 2 columns, column and row, got {len(given)}")
-        return _named(path, given, bare, what)
-    for pair in usual:
+            raise Refused(f"pixels must be 2 columns, column and row, got {len(given)}")
+        return _named(path, given, bare, "pixels")
+    for pair in PIXELS:
         if set(pair) <= set(bare) and not taken & {bare[name] for name in pair}:
             return tuple(bare[name] for name in pair)
     raise Refused(
-        f"{path} must have columns of {what}, such as column_px and row_px, or x and y, got "
+        f"{path} must have columns of pixels, such as column_px and row_px, or x and y, got "
         f"{_list(bare)}"
     )
 

@@ -97,14 +97,10 @@ def fixed_width(
 
 
 def separated(path: Path, fields: Mapping[str, int], count: int, record: int) -> Records:
-    """Read a file whose fields stand between bars.
+    """As `fixed_width`, of a file whose fields stand between bars.
 
-    path     the file, plain or gzipped
     fields   place of each field in the line, from 0
     count    fields in a line
-    record   bytes of a whole line
-    Returns  the columns
-    Raises   ValueError for an empty or a cut file and for a line with another number of fields.
     """
     columns: dict[str, list[str]] = {name: [] for name in fields}
     lines = text_lines(path, record)
@@ -120,12 +116,10 @@ def separated(path: Path, fields: Mapping[str, int], count: int, record: int) ->
 
 
 def text_lines(path: Path, record: int) -> list[str]:
-    """The lines of a text file, plain or gzipped.
+    """The lines of a text file, plain or gzipped, without their ends.
 
-    path     the file
-    record   bytes of a whole line; a last line that is shorter and has no end was cut
-    Returns  the lines without their ends
-    Raises   ValueError for a file that is empty, cut, or not text.
+    record  bytes of a whole line; a last line that is shorter and has no end was cut
+    Raises  ValueError for a file that is empty, cut, or not text.
     """
     text = content(path)
     lines = text.splitlines()
@@ -167,11 +161,9 @@ def csv_table(path: Path, ended: bool = True) -> Any:
         )
     # Not "csv", which would fill up rows that are too short.
     kind = "ecsv" if text.startswith("# %ECSV") else "basic"
-    options = (
-        {} if kind == "ecsv" else {"delimiter": ",", "fill_values": [("", "0"), ("null", "0")]}
-    )
+    options = {"delimiter": ",", "fill_values": [("", "0"), ("null", "0")]}
     try:
-        table = ascii.read(text, format=kind, guess=False, **options)
+        table = ascii.read(text, format=kind, guess=False, **(options if kind == "basic" else {}))
     except MemoryError:
         raise
     except Exception as error:  # of the parts of its parsers, which each raise their own
@@ -242,8 +234,6 @@ def whole_numbers(path: Path, table: Any, name: str) -> Ints:
 def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) -> Floats:
     """A column of degrees (or hours), minutes and seconds as degrees (or hours).
 
-    records  the columns
-    name     which of them
     cuts     where the minutes and the seconds begin, for fields that touch; None for fields
              with blanks between them
     Returns  (n,) number, NaN where the field is blank

@@ -15,6 +15,7 @@ from startrack.earth.geometry.scene import (
     Strip,
     Terrain,
     find,
+    ground_finder,
     observe_earth,
 )
 from startrack.earth.geometry.sight import Elements, Jitter, Pointing, ground_rate, inside_pixel

@@ -1,7 +1,7 @@
 """EarthScene: a camera in flight over terrain, as a scene file gives it; what it sees."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from glob import glob
@@ -24,6 +24,7 @@ from startrack.earth.terrain import (
     Mosaic,
     Pyramid,
     Raster,
+    Rays,
     Source,
     fractal,
     read_charts,
@@ -223,6 +224,15 @@ class Strip:
             return np.where(finite, rays, 0).sum(axis=2) / finite.sum(axis=2)
 
 
+def ground_finder(
+    scene: EarthScene, folder: Path, terrain: Pyramid, sky_rays: int = 0
+) -> Callable[[Rays], Ground]:
+    """What rays meet in a scene: the ground under its Sun, with its maps."""
+    charts, cell = scene.terrain.charts(folder), terrain.terrain.grid.step_y
+    sun = sun_direction(scene.carrier.epoch, scene.sensor.delay)
+    return lambda rays: read_charts(survey(terrain, rays, sun, sky_rays), charts, cell)
+
+
 def observe_earth(
     scene: EarthScene, folder: Path, turn: sight.Jitter | None = None,
     camera: core.Camera | None = None, terrain: Pyramid | None = None,
@@ -234,10 +244,8 @@ def observe_earth(
     camera   of the sensor's pixels, with its distortion; None: the sensor's own, without
     terrain  of the scene, with the tiles that were read before; None: opened here
     """
-    terrain, charts = terrain or scene.terrain.open(folder), scene.terrain.charts(folder)
-    cell = terrain.terrain.grid.step_y
     sensor, orbit = scene.sensor, scene.carrier
-    sun = sun_direction(orbit.epoch, sensor.delay)
+    seen = ground_finder(scene, folder, terrain or scene.terrain.open(folder), scene.sky_rays)
     step = max(1, BATCH // (sensor.elements(orbit).x.size * sensor.rays**2))
     for first in range(0, sensor.lines, step):
         count = min(step, sensor.lines - first)
@@ -247,6 +255,5 @@ def observe_earth(
             lines[:1] if sensor.detector == "matrix" else lines, sensor.dating(orbit), orbit,
             scene.pointing, turn, sensor.rays,
         )  # fmt: skip
-        ground = read_charts(survey(terrain, rays, sun, scene.sky_rays), charts, cell)
         shape = (count, sensor.columns, len(rays) // (count * sensor.columns))
-        yield Strip(first, shape, ground)
+        yield Strip(first, shape, seen(rays))

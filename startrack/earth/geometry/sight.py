@@ -41,14 +41,10 @@ class Dating(Parameters):
 class Elements:
     """Positions on the camera's pixel grid of the elements that make one line of the image."""
 
-    x: Annotated[Floats,
-        "(columns, stages) pixel, of each column of the image; the charges or numbers of all "
-        "stages are added"]  # fmt: skip
-    y: Annotated[Floats,
-        "(columns, stages) pixel, of each column of the image; the charges or numbers of all "
-        "stages are added"]  # fmt: skip
-    delay: Annotated[Floats,
-        "(columns, stages) lines by which a stage is exposed later than the line"]  # fmt: skip
+    x: Annotated[Floats, "(columns, stages) pixel, of each column of the image; the charges or "
+        "numbers of all stages are added"]  # fmt: skip
+    y: Annotated[Floats, "(columns, stages) pixel, likewise"]
+    delay: Annotated[Floats, "(columns, stages) lines by which a stage is exposed later"]
 
 
 def line_elements(columns: int, y: float) -> Elements:

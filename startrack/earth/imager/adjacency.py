@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +10,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from startrack.core import Floats, printed
 from startrack.earth.atmosphere import SPREADS
-from startrack.earth.geometry import EarthScene
 from startrack.earth.imager.band import Band, terms_in_band
-from startrack.earth.terrain import EQUATORIAL, Ground, Pyramid, rays_down, read_charts, survey
-from startrack.space import sun_direction
+from startrack.earth.terrain import EQUATORIAL, Ground, Rays, rays_down
 
 WIDE = 3.0  # standard deviations to which a Gaussian reaches; chosen by hand
 FINE = 0.3  # of a standard deviation: side of a cell; chosen by hand
@@ -168,25 +165,21 @@ def _cells(x: Floats, y: Floats, side: float, margin: float) -> Cells:
 
 
 def around_scene(
-    scene: EarthScene, folder: Path, terrain: Pyramid, glimpse: list[Ground], spacing: float,
-    mean: float, band: Band, reflectance: Callable[[Ground], Floats],
+    seen: Callable[[Rays], Ground], glimpse: list[Ground], spacing: float, mean: float, band: Band,
+    reflectance: Callable[[Ground], Floats],
 ) -> Environment:  # fmt: skip
     """The environment of an image from its terrain, also beyond the image.
 
-    terrain      of the scene
+    seen         ground that rays meet
     reflectance  (n,) 1 of ground, as `leaving`
     """
-    charts = scene.terrain.charts(folder)
-    sun = sun_direction(scene.carrier.epoch, scene.sensor.delay)
-    cell = terrain.terrain.grid.step_y
 
     def values(longitude: Floats, latitude: Floats) -> Floats:
         out = np.full(len(longitude), math.nan)
         side = math.sqrt(np.ptp(longitude) * math.cos(latitude[0]) * np.ptp(latitude) / len(out))
         for first in range(0, len(out), CELLS):
             some = slice(first, first + CELLS)
-            rays = rays_down(longitude[some], latitude[some], side * EQUATORIAL)
-            ground = read_charts(survey(terrain, rays, sun), charts, cell)
+            ground = seen(rays_down(longitude[some], latitude[some], side * EQUATORIAL))
             out[some][ground.hit] = reflectance(ground[ground.hit])
         return out
 

@@ -58,6 +58,12 @@ class Performance(Parameters):
     gsd: Annotated[float | None, Unit("m"), POSITIVE, "metre between columns"] = None
 
 
+COMPARED = (
+    "light, required and measured performance, which `startrack requirements` prints beside the "
+    "predicted one"
+)
+
+
 @dataclass(frozen=True)
 class Channel(Parameters):
     """One image that a camera makes: a lens, a filter, a detector of one kind.
@@ -85,15 +91,9 @@ class Channel(Parameters):
     average: Annotated[int, Range(1, 64),
         "columns of the detector that the ground segment averages to one; counts in the figures "
         "of the channel, not in its images"] = 1  # fmt: skip
-    reference: Annotated[Reference | None,
-        "light, required and measured performance, which `startrack requirements` prints beside "
-        "the predicted one"] = None  # fmt: skip
-    required: Annotated[Performance,
-        "light, required and measured performance, which `startrack requirements` prints beside "
-        "the predicted one"] = field(default_factory=Performance)  # fmt: skip
-    measured: Annotated[Performance,
-        "light, required and measured performance, which `startrack requirements` prints beside "
-        "the predicted one"] = field(default_factory=Performance)  # fmt: skip
+    reference: Annotated[Reference | None, COMPARED] = None
+    required: Annotated[Performance, COMPARED] = field(default_factory=Performance)
+    measured: Annotated[Performance, COMPARED] = field(default_factory=Performance)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -259,6 +259,9 @@ class Knowledge(Parameters):
     ] = 0.03  # fmt: skip
 
 
+OF_IMAGE = "of the image; None for those of the whole detector"
+
+
 @dataclass(frozen=True)
 class Survey(Parameters):
     """An image to be rendered: camera, carrier, terrain, air and land."""
@@ -269,10 +272,8 @@ class Survey(Parameters):
     tle: tuple[str, ...] = ()
     aircraft: geometry.Aircraft | None = None
     pointing: geometry.Pointing = field(default_factory=geometry.Pointing)
-    lines: Annotated[int | None, Range(2, 2**16),
-        "of the image; None for those of the whole detector"] = None  # fmt: skip
-    columns: Annotated[int | None, Range(2, 2**16),
-        "of the image; None for those of the whole detector"] = None  # fmt: skip
+    lines: Annotated[int | None, Range(2, 2**16), OF_IMAGE] = None
+    columns: Annotated[int | None, Range(2, 2**16), OF_IMAGE] = None
     rays: Annotated[int, Range(1, 16), "along each side of a pixel"] = 2
     sky_rays: Annotated[int, Range(0, 2**12), "from each point that sample the sky; 0 for none"] = 0
     air: Annotated[Air | None, "its state, one of the shipped tables; None: no air"] = None

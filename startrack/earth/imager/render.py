@@ -376,8 +376,8 @@ def _environment(
     distance = float(np.median(np.concatenate([ground.distance for ground in glimpse])))
     spacing = distance * channel.detector.pitch / channel.optics.image_distance / survey.rays
     mean = float(np.concatenate([sent(ground) for ground in glimpse]).mean())
-    scene = survey.scene(channel)
-    return around_scene(scene, folder, terrain, glimpse, spacing, mean, band, sent)
+    seen_ground = geometry.ground_finder(survey.scene(channel), folder, terrain)
+    return around_scene(seen_ground, glimpse, spacing, mean, band, sent)
 
 
 def around_of(setting: Setting, ground: Ground) -> Floats | float:
