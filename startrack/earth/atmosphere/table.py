@@ -267,20 +267,20 @@ def in_bands(
     across = _spline(np.log(table.wavelength), at)  # (f, k)
     here = _spline(np.log(table.altitude), np.array([position]))[0]  # (a,)
 
-    def fine(values: Floats, has_altitude: bool) -> Floats:
-        """(k, h, [a,] ...) -> (h, ..., f), at the altitude of the sensor."""
-        if has_altitude:
-            values = np.tensordot(values, here, (2, 0))
+    def fine(values: Floats) -> Floats:
+        """(k, ...) -> (..., f)."""
         return np.tensordot(values, across, (0, 1))
 
     gas = np.log(np.maximum(table.gas[:, used], 1e-12))
-    seen, around = fine(table.seen, True) ** thin, fine(table.around, True) * thin
-    beam, skylight = fine(table.beam, False), fine(table.skylight, False)
+    seen, around, spectral_path = (
+        np.tensordot(values, here, (2, 0)) for values in (table.seen, table.around, table.path)
+    )
+    seen, around, spectral_path = fine(seen) ** thin, fine(around) * thin, spectral_path * thin
+    beam, skylight, mirrored = fine(table.beam), fine(table.skylight), fine(table.backscatter)
     cosine = np.cos(table.sun)
     shape = len(table.height), len(table.sensor), len(table.sun)
     direct, sky, spread = np.empty((3, *shape, len(weights)))
     path = np.empty((*shape, len(table.azimuth), len(weights)))
-    spectral_path = np.tensordot(table.path, here, (2, 0)) * thin
     for h, v, s in np.ndindex(shape):
         through, halfway = _gases(table, gas, h, v, s, altitude)
         lit = weights * through / math.pi
@@ -292,12 +292,10 @@ def in_bands(
     for h, v in np.ndindex(shape[:2]):
         masses = _masses(table, h, v, altitude)
         transmittance[h, v] = flat @ (seen[h, v] * _transmitted(table, gas, masses)) / flat.sum(-1)
-    total = weights.sum(-1)
-    backscatter = fine(table.backscatter, False) @ weights.T / total
-    light = around[:, 0], fine(table.backscatter, False)
+    spreads = _spread(table, weights, across, here, (around[:, 0], mirrored))
     return BandTable(
         table.height, table.sensor, table.sun, table.azimuth, path, direct, sky, spread,
-        backscatter, transmittance, spread=_spread(table, weights, across, here, light),
+        mirrored @ weights.T / weights.sum(-1), transmittance, spread=spreads,
     )  # fmt: skip
 
 

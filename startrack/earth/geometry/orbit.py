@@ -58,11 +58,9 @@ class TwoLines:
         from astropy.time import Time
 
         record = self.satellite()
+        parts = record.jdsatepoch, record.jdsatepochF
         with core.installed_tables():
-            date = Time(
-                record.jdsatepoch, record.jdsatepochF, format="jd", scale="utc", precision=6
-            )
-            return str(date.isot)
+            return str(Time(*parts, format="jd", scale="utc", precision=6).isot)
 
     def satellite(self) -> Any:
         """The record that SGP4 moves."""

@@ -56,17 +56,15 @@ def line_elements(columns: int, y: float) -> Elements:
 
 
 def staggered_elements(
-    columns: int, y: float, rows_apart: float, forwards: int = -1, lines_a_pixel: float = 2.0
+    columns: int, y: float, rows_apart: float, lines_a_pixel: float = 2.0
 ) -> Elements:
     """Two rows, the second shifted by half a pixel, whose pixels alternate in the image.
 
     The rows see a point on the ground at different times; the image combines them so that it is in
-    the same line of both.
+    the same line of both. The ground moves to smaller rows, as it does below a Pointing.
 
     columns        of the image, twice those of a row
     rows_apart     pixel from the first row to the second
-    forwards       1 where the ground moves to larger rows, -1 where it moves to smaller ones, as it
-                   does below a Pointing
     lines_a_pixel  in which the ground moves by a pixel: 2 for equal sampling along and
                    across
     """
@@ -75,13 +73,13 @@ def staggered_elements(
     core.positive(lines_a_pixel=lines_a_pixel)
     second = np.arange(float(columns))[:, None] % 2
     x = np.arange(float(columns))[:, None] / 2
-    return Elements(x, y + rows_apart * second, forwards * rows_apart * lines_a_pixel * second)
+    return Elements(x, y + rows_apart * second, -rows_apart * lines_a_pixel * second)
 
 
 def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Elements:
     """Rows whose charge moves with the image: stage s is s rows farther, exposed s lines later.
 
-    forwards  as for staggered elements
+    forwards  1 where the ground moves to larger rows, -1 where it moves to smaller ones
     """
     core.whole(1, 2**20, columns=columns)
     core.whole(1, 4096, stages=stages)

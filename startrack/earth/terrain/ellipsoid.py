@@ -41,8 +41,7 @@ def geodetic(point: Floats) -> tuple[Floats, Floats, Floats]:
               100 km of the centre of the Earth.
     """
     point = np.ascontiguousarray(point, float)
-    out = np.empty((point.size // 3, 3))
-    _geodetic_all(point.reshape(-1, 3), out)
+    out = _geodetic_all(point.reshape(-1, 3))
     longitude, latitude, height = (out[:, i].reshape(point.shape[:-1]) for i in range(3))
     return longitude, latitude, height
 
@@ -56,13 +55,15 @@ def up(longitude: Floats, latitude: Floats) -> Floats:
 
 
 @kernel
-def _geodetic_all(point, out):  # type: ignore[no-untyped-def]
+def _geodetic_all(point):  # type: ignore[no-untyped-def]
+    out = np.empty((len(point), 3))
     for n in range(len(point)):
         x, y, z = point[n]
         sine, cosine, height, _ = vertical(x, y, z)
         out[n, 0] = math.atan2(y, x)
         out[n, 1] = math.atan2(sine, cosine)
         out[n, 2] = height
+    return out
 
 
 # The functions below that are inlined by force have no branches, so that loops over rays are
