@@ -25,7 +25,7 @@ from startrack.detector.pixel_effects import PixelEffect
 from startrack.io import shipped
 from startrack.optimise.search import Search, algorithms, least
 from startrack.scene import LIGHTS
-from startrack.scene.lights import LightKind
+from startrack.scene.parameters import LightKind
 from startrack.trial import require_fidelity, run_trials
 from startrack.trial.window import whole_frame
 
