@@ -52,9 +52,7 @@ def response(case: Case) -> Measured:
     """Detection and errors of single stars; kept for the 2 last cases, as units share one."""
     if trial.boxed(case):
         return in_boxes(case)
-    detector = case.instrument.detector
-    outlying = detector.age or (detector.defects and detector.defects.hot)
-    pattern = trial.dark_pattern(case) if outlying else None
+    pattern = trial.dark_pattern(case) if has_hot_pixels(case) else None
     even = trial.with_uniform_dark(case) if pattern else case
     star = trial.errors(even)
     # Where dark signal fills the converter no star is measured, and none is moved.
@@ -132,6 +130,12 @@ def in_boxes(case: Case) -> Measured:
     by_zone = {name: np.repeat(table[None], zones, axis=0) for name, table in random.items()}
     no_spots = np.zeros(len(grid))
     return _measured(star, measured, grid, fraction, stated, by_zone, no_spots, np.ones(2))
+
+
+def has_hot_pixels(case: Case) -> bool:
+    """Whether some pixels have a dark current far from that of the others."""
+    detector = case.instrument.detector
+    return bool(detector.age or (detector.defects and detector.defects.hot))
 
 
 def _between(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
