@@ -156,12 +156,8 @@ def aligned(b: Floats, r: Floats, w: Floats) -> Rotation:
 
 
 SOLVERS: dict[str, Solver] = {
-    "align": aligned,
-    "svd": svd,
-    "davenport": davenport,
-    "quest": quest,
-    "foam": foam,
-}
+    "align": aligned, "svd": svd, "davenport": davenport, "quest": quest, "foam": foam,
+}  # fmt: skip
 
 
 def fields(many: int, stars: int, half: float, noise: float, seed: int) -> tuple[Any, ...]:

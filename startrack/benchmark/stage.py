@@ -197,12 +197,9 @@ def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> 
 
 
 def _points(
-    axes: Axes,
-    rows: Sequence[Row],
-    values: Sequence[float],
-    texts: Sequence[str],
+    axes: Axes, rows: Sequence[Row], values: Sequence[float], texts: Sequence[str],
     limit: float = math.nan,
-) -> None:
+) -> None:  # fmt: skip
     """Points from top to bottom, with their numbers; a value of zero stands at the left edge."""
     positive = [value for value in values if math.isfinite(value) and value > 0]
     positive += [limit] if math.isfinite(limit) and limit > 0 else []

@@ -12,32 +12,11 @@ from startrack.cli import options as shared
 from startrack.cli.options import DESIGN, Exit, Option, Options, WrongUse, positive, wanted, whole
 
 if wanted(__name__):
-    import numpy as np
-
+    from startrack import budget as budgets
     from startrack import metrics
-    from startrack.budget import (
-        ADVICE,
-        INDICES,
-        Budget,
-        Check,
-        Line,
-        Spread,
-        Term,
-        advice,
-        analytic,
-        caveats,
-        check,
-        curve_steps,
-        error_curves,
-        indices_of,
-        measured,
-        refusal,
-        single_stars,
-        survey,
-        unseen,
-    )
+    from startrack.budget import INDICES, Budget, Line, Spread, Term, analytic
     from startrack.cli import terminal
-    from startrack.cli.units import budgets_of, gains_of
+    from startrack.cli.units import AXES, budgets_of, gains_of
     from startrack.core import Refused, arcsec
     from startrack.design import Campaign, Case, found_at, replaced
     from startrack.io import aligned, save_json
@@ -47,7 +26,6 @@ if wanted(__name__):
     from startrack.sequence import Sequence
     from startrack.trial import TYPICAL, SingleStars, errors, lasting
 
-Pair = tuple[float, float]  # across, about
 UNITS = 6  # where a design varies and no number is asked for
 MOST_ROWS = 12  # of single stars in text; JSON has all
 STARS = (
@@ -105,7 +83,12 @@ def command(options: argparse.Namespace) -> int:
     with terminal.stage("error budget"):
         expected = analytic(case)
     options.units = options.units or (UNITS if case.varying else None)
-    by_trials = _measured(case, options) if options.montecarlo else None
+    by_trials = None
+    if members := options.montecarlo:
+        with pool(options.workers) as executor, terminal.progress("members", members) as advance:
+            by_trials = budgets.measured(
+                case, members, options.seed, executor, options.times, options.workers, advance
+            )
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
     with terminal.stage("single stars"):
         floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
@@ -113,24 +96,26 @@ def command(options: argparse.Namespace) -> int:
     result |= {"star_without_noise_g": TYPICAL}
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
     with terminal.stage("single stars over magnitude"):
-        stars = _star_table(case, single_stars(case))
+        stars = _star_table(case, budgets.single_stars(case))
     result["single_stars"] = stars.json()
+    # Not more rows than are read at a glance.
+    shown = replace(stars, records=stars.records[:: 1 + len(stars.records) // MOST_ROWS])
     with terminal.stage("other centroids, more stars"):
-        better = result["better"] = _better(case, expected)
+        result["better"], better = _better(case, expected)
     with terminal.stage("trials beside the formula"):
-        checked = check(case, expected, options.seed)
+        checked = budgets.check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
     result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
     result["check"] |= metrics.to_json(metrics.summary_rows(checked.summary))
     alone = "the unit as designed, noise only; units follow\n" if options.units else ""
     text = [
-        *refusal(case, expected.refused),  # why the error below is large comes first
+        *budgets.refusal(case, expected.refused),  # why the error below is large comes first
         f"{alone}{_table(expected, by_trials)}\n"
         f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
         f"assumes {assumed}",
-        "\n".join([STARS, *_shown(stars).text(())]),
-        "\n".join([*advice(expected), *(_better_text(change, case) for change in better)]),
-        "\n".join([*caveats(case, expected.left_out), *_checked(checked, expected)]),
+        "\n".join([STARS, *shown.text(())]),
+        "\n".join([*budgets.advice(expected), *better]),
+        "\n".join([*budgets.caveats(case, expected.left_out), *_checked(checked, expected)]),
     ]
     if by_trials:
         result |= {"seed": options.seed, "measured": _values(by_trials)}
@@ -139,25 +124,23 @@ def command(options: argparse.Namespace) -> int:
     if options.units:
         result["units"], lines, units = budgets_of(case, required, options)
         text.append(lines)
-    if options.tolerances:
-        changes = list(halved(case))
-        result["tolerances"], lines = gains_of(case, campaign or Campaign(), changes, options)
-        text.append(lines)
-    if options.levers:
-        changes = list(levers(case))
-        result["levers"], lines = gains_of(case, campaign or Campaign(), changes, options)
-        text.append(lines)
+    for name, changes in (("tolerances", halved), ("levers", levers)):
+        if getattr(options, name):
+            result[name], lines = gains_of(
+                case, campaign or Campaign(), list(changes(case)), options
+            )
+            text.append(lines)
     if indices:
-        result["indices"] = indices
-        text.append(_index_table(indices, options))
+        result["indices"], lines = indices
+        text.append(lines)
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         picture = options.out / "budget.png"
         draw_budget(picture, expected, by_trials, Path(path).stem, required, units)
         with terminal.stage("the sky"):
-            draw_sky(options.out / "sky.png", survey(case), case, Path(path).stem)
-        with terminal.progress("slew rates and stars", curve_steps(case)) as advance:
-            curves = error_curves(case, options.seed, advance=advance)
+            draw_sky(options.out / "sky.png", budgets.survey(case), case, Path(path).stem)
+        with terminal.progress("slew rates and stars", budgets.curve_steps(case)) as advance:
+            curves = budgets.error_curves(case, options.seed, advance=advance)
         draw_curves(options.out / "curves.png", curves, case, Path(path).stem)
         save_json(options.out / "budget.json", terminal.finite(result))
         result["out"] = str(options.out)
@@ -166,32 +149,27 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
 
 
-def _better(case: Case, expected: Budget[Any]) -> list[dict[str, Any]]:
+def _better(case: Case, expected: Budget[Any]) -> tuple[list[dict[str, Any]], list[str]]:
     """The other centroid, and twice as many stars, where they lower the error by the formula."""
-    detection, gains = case.tracker.detection, list[dict[str, Any]]()
+    detection, gains, lines = case.tracker.detection, list[dict[str, Any]](), list[str]()
     other = "likelihood" if detection.centroid != "likelihood" else "gravity"
     for name, value in (("centroid", other), ("max_spots", 2 * detection.max_spots)):
         key = f"tracker.detection.{name}"
         try:
-            budget = analytic(replaced(case, key, value))
+            changed = analytic(replaced(case, key, value))
         except Refused:  # another method has limits of its own
             continue
-        across, about = budget.sum
-        as_often = budget.availability > expected.availability - LESS_OFTEN
-        if as_often and across < (1 - MUCH_BETTER) * expected.sum[0]:
-            gains.append({
-                "key": key, "value": value, "across_arcsec": across / arcsec,
-                "about_arcsec": about / arcsec,
-            })  # fmt: skip
-    return gains
-
-
-def _better_text(better: dict[str, Any], case: Case) -> str:
-    key, value = better["key"], better["value"]
-    return (
-        f"better: {key} = {value!r} instead of {found_at(case, key)!r}, by the formula "
-        f"{better['across_arcsec']:.3f} arcsec across, {better['about_arcsec']:.3f} about"
-    )
+        across, about = (error / arcsec for error in changed.sum)
+        as_often = changed.availability > expected.availability - LESS_OFTEN
+        if as_often and changed.sum[0] < (1 - MUCH_BETTER) * expected.sum[0]:
+            gains.append(
+                {"key": key, "value": value, "across_arcsec": across, "about_arcsec": about}
+            )
+            lines.append(
+                f"better: {key} = {value!r} instead of {found_at(case, key)!r}, by the formula "
+                f"{across:.3f} arcsec across, {about:.3f} about"
+            )
+    return gains, lines
 
 
 def _star_table(case: Case, stars: SingleStars) -> metrics.Table:
@@ -216,39 +194,13 @@ def _star_table(case: Case, stars: SingleStars) -> metrics.Table:
     )
 
 
-def _shown(table: metrics.Table) -> metrics.Table:
-    """Not more rows than are read at a glance."""
-    return replace(table, records=table.records[:: 1 + len(table.records) // MOST_ROWS])
-
-
-def _checked(checked: Check, expected: Budget[Any]) -> list[str]:
+def _checked(checked: budgets.Check, expected: Budget[Any]) -> list[str]:
     """What the check by trials says, a line each."""
-    doubt = [checked.summary.doubt, unseen(expected)] if checked.summary.doubt else []
+    doubt = [checked.summary.doubt, budgets.unseen(expected)] if checked.summary.doubt else []
     trials = f"{checked.summary.trials} trials ({checked.fidelity})"
     if not checked.differs:
         return [*doubt, f"{trials} agree with the formula"]
     return [*doubt, *(f"FORMULA AND TRIALS DIFFER: {difference}" for difference in checked.differs)]
-
-
-def _measured(case: Case, options: argparse.Namespace) -> Budget[Any]:
-    with (
-        pool(options.workers) as executor,
-        terminal.progress("members", options.montecarlo) as advance,
-    ):
-        return measured(
-            case, options.montecarlo, options.seed, executor, options.times, options.workers,
-            advance,
-        )  # fmt: skip
-
-
-def _indices(case: Case, sequence: Sequence, options: argparse.Namespace) -> dict[str, Any]:
-    count, window = options.sequences, options.window
-    with (
-        pool(min(options.workers, count)) as executor,
-        terminal.progress("sequences", count) as advance,
-    ):
-        lines = indices_of(case, sequence, count, options.seed, window, executor, advance)
-    return {name: _line(line, tuple(metrics.Interpretation)) for name, line in lines.items()}
 
 
 def _values(budget: Budget[Any]) -> dict[str, Any]:
@@ -256,33 +208,27 @@ def _values(budget: Budget[Any]) -> dict[str, Any]:
     simulated = hasattr(budget.whole.spread, "error")
     many = simulated and budget.whole.spread.error.shape[1] > 1
     ways = tuple(metrics.Interpretation) if many else (metrics.Interpretation.MIXED,)
-    across, about = budget.sum
     return {
         "causes": {line.name: _line(line, ways) for line in budget.lines},
-        "terms": {
-            term.value: dict(
-                zip(("across", "about"), np.array(budget.term(term)) / arcsec, strict=True)
-            )
-            for term in Term
-        },
-        "sum": {"across": across / arcsec, "about": about / arcsec},
-        "end to end": _line(budget.whole, ways),
-        "availability": budget.availability,
-        "stars": budget.stars,
-    }
+        "terms": {term.value: _pair(budget.term(term)) for term in Term},
+        "sum": _pair(budget.sum), "end to end": _line(budget.whole, ways),
+        "availability": budget.availability, "stars": budget.stars,
+    }  # fmt: skip
+
+
+def _pair(errors: Iterable[float]) -> dict[str, float]:
+    """Radian, across and about, for JSON."""
+    return {name: error / arcsec for name, error in zip(AXES, errors, strict=True)}
 
 
 def _line(line: Line[Spread], ways: Iterable[metrics.Interpretation]) -> dict[str, Any]:
     values: dict[str, Any] = {} if line.term is None else {"term": line.term.value}
     name = getattr(line, "name", "")
-    values |= {"advice": ADVICE[name]} if name in ADVICE else {}
-    values |= {"across": line.across / arcsec, "about": line.about / arcsec}
+    values |= {"advice": budgets.ADVICE[name]} if name in budgets.ADVICE else {}
+    values |= _pair((line.across, line.about))
     values["levels"] = {
         way.value: {
-            f"{100 * fraction:g} %": {
-                "across": line.spread.level((0, 1), fraction, way) / arcsec,
-                "about": line.spread.level((2,), fraction, way) / arcsec,
-            }
+            f"{100 * fraction:g} %": _pair(_levels(line.spread, fraction, way))
             for fraction in metrics.LEVELS
         }
         for way in ways
@@ -290,14 +236,21 @@ def _line(line: Line[Spread], ways: Iterable[metrics.Interpretation]) -> dict[st
     return values
 
 
+def _levels(spread: Spread, fraction: float, way: metrics.Interpretation) -> list[float]:
+    return [spread.level(axes, fraction, way) for axes in AXES.values()]
+
+
 def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
     """A row for each cause, analytic beside measured."""
     both = [budget for budget in (expected, by_trials) if budget]
-    measured_head = ["measured", "", ""] if by_trials else []
-    rows = [["arcsec rms per axis", "term", "across", "about", *measured_head]]
+    head = ["measured", "", ""] if by_trials else []
+    rows = [["arcsec rms per axis", "term", "across", "about", *head]]
 
-    def add(name: str, term: str, pairs: Iterable[Pair | None], note: str = "") -> None:
-        cells = [cell for pair in pairs for cell in _cells(pair)]
+    def add(name: str, term: str, pairs: Iterable[Iterable[float] | None], note: str = "") -> None:
+        cells = [
+            cell for pair in pairs
+            for cell in ([f"{value / arcsec:.3f}" for value in pair] if pair else ["", ""])
+        ]  # fmt: skip
         rows.append([name, term, *cells, *([note] if by_trials else [])])
 
     named = {line.name: line for line in expected.lines}
@@ -310,22 +263,12 @@ def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
     add("root sum square", "", [budget.sum for budget in both])
     add("end to end", "", [(budget.whole.across, budget.whole.about) for budget in both],
         _difference(expected.whole, by_trials.whole if by_trials else None, by_trials))  # fmt: skip
+    mixed = metrics.Interpretation.MIXED
     for fraction in metrics.LEVELS:
-        add(f"  {100 * fraction:g} % below", "", [_levels(budget, fraction) for budget in both])
+        levels = [_levels(budget.whole.spread, fraction, mixed) for budget in both]
+        add(f"  {100 * fraction:g} % below", "", levels)
     available = [f"{100 * budget.availability:.2f} %, {budget.stars:.1f} stars" for budget in both]
     return "\n".join([*aligned(rows, (0, 1)), "", f"available  {' | measured '.join(available)}"])
-
-
-def _cells(pair: Pair | None) -> list[str]:
-    return [f"{value / arcsec:.3f}" for value in pair] if pair else ["", ""]
-
-
-def _levels(budget: Budget[Any], fraction: float) -> Pair:
-    spread = budget.whole.spread
-    across, about = (
-        spread.level(axes, fraction, metrics.Interpretation.MIXED) for axes in ((0, 1), (2,))
-    )
-    return across, about
 
 
 def _difference(
@@ -345,21 +288,28 @@ def _difference(
     return f"differs by {100 * max(off):.0f} %" if max(off, default=0) > FAR else ""
 
 
-def _index_table(indices: dict[str, Any], options: argparse.Namespace) -> str:
+def _indices(
+    case: Case, sequence: Sequence, options: argparse.Namespace
+) -> tuple[dict[str, Any], str]:
+    """The error indices of sequences along a profile: values for JSON, and a table."""
+    count, window, ways = options.sequences, options.window, tuple(metrics.Interpretation)
+    with (
+        pool(min(options.workers, count)) as executor,
+        terminal.progress("sequences", count) as advance,
+    ):
+        lines = budgets.indices_of(case, sequence, count, options.seed, window, executor, advance)
+    indices = {name: _line(line, ways) for name, line in lines.items()}
     rows = [
         [
             name, axis, f"{values[axis]:.3f}",
-            *(
-                f"{values['levels'][way.value]['99.73 %'][axis]:.3f}"
-                for way in metrics.Interpretation
-            ),
+            *(f"{values['levels'][way.value]['99.73 %'][axis]:.3f}" for way in ways),
             INDICES[name] if axis == "across" else "",
         ]
         for name, values in indices.items()
-        for axis in ("across", "about")
+        for axis in AXES
     ]  # fmt: skip
     head = (
-        f"{options.profile}, {options.sequences} sequences, windows of {options.window:g} s; "
-        "arcsec per axis: rms, and 99.73 % as temporal, ensemble, mixed"
+        f"{options.profile}, {count} sequences, windows of {window:g} s; arcsec per axis: rms, and "
+        "99.73 % as temporal, ensemble, mixed"
     )
-    return "\n".join([head, *aligned(rows, (0, 1, 6))])
+    return indices, "\n".join([head, *aligned(rows, (0, 1, 6))])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ if wanted(__name__):
 
     from startrack import calibration
     from startrack.cli import terminal
-    from startrack.core import Camera, FieldPolynomial, Frame, Matches, Spots, arcsec, within
+    from startrack.core import Camera, Frame, Matches, Spots, arcsec, within
     from startrack.design import Tracker
     from startrack.detection import Detection
     from startrack.identification import WIDEST_PINHOLE, Identification, PatternIndexes
@@ -27,6 +27,8 @@ if wanted(__name__):
 
 ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
 WARM = {"auto": None, "none": False, "linear": True}
+PINHOLE = "columns", "rows", "focal_length_px", "k1", "k2", "p1", "p2"
+ORDER = "name", "distortion", "temperature_terms", "unknowns"  # of what was chosen
 ROUNDS = 3  # a better camera model matches more stars
 
 
@@ -99,12 +101,11 @@ def command(options: argparse.Namespace) -> int:
             within(0.01, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
         settings = calibration.Calibration(
-            focal_length=options.fov_tolerance,
-            principal=options.principal,
+            focal_length=options.fov_tolerance, principal=options.principal,
             k2=1.0 if options.distortion == "full" else 0.0,
             k1=0.0 if options.distortion == "none" else 1.0,
             tangential=0.01 if options.distortion == "full" else 0.0,
-        )
+        )  # fmt: skip
         frames = [*map(terminal.image_reader(options), options.images)]
     indexes = PatternIndexes(terminal.read_stars(options.catalog, options.epoch))
     shapes = {frame.image.shape for frame in frames}
@@ -113,29 +114,31 @@ def command(options: argparse.Namespace) -> int:
     camera = _start(options, frames, indexes, identification)
     if camera is None:
         return _unsolved(options, frames)
-    fit, answers = None, list[tuple[Spots, Matches]]()
+    fit, fitted = None, (list[Spots](), list[Matches]())
     for _ in range(ROUNDS):
-        answers = _solved(frames, camera, indexes, identification)
-        if any(len(matches) for _, matches in answers):
-            spots, matches = [answer for answer, _ in answers], [answer for _, answer in answers]
-            fit = calibration.calibrate(spots, matches, camera, settings)
+        fitted = _solved(frames, camera, indexes, identification)
+        if any(map(len, fitted[1])):
+            fit = calibration.calibrate(*fitted, camera, settings)
             camera = fit.camera
         identification = replace(identification, focal_tolerance=shared.KNOWN)
     if fit is None:
         return _unsolved(options, frames)
-    result = _values(fit, len(frames))
-    text = _text(fit, len(frames))
+    result, lines = _result(fit, len(frames))
+    good = fit.frames == len(frames)
     if options.posterior:
-        result["posterior"], more = _posterior(options, answers, frames, fit.camera)
-        text += f"\n{more}"
+        result["posterior"], more = _posterior(options, *fitted, frames, fit.camera)
+        good, lines = good and result["posterior"]["converged"], [*lines, *more]
+    _write(options, result, fit.camera)
+    terminal.print_result(options, result, *lines)
+    return Exit.DONE if good else Exit.UNSOLVED
+
+
+def _write(options: argparse.Namespace, result: dict[str, Any], camera: Camera | None) -> None:
+    """Write the files of --out and --camera."""
     if options.out:
         save_json(options.out, terminal.finite(result))
-    if options.camera:
-        terminal.save_camera(options.camera, fit.camera)
-    terminal.print_result(options, result, text)
-    if options.posterior and not result["posterior"]["converged"]:
-        return Exit.UNSOLVED
-    return Exit.DONE if fit.frames == len(frames) else Exit.UNSOLVED
+    if options.camera and camera:
+        terminal.save_camera(options.camera, camera)
 
 
 def _unsolved(options: argparse.Namespace, frames: list[Frame]) -> int:
@@ -145,11 +148,9 @@ def _unsolved(options: argparse.Namespace, frames: list[Frame]) -> int:
 
 
 def _start(
-    options: argparse.Namespace,
-    frames: list[Frame],
-    indexes: PatternIndexes,
+    options: argparse.Namespace, frames: list[Frame], indexes: PatternIndexes,
     identification: Identification,
-) -> Camera | None:
+) -> Camera | None:  # fmt: skip
     """A camera that solves one of the images: of the given field, else of what the image shows."""
     rows, columns = frames[0].image.shape
     if options.fov is None:
@@ -159,7 +160,7 @@ def _start(
         if hint < WIDEST_PINHOLE:
             camera = Camera.from_field_of_view(columns, rows, hint)
             for frame in frames:
-                if len(_solved([frame], camera, indexes, identification)[0][1]):
+                if len(_solved([frame], camera, indexes, identification)[1][0]):
                     return camera
     for path, frame in zip(options.images, frames, strict=True):
         photo = solve_photograph(frame, indexes, identification, hint)
@@ -185,80 +186,65 @@ def _start(
 
 def _solved(
     frames: list[Frame], camera: Camera, indexes: PatternIndexes, identification: Identification
-) -> list[tuple[Spots, Matches]]:
+) -> tuple[list[Spots], list[Matches]]:
     tracker = Tracker(Detection(), identification)
-    return [lost_in_space(frame, camera, indexes, tracker)[:2] for frame in frames]
+    answers = [lost_in_space(frame, camera, indexes, tracker) for frame in frames]
+    return [spots for spots, _, _ in answers], [matches for _, matches, _ in answers]
 
 
 def _posterior(
-    options: argparse.Namespace,
-    answers: list[tuple[Spots, Matches]],
-    frames: list[Frame],
+    options: argparse.Namespace, spots: list[Spots], matches: list[Matches], frames: list[Frame],
     camera: Camera,
-) -> tuple[dict[str, Any], str]:
+) -> tuple[dict[str, Any], list[str]]:  # fmt: skip
     """Sample the camera; write posterior.json and corner.png unless chains did not converge."""
     prior = calibration.Prior(options.fov_tolerance, options.principal, 1.0, 1e-3, 3.0)
     terminal.print_message("startrack calibrate: sampling, some tens of seconds per image")
     with Ledger(options.posterior / "ledger.sqlite") as ledger:
-        spots, matches = [answer for answer, _ in answers], [answer for _, answer in answers]
         posterior = calibration.sample_camera(
             spots, matches, camera, prior, 0, ledger=ledger, images=frames
         )
-    values = chain_values(posterior.chains)
+    values, said = chain_values(posterior.chains), chain_text(posterior.chains)
     if not posterior.chains.converged:
-        return values, f"posterior: {chain_text(posterior.chains)}"
+        return values, [f"posterior: {said}"]
     values |= {
         "median_and_95": {name: posterior.interval(name) for name in posterior.names},
-        "open": list(posterior.unconstrained),
-        "correlation": posterior.correlation.tolist(),
-    }
+        "open": list(posterior.unconstrained), "correlation": posterior.correlation.tolist(),
+    }  # fmt: skip
     save_json(options.posterior / "posterior.json", terminal.finite(values))
     labels = [
         name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in posterior.names
     ]
-    draw_corner(
-        options.posterior / "corner.png",
-        thinned(posterior.samples, 2000),
-        labels,
-        f"camera of {len(frames)} images: {chain_text(posterior.chains)}",
-    )
+    title = f"camera of {len(frames)} images: {said}"
+    draw_corner(options.posterior / "corner.png", thinned(posterior.samples, 2000), labels, title)
     lines = ["", "posterior: median and 95 % interval"]
     for name in posterior.names:
         middle, low, high = posterior.interval(name)
         note = ", hardly constrained by these images" if name in posterior.unconstrained else ""
         lines.append(f"{name:16} {middle:12.6g} [{low:.6g}, {high:.6g}]{note}")
-    return values, "\n".join([*lines, chain_text(posterior.chains)])
+    return values, [*lines, said]
 
 
-def _values(fit: calibration.Calibrated, images: int) -> dict[str, Any]:
-    sigma = np.sqrt(fit.covariance.diagonal())
-    return {
-        "status": "calibrated",
-        "images": images,
-        "solved": fit.frames,
-        "stars": fit.stars,
-        "residual_rms_px": fit.residual_rms,
-        "fov_x_deg": math.degrees(fit.camera.fov_x),
-        "camera": {
-            "columns": fit.camera.columns,
-            "rows": fit.camera.rows,
-            **{name: getattr(fit.camera, name) for name in calibration.UNKNOWNS},
-        },
-        "sigma": dict(zip(calibration.UNKNOWNS, sigma.tolist(), strict=True)),
-        "covariance": fit.covariance.tolist(),
-    }
-
-
-def _text(fit: calibration.Calibrated, images: int) -> str:
-    sigma = np.sqrt(fit.covariance.diagonal())
+def _result(fit: calibration.Calibrated, images: int) -> tuple[dict[str, Any], list[str]]:
+    """A camera of images: values for JSON, and lines."""
+    camera, field = fit.camera, math.degrees(fit.camera.fov_x)
+    sigma = dict(
+        zip(calibration.UNKNOWNS, np.sqrt(fit.covariance.diagonal()).tolist(), strict=True)
+    )
+    fitted = {name: getattr(camera, name) for name in sigma}
+    result = {
+        "status": "calibrated", "images": images, "solved": fit.frames, "stars": fit.stars,
+        "residual_rms_px": fit.residual_rms, "fov_x_deg": field,
+        "camera": {"columns": camera.columns, "rows": camera.rows, **fitted},
+        "sigma": sigma, "covariance": fit.covariance.tolist(),
+    }  # fmt: skip
     lines = [
         f"{fit.frames} of {images} images, {fit.stars} stars, residual "
-        f"{fit.residual_rms:.3f} px; field {math.degrees(fit.camera.fov_x):.4f} deg"
+        f"{fit.residual_rms:.3f} px; field {field:.4f} deg"
     ]
-    for name, error in zip(calibration.UNKNOWNS, sigma, strict=True):
-        value = getattr(fit.camera, name)
-        lines.append(f"{name:16} {value:12.5g} " + (f"+- {error:.2g}" if error else "not fitted"))
-    return "\n".join(lines)
+    for name, value in fitted.items():
+        error = f"+- {sigma[name]:.2g}" if sigma[name] else "not fitted"
+        lines.append(f"{name:16} {value:12.5g} {error}")
+    return result, lines
 
 
 def _calibrate_table(options: argparse.Namespace) -> int:
@@ -280,22 +266,19 @@ def _calibrate_table(options: argparse.Namespace) -> int:
             )
         chosen = calibration.borne(tried)
         fit = calibration.fit_field(table, chosen.order, columns, rows, first)
+    unseen_by = [_unseen(table, unseen) for unseen in tried]
+    best = next(row for row, unseen in zip(unseen_by, tried, strict=True) if unseen is chosen)
     result = _fit_values(path, table, fit, first) | {
-        "chosen": _order(chosen.order),
-        "unseen_rms_px": math.sqrt(chosen.mean_square),
-        "unseen_rms_arcsec": _by_axis(table, chosen.rms),
-        "orders": [_unseen(table, unseen) for unseen in tried],
-    }
-    if options.out:
-        save_json(options.out, terminal.finite(result))
-    if options.camera:
-        terminal.save_camera(options.camera, fit.camera)
+        "chosen": {name: best[name] for name in ORDER}, "unseen_rms_px": best["unseen_rms_px"],
+        "unseen_rms_arcsec": best["unseen_rms_arcsec"], "orders": unseen_by,
+    }  # fmt: skip
+    _write(options, result, fit.camera)
     if options.size is None:
         terminal.print_message(
             f"startrack calibrate: no --size, so that an array of {columns} x {rows} pixels is "
             f"assumed, whose first pixel's centre is ({first[0]:g}, {first[1]:g}) in the table"
         )
-    terminal.print_result(options, result, _table_text(result, tried, chosen))
+    terminal.print_result(options, result, *_table_text(result, tried, chosen))
     return Exit.DONE
 
 
@@ -317,20 +300,19 @@ def _as_fitted(options: argparse.Namespace, path: Path) -> int:
             )
         fit = calibration.fit_attitude(table, camera, first)
     values = _fit_values(path, table, fit, first) | {"camera_file": str(options.fitted)}
-    if options.out:
-        save_json(options.out, terminal.finite(values))
-    terminal.print_result(options, values, _residual_text(values))
+    _write(options, values, None)
+    terminal.print_result(options, values, *_residual_text(values))
     return Exit.DONE
 
 
-def _residual_text(values: dict[str, Any]) -> str:
+def _residual_text(values: dict[str, Any]) -> list[str]:
     lines = [f"{values['stars']} stars, {values['outliers']} beyond {calibration.OUTLIER:g} sigma "
              f"left out; camera as given: residual {values['residual_rms_px']:.4f} px",
              f"{'residual, arcsec':20} {'rms':>9} {'median':>9} {'worst':>9}"]  # fmt: skip
     for axis, rms in values["residual_rms_arcsec"].items():
         middle, worst = (values[f"residual_{name}_arcsec"][axis] for name in ("median", "worst"))
         lines.append(f"{axis:20} {rms:9.3f} {middle:9.3f} {worst:9.3f}")
-    return "\n".join(lines)
+    return lines
 
 
 def _names(options: argparse.Namespace) -> calibration.Names:
@@ -351,11 +333,12 @@ def _array(
         if options.first_pixel is not None:
             raise ValueError("--first-pixel must come with --size")
         return calibration.assumed_array(table)
-    columns, rows = (_whole(number) for number in _pair(options.size, "--size"))
-    first = (
-        (0.0, 0.0) if options.first_pixel is None else _pair(options.first_pixel, "--first-pixel")
-    )
-    return columns, rows, first
+    size = _pair(options.size, "--size")
+    for number in size:
+        if not (number.is_integer() and 1 <= number <= 2**20):
+            raise ValueError(f"--size must be whole numbers from 1 to 1048576, got {number:g}")
+    first = _pair("0,0" if options.first_pixel is None else options.first_pixel, "--first-pixel")
+    return int(size[0]), int(size[1]), first
 
 
 def _pair(text: str, name: str) -> tuple[float, float]:
@@ -368,66 +351,39 @@ def _pair(text: str, name: str) -> tuple[float, float]:
     raise ValueError(f"{name} must be two numbers such as 1024,1024, got {text!r}")
 
 
-def _whole(number: float) -> int:
-    if not (number.is_integer() and 1 <= number <= 2**20):
-        raise ValueError(f"--size must be whole numbers from 1 to 1048576, got {number:g}")
-    return int(number)
-
-
 def _fit_values(
     path: Path, table: calibration.StarTable, fit: calibration.FieldFit, first: tuple[float, float]
 ) -> dict[str, Any]:
     camera, used = fit.camera, fit.used
+    if shown := camera.polynomial and asdict(camera.polynomial):
+        shown |= {f"{name}_k": shown.pop(name) for name in ("temperature", "reference")}
     angle = calibration.residuals(fit, table, first)[0][used]
     return {
-        "status": "calibrated",
-        "table": str(path),
-        "stars": len(table),
-        "rows_left_out": table.left_out,
-        "outliers": int((~used).sum()),
-        "columns_used": dict(table.columns),
-        "first_pixel": list(first),
-        "camera": {
-            "columns": camera.columns,
-            "rows": camera.rows,
-            "focal_length_px": camera.focal_length_px,
-            **{name: getattr(camera, name) for name in ("k1", "k2", "p1", "p2")},
-            "polynomial": camera.polynomial and _coefficients(camera.polynomial),
-        },
+        "status": "calibrated", "table": str(path), "stars": len(table),
+        "rows_left_out": table.left_out, "outliers": int((~used).sum()),
+        "columns_used": dict(table.columns), "first_pixel": list(first),
+        "camera": {name: getattr(camera, name) for name in PINHOLE} | {"polynomial": shown},
         "table_to_camera_xyzw": [float(x) for x in fit.attitude.as_quat(canonical=True)],
-        "fov_x_deg": math.degrees(camera.fov_x),
-        "names": list(fit.names),
+        "fov_x_deg": math.degrees(camera.fov_x), "names": list(fit.names),
         "sigma": dict(zip(fit.names, np.sqrt(fit.covariance.diagonal()).tolist(), strict=True)),
         "covariance": fit.covariance.tolist(),
         "residual_rms_px": float(_rms(fit.residual[used].ravel())),
         "residual_rms_arcsec": _by_axis(table, _rms(angle)),
         "residual_median_arcsec": _by_axis(table, np.median(np.abs(angle), axis=0)),
         "residual_worst_arcsec": _by_axis(table, np.abs(angle).max(axis=0)),
-    }
-
-
-def _coefficients(shown: FieldPolynomial) -> dict[str, Any]:
-    names = ("x", "y", "x_per_kelvin", "y_per_kelvin")
-    values = {name: list(getattr(shown, name)) for name in names}
-    return values | {"temperature_k": shown.temperature, "reference_k": shown.reference}
-
-
-def _order(order: calibration.Order) -> dict[str, Any]:
-    return {
-        "name": str(order), "distortion": order.model,
-        "temperature_terms": "linear" if order.warm else "none", "unknowns": order.unknowns,
     }  # fmt: skip
 
 
 def _unseen(table: calibration.StarTable, unseen: calibration.Unseen) -> dict[str, Any]:
+    order, rms = unseen.order, math.sqrt(unseen.mean_square)
     return {
-        **_order(unseen.order),
-        "unseen_rms_arcsec": _by_axis(table, unseen.rms),
-        "unseen_rms_px": math.sqrt(unseen.mean_square),
-        "unseen_rms_px_sigma": unseen.standard_error / (2 * math.sqrt(unseen.mean_square)),
+        "name": str(order), "distortion": order.model,
+        "temperature_terms": "linear" if order.warm else "none", "unknowns": order.unknowns,
+        "unseen_rms_arcsec": _by_axis(table, unseen.rms), "unseen_rms_px": rms,
+        "unseen_rms_px_sigma": unseen.standard_error / (2 * rms),
         "outliers": int((~unseen.inlier).sum()),
         "unseen_rms_arcsec_with_outliers": _by_axis(table, _rms(unseen.angle)),
-    }
+    }  # fmt: skip
 
 
 def _by_axis(table: calibration.StarTable, values: np.ndarray) -> dict[str, float]:
@@ -442,7 +398,7 @@ def _rms(values: np.ndarray) -> np.ndarray:
 
 def _table_text(
     result: dict[str, Any], tried: tuple[calibration.Unseen, ...], chosen: calibration.Unseen
-) -> str:
+) -> list[str]:
     camera = result["camera"]
     first, second = result["unseen_rms_arcsec"]
     lines = [
@@ -458,4 +414,4 @@ def _table_text(
         lines.append(
             f"{values['name']:44} {across:9.3f} {down:18.3f} {values['unseen_rms_px']:8.4f}{mark}"
         )
-    return "\n".join(lines)
+    return lines

@@ -5,18 +5,10 @@ import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager, suppress
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+from startrack.cli import terminal
 from startrack.cli.options import WrongUse, as_wrong_use
-from startrack.cli.terminal import (
-    example,
-    finite,
-    print_message,
-    print_result,
-    progress,
-    read_campaign,
-)
 from startrack.core import Refused
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
 from startrack.io import regular_file, save_json, save_text
@@ -25,15 +17,6 @@ from startrack.optimise import Ledger, Stage, TrialRunner
 from startrack.trial import require_fidelity
 
 LEDGER = "ledger.sqlite"
-
-
-class OpenCampaign(NamedTuple):
-    """A campaign on a design, the runner of its trials, and the folder for results."""
-
-    case: Case
-    campaign: Campaign
-    runner: TrialRunner
-    out: Path
 
 
 def open_workers(options: argparse.Namespace) -> AbstractContextManager[Executor]:
@@ -62,27 +45,31 @@ def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
 
 
 @contextmanager
-def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampaign]:
+def open_campaign(
+    options: argparse.Namespace, doing: str
+) -> Iterator[tuple[Case, Campaign, TrialRunner]]:
     """Read the campaign, check its variables, open workers and the ledger of the folder.
+
+    Yields the design in its scene, its campaign, and the runner of their trials.
 
     Workers import all while this process compiles the kernels, which each of them then reads from
     the cache. The ledger holds the results of an interrupted run, from which the same command
     continues.
     """
-    path, workers = options.campaign or example(), open_workers(options)
-    design, campaign = read_campaign(path, options.set)
+    path, workers = options.campaign or terminal.example(), open_workers(options)
+    design, campaign = terminal.read_campaign(path, options.set)
     with as_wrong_use(path=path):
         for branch in branches(design.case, campaign.choices):
             DesignSpace(branch.case, campaign.variables, campaign.links)
             require_campaign_fidelity(campaign, branch.case)
-    print_message(
+    terminal.print_message(
         f"{doing} {path.stem} with {options.workers} workers"
         + (f" of {options.scheduler}" if options.scheduler else "")
         + f"; results go to {options.out}"
     )
     with workers as executor:
-        if not options.scheduler:
-            for _ in range(options.workers if options.workers > 1 else 0):
+        if not options.scheduler and options.workers > 1:
+            for _ in range(options.workers):
                 executor.submit(_imported)
         # What no trial can do is refused before there is a ledger.
         for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
@@ -90,13 +77,13 @@ def open_campaign(options: argparse.Namespace, doing: str) -> Iterator[OpenCampa
                 warm(design.case, Sampling(fidelity))
         with Ledger(options.out / LEDGER) as ledger:
             runner = TrialRunner(options.seed, executor, options.workers, ledger)
-            yield OpenCampaign(design.case, campaign, runner, options.out)
+            yield design.case, campaign, runner
 
 
 @contextmanager
 def stages(title: str) -> Iterator[Callable[[Stage], None]]:
     """A bar of the stages of a search; yields what shows one."""
-    with progress(title, 100) as advance:
+    with terminal.progress(title, 100) as advance:
         done = 0.0
 
         def show(stage: Stage) -> None:
@@ -117,5 +104,5 @@ def write_study(
 ) -> None:
     """Write the table of a study as Markdown, its result as JSON, and print both."""
     save_text(options.out / f"{name}.md", table + "\n")
-    save_json(options.out / "result.json", finite(result))
-    print_result(options, result, f"{table}\n\n{ending}results are in {options.out}")
+    save_json(options.out / "result.json", terminal.finite(result))
+    terminal.print_result(options, result, f"{table}\n\n{ending}results are in {options.out}")

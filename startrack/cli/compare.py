@@ -66,13 +66,11 @@ def command(options: argparse.Namespace) -> int:
     statistics = differences(*tables, options.seed, (limits[0], limits[1]), paired)
     changed = _changed(to_table(first.case), to_table(second.case))
     result = {
-        "first": str(options.first),
-        "second": str(options.second),
-        "paired": paired,
+        "first": str(options.first), "second": str(options.second), "paired": paired,
         "trials": [*map(len, tables)],
         "parameters": {name: list(pair) for name, pair in changed.items()},
         "statistics": {difference.name: _row(difference).json()[0] for difference in statistics},
-    }
+    }  # fmt: skip
     trials = len(tables[0]), len(tables[1])
     print_result(options, result, *_text(options, changed, statistics, paired, trials))
     return Exit.DONE
@@ -152,12 +150,9 @@ def _row(difference: Found) -> Table:
 
 
 def _text(
-    options: argparse.Namespace,
-    changed: dict[str, tuple[str, str]],
-    statistics: list[Found],
-    paired: bool,
-    trials: tuple[int, int],
-) -> list[str]:
+    options: argparse.Namespace, changed: dict[str, tuple[str, str]], statistics: list[Found],
+    paired: bool, trials: tuple[int, int],
+) -> list[str]:  # fmt: skip
     rows = [["", str(options.first), str(options.second), "difference"]]
     rows += [[name, *pair, ""] for name, pair in changed.items()]
     rows += [_row(difference).cells[0] for difference in statistics]

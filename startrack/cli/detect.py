@@ -71,11 +71,9 @@ def _settings(options: argparse.Namespace) -> tuple[detection.Detection, Psf | N
         case = read_design(options.design, options.set).case
         settings, psf = case.tracker.detection, psf_of(case.instrument)
     given = {
-        "threshold": options.threshold,
-        "false_per_frame": options.false,
-        "kernel_sigma": options.sigma,
-        "centroid": options.centroid,
-    }
+        "threshold": options.threshold, "false_per_frame": options.false,
+        "kernel_sigma": options.sigma, "centroid": options.centroid,
+    }  # fmt: skip
     return replace(settings, **{k: v for k, v in given.items() if v is not None}), psf
 
 

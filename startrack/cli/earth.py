@@ -129,16 +129,12 @@ def geometry(options: argparse.Namespace) -> int:
             advance(strip.shape[0])
     height = maps["height"]
     result: dict[str, Any] = {
-        "scene": str(path),
-        "lines": lines,
-        "columns": columns,
-        "seen": float(maps["hit"].mean()),
+        "scene": str(path), "lines": lines, "columns": columns, "seen": float(maps["hit"].mean()),
         "shadow": _known(np.nanmean, maps["shadow"]),
         "height_m": [_known(np.nanmin, height), _known(np.nanmax, height)],
         "levels": sorted({int(level) for level in maps["level"][maps["hit"] > 0]}),
-        "png": str(options.out / "geometry.png"),
-        "netcdf": str(options.out / "geometry.nc"),
-    }
+        "png": str(options.out / "geometry.png"), "netcdf": str(options.out / "geometry.nc"),
+    }  # fmt: skip
     save_netcdf(options.out / "geometry.nc", maps, MAPS, ("line", "column"))
     draw_geometry(options.out / "geometry.png", maps, path.stem)
     print_result(options, result, *_text(result))
@@ -207,19 +203,14 @@ def _picture_values(
     largest = 2**channel.detector.bits - 1
     lines, columns = picture.numbers.shape
     return {
-        "channel": channel.name,
-        "lines": lines,
-        "columns": columns,
-        "period_s": setting.period,
-        "exposure_s": setting.exposure,
-        "smear_px": setting.smear,
-        "electrons_per_radiance": setting.electrons / um,
-        "surroundings": setting.surroundings,
+        "channel": channel.name, "lines": lines, "columns": columns, "period_s": setting.period,
+        "exposure_s": setting.exposure, "smear_px": setting.smear,
+        "electrons_per_radiance": setting.electrons / um, "surroundings": setting.surroundings,
         "seen": float(np.isfinite(picture.latitude).mean()),
         "number_mean": float(picture.numbers.mean()),
         "saturated": float((picture.numbers >= largest).mean()),
         "radiance": {name: float(term.mean()) for name, term in picture.terms._asdict().items()},
-    }
+    }  # fmt: skip
 
 
 def _lens_values(

@@ -160,17 +160,13 @@ def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict
     files = onboard.write_guide(options.out, guide)
     size = files[0].stat().st_size
     values = {
-        "stars": len(guide),
-        "triangles": len(guide.triangle),
-        "bytes": size,
-        "limit_mag": guide.limit,
-        "epoch": guide.epoch,
-        "field_deg": guide.field_of_view / deg,
+        "stars": len(guide), "triangles": len(guide.triangle), "bytes": size,
+        "limit_mag": guide.limit, "epoch": guide.epoch, "field_deg": guide.field_of_view / deg,
         "resolution_arcsec": guide.resolution / arcsec,
         "doubles": int((guide.flags & onboard.DOUBLE > 0).sum()),
         "variables": int((guide.flags & onboard.VARIABLE > 0).sum()),
         "files": [str(file) for file in files],
-    }
+    }  # fmt: skip
     text = (
         f"{_wrote(options, files)}\n{values['stars']} guide stars to {guide.limit:g} mag in the "
         f"band of the instrument, {values['triangles']} triangles, {size / 1000:.1f} kB\n"

@@ -134,13 +134,10 @@ def _measure(options: argparse.Namespace) -> int:
     )
     table, step = measured.psf.table, measured.psf.oversampling
     result = {
-        "stars": len(measured.x),
-        "oversampling": step,
-        "peak": float(table.max()),
+        "stars": len(measured.x), "oversampling": step, "peak": float(table.max()),
         "width_px": math.sqrt(float((table > table.max() / 2).sum()) * 4 / math.pi) / step,
-        "residual": measured.residual,
-        "psf": str(options.out),
-    }
+        "residual": measured.residual, "psf": str(options.out),
+    }  # fmt: skip
     text = (
         f"{result['stars']} stars: half of the peak over {result['width_px']:.2f} pixel, "
         f"{result['peak']:.3f} of the light in the brightest pixel, residual "
@@ -309,20 +306,15 @@ def summary(table: optics.LensTable) -> dict[str, Any]:
     with np.errstate(invalid="ignore"):
         distortion = np.where(ideal > 0, table.place[t, w] / np.where(ideal > 0, ideal, 1) - 1, 0)
     return {
-        "name": table.name,
-        "source": table.source,
-        "focal_length_mm": table.focal_length * 1e3,
-        "f_number": table.f_number,
-        "temperature_degc": (table.temperature - ZERO_CELSIUS).tolist(),
-        "wavelength_nm": (table.wavelength / nm).tolist(),
-        "terms": int(table.noll.max()),
-        "field_deg": (table.field / deg).tolist(),
-        "place_mm": (table.place[t, w] * 1e3).tolist(),
+        "name": table.name, "source": table.source, "focal_length_mm": table.focal_length * 1e3,
+        "f_number": table.f_number, "temperature_degc": (table.temperature - ZERO_CELSIUS).tolist(),
+        "wavelength_nm": (table.wavelength / nm).tolist(), "terms": int(table.noll.max()),
+        "field_deg": (table.field / deg).tolist(), "place_mm": (table.place[t, w] * 1e3).tolist(),
         "distortion_percent": (100 * distortion).tolist(),
         "lateral_colour_um": (np.ptp(table.place[t], axis=0) / um).tolist(),
         "wavefront_rms_waves": (wavefront / table.wavelength[w]).tolist(),
         "illumination": (table.area[t, w] / table.area[t, w, 0]).tolist(),
-    }
+    }  # fmt: skip
 
 
 def images_summary(psfs: optics.PsfFile) -> dict[str, Any]:
@@ -332,16 +324,11 @@ def images_summary(psfs: optics.PsfFile) -> dict[str, Any]:
     half = psfs.image / psfs.image.max(axis=(2, 3), keepdims=True) > 0.5
     width = np.sqrt(half.sum(axis=(2, 3)) * 4 / math.pi) * size
     return {
-        "source": psfs.source,
-        "unit": "pixel" if unit == 1.0 else "um",
-        "spacing": size,
-        "samples": psfs.image.shape[-1],
-        "pixel_included": psfs.pixel,
-        "energy": psfs.energy,
+        "source": psfs.source, "unit": "pixel" if unit == 1.0 else "um", "spacing": size,
+        "samples": psfs.image.shape[-1], "pixel_included": psfs.pixel, "energy": psfs.energy,
         "wavelength_nm": (psfs.wavelength / nm).tolist() if psfs.varies else [],
-        "field_deg": (psfs.angle / deg).tolist(),
-        "width": width.tolist(),
-    }
+        "field_deg": (psfs.angle / deg).tolist(), "width": width.tolist(),
+    }  # fmt: skip
 
 
 def _images_text(result: dict[str, Any]) -> str:
@@ -362,13 +349,12 @@ def _images_text(result: dict[str, Any]) -> str:
 def _text(result: dict[str, Any]) -> str:
     waves, degrees = result["wavelength_nm"], result["temperature_degc"]
     columns = {
-        "field deg": ("field_deg", ".3f"),
-        "place mm": ("place_mm", ".4f"),
+        "field deg": ("field_deg", ".3f"), "place mm": ("place_mm", ".4f"),
         "distortion %": ("distortion_percent", ".3f"),
         "lateral colour um": ("lateral_colour_um", ".2f"),
         "wavefront waves rms": ("wavefront_rms_waves", ".3f"),
         "illumination": ("illumination", ".4f"),
-    }
+    }  # fmt: skip
     cells = [[format(value, form) for value in result[key]] for key, form in columns.values()]
     lines = [
         f"{result['name']}: {result['focal_length_mm']:.3f} mm, f/{result['f_number']:.3g} "

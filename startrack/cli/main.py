@@ -164,13 +164,9 @@ def _compiled_beside(options: argparse.Namespace) -> AbstractContextManager[None
 
 
 def _print_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
+    message: Warning | str, category: type[Warning], filename: str, lineno: int,
+    file: TextIO | None = None, line: str | None = None,
+) -> None:  # fmt: skip
     """Print a warning as one line, without the line of code that raised it."""
     print(f"startrack: {stopping.one_line(message)}", file=sys.stderr)
 

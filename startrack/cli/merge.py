@@ -61,11 +61,9 @@ def _stores(options: argparse.Namespace, parts: list[Path], advance: Any) -> int
     for first, end in merged.repeated:
         print_message(f"trials {first} to {end - 1} are in several parts, with equal outcomes")
     result = {
-        "merged": str(options.out),
-        "parts": len(parts),
-        "trials": merged.trials,
+        "merged": str(options.out), "parts": len(parts), "trials": merged.trials,
         "repeated": [list(numbers) for numbers in merged.repeated],
-    }
+    }  # fmt: skip
     print_result(options, result, f"{options.out}: {merged.trials} trials of {len(parts)} parts")
     return Exit.DONE
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass
 from datetime import UTC, timedelta
 from itertools import combinations
 from pathlib import Path
@@ -17,10 +16,11 @@ if wanted(__name__):
     import numpy as np
 
     from startrack import metrics, mission, report
+    from startrack.cli import terminal
     from startrack.cli.simulate import draw_record
-    from startrack.cli.terminal import finite, pointing_text, print_result, progress, quaternion
-    from startrack.core import Refused, Rows, Streams, arcsec, deg, utc
-    from startrack.io import celestial, save_json, save_text, shipped, write_fits
+    from startrack.cli.terminal import attitude_values, finite, print_result, progress
+    from startrack.core import Floats, Refused, Rows, Streams, arcsec, deg, utc
+    from startrack.io import save_json, save_text, shipped, write_fits
     from startrack.metrics import ARCSEC, Column, Unit
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_mission, draw_placement
@@ -83,24 +83,22 @@ def command(options: argparse.Namespace) -> int:
             plan = mission.plan_of(loaded, advance=advance)
         time = loaded.mission.time
         if options.frame is not None:
-            if options.frame > time.duration:
-                raise WrongUse(
-                    f"--frame must be at most {time.duration:g} s, got {options.frame:g}"
-                )
+            if (second := options.frame) > time.duration:
+                raise WrongUse(f"--frame must be at most {time.duration:g} s, got {second:g}")
             return _render(options, path, plan)
         if options.heads or options.baffle:
             return _trade(options, path, plan)
         with progress("trials and steps", loaded.mission.check.trials + time.steps) as advance:
             plan, checks, flown = mission.flown_from(plan, options.out / STORE, advance)
+    flight = report.Flight(plan, checks, flown, mission.availability_of(flown))
     if options.place:
-        return _place(options, path, plan, flown, checks)
+        return _place(options, path, flight)
     with as_wrong_use(ValueError, ImportError):
-        result, text, met = _written(_job(options, path, options.out), plan, checks, flown)
+        result, text = _written(options, path, options.out, flight)
         if options.units:
             with progress("steps of units", time.steps) as advance:
                 fleet = mission.fly_units(plan, options.units, options.seed, advance)
             result["units"] = _fleet_values(plan, fleet)
-            save_json(options.out / "summary.json", finite(result))
             text += "\n" + _fleet_text(plan, fleet)
         if options.frames:
             fidelity = loaded.mission.check.fidelity
@@ -108,25 +106,11 @@ def command(options: argparse.Namespace) -> int:
                 table = mission.frames_of(plan, options.frames, options.seed, fidelity, advance)
             export(options.out / "frames.csv", table)
             result["frames"], lines = _frames(plan, table)
-            save_json(options.out / "summary.json", finite(result))
             text = "\n".join([text, *lines])
+        if options.units or options.frames:
+            save_json(options.out / "summary.json", finite(result))
     print_result(options, result, text)
-    return Exit.DONE if met else Exit.UNSOLVED
-
-
-@dataclass(frozen=True)
-class Job:
-    """What is written for a mission: its file, the folder, rows of the timeline, SPICE kernels."""
-
-    path: Path
-    out: Path
-    every: int | None
-    table: str
-    spice: bool
-
-
-def _job(options: argparse.Namespace, path: Path, out: Path) -> Job:
-    return Job(Path(path), out, options.every, options.table, options.spice)
+    return Exit.DONE if flight.met else Exit.UNSOLVED
 
 
 def _several(options: argparse.Namespace, paths: list[Path]) -> int:
@@ -140,17 +124,16 @@ def _several(options: argparse.Namespace, paths: list[Path]) -> int:
         )
     met = True
     with as_wrong_use(ValueError, ImportError, OSError):
-        jobs = [
-            (
-                mission.load_mission(path, options.set),
-                _job(options, path, (options.out / path.stem).resolve()),
-            )
-            for path in paths
-        ]
-        workers = min(options.workers, len(jobs))
+        missions = [mission.load_mission(path, options.set) for path in paths]
+        workers = min(options.workers, len(paths))
         made = cluster(options.scheduler) if options.scheduler else pool(workers)
-        with made as executor, progress("missions", len(jobs)) as advance:
-            running = [executor.submit(fly_whole, *job) for job in jobs]
+        with made as executor, progress("missions", len(paths)) as advance:
+            running = [
+                executor.submit(
+                    fly_whole, options, path, (options.out / path.stem).resolve(), loaded
+                )
+                for path, loaded in zip(paths, missions, strict=True)
+            ]
             for job in running:
                 result, text, good = job.result()
                 print_result(options, result, f"{result['mission']}\n{text}\n")
@@ -159,35 +142,40 @@ def _several(options: argparse.Namespace, paths: list[Path]) -> int:
     return Exit.DONE if met else Exit.UNSOLVED
 
 
-def fly_whole(loaded: mission.Loaded, job: Job) -> tuple[dict[str, Any], str, bool]:
+def fly_whole(
+    options: argparse.Namespace, path: Path, out: Path, loaded: mission.Loaded
+) -> tuple[dict[str, Any], str, bool]:
     """Plan, check and fly a mission, write its files; values, text, and whether all is met."""
-    plan, checks, flown = mission.flown_from(mission.plan_of(loaded), job.out / STORE)
-    return _written(job, plan, checks, flown)
+    plan, checks, flown = mission.flown_from(mission.plan_of(loaded), out / STORE)
+    flight = report.Flight(plan, checks, flown, mission.availability_of(flown))
+    return *_written(options, path, out, flight), flight.met
 
 
 def _written(
-    job: Job, plan: mission.Plan, checks: tuple[mission.Checked, ...], flown: mission.Flown
-) -> tuple[dict[str, Any], str, bool]:
-    """Write the files of a mission that was flown; values, text, and whether all is met."""
-    available = mission.availability_of(flown)
-    steps = plan.loaded.mission.time.steps
-    every = job.every or -(-steps // ROWS)
+    options: argparse.Namespace, path: Path, out: Path, flight: report.Flight
+) -> tuple[dict[str, Any], str]:
+    """Write the files of a mission that was flown; values and text."""
+    steps = flight.plan.loaded.mission.time.steps
+    every = options.every or -(-steps // ROWS)
     with progress("rows", -(-steps // every)) as advance:
-        table = mission.timeline(plan, every, advance)
-    if job.table == "netcdf":
-        mission.save_timeline(job.out / "timeline.nc", table)
+        table = mission.timeline(flight.plan, every, advance)
+    if options.table == "netcdf":
+        mission.save_timeline(out / "timeline.nc", table)
     else:
-        export(job.out / f"timeline.{job.table}", table)
-    if job.spice:
-        mission.write_kernels(plan, every, job.out / "orbit.bsp", job.out / "attitude.bc")
-    result = {
-        "mission": str(job.path), **_values(plan, flown, available),
-        "check": report.checks_table(plan, checks).json(), "out": str(job.out),
-    }  # fmt: skip
-    save_json(job.out / "summary.json", finite(result))
-    _draw(job.out, plan, flown, available, checks, job.path.stem)
-    text = "\n".join([_text(plan, flown, available), *_check_lines(plan, checks)])
-    return result, text, all(verdict.met for verdict in _verdicts(plan, flown, available))
+        export(out / f"timeline.{options.table}", table)
+    if options.spice:
+        mission.write_kernels(flight.plan, every, out / "orbit.bsp", out / "attitude.bc")
+    check = report.checks_table(flight).json()
+    result = {"mission": str(path), **_values(flight), "check": check, "out": str(out)}
+    save_json(out / "summary.json", finite(result))
+    _draw(out, flight, path.stem)
+    return result, "\n".join([*_text(flight), *_check_lines(flight)])
+
+
+def _check_lines(flight: report.Flight) -> list[str]:
+    if not flight.checks:
+        return ["errors are not checked by trials (--set check.trials=200)"]
+    return [f"{report.CHECKED}:", *report.checks_table(flight).text()]
 
 
 def _render(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
@@ -208,34 +196,27 @@ def _render(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
         write_fits(fits, record.frame, camera, attitude, record.stars, history, begun)
         causes = [str(cause.name).lower() for cause in mission.Blind if scene.blind & cause]
         state = f"blind by {', '.join(causes)}" if causes else "valid"
-        title = f"{head.name} at {options.frame:g} s, {state}; {pointing_text(attitude, 3, 1)}"
+        title = (
+            f"{head.name} at {options.frame:g} s, {state}; {terminal.pointing_text(attitude, 3, 1)}"
+        )
         draw_record(png, scene.case, record, title)
         error = math.hypot(outcome.error_x, outcome.error_y)
         good = bool(outcome.solved and not outcome.false)
         solved &= good
-        ra, dec, roll = celestial(attitude)
         result = {
             "mission": str(path), "second": options.frame, "head": head.name,
             "blind_by": causes, "fits": str(fits), "png": str(png),
-            "icrs_to_camera_xyzw": quaternion(attitude),
-            "ra_deg": ra, "dec_deg": dec, "roll_deg": roll, "solved": good,
+            **attitude_values(attitude), "solved": good,
             "stars": outcome.stars, "error_across_arcsec": error / arcsec,
             "error_about_arcsec": outcome.error_z / arcsec,
             "expected_across_rms_arcsec": scene.across / arcsec,
             "expected_about_rms_arcsec": scene.about / arcsec,
         }  # fmt: skip
-        seen = (
-            f"{outcome.stars} stars matched; error across {error / arcsec:.2f}, about "
-            f"{outcome.error_z / arcsec:.2f} arcsec"
-            if good
-            else "no attitude"
-        )
-        print_result(
-            options,
-            result,
-            f"{title}\n  {seen} (expected rms per axis {scene.across / arcsec:.2f}, "
-            f"{scene.about / arcsec:.2f}); wrote {fits} and {png}",
-        )
+        seen = f"{outcome.stars} stars matched; error across {error / arcsec:.2f}, about "
+        seen = f"{seen}{outcome.error_z / arcsec:.2f} arcsec" if good else "no attitude"
+        text = f"{title}\n  {seen} (expected rms per axis {scene.across / arcsec:.2f}, "
+        text += f"{scene.about / arcsec:.2f}); wrote {fits} and {png}"
+        print_result(options, result, text)
     return Exit.DONE if solved else Exit.UNSOLVED
 
 
@@ -278,166 +259,119 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     return Exit.DONE if any(trade.met for trade in traded) else Exit.UNSOLVED
 
 
-def _place(
-    options: argparse.Namespace,
-    path: Path,
-    plan: mission.Plan,
-    before: mission.Flown,
-    checks: tuple[mission.Checked, ...],
-) -> int:
+def _place(options: argparse.Namespace, path: Path, before: report.Flight) -> int:
     """Search for mountings, and print the whole mission with the file's and with the best."""
+    plan = before.plan
     with progress("mountings", 5000) as advance:
         placement = mission.place(plan, advance)
         better = mission.moved_plan(plan, placement.mission)
         mapped = mission.map_of(better, 0)
     with progress("steps", plan.loaded.mission.time.steps) as advance:
-        after = mission.fly(better, advance)
-    pairs = {"before": (plan, before), "after": (better, after)}
-    available = {name: mission.availability_of(flown) for name, (_, flown) in pairs.items()}
-    heads = [head.name for head in plan.heads]
-    angles = {
-        name: [mission.angles_of(head.boresight) for head in flown_plan.heads]
-        for name, (flown_plan, _) in pairs.items()
-    }
-    result: dict[str, Any] = {
-        "mission": str(path),
-        "evaluations": placement.evaluations,
-        "ending": placement.ending,
-        "mountings": [
-            {"name": name, "azimuth_deg": azimuth / deg, "elevation_deg": elevation / deg}
-            for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True)
+        flown = mission.fly(better, advance)
+    after = report.Flight(better, before.checks, flown, mission.availability_of(flown))
+    old, new = (
+        [mission.angles_of(head.boresight) for head in placed.heads] for placed in (plan, better)
+    )
+    table = metrics.Table(
+        [
+            Column("name", "", lambda h: plan.heads[h].name),
+            Column("azimuth_deg", "", lambda h: new[h][0] / deg),
+            Column("elevation_deg", "", lambda h: new[h][1] / deg),
         ],
-        **{
-            name: _values(flown_plan, flown, available[name])
-            for name, (flown_plan, flown) in pairs.items()
-        },
-        "check": report.checks_table(plan, checks).json(),
-        "out": str(options.out),
-    }
+        range(len(plan.heads)),
+    )
+    mountings = table.json()
+    result: dict[str, Any] = {
+        "mission": str(path), "evaluations": placement.evaluations, "ending": placement.ending,
+        "mountings": mountings, "before": _values(before), "after": _values(after),
+        "check": report.checks_table(before).json(), "out": str(options.out),
+    }  # fmt: skip
     mission.save_mission(
         options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew"
     )
-    placed = options.out / "placement.png"
-    draw_placement(
-        placed, mapped, angles["before"], angles["after"],
-        plan.loaded.mission.keep_out, f"{path.stem}: directions of {heads[0]}",
-    )  # fmt: skip
+    picture, title = options.out / "placement.png", f"directions of {plan.heads[0].name}"
+    clear = plan.loaded.mission.keep_out
+    draw_placement(picture, mapped, old, new, clear, f"{path.stem}: {title}")
     save_json(options.out / "summary.json", finite(result))
-    _draw(options.out, better, after, available["after"], checks, f"{path.stem}, placed", placed)
+    _draw(options.out, after, f"{path.stem}, placed", picture)
     lines = [f"{placement.evaluations} mountings, {placement.ending}"]
-    for name, (azimuth, elevation) in zip(heads, angles["after"], strict=True):
-        lines.append(f"{name}: azimuth {azimuth / deg:.1f}, elevation {elevation / deg:.1f} deg")
-    text = "\n".join(
-        ["before", _text(plan, before, available["before"]), "", *lines, "", "after",
-         _text(better, after, available["after"]), *_check_lines(better, checks)]
-    )  # fmt: skip
-    print_result(options, result, text)
-    met = all(verdict.met for verdict in _verdicts(better, after, available["after"]))
-    return Exit.DONE if met else Exit.UNSOLVED
+    lines += [
+        "{name}: azimuth {azimuth_deg:.1f}, elevation {elevation_deg:.1f} deg".format(**mounting)
+        for mounting in mountings
+    ]
+    text = [
+        "before", *_text(before), "", *lines, "", "after", *_text(after), *_check_lines(after),
+    ]  # fmt: skip
+    print_result(options, result, *text)
+    return Exit.DONE if after.met else Exit.UNSOLVED
 
 
-def _draw(
-    out: Path,
-    plan: mission.Plan,
-    flown: mission.Flown,
-    available: mission.Availability,
-    checks: tuple[mission.Checked, ...],
-    title: str,
-    *more: Path,
-) -> None:
-    """Write mission.png, beta.png, and report.html with them and more pictures."""
+def _draw(out: Path, flight: report.Flight, title: str, placed: Path | None = None) -> None:
+    """Write mission.png, beta.png, and report.html with them and the picture of a placement."""
+    plan, _, flown, available = flight
     overview, beta = out / "mission.png", out / "beta.png"
     draw_mission(overview, plan, flown, available, title)
     draw_beta(beta, plan, flown, title)
     pictures = [
         ("Blind time, valid heads and error over the mission", overview),
         ("Availability and error over the beta angle and the orbit", beta),
-        *(
-            ("Blind time over the directions of a head, and its mountings", picture)
-            for picture in more
-        ),
     ]
-    met = _verdicts(plan, flown, available)
-    text = report.write_mission_report(plan, flown, available, met, checks, pictures, title)
-    save_text(out / "report.html", text)
+    if placed:
+        pictures.append(("Blind time over the directions of a head, and its mountings", placed))
+    save_text(out / "report.html", report.write_mission_report(flight, pictures, title))
 
 
-def _check_lines(plan: mission.Plan, checks: tuple[mission.Checked, ...]) -> list[str]:
-    if not checks:
-        return ["errors are not checked by trials (--set check.trials=200)"]
-    return [f"{report.CHECKED}:", *report.checks_table(plan, checks).text()]
-
-
-def _verdicts(
-    plan: mission.Plan, flown: mission.Flown, available: mission.Availability
-) -> list[mission.Verdict]:
-    return mission.verdicts(plan.loaded.mission.requirements, available, float(flown.rms.max()))
-
-
-def _values(
-    plan: mission.Plan, flown: mission.Flown, available: mission.Availability
-) -> dict[str, Any]:
-    time = plan.loaded.mission.time
+def _values(flight: report.Flight) -> dict[str, Any]:
+    plan, _, flown, available = flight
+    time, none = plan.loaded.mission.time, available.none
     return {
-        "begin_utc": time.begin,
-        "duration_s": time.duration,
-        "step_s": time.step,
-        "steps": time.steps,
-        "eclipse": float(flown.eclipse.mean()),
+        "begin_utc": time.begin, "duration_s": time.duration, "step_s": time.step,
+        "steps": time.steps, "eclipse": float(flown.eclipse.mean()),
         "availability": {
-            "exactly": [float(fraction) for fraction in available.known],
-            "valid": [float(fraction) for fraction in available.heads],
+            "exactly": available.known.tolist(), "valid": available.heads.tolist(),
             "at_least": [available.at_least(k) for k in range(len(available.heads))],
         },
         "no_valid_head": {
-            "longest_s": available.none.longest,
-            "times": len(available.none.length),
-            "histogram_edges_s": list(mission.EDGES[:-1]),
-            "histogram": [int(count) for count in available.none.histogram()],
-            "worst": report.spells_table(available.none).json(),
+            "longest_s": none.longest, "times": len(none.length),
+            "histogram_edges_s": list(mission.EDGES[:-1]), "histogram": none.histogram().tolist(),
+            "worst": report.spells_table(none).json(),
         },
-        "heads": [_head_values(plan, flown, available, h) for h in range(len(plan.heads))],
-        "requirements": report.verdict_table(_verdicts(plan, flown, available)).json(),
+        "heads": [_head_values(flight, h) for h in range(len(plan.heads))],
+        "requirements": report.verdict_table(flight.verdicts).json(),
         "by_beta": report.beta_table(flown).json(),
-        "left_out": _left_out(plan),
-        "radiation": _radiation(plan),
-        "fused_rms_arcsec": [float(rms / arcsec) for rms in flown.rms],
+        "left_out": _left_out(plan), "radiation": _radiation(plan),
+        "fused_rms_arcsec": (flown.rms / arcsec).tolist(),
         "worst_moments": [
             {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
         ],
-    }
+    }  # fmt: skip
 
 
-def _head_values(
-    plan: mission.Plan, flown: mission.Flown, available: mission.Availability, h: int
-) -> dict[str, Any]:
-    head, total = plan.heads[h], flown.head_sum[h]
+def _head_values(flight: report.Flight, h: int) -> dict[str, Any]:
+    plan, _, flown, available = flight
+    head, total, blind = plan.heads[h], flown.head_sum[h], available.each[h]
     across, about = np.sqrt(total[1:3] / max(total[0], 1))
     again = mission.reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
+    bodies = ("sun", "moon", "earth", "ground")
     return {
-        "name": head.name,
-        "boresight_in_body": [float(component) for component in head.boresight],
-        "exclusion_deg": {
-            name: getattr(head.limits, name) / deg for name in ("sun", "moon", "earth", "ground")
-        },
+        "name": head.name, "boresight_in_body": np.asarray(head.boresight, float).tolist(),
+        "exclusion_deg": {name: getattr(head.limits, name) / deg for name in bodies},
         "valid": float(available.alone[h]),
         "blind_by": {
             str(cause.name).lower(): float(available.causes[cause][h]) for cause in mission.Blind
         },
-        "across_rms_arcsec": float(across / arcsec),
-        "about_rms_arcsec": float(about / arcsec),
+        "across_rms_arcsec": float(across / arcsec), "about_rms_arcsec": float(about / arcsec),
         "solved": float(total[3] / max(total[0], 1)),
-        "longest_blind_s": available.each[h].longest,
-        "times_blind": len(available.each[h].length),
-        "blind_histogram": [int(count) for count in available.each[h].histogram()],
+        "longest_blind_s": blind.longest, "times_blind": len(blind.length),
+        "blind_histogram": blind.histogram().tolist(),
         "reacquisition_s": {"times": again.times, "mean": again.mean, "p99": again.level},
-        "closest_deg": {
-            name: float(flown.closest[h, k] / deg) for k, name in enumerate(("sun", "moon", "limb"))
-        },
+        "closest_deg": dict(
+            zip(("sun", "moon", "limb"), (flown.closest[h] / deg).tolist(), strict=True)
+        ),
         "planets_in_field_s": dict(zip(mission.PLANETS, map(float, flown.planets[h]), strict=True)),
-        "largest_rate_deg_s": {
-            "across": float(flown.rate[h, 0] / deg), "about": float(flown.rate[h, 1] / deg)
-        },
+        "largest_rate_deg_s": dict(
+            zip(("across", "about"), (flown.rate[h] / deg).tolist(), strict=True)
+        ),
     }  # fmt: skip
 
 
@@ -491,7 +425,11 @@ def _frames(plan: mission.Plan, table: Rows) -> tuple[dict[str, Any], list[str]]
 
 
 def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
-    heat = fleet.heat
+    heat, high = fleet.heat, np.quantile(fleet.heads, 0.95, axis=0) / arcsec
+
+    def ends(kelvin: Floats) -> list[float] | None:
+        return [float(kelvin.min()), float(kelvin.max())]
+
     return {
         "spacecraft": len(fleet.rms),
         "level_95_arcsec": metrics.bounds_json(fleet.level(), ARCSEC),
@@ -499,17 +437,14 @@ def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
         "rms_arcsec": (fleet.rms / arcsec).tolist(),
         "heads": [
             {
-                "name": head.name,
-                "across_level_95_arcsec": float(np.quantile(fleet.heads[:, h, 0], 0.95) / arcsec),
-                "about_level_95_arcsec": float(np.quantile(fleet.heads[:, h, 1], 0.95) / arcsec),
+                "name": head.name, "across_level_95_arcsec": float(high[h, 0]),
+                "about_level_95_arcsec": float(high[h, 1]),
                 "swing_rms_arcsec": (fleet.swing[h] / arcsec).tolist(),
-                "kelvin": [float(heat.heads[h].min()), float(heat.heads[h].max())]
-                if heat else None,
+                "kelvin": ends(heat.heads[h]) if heat else None,
             }
             for h, head in enumerate(plan.heads)
         ],
-        "platform_kelvin": [float(heat.platform.min()), float(heat.platform.max())]
-        if heat else None,
+        "platform_kelvin": ends(heat.platform) if heat else None,
     }  # fmt: skip
 
 
@@ -554,21 +489,21 @@ def _radiation(plan: mission.Plan) -> list[dict[str, Any]]:
 
 def _left_out(plan: mission.Plan) -> list[str]:
     """What availability and errors do not know of the mission."""
-    if plan.loaded.mission.radiation.hits is None:
-        return []
-    return [
+    text = (
         "hits of protons and electrons (radiation.hits), in the availability and the errors; "
         "rendered frames have them (--frames)"
-    ]
+    )
+    return [] if plan.loaded.mission.radiation.hits is None else [text]
 
 
-def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availability) -> str:
+def _text(flight: report.Flight) -> list[str]:
+    plan, _, flown, available = flight
     time = plan.loaded.mission.time
     lines = [
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",
         "blind, % of the time; rms error while valid:",
-        *report.heads_table(plan, flown, available).text(),
+        *report.heads_table(flight).text(),
     ]
     for count in range(len(plan.heads), 0, -1):
         words = f"at least {count} head{'s' if count > 1 else ''}"
@@ -582,9 +517,8 @@ def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availabil
         mission.reacquisition_of(design.case, chances)
         for design, chances in zip(plan.loaded.designs, flown.chances, strict=True)
     ]
-    if any(spell.times for spell in again):
+    if times := sum(spell.times for spell in again):
         level = max(spell.level for spell in again if spell.times)
-        times = sum(spell.times for spell in again)
         lines.append(
             f"reacquired after a blinding: {times} times, 99 % within "
             f"{level:.3g} s (frames and read-out, without computing time)"
@@ -607,6 +541,6 @@ def _text(plan: mission.Plan, flown: mission.Flown, available: mission.Availabil
         for row in _radiation(plan)
     ]
     lines += [f"left out: {reason}" for reason in _left_out(plan)]
-    if met := _verdicts(plan, flown, available):
+    if met := flight.verdicts:
         lines += report.verdict_table(met).text((0, 3))
-    return "\n".join(lines)
+    return lines

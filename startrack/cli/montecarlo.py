@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from startrack.cli import options as shared
 from startrack.cli.options import Exit, Option, Options, fidelity, positive, wanted, whole
@@ -23,15 +23,17 @@ if wanted(__name__):
     from startrack.cli.campaign import open_workers
     from startrack.cli.merge import sketch_rows
     from startrack.cli.units import require_units, trials_of
-    from startrack.core import Rows, arcsec, parse
+    from startrack.core import Floats, Rows, arcsec, parse
     from startrack.design import Case, Design, Fidelity, Requirements
     from startrack.io import save_json
-    from startrack.metrics import ARCSEC, Row
+    from startrack.metrics import ARCSEC, Limits, Row
+    from startrack.montecarlo import Endings, Precision, Sampling
     from startrack.plots import draw_errors
     from startrack.population import Units
     from startrack.trial import OUTCOMES, require_fidelity
     from startrack.verification import cases, claims_of, counted
 
+Workers = AbstractContextManager[Executor]
 STORE = "campaign.sqlite"
 SHOWN = 0.95  # confidence of the intervals of a summary
 HALL = "Hall's transformation of Student's t, for skew squares"
@@ -88,14 +90,6 @@ declare = Options(
 )  # fmt: skip
 
 
-class Trials(NamedTuple):
-    """The trials of a campaign, blocks of trials that failed, and trials per second."""
-
-    outcomes: Rows
-    failures: list[tuple[range, str]]
-    rate: float
-
-
 def command(options: argparse.Namespace) -> int:
     """Print the summary; with --out, write trials.csv, errors.png and summary.json.
 
@@ -107,8 +101,8 @@ def command(options: argparse.Namespace) -> int:
     case, campaign = design.case, design.campaign
     needs = campaign.requirements if campaign else None
     limits = needs.limits if needs else metrics.STATED_ALONE
-    precision = (
-        None if options.precision is None else _precision(options, options.precision, limits)
+    watched = Precision(
+        options.precision or UNREACHED, options.statistic, options.confidence, options.sobol, limits
     )
     sampling = _sampling(options, case)
     _refuse_parts(options)
@@ -123,8 +117,8 @@ def command(options: argparse.Namespace) -> int:
     if options.sketch:
         return _sketch(options, case, sampling, limits, workers)
     where: Path | None = options.store or (options.out / STORE if options.out else None)
-    trials = _run(options, design, sampling, where, limits, precision, workers)
-    outcomes = judged = trials.outcomes
+    outcomes, failures, rate = _run(options, design, sampling, where, watched, workers)
+    judged = outcomes
     attitudes = sampling.attitudes_of(options.seed, outcomes["trial"].tolist())
     ends = montecarlo.endings(
         case, options.seed, outcomes, attitudes, limits, needs.min_keep_out if needs else None
@@ -134,11 +128,19 @@ def command(options: argparse.Namespace) -> int:
     summary = metrics.summarise(judged, limits)
     shown, verdicts = dict[str, Any](), list[str]()
     if needs and needs.accuracy:
+        attitudes_judged = sampling.attitudes_of(options.seed, judged["trial"].tolist())
+        boresight = attitudes_judged.inv().apply([0.0, 0.0, 1.0])
+        summary, shown["required"], verdicts = _required(needs, judged, boresight, summary)
         others = [*(condition.name for condition in conditions[1:]), *refused]
-        summary, shown, verdicts = _required(needs, judged, sampling, options.seed, others, summary)
+        shown["conditions_not_run"] = others
+        if others:
+            verdicts.append(
+                "this is the design's own condition alone; `startrack verify` also judges: "
+                + "; ".join(others)
+            )
     rows = metrics.summary_rows(summary, limits)
     result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
-    result |= metrics.to_json(rows) | {"trials_per_s": trials.rate} | shown
+    result |= metrics.to_json(rows) | {"trials_per_s": rate} | shown
     asked = f"{summary.doubt}; `startrack budget` names what the tracker does not know"
     text = [*([asked] if summary.doubt else []), *metrics.to_lines(rows), *verdicts]
     if sampling.units:
@@ -148,13 +150,13 @@ def command(options: argparse.Namespace) -> int:
     else:
         text.append(noise_only(case))
     result["noise_only"] = not sampling.units
-    text.append(f"{trials.rate:.1f} trials/s, seed {options.seed}")
-    more, lines = _details(options, sampling, outcomes, ends, precision)
+    text.append(f"{rate:.1f} trials/s, seed {options.seed}")
+    more, lines = _details(options, outcomes, ends, watched)
     result |= more
     text += lines
-    if trials.failures:
-        result["failed_trials"] = sum(len(numbers) for numbers, _ in trials.failures)
-        last = montecarlo.last_words(trials.failures[-1][1])
+    if failures:
+        result["failed_trials"] = sum(len(numbers) for numbers, _ in failures)
+        last = montecarlo.last_words(failures[-1][1])
         terminal.print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     if where:
         result["store"] = str(where)
@@ -164,16 +166,11 @@ def command(options: argparse.Namespace) -> int:
         save_json(options.out / "summary.json", terminal.finite(result))
         result["out"] = str(options.out)
     terminal.print_result(options, result, *text)
-    solved = summary.availability.value == 1 and not trials.failures
-    return Exit.DONE if solved else Exit.UNSOLVED
+    return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
 
 
 def _save_table(
-    options: argparse.Namespace,
-    case: Case,
-    outcomes: Rows,
-    attitudes: Rotation,
-    ends: montecarlo.Endings,
+    options: argparse.Namespace, case: Case, outcomes: Rows, attitudes: Rotation, ends: Endings
 ) -> None:
     """Write the table of the trials to --table and to the folder of --out."""
     paths: list[Path | None] = [options.table, options.out and options.out / "trials.csv"]
@@ -185,16 +182,14 @@ def _save_table(
 
 
 def _run(
-    options: argparse.Namespace,
-    design: Design,
-    sampling: montecarlo.Sampling,
-    where: Path | None,
-    limits: metrics.Limits,
-    precision: montecarlo.Precision | None,
-    workers: AbstractContextManager[Executor],
-) -> Trials:
-    """Run the trials that the store does not hold yet."""
-    began = time.perf_counter()
+    options: argparse.Namespace, design: Design, sampling: Sampling, where: Path | None,
+    watched: Precision, workers: Workers,
+) -> tuple[Rows, list[tuple[range, str]], float]:  # fmt: skip
+    """Run the trials that the store does not hold yet.
+
+    Returns  all trials, blocks of trials that failed, and trials per second
+    """
+    began, precision = time.perf_counter(), watched if options.precision else None
     numbers = range(options.first, options.first + options.trials)
     with shared.as_wrong_use():
         opened = montecarlo.Store(where, design.case, options.seed, sampling)
@@ -205,7 +200,6 @@ def _run(
         )
         if before:
             terminal.print_message(f"{where} holds {before} trials; continuing")
-        watched = precision or _precision(options, UNREACHED, limits)
         with (
             terminal.progress("trials", options.trials) as advance,
             montecarlo.Watch(store, watched, options.trials, advance, options.log) as watch,
@@ -218,21 +212,16 @@ def _run(
         if design.campaign:
             store.keep_campaign(design.campaign)
         failures = store.failures()
-    rate = (len(outcomes) - before) / (time.perf_counter() - began)
-    return Trials(outcomes, failures, rate)
+    return outcomes, failures, (len(outcomes) - before) / (time.perf_counter() - began)
 
 
 def _details(
-    options: argparse.Namespace,
-    sampling: montecarlo.Sampling,
-    outcomes: Rows,
-    ends: montecarlo.Endings,
-    precision: montecarlo.Precision | None,
+    options: argparse.Namespace, outcomes: Rows, ends: Endings, precision: Precision
 ) -> tuple[dict[str, Any], list[str]]:
     """What variance reduction saved, how trials ended, and how well the statistic is known."""
     result: dict[str, Any] = {}
     text = []
-    if sampling.control or options.sobol:
+    if options.control or options.sobol:
         rows = _reduced_variance(outcomes, options.sobol)
         result["helped"] = metrics.to_json(rows)
         text += metrics.to_lines(rows)
@@ -240,7 +229,7 @@ def _details(
     result["endings"] = lost
     if set(lost) != {montecarlo.Ending.CORRECT.value}:
         text.append("trials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items()))
-    if precision:
+    if options.precision:
         width = montecarlo.half_width(precision.interval(outcomes))
         result |= {"statistic": precision.statistic, "relative_half_width": width}
         result |= {"confidence": precision.confidence, "precise": width <= precision.relative}
@@ -264,11 +253,7 @@ def _refuse_parts(options: argparse.Namespace) -> None:
 
 
 def _sketch(
-    options: argparse.Namespace,
-    case: Case,
-    sampling: montecarlo.Sampling,
-    limits: metrics.Limits,
-    workers: AbstractContextManager[Executor],
+    options: argparse.Namespace, case: Case, sampling: Sampling, limits: Limits, workers: Workers
 ) -> int:
     """Fill the file of --sketch, and print what it holds."""
     numbers = range(options.first, options.first + options.trials)
@@ -281,69 +266,46 @@ def _sketch(
             options.sketch, case, options.seed, sampling, numbers, executor, options.workers,
             limits, advance,
         )  # fmt: skip
-    head = {"sketch": str(options.sketch), "seed": options.seed, "fidelity": options.fidelity}
-    terminal.print_rows(
-        options, [*(Row(key, value) for key, value in head.items()), *sketch_rows(sketch)]
-    )
+    rows = [Row("sketch", str(options.sketch)), Row("seed", options.seed)]
+    terminal.print_rows(options, [*rows, Row("fidelity", options.fidelity), *sketch_rows(sketch)])
     return Exit.DONE if sketch.counts["correct"] == sketch.trials else Exit.UNSOLVED
 
 
-def _precision(
-    options: argparse.Namespace, relative: float, limits: metrics.Limits
-) -> montecarlo.Precision:
-    return montecarlo.Precision(
-        relative, options.statistic, options.confidence, options.sobol, limits
-    )
-
-
 def _required(
-    needs: Requirements,
-    outcomes: Rows,
-    sampling: montecarlo.Sampling,
-    seed: int,
-    others: list[str],
-    summary: metrics.Summary,
+    needs: Requirements, outcomes: Rows, boresight: Floats, summary: metrics.Summary
 ) -> tuple[metrics.Summary, dict[str, Any], list[str]]:
     """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`.
 
     An rms of the summary that is limited gets these bounds, for they hold for skew squares, too.
 
-    others  conditions that were not run
+    boresight  (n, 3) of the outcomes, ICRS
     """
     required, lines, tail = {}, [], 1 - needs.confidence
-    attitudes = sampling.attitudes_of(seed, outcomes["trial"].tolist())
-    boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
     for claim in claims_of(needs):
         if claim.accuracy is None:
             continue
         bounds = claim.bounds(outcomes, boresight, tail, tail)
-        in_arcsec = metrics.bounds_json(bounds, ARCSEC)
-        about, shown = claim.accuracy.name == "about", metrics.bracketed(bounds, ".3f", arcsec)
+        shown = metrics.bracketed(bounds, ".3f", arcsec)
         if math.isfinite(bounds.low) and not math.isfinite(bounds.high):
             shown = f"{bounds.value / arcsec:.3f}, at least {bounds.low / arcsec:.3f} (too few "
             shown += "trials for an upper bound)"
         same = claim.accuracy.objective.rms_per_axis and claim.sky == "whole"
         if same and needs.confidence == SHOWN and math.isfinite(bounds.high):
-            summary = replace(summary, about=bounds) if about else replace(summary, across=bounds)
+            known: dict[str, Any] = {claim.accuracy.name: bounds}
+            summary = replace(summary, **known)
             shown = f"{bounds.value / arcsec:.3f} with the interval above ({HALL})"
         required[claim.name] = {
-            "statistic": str(claim.accuracy.objective),
-            "limit_arcsec": claim.limit / arcsec,
-            **{f"{name}_arcsec": value for name, value in in_arcsec.items()},
-        }
+            "statistic": str(claim.accuracy.objective), "limit_arcsec": claim.limit / arcsec,
+            **{f"{n}_arcsec": v for n, v in metrics.bounds_json(bounds, ARCSEC).items()},
+        }  # fmt: skip
         lines.append(
             f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
             f"{shown}: {claim.answer(bounds).value} with {100 * needs.confidence:g} %"
         )
-    if others:
-        lines.append(
-            "this is the design's own condition alone; `startrack verify` also judges: "
-            + "; ".join(others)
-        )
-    return summary, {"required": required, "conditions_not_run": others}, lines
+    return summary, required, lines
 
 
-def _sampling(options: argparse.Namespace, case: Case) -> montecarlo.Sampling:
+def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
     attitudes = "sobol" if options.sobol else "random"
     with shared.as_wrong_use():
         units = None
@@ -360,7 +322,7 @@ def _sampling(options: argparse.Namespace, case: Case) -> montecarlo.Sampling:
         for name in ("age", "environments"):
             if not units and getattr(options, name) is not None:
                 raise shared.WrongUse(f"--{name} needs --units")
-        return montecarlo.Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
+        return Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
 
 
 def _reduced_variance(outcomes: Rows, sobol: bool) -> list[Row]:
@@ -369,12 +331,8 @@ def _reduced_variance(outcomes: Rows, sobol: bool) -> list[Row]:
     for name, about in (("across", False), ("about", True)):
         plain = montecarlo.mean_square(outcomes[list(OUTCOMES.names or ())], about)
         reduced = montecarlo.mean_square(outcomes, about, sobol)
-        fewer = (plain.error / reduced.error) ** 2
+        fewer, label = (plain.error / reduced.error) ** 2, f"variance reduced, {name}"
         note = f"rms, as with {fewer:.1f} times as many trials"
-        rows += [
-            Row(
-                f"{name}_rms_arcsec", reduced.root(), f"variance reduced, {name}", ARCSEC, note=note
-            ),
-            Row(f"{name}_times_fewer", fewer),
-        ]
+        rows.append(Row(f"{name}_rms_arcsec", reduced.root(), label, ARCSEC, note=note))
+        rows.append(Row(f"{name}_times_fewer", fewer))
     return rows

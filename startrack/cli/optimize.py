@@ -11,7 +11,7 @@ if wanted(__name__):
     from startrack import optimise
     from startrack.cli.campaign import open_campaign, stages, write_study
     from startrack.design import Campaign, Design, Objective, save_design
-    from startrack.metrics import summary_rows, to_json
+    from startrack.metrics import Row, summary_rows, to_json
     from startrack.plots import draw_convergence
 
 
@@ -27,47 +27,37 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Write best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
     with (
-        open_campaign(options, "optimising") as (case, campaign, runner, out),
+        open_campaign(options, "optimising") as (case, campaign, runner),
         stages("optimising") as show,
     ):
         optimum = optimise.optimize(case, campaign, runner, watch_stage=show)
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
-    save_design(out / "best.toml", Design(optimum.best, campaign), note)
-    optimise.write_evaluations(out / "evaluations.csv", optimum.evaluations)
-    draw_convergence(out / "convergence.png", optimum, campaign.objective)
-    result = {"out": str(out), "seed": options.seed, **optimum_values(optimum, campaign)}
+    save_design(options.out / "best.toml", Design(optimum.best, campaign), note)
+    optimise.write_evaluations(options.out / "evaluations.csv", optimum.evaluations)
+    draw_convergence(options.out / "convergence.png", optimum, campaign.objective)
+    result = {"out": str(options.out), "seed": options.seed, **optimum_values(optimum, campaign)}
     write_study(options, "comparison", table, result, f"the search ended: {optimum.ending}; ")
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 
 
 def optimum_values(optimum: optimise.Optimum, campaign: Campaign) -> dict[str, Any]:
     """An optimum for JSON."""
-    space, factor, optimism = optimum.space, optimum.factor, optimum.optimism
+    space, available, units = optimum.space, optimum.availability, optimum.units
     return {
-        "objective": str(Objective.read(campaign.objective)),
-        "branch": optimum.branch,
+        "objective": str(Objective.read(campaign.objective)), "branch": optimum.branch,
         "start": to_json(summary_rows(optimum.fresh[0])),
         "best": to_json(summary_rows(optimum.fresh[1])),
-        "factor": factor.value,
-        "factor_95": [factor.low, factor.high],
-        "optimism": optimism.value,
-        "optimism_95": [optimism.low, optimism.high],
-        "availability": optimum.availability.value,
-        "availability_bounds": [optimum.availability.low, optimum.availability.high],
+        **to_json([Row("factor", optimum.factor), Row("optimism", optimum.optimism)]),
+        "availability": available.value, "availability_bounds": [available.low, available.high],
         "values": space.text(optimum.best),
         "values_si": space.values(space.coordinates(optimum.best)),
-        "on_bounds": space.on_bounds(optimum.best),
-        "margins": optimum.margins,
-        "lacking": optimum.lacking,
-        "caveats": optimise.optimum_caveats(optimum, campaign),
-        "evaluations": len(optimum.evaluations),
-        "trials": optimum.trials,
-        "feasible": optimum.feasible,
-        "ending": optimum.ending,
-        **({"units": optimise.units_values(optimum.units)} if optimum.units else {}),
-        **landscape_values(optimum),
-    }
+        "on_bounds": space.on_bounds(optimum.best), "margins": optimum.margins,
+        "lacking": optimum.lacking, "caveats": optimise.optimum_caveats(optimum, campaign),
+        "evaluations": len(optimum.evaluations), "trials": optimum.trials,
+        "feasible": optimum.feasible, "ending": optimum.ending,
+        **({"units": optimise.units_values(units)} if units else {}), **landscape_values(optimum),
+    }  # fmt: skip
 
 
 def landscape_values(optimum: optimise.Optimum) -> dict[str, Any]:
@@ -80,9 +70,6 @@ def landscape_values(optimum: optimise.Optimum) -> dict[str, Any]:
         for name, span in landscape.spans.items()
     }
     return {
-        "forecasts": len(landscape.forecasts),
-        "possible_gain": landscape.left,
-        "spans_si": ends,
-        "unimportant": landscape.unimportant,
-        "prices": landscape.prices,
-    }
+        "forecasts": len(landscape.forecasts), "possible_gain": landscape.left, "spans_si": ends,
+        "unimportant": landscape.unimportant, "prices": landscape.prices,
+    }  # fmt: skip

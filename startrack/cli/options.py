@@ -186,16 +186,10 @@ class Option:
     """
 
     def __init__(
-        self,
-        name: str,
-        text: str,
-        kind: Callable[[str], Any] | tuple[str, ...] | None = None,
-        default: Any = None,
-        many: str | None = None,
-        append: bool = False,
-        claims: bool = False,
+        self, name: str, text: str, kind: Callable[[str], Any] | tuple[str, ...] | None = None,
+        default: Any = None, many: str | None = None, append: bool = False, claims: bool = False,
         **more: Any,
-    ):
+    ):  # fmt: skip
         self.name, *words = name.split()
         self.claims, self.more = claims, more | {"help": text, "default": default}
         if default not in (None, [], "") and "default" not in text:

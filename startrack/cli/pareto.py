@@ -36,7 +36,7 @@ def command(options: argparse.Namespace) -> int:
     with as_wrong_use():
         goals = Goals(options.first, options.second)
     with (
-        open_campaign(options, "trading off goals of") as (case, campaign, runner, out),
+        open_campaign(options, "trading off goals of") as (case, campaign, runner),
         stages("trading off") as show,
     ):
         space = DesignSpace(case, campaign.variables, campaign.links)
@@ -53,9 +53,9 @@ def command(options: argparse.Namespace) -> int:
         values = space.text(space.design(np.array(point.coordinates))).values()
         rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values])
     table = "\n".join(markdown([*head, *space.labels().values()], rows))
-    draw_front(out / "front.png", points, goals, units, campaign.most_trials)
+    draw_front(options.out / "front.png", points, goals, units, campaign.most_trials)
     result = {
-        "out": str(out),
+        "out": str(options.out),
         "goals": [goals.first, goals.second],
         "points": [
             {

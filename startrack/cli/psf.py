@@ -99,19 +99,15 @@ def _values(
     judged: optics.Quality, choice: optics.Choice, mean: float, curves: list[Curves]
 ) -> dict[str, Any]:
     return {
-        "model": choice.model,
-        "model_error": choice.error,
-        "model_reason": choice.reason,
-        "model_errors": choice.errors,
-        "mean_wavelength_nm": mean * 1e9,
-        "fwhm_x_px": judged.fwhm_x,
+        "model": choice.model, "model_error": choice.error, "model_reason": choice.reason,
+        "model_errors": choice.errors, "mean_wavelength_nm": mean * 1e9, "fwhm_x_px": judged.fwhm_x,
         "fwhm_y_px": judged.fwhm_y,
         "encircled_energy": dict(zip(map(str, optics.RADII), judged.encircled, strict=True)),
         "ensquared_energy": dict(zip(map(str, optics.BLOCKS), judged.ensquared, strict=True)),
         "energy_in_table": judged.energy,
         "mtf_nyquist_x": {name: float(curve[-1]) for name, curve in curves[0].items()},
         "mtf_nyquist_y": {name: float(curve[-1]) for name, curve in curves[1].items()},
-    }
+    }  # fmt: skip
 
 
 def _text(judged: optics.Quality, choice: optics.Choice, mean: float, curves: list[Curves]) -> str:

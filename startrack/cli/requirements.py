@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
 
 from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign, wanted
 
@@ -54,21 +52,16 @@ def command(options: argparse.Namespace) -> int:
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
     needs = campaign.requirements
     costs = {
-        "mass_kg": needs.mass(design.case),
-        "volume_m3": needs.volume(design.case),
-        "power_w": needs.power(design.case),
-        "data_rate_bit_per_s": needs.data_rate(design.case),
+        "mass_kg": needs.mass(design.case), "volume_m3": needs.volume(design.case),
+        "power_w": needs.power(design.case), "data_rate_bit_per_s": needs.data_rate(design.case),
         "cost": needs.cost(design.case),
-    }
+    }  # fmt: skip
     result = {"design": str(path), "met": met, "margins": margins, **costs}
     result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
     result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
     limits = {
-        accuracy.name: {
-            "limit_arcsec": accuracy.most / arcsec,
-            "statistic": str(accuracy.objective),
-        }
-        for accuracy in needs.accuracy
+        limit.name: {"limit_arcsec": limit.most / arcsec, "statistic": str(limit.objective)}
+        for limit in needs.accuracy
     }
     result |= {"accuracy": limits} if limits else {}
     needed = needed_magnitude(design.case, needs.min_stars, needs.sky_fraction)
@@ -144,47 +137,46 @@ def _earth_requirements(options: argparse.Namespace) -> int | None:
         if options.set and ("camera" in table or "goals" in table):
             raise ValueError(f"--set must be given with design files alone, got {path}")
         if "goals" in table and len(table) == 1:
-            return _print_parameters(
-                options, path, from_table(imager.Goals, table["goals"], "goals")
-            )
-        if "camera" in table:
-            return _print_figures(options, imager.load_survey(path))
-    return None
+            first = imager.first_parameters(from_table(imager.Goals, table["goals"], "goals"))
+            print_result(options, {"goals": str(path), **asdict(first)}, *_first_text(first))
+            return Exit.DONE
+        if "camera" not in table:
+            return None
+        met = True
+        for channel, height, figures in imager.figures_of(imager.load_survey(path)):
+            margins = imager.margins_of(channel, figures)
+            met = met and all(margin >= 0 for margin in margins.values())
+            result = {
+                "channel": channel.name, "height_m": height, **asdict(figures),
+                "required": imager.known(channel.required),
+                "measured": imager.known(channel.measured), "margins": margins,
+            }  # fmt: skip
+            print_result(options, result, *_figures_text(channel, figures, height, margins))
+        return Exit.DONE if met else Exit.UNSOLVED
 
 
-def _print_figures(options: argparse.Namespace, survey: imager.Survey) -> int:
-    """Print the figures of each channel; the status is 3 if a requirement of one is not met."""
-    met = True
-    for channel, height, figures in imager.figures_of(survey):
-        margins = imager.margins_of(channel, figures)
-        met = met and all(margin >= 0 for margin in margins.values())
-        result: dict[str, Any] = {"channel": channel.name, "height_m": height, **asdict(figures)}
-        result |= {
-            "required": imager.known(channel.required),
-            "measured": imager.known(channel.measured),
-        }
-        result |= {"margins": margins}
-        print_result(options, result, *_figures_text(channel, figures, height))
-    return Exit.DONE if met else Exit.UNSOLVED
+def _first_text(first: imager.First) -> list[str]:
+    """The parameters of the smallest camera that meets goals."""
+    return [
+        f"focal length  {1e3 * first.focal_length:.4g} mm",
+        f"aperture      {1e3 * first.aperture:.4g} mm, f/{first.f_number:.3g}: for Rayleigh "
+        f"{1e3 * first.for_rayleigh:.4g} mm, MTF {1e3 * first.for_mtf:.4g} mm, "
+        f"SNR {1e3 * first.for_snr:.4g} mm",
+        f"line          {first.columns} pixel every {1e3 * first.period:.4g} ms, exposed "
+        f"{1e3 * first.exposure:.4g} ms: {first.electrons:.4g} electrons",
+        f"pixel rate    {first.clock / 1e6:.4g} Mpixel / s, {first.data_rate / 1e6:.4g} Mbit / s",
+    ]
 
 
-def _print_parameters(options: argparse.Namespace, path: Path, goals: imager.Goals) -> int:
-    """Print the parameters of the smallest camera that meets the goals."""
-    first = imager.first_parameters(goals)
-    print_result(options, {"goals": str(path), **asdict(first)}, *_first_text(first))
-    return Exit.DONE
-
-
-def _figures_text(channel: imager.Channel, figures: imager.Figures, height: float) -> list[str]:
-    """The result as text."""
+def _figures_text(
+    channel: imager.Channel, figures: imager.Figures, height: float, margins: dict[str, float]
+) -> list[str]:
     bits = math.log2(figures.dynamics)
     beside = {name: _beside(channel, name) for name in vars(channel.required)}
-    missed = [name for name, margin in imager.margins_of(channel, figures).items() if margin < 0]
-    edge = (
-        ""
-        if figures.illumination is None
-        else (f", lowest over the field; light {100 * figures.illumination:.1f} % of the middle's")
-    )
+    missed = [name for name, margin in margins.items() if margin < 0]
+    edge = ""
+    if figures.illumination is not None:
+        edge = f", lowest over the field; light {100 * figures.illumination:.1f} % of the middle's"
     step = "" if figures.nedt is None else f", NEdT {1e3 * figures.nedt:.4g} mK{beside['nedt']}"
     return [
         f"{channel.name} from {height / 1e3:.4g} km",
@@ -208,27 +200,11 @@ def _figures_text(channel: imager.Channel, figures: imager.Figures, height: floa
 
 def _beside(channel: imager.Channel, name: str) -> str:
     """What is required and was measured, as text behind the predicted value."""
-    unit, scale = {"saturation": ("", um), "nedt": (" mK", 1e3), "gsd": (" m", 1.0)}.get(
-        name, ("", 1.0)
-    )
-    values = {
-        kind: getattr(values, name)
-        for kind, values in (("required", channel.required), ("measured", channel.measured))
-    }
+    units = {"saturation": ("", um), "nedt": (" mK", 1e3), "gsd": (" m", 1.0)}
+    unit, scale = units.get(name, ("", 1.0))
     shown = [
-        f"{kind} {value * scale:.4g}{unit}" for kind, value in values.items() if value is not None
+        f"{kind} {value * scale:.4g}{unit}"
+        for kind in ("required", "measured")
+        if (value := getattr(getattr(channel, kind), name)) is not None
     ]
     return f" ({', '.join(shown)})" if shown else ""
-
-
-def _first_text(first: imager.First) -> list[str]:
-    """The result as text."""
-    return [
-        f"focal length  {1e3 * first.focal_length:.4g} mm",
-        f"aperture      {1e3 * first.aperture:.4g} mm, f/{first.f_number:.3g}: for Rayleigh "
-        f"{1e3 * first.for_rayleigh:.4g} mm, MTF {1e3 * first.for_mtf:.4g} mm, "
-        f"SNR {1e3 * first.for_snr:.4g} mm",
-        f"line          {first.columns} pixel every {1e3 * first.period:.4g} ms, exposed "
-        f"{1e3 * first.exposure:.4g} ms: {first.electrons:.4g} electrons",
-        f"pixel rate    {first.clock / 1e6:.4g} Mpixel / s, {first.data_rate / 1e6:.4g} Mbit / s",
-    ]

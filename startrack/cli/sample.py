@@ -27,7 +27,7 @@ def command(options: argparse.Namespace) -> int:
     Of chains that have not converged, only the reason is printed.
     """
     with (
-        open_campaign(options, "sampling around") as (case, campaign, runner, out),
+        open_campaign(options, "sampling around") as (case, campaign, runner),
         progress("designs", optimise.designs_needed(len(campaign.variables))) as advance,
     ):
         tolerance = optimise.sample(case, campaign, runner, advance)
@@ -37,8 +37,8 @@ def command(options: argparse.Namespace) -> int:
         print_result(options, {"converged": False, "doubt": reason}, f"not converged: {reason}")
         return Exit.UNSOLVED
     table = optimise.tolerance_table(tolerance)
-    optimise.write_samples(out / "samples.csv", tolerance)
-    draw_tolerance(out / "corner.png", tolerance)
-    result = {"out": str(out), "seed": options.seed, **values}
+    optimise.write_samples(options.out / "samples.csv", tolerance)
+    draw_tolerance(options.out / "corner.png", tolerance)
+    result = {"out": str(options.out), "seed": options.seed, **values}
     write_study(options, "tolerance", table, result)
     return Exit.DONE

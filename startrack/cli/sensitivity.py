@@ -33,7 +33,7 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Write sensitivity.md, tornado.png and result.json, all by the analytic budget."""
-    with open_campaign(options, "computing the sensitivities of") as (case, campaign, runner, out):
+    with open_campaign(options, "computing the sensitivities of") as (case, campaign, runner):
         space = DesignSpace(case, campaign.variables, campaign.links)
         count = 4 * len(space) + (options.designs if len(space) > 1 else 0)
         with progress("forecasts", count) as advance:
@@ -42,9 +42,9 @@ def command(options: argparse.Namespace) -> int:
     objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
     shown = _table(studied, objective, space.labels())
     table = "\n".join([*shown.markdown(), "", MEANING])
-    draw_tornado(out / "tornado.png", studied, objective)
+    draw_tornado(options.out / "tornado.png", studied, objective)
     variables = dict(zip((variable.name for variable in studied), shown.json(), strict=True))
-    result = {"out": str(out), "objective": objective, "variables": variables}
+    result = {"out": str(options.out), "objective": objective, "variables": variables}
     write_study(options, "sensitivity", table, result)
     return Exit.DONE
 

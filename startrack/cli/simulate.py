@@ -12,16 +12,9 @@ from startrack.cli import options as shared
 from startrack.cli.options import DESIGN, Exit, Option, Options, decimal, out, wanted, whole
 
 if wanted(__name__):
-    from startrack.cli.terminal import (
-        example,
-        pointing_text,
-        print_result,
-        quaternion,
-        read_design,
-        stage,
-    )
+    from startrack.cli import terminal
     from startrack.core import Streams
-    from startrack.io import FrameFiles, celestial, pointing, write_fits
+    from startrack.io import FrameFiles, pointing, write_fits
     from startrack.plots import draw_frame, draw_solution
     from startrack.scene import date_of
     from startrack.trial import observe, random_attitude, searched
@@ -50,17 +43,14 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Write frame.fits and frame.png; of a matrix with its WCS and a table of its true stars."""
-    case = read_design(options.design or example(), options.set).case
+    case = terminal.read_design(options.design or terminal.example(), options.set).case
     streams = Streams(options.seed, options.trial)
     angles = (options.ra, options.dec, options.roll)
-    if any(angle is not None for angle in angles):
-        attitude = pointing(*(angle or 0.0 for angle in angles))
-    else:
-        attitude = random_attitude(streams)
-    with stage("rendering"):
+    given = any(angle is not None for angle in angles)
+    attitude = pointing(*(angle or 0.0 for angle in angles)) if given else random_attitude(streams)
+    with terminal.stage("rendering"):
         record = observe(case, attitude, streams)
     camera = case.instrument.camera
-    ra, dec, roll = celestial(attitude)
     fits, png = options.out / "frame.fits", options.out / "frame.png"
     history = f"startrack simulate, seed {options.seed}, trial {options.trial}"
     matrix = None if case.instrument.detector.scan else camera
@@ -74,7 +64,7 @@ def command(options: argparse.Namespace) -> int:
             files.add(record.frame, 0.0, attitude)
             pixels = files.close()
     title = (
-        f"{pointing_text(attitude, 3, 1)}; field {math.degrees(camera.fov_x):.2f} "
+        f"{terminal.pointing_text(attitude, 3, 1)}; field {math.degrees(camera.fov_x):.2f} "
         f"deg; exposure {1e3 * record.frame.exposure:g} ms"
     )
     summary = (
@@ -83,25 +73,13 @@ def command(options: argparse.Namespace) -> int:
     )
     raw = draw_record(png, case, record, f"{title}\n{summary}")
     result = {
-        "fits": str(fits),
-        "png": str(png),
-        "raw_png": str(raw) if raw else None,
-        "pixels": [str(file) for file in pixels],
-        "icrs_to_camera_xyzw": quaternion(attitude),
-        "ra_deg": ra,
-        "dec_deg": dec,
-        "roll_deg": roll,
-        "fov_x_deg": math.degrees(camera.fov_x),
-        "spots": record.outcome.spots,
-        "matches": record.outcome.stars,
-        "status": str(record.estimate.status),
-    }
-    print_result(
-        options,
-        result,
-        f"{title}\n{summary}\nwrote "
-        f"{', '.join(str(file) for file in (fits, *pixels, raw) if file)} and {png}",
-    )
+        "fits": str(fits), "png": str(png), "raw_png": str(raw) if raw else None,
+        "pixels": [str(file) for file in pixels], **terminal.attitude_values(attitude),
+        "fov_x_deg": math.degrees(camera.fov_x), "spots": record.outcome.spots,
+        "matches": record.outcome.stars, "status": str(record.estimate.status),
+    }  # fmt: skip
+    written = ", ".join(str(file) for file in (fits, *pixels, raw) if file)
+    terminal.print_result(options, result, title, summary, f"wrote {written} and {png}")
     return Exit.DONE
 
 

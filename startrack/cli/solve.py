@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from startrack.cli import options as shared
 from startrack.cli.options import Exit, Option, Options, as_wrong_use, images, wanted, whole
@@ -19,7 +19,7 @@ if wanted(__name__):
     from startrack.design import Tracker
     from startrack.detection import Detection
     from startrack.identification import Identification, PatternIndexes
-    from startrack.io import celestial, field_hint, tetra3_values, to_table, write_solution
+    from startrack.io import field_hint, tetra3_values, to_table, write_solution
     from startrack.montecarlo import pool
     from startrack.plots import draw_solution
     from startrack.trial import THRESHOLDS, Photograph, View, lost_in_space, solve_photograph
@@ -53,46 +53,36 @@ declare = Options(
 )  # fmt: skip
 
 
-class _How(NamedTuple):
-    """What a process solves images by: the options of these names."""
-
-    fov: float | None
-    aspect: float | None
-    exposure: float | None
-    fov_tolerance: float
-    plane: int | None
-    bayer: str | None
-    colour: str
-    raw: str | None
-    dark: Path | None
-    catalog: str
-    epoch: float
-    camera: Path | None
-    tables: Path | None
-    keys: str
-    overlay: Path | None
+# What all images of a process share: the options of these names, and the function that reads an
+# image, the camera, the settings and the indexes that they give.
+SHARED = "fov_tolerance", "plane", "bayer", "colour", "raw", "dark", "catalog", "epoch", "camera"
+# Values of JSON that an image without an attitude has not.
+ATTITUDE = "icrs_to_camera_xyzw", "ra_deg", "dec_deg", "roll_deg", "fov_x_deg"
+IMAGE = (
+    "mirrored", "aspect", "middle_px", "streak_px", "rate_deg_s", "as_hinted", "lens",
+    "residual_rms_px", "sigma_arcsec",
+)  # fmt: skip
 
 
 def command(options: argparse.Namespace) -> int:
     """Solve each image; one that cannot be read does not stop the others."""
-    how = _How(*(getattr(options, name) for name in _How._fields))
     with as_wrong_use(ValueError, OSError):
-        if how.fov is not None:
-            positive(fov=how.fov)
-            within(0, 179, fov=how.fov)
-        if how.camera and how.fov is not None:
+        if options.fov is not None:
+            positive(fov=options.fov)
+            within(0, 179, fov=options.fov)
+        if options.camera and options.fov is not None:
             raise ValueError("--fov and --camera must not both be given: the camera has its field")
     _opened.cache_clear()  # files may have changed
-    _opened(how)
+    _opened(*(getattr(options, name) for name in SHARED))
     statuses = set()
     with pool(min(options.workers, len(options.images))) as executor:
-        every = [executor.submit(_solved, how, path) for path in options.images]
+        every = [executor.submit(_solved, options, path) for path in options.images]
         for path, job in zip(options.images, every, strict=True):
             try:
                 try:
                     result, text, status = job.result()
                 except BrokenExecutor:  # a process died, maybe at another image
-                    result, text, status = executor.submit(_solved, how, path).result()
+                    result, text, status = executor.submit(_solved, options, path).result()
             except Exception as error:  # whatever is wrong with it, the others are solved
                 terminal.print_failed_image(options, path, error)
                 statuses.add(Exit.FAILED)
@@ -102,31 +92,23 @@ def command(options: argparse.Namespace) -> int:
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
 
 
-class _Opened(NamedTuple):
-    """What all images of a process share."""
-
-    read: Callable[[Path], Frame]
-    camera: Camera | None
-    identification: Identification
-    indexes: PatternIndexes
-
-
 @lru_cache(maxsize=1)
-def _opened(how: _How) -> _Opened:
+def _opened(
+    *values: Any,
+) -> tuple[Callable[[Path], Frame], Camera | None, Identification, PatternIndexes]:
+    options = argparse.Namespace(**dict(zip(SHARED, values, strict=True)))
     with as_wrong_use(ValueError, OSError):
-        camera = terminal.read_camera(how.camera) if how.camera else None
-        tolerance = how.fov_tolerance
-        identification = Identification(
-            focal_tolerance=min(tolerance, shared.KNOWN) if camera else tolerance
-        )
-    read = terminal.image_reader(argparse.Namespace(**how._asdict()))
-    stars = terminal.read_stars(how.catalog, how.epoch)
-    return _Opened(read, camera, identification, PatternIndexes(stars))
+        camera = terminal.read_camera(options.camera) if options.camera else None
+        tolerance = min(options.fov_tolerance, shared.KNOWN if camera else math.inf)
+        identification = Identification(focal_tolerance=tolerance)
+    read = terminal.image_reader(options)
+    stars = terminal.read_stars(options.catalog, options.epoch)
+    return read, camera, identification, PatternIndexes(stars)
 
 
-def _solved(how: _How, path: Path) -> tuple[dict[str, Any], str, Exit]:
+def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, Exit]:
     """Solve one image and write its files; its values, its line, and its status."""
-    read, camera, identification, indexes = _opened(how)
+    read, camera, identification, indexes = _opened(*(getattr(how, name) for name in SHARED))
     frame, stars = read(path), indexes.stars
     if camera:
         solved = _with_camera(frame, camera, indexes, identification)
@@ -179,46 +161,23 @@ def _values(solved: Photograph, exposure: float) -> dict[str, Any]:
     spots, matches, estimate, axis = solved.spots, solved.matches, solved.estimate, solved.axis
     result: dict[str, Any] = {
         "status": "solved" if estimate.icrs_to_camera is not None else str(estimate.status),
-        "reason": estimate.reason,
-        "icrs_to_camera_xyzw": None,
-        "ra_deg": None,
-        "dec_deg": None,
-        "roll_deg": None,
-        "fov_x_deg": None,
-        "spots": len(spots),
-        "matches": estimate.stars,
-        "mirrored": None,
-        "aspect": None,
-        "middle_px": None,
-        "streak_px": None,
-        "rate_deg_s": None,
-        "as_hinted": None,
-        "lens": None,
-        "residual_rms_px": None,
-        "sigma_arcsec": None,
+        "reason": estimate.reason, **dict.fromkeys(ATTITUDE), "spots": len(spots),
+        "matches": estimate.stars, **dict.fromkeys(IMAGE),
         "false_probability": estimate.false_probability,
-    }
+    }  # fmt: skip
     if estimate.icrs_to_camera is not None and axis is not None:
-        ra, dec, roll = celestial(axis)
-        result |= {
-            "icrs_to_camera_xyzw": terminal.quaternion(axis),
-            "ra_deg": ra,
-            "dec_deg": dec,
-            "roll_deg": roll,
-            "fov_x_deg": math.degrees(matches.camera.fov_x),
-            "mirrored": solved.view.mirrored,
-            "aspect": solved.aspect,
-            "middle_px": solved.view.middle,
+        result |= terminal.attitude_values(axis) | {
+            "fov_x_deg": math.degrees(matches.camera.fov_x), "mirrored": solved.view.mirrored,
+            "aspect": solved.aspect, "middle_px": solved.view.middle,
             "streak_px": solved.streak and list(solved.streak),
-            "rate_deg_s": _rate(solved, exposure),
-            "as_hinted": solved.as_hinted,
+            "rate_deg_s": _rate(solved, exposure), "as_hinted": solved.as_hinted,
             "lens": {
                 "icrs_to_lens_xyzw": terminal.quaternion(estimate.icrs_to_camera),
                 "camera": to_table(matches.camera),
             },
             "residual_rms_px": estimate.residual_rms,
             "sigma_arcsec": [3600 * math.degrees(v**0.5) for v in estimate.covariance.diagonal()],
-        }
+        }  # fmt: skip
     return result
 
 

@@ -334,6 +334,13 @@ def quaternion(rotation: Rotation) -> list[float]:
     return [float(x) for x in rotation.as_quat(canonical=True)]
 
 
+def attitude_values(icrs_to_camera: Rotation) -> dict[str, Any]:
+    """An attitude for JSON."""
+    names = ("ra_deg", "dec_deg", "roll_deg")
+    angles = dict(zip(names, io.celestial(icrs_to_camera), strict=True))
+    return {"icrs_to_camera_xyzw": quaternion(icrs_to_camera), **angles}
+
+
 def pointing_text(icrs_to_camera: Rotation, digits: int, of_roll: int) -> str:
     """An attitude in words, with so many digits of right ascension and declination, and of roll."""
     ra, dec, roll = io.celestial(icrs_to_camera)

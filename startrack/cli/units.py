@@ -11,20 +11,12 @@ from startrack.cli.options import wanted
 if wanted(__name__):
     import numpy as np
 
+    from startrack import design
     from startrack.budget import Term, UnitBudgets, unit_budgets
     from startrack.cli.options import as_wrong_use
     from startrack.cli.terminal import progress
     from startrack.core import Rows, arcsec
-    from startrack.design import (
-        YEAR,
-        Accuracy,
-        Campaign,
-        Case,
-        Fidelity,
-        Objective,
-        Requirements,
-        fewest_trials_beyond,
-    )
+    from startrack.design import YEAR, Accuracy, Campaign, Case
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
@@ -89,7 +81,7 @@ def gains_of(
     case: Case, campaign: Campaign, changes: list[Change], options: argparse.Namespace
 ) -> tuple[dict[str, Any], str]:
     """What each change of a design buys and costs: values for JSON, and a table."""
-    objective, needs = Objective.read(campaign.objective), campaign.requirements
+    objective, needs = design.Objective.read(campaign.objective), campaign.requirements
     required, fraction = needs.accuracy, campaign.units or USUAL
     with progress("units", options.units * (1 + len(changes))) as advance:
         allocated = allocation(
@@ -97,9 +89,7 @@ def gains_of(
         )
     before = _costs(needs, case)
     values, entries = {
-        "objective": str(objective),
-        "fraction": fraction,
-        "age_years": allocated.age / YEAR,
+        "objective": str(objective), "fraction": fraction, "age_years": allocated.age / YEAR,
         "level_arcsec": allocated.level / arcsec,
     }, list[dict[str, Any]]()  # fmt: skip
     yields = [f"yield, {limit.name} (%)" for limit in required]
@@ -143,7 +133,7 @@ def gains_of(
     return values, "\n".join(text)
 
 
-def _costs(needs: Requirements, case: Case) -> dict[str, float]:
+def _costs(needs: design.Requirements, case: Case) -> dict[str, float]:
     return {
         "mass_kg": needs.mass(case),
         "power_w": needs.power(case),
@@ -169,7 +159,7 @@ def trials_of(
             f"of {len(by_unit.unit)} units at {years:g} yr, rms {name}: {middle:.3f} arcsec in the "
             f"median, {high:.3f} in 95 %"
         )
-    fewest = {limit: fewest_trials_beyond(limit.objective) for limit in required}
+    fewest = {limit: design.fewest_trials_beyond(limit.objective) for limit in required}
     values["yields"] = [
         _yield_values(limit, by_unit.meets(outcomes, limit.objective, limit.most))
         for limit in required
@@ -183,7 +173,7 @@ def trials_of(
         if units.trials < fewest[limit]
     ]
     worst = by_unit.worst
-    if worst is not None and fidelity is Fidelity.COVARIANCE:
+    if worst is not None and fidelity is design.Fidelity.COVARIANCE:
         parts = explain(case, seed, units, worst)
         values["worst"] = {"unit": worst, "removes": dict(parts)}
         shown = "; ".join(f"{name} {100 * part:+.0f} %" for name, part in parts[:4])
@@ -207,11 +197,9 @@ def _yield_share(values: dict[str, Any]) -> str:
 
 def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any]:
     return {
-        "age_years": budgets.age / YEAR,
-        "units": len(budgets),
+        "age_years": budgets.age / YEAR, "units": len(budgets),
         "classes_rms_arcsec": {
-            term.value: _pair(errors)
-            for term, errors in ({Term.BIAS: budgets.bias} | budgets.terms).items()
+            term.value: _pair(errors) for term, errors in _classes(budgets).items()
         },
         "rms_arcsec": {
             name: {"median": float(np.median(rms)) / arcsec, "worst": float(rms.max()) / arcsec}
@@ -234,12 +222,16 @@ def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, A
             _yield_values(limit, yield_of(limit, units_expected(limit.objective, budgets)))
             for limit in required
         ],
-    }
+    }  # fmt: skip
+
+
+def _classes(budgets: UnitBudgets) -> dict[Term, Floats]:
+    return {Term.BIAS: budgets.bias} | budgets.terms
 
 
 def _sum(budgets: UnitBudgets, terms: tuple[Term, ...]) -> Floats:
     """Radian (n, 3), root sum square of classes of error of each unit."""
-    every = {Term.BIAS: budgets.bias} | budgets.terms
+    every = _classes(budgets)
     square = [every[term] ** 2 for term in terms if term in every]
     return np.asarray(np.sqrt(np.sum(square, axis=0)) if square else np.zeros_like(budgets.bias))
 

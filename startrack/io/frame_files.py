@@ -50,14 +50,9 @@ class FrameFiles:
         self._path = folder / f"{name}.{format}"
 
     def add(
-        self,
-        frame: Frame,
-        time: float,
-        icrs_to_camera: Rotation,
-        camera: Camera | None = None,
-        stars: Stars | None = None,
-        history: str = "",
-    ) -> None:
+        self, frame: Frame, time: float, icrs_to_camera: Rotation, camera: Camera | None = None,
+        stars: Stars | None = None, history: str = "",
+    ) -> None:  # fmt: skip
         """Write the next frame.
 
         time            second, of the middle of its exposure

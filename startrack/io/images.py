@@ -149,14 +149,9 @@ def require_image_memory(path: Path, columns: int, rows: int, pixel: int) -> Non
 
 
 def write_fits(
-    path: Path,
-    frame: Frame,
-    camera: Camera | None,
-    icrs_to_camera: Rotation,
-    stars: Stars | None = None,
-    history: str = "",
-    begun: datetime | None = None,
-) -> None:
+    path: Path, frame: Frame, camera: Camera | None, icrs_to_camera: Rotation,
+    stars: Stars | None = None, history: str = "", begun: datetime | None = None,
+) -> None:  # fmt: skip
     """Save a frame with the WCS of its true attitude, and its stars as the table TRUTH.
 
     begun   start of the exposure, as DATE-OBS; None: not known, and not written

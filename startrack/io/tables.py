@@ -255,12 +255,9 @@ class Layers:
     origin: dict[str, str] = field(default_factory=dict)
 
     def lay(
-        self,
-        above: dict[str, Any],
-        origin: str | dict[str, str],
-        place: str = "",
+        self, above: dict[str, Any], origin: str | dict[str, str], place: str = "",
         joined: Joined = NOT_JOINED,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Put a table over this one: tables are merged by their keys, all else is replaced.
 
         joined  as `read_layers` has it

@@ -20,14 +20,10 @@ from startrack.plots import style
 from startrack.trial import Errors, SingleStars
 
 COLOURS = {
-    Term.BIAS: style.GREY,
-    Term.THERMO_ELASTIC: style.ORANGE,
-    Term.FIELD: style.BLUE,
-    Term.PIXEL: style.GREEN,
-    Term.NOISE: style.RED,
-    Term.ABERRATION: style.PURPLE,
+    Term.BIAS: style.GREY, Term.THERMO_ELASTIC: style.ORANGE, Term.FIELD: style.BLUE,
+    Term.PIXEL: style.GREEN, Term.NOISE: style.RED, Term.ABERRATION: style.PURPLE,
     Term.MEASUREMENT_DATE: style.SKY,
-}
+}  # fmt: skip
 WHOLE = "0.8"  # grey of the bar end to end
 TOP = 0.98  # of the directions whose error has a colour of its own
 MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
@@ -40,13 +36,9 @@ PARTS = (8, 6, 4, 3, 2)  # along a side of the field
 
 @style.styled
 def draw_budget(
-    path: Path | None,
-    expected: Budget[Any],
-    by_trials: Budget[Any] | None,
-    title: str,
-    required: Sequence[Accuracy] = (),
-    units: UnitBudgets | None = None,
-) -> Figure:
+    path: Path | None, expected: Budget[Any], by_trials: Budget[Any] | None, title: str,
+    required: Sequence[Accuracy] = (), units: UnitBudgets | None = None,
+) -> Figure:  # fmt: skip
     """A bar for each cause, from zero; measured values as points with their 95 % intervals.
 
     required  limits on the error; those of other statistics than the rms per axis are named only
@@ -105,12 +97,9 @@ def _of_units(units: UnitBudgets) -> dict[str, _OfUnits]:
 
 
 def _bars(
-    axes: Axes,
-    order: list[str],
-    names: Mapping[str, Line[Any] | _OfUnits],
-    beside: Mapping[str, Line[Any]],
-    kind: str,
-) -> list[float]:
+    axes: Axes, order: list[str], names: Mapping[str, Line[Any] | _OfUnits],
+    beside: Mapping[str, Line[Any]], kind: str,
+) -> list[float]:  # fmt: skip
     """The bars of a panel; returns the largest value of each, arcsec."""
     ends = []
     for k, name in enumerate(order):

@@ -14,13 +14,8 @@ from startrack.plots import style
 SKY_COLOUR = "#c8d8e8"
 BRIGHTEST = 0.998  # of the pixels have a colour of their own
 FLAGS = (
-    style.RED,
-    style.BLUE,
-    style.ORANGE,
-    style.PURPLE,
-    style.SKY,
-    style.GREEN,
-)  # of quality, after that of no data
+    style.RED, style.BLUE, style.ORANGE, style.PURPLE, style.SKY, style.GREEN,
+)  # of quality, after that of no data  # fmt: skip
 BETWEEN = (0.01, 0.99)  # of the pixels, the image's contrast
 
 
@@ -63,13 +58,9 @@ def draw_picture(
 
 @style.styled
 def draw_product(
-    path: Path,
-    layers: Mapping[str, Floats],
-    units: Mapping[str, str],
-    quality: NDArray[np.uint8],
-    names: Mapping[str, int],
-    title: str,
-) -> None:
+    path: Path, layers: Mapping[str, Floats], units: Mapping[str, str], quality: NDArray[np.uint8],
+    names: Mapping[str, int], title: str,
+) -> None:  # fmt: skip
     """Write the layers of a product on its map, and the quality of its cells.
 
     layers   (rows, columns) each; NaN where there is nothing

@@ -54,14 +54,10 @@ PROPER_NAMES = {
 
 @style.styled
 def draw_frame(
-    path: Path | None,
-    frame: Frame,
-    title: str = "",
-    camera: Camera | None = None,
-    icrs_to_camera: Rotation | None = None,
-    stars: Stars | None = None,
+    path: Path | None, frame: Frame, title: str = "", camera: Camera | None = None,
+    icrs_to_camera: Rotation | None = None, stars: Stars | None = None,
     saturation: float | None = None,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """The image with a non-linear scale that shows faint stars.
 
     camera, icrs_to_camera, stars  for north, scale and names of bright stars, where known
@@ -93,15 +89,9 @@ def draw_spots(path: Path | None, frame: Frame, spots: Spots, title: str) -> Fig
 
 @style.styled
 def draw_solution(
-    path: Path | None,
-    frame: Frame,
-    spots: Spots,
-    matches: Matches,
-    icrs_to_camera: Rotation | None,
-    stars: Stars,
-    title: str,
-    saturation: float | None = None,
-) -> Figure:
+    path: Path | None, frame: Frame, spots: Spots, matches: Matches,
+    icrs_to_camera: Rotation | None, stars: Stars, title: str, saturation: float | None = None,
+) -> Figure:  # fmt: skip
     """The image with its spots, matched and not, and stars of the catalogue.
 
     saturation  digital number from which on pixels are saturated

@@ -7,11 +7,12 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 
-from startrack.core import Floats, arcsec, deg
+from startrack.core import Flags, Floats, arcsec, deg
 from startrack.mission import EDGES, Availability, Flown, KeepClear, Plan
 from startrack.plots import style
 
 DAY = 86400.0
+ERROR = "error, worst axis\n(arcsec rms)"
 
 
 @style.styled
@@ -22,8 +23,16 @@ def draw_mission(
     figure = style.picture(11.0, title)
     over, phase, error, lengths = figure.subplots(4, 1, height_ratios=(1.1, 1.1, 1.1, 0.9))
     _blind_over_time(over, plan, flown)
-    _over_phase(phase, plan, flown)
-    _error(error, flown)
+    worst = np.sqrt(_mean(flown.square_sum, flown.known).max(axis=0)) / arcsec
+    heads, few = (0, len(plan.heads)), style.colour_limits(worst, 0.99, 0.0)
+    for axes, values, label, limits in (
+        (phase, _mean(flown.valid_sum, flown.count), "valid heads, mean", heads),
+        (error, worst, ERROR, few),
+    ):
+        days = flown.blind.shape[1] * flown.step / DAY
+        _image(axes, values.T, (0, days, 0, 360), label, limits)
+        axes.set(xlabel="day of the mission", ylabel="orbit from the node (deg)")
+        axes.set_yticks(range(0, 361, 90))
     _lengths(lengths, available)
     style.save_picture(path, figure)
 
@@ -38,20 +47,14 @@ def draw_beta(path: Path, plan: Plan, flown: Flown, title: str) -> None:
     edge = np.linspace(-90, 90, len(steps) + 1)
     extent = (0.0, 360.0, float(edge[part.start]), float(edge[part.stop]))
     figure = style.picture(8.0, title)
-    for axes, values, label, limits in zip(
-        figure.subplots(3, 1),
-        (100 * _mean(any_valid, steps), _mean(valid, steps), worst),
-        (
-            "one valid head or more\n(% of the time)",
-            "valid heads, mean",
-            "error, worst axis\n(arcsec rms)",
-        ),
-        (None, (0, len(plan.heads)), style.colour_limits(worst, 0.99, 0.0)),
-        strict=True,
-    ):
-        here = values[part]
-        low, high = limits or (min(float(np.nanmin(here)), 99.0), 100.0)
-        _image(axes, here, extent, label, (low, high))
+    often = 100 * _mean(any_valid, steps)
+    least = min(float(np.nanmin(often[part])), 99.0)
+    for axes, (values, label, limits) in zip(figure.subplots(3, 1), (
+        (often, "one valid head or more\n(% of the time)", (least, 100.0)),
+        (_mean(valid, steps), "valid heads, mean", (0, len(plan.heads))),
+        (worst, ERROR, style.colour_limits(worst, 0.99, 0.0)),
+    ), strict=True):  # fmt: skip
+        _image(axes, values[part], extent, label, limits)
         axes.set(xlabel="orbit from the node (deg)", ylabel="beta angle (deg)")
         axes.set_xticks(range(0, 361, 60))
     style.save_picture(path, figure)
@@ -74,44 +77,20 @@ def _blind_over_time(axes: Axes, plan: Plan, flown: Flown) -> None:
     style.legend_below(axes, 4)
 
 
-def _over_phase(axes: Axes, plan: Plan, flown: Flown) -> None:
-    mean = _mean(flown.valid_sum, flown.count)
-    _map(axes, flown, mean, "valid heads, mean", (0, len(plan.heads)))
-
-
-def _error(axes: Axes, flown: Flown) -> None:
-    worst = np.sqrt(_mean(flown.square_sum, flown.known).max(axis=0)) / arcsec
-    _map(
-        axes, flown, worst, "error, worst axis\n(arcsec rms)", style.colour_limits(worst, 0.99, 0.0)
-    )
-
-
 def _mean(total: Floats, count: Floats) -> Floats:
     many = np.broadcast_to(count, total.shape)
     return np.divide(total, many, out=np.full(total.shape, np.nan), where=many > 0)
 
 
-def _map(
-    axes: Axes, flown: Flown, values: Floats, label: str, limits: tuple[float, float]
-) -> None:  # fmt: skip
-    days = flown.blind.shape[1] * flown.step / DAY
-    _image(axes, values.T, (0, days, 0, 360), label, limits)
-    axes.set(xlabel="day of the mission", ylabel="orbit from the node (deg)")
-    axes.set_yticks(range(0, 361, 90))
-
-
 def _image(
-    axes: Axes,
-    values: Floats,
-    extent: tuple[float, float, float, float],
-    label: str,
-    limits: tuple[float, float],
-) -> None:
-    """A map with its bar of colours; grey where there is no value."""
-    colours = matplotlib.colormaps["viridis"].with_extremes(bad="0.75")
+    axes: Axes, values: Floats, extent: tuple[float, float, float, float], label: str,
+    limits: tuple[float, float | None], clear: Flags | bool = True,
+) -> None:  # fmt: skip
+    """A map with its bar of colours; grey where there is no value, or where it is not clear."""
+    colours = matplotlib.colormaps["viridis"].with_extremes(bad=style.NO_VALUE)
     shown = axes.imshow(
-        values, origin="lower", aspect="auto", extent=extent, cmap=colours,
-        vmin=limits[0], vmax=limits[1],
+        np.where(clear, values, np.nan), origin="lower", aspect="auto", extent=extent,
+        cmap=colours, vmin=limits[0], vmax=limits[1],
     )  # fmt: skip
     axes.grid(False)
     style.colour_bar(shown, axes, values, label)
@@ -135,13 +114,9 @@ def _lengths(axes: Axes, available: Availability) -> None:
 
 @style.styled
 def draw_placement(
-    path: Path,
-    mapped: tuple[Floats, Floats, Floats, Floats],
-    before: list[tuple[float, float]],
-    after: list[tuple[float, float]],
-    keep_out: tuple[KeepClear, ...],
-    title: str,
-) -> None:
+    path: Path, mapped: tuple[Floats, Floats, Floats, Floats], before: list[tuple[float, float]],
+    after: list[tuple[float, float]], keep_out: tuple[KeepClear, ...], title: str,
+) -> None:  # fmt: skip
     """Blind time of one head and the objective over all directions of its boresight; the heads.
 
     mapped         of `map_of`
@@ -158,22 +133,12 @@ def draw_placement(
         clear &= here @ axis < np.cos(cone.angle)
     least = np.log10(np.maximum(score, 1e-6))[nearest]
     figure = style.picture(11.0, title)
-    for axes, values, label, low in zip(
-        figure.subplots(3, 1),
-        (100 * part[nearest], longest[nearest] / 60, least),
-        (
-            "blind (% of the time)", "longest blinding\nin an orbit (min)",
-            "objective of the search,\nothers as placed (log10)",
-        ),
-        (0.0, 0.0, float(least.min())),
-        strict=True,
-    ):  # fmt: skip
-        colours = matplotlib.colormaps["viridis"].with_extremes(bad="0.75")
-        shown = axes.imshow(
-            np.where(clear, values, np.nan), origin="lower", aspect="auto", cmap=colours,
-            extent=(-180, 180, -90, 90), vmin=low,
-        )  # fmt: skip
-        axes.grid(False)
+    for axes, (values, label, low) in zip(figure.subplots(3, 1), (
+        (100 * part[nearest], "blind (% of the time)", 0.0),
+        (longest[nearest] / 60, "longest blinding\nin an orbit (min)", 0.0),
+        (least, "objective of the search,\nothers as placed (log10)", float(least.min())),
+    ), strict=True):  # fmt: skip
+        _image(axes, values, (-180, 180, -90, 90), label, (low, None), clear)
         for place, marker, colour, name in (
             (before, "o", style.SKY, "before"), (after, "^", style.RED, "after"),
         ):  # fmt: skip
@@ -182,6 +147,5 @@ def draw_placement(
         axes.set(xlabel="azimuth, from x to y (deg)", ylabel="elevation, to z (deg)")
         axes.set_xticks(range(-180, 181, 60))
         axes.set_yticks(range(-90, 91, 45))
-        style.colour_bar(shown, axes, values, label)
     style.legend_below(axes, 2)
     style.save_picture(path, figure)

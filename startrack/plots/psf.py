@@ -14,13 +14,9 @@ Curves = dict[str, Floats]
 FAINTEST = -5.0  # decades below the peak
 ALIKE = 1e-3  # of the modulation, by which curves along x and y may differ and be drawn as one
 LOOKS = {
-    "optics": (style.BLUE, "o"),
-    "blur in optics": (style.PURPLE, "D"),
-    "pixel": (style.GREEN, "s"),
-    "diffusion": (style.RED, "v"),
-    "motion": (style.ORANGE, "^"),
-    "total": (style.BLACK, ""),
-}
+    "optics": (style.BLUE, "o"), "blur in optics": (style.PURPLE, "D"), "pixel": (style.GREEN, "s"),
+    "diffusion": (style.RED, "v"), "motion": (style.ORANGE, "^"), "total": (style.BLACK, ""),
+}  # fmt: skip
 
 
 @style.styled

@@ -176,10 +176,10 @@ def colour_bar(
     return bar
 
 
-def say(axes: Axes, text: str, x: float = 0.5, y: float = 0.5) -> None:
-    """A sentence in a panel, legible on any ground; x, y as fractions of the panel."""
+def say(axes: Axes, text: str, y: float = 0.5) -> None:
+    """A sentence in a panel, legible on any ground; y: height as a fraction of the panel."""
     axes.text(
-        x, y, text, transform=axes.transAxes, ha="center", va="center", fontsize=SMALL,
+        0.5, y, text, transform=axes.transAxes, ha="center", va="center", fontsize=SMALL,
         path_effects=[outline("white")], zorder=10,
     )  # fmt: skip
 
@@ -203,13 +203,13 @@ def outline(colour: str) -> withStroke:
     return withStroke(linewidth=2.0, foreground=colour)
 
 
-def robust_limit(values: Floats, times: float = 8.0) -> float:
-    """Size that most values keep: the largest, or so many typical ones where it is far beyond."""
+def robust_limit(values: Floats) -> float:
+    """Size that most values keep: the largest, or eight typical ones where it is far beyond."""
     size = np.abs(values[np.isfinite(values)])
     if not len(size):
         return 1.0
     largest, typical = float(size.max()), float(np.median(size)) / 0.6745
-    return 1.08 * (largest if largest < times * typical or not typical else times * typical) or 1.0
+    return 1.08 * (min(largest, 8 * typical) if typical else largest) or 1.0
 
 
 def number(value: float) -> str:

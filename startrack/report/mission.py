@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from operator import attrgetter
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import tomli_w
@@ -20,40 +21,44 @@ BLIND = Unit("", 0.01, 1.0)  # percent, said by the caption
 MOST = 10  # rows of a list of the worst
 
 
-def write_mission_report(
-    plan: mission.Plan,
-    flown: mission.Flown,
-    available: mission.Availability,
-    met: Sequence[mission.Verdict],
-    checks: Sequence[mission.Checked],
-    pictures: Sequence[tuple[str, Path]],
-    title: str,
-) -> str:
+class Flight(NamedTuple):
+    """A mission that was flown: plan, trials beside it, steps, and how often heads are valid."""
+
+    plan: mission.Plan
+    checks: tuple[mission.Checked, ...]
+    flown: mission.Flown
+    available: mission.Availability
+
+    @property
+    def verdicts(self) -> list[mission.Verdict]:
+        """One for each requirement."""
+        requirements = self.plan.loaded.mission.requirements
+        return mission.verdicts(requirements, self.available, float(self.flown.rms.max()))
+
+    @property
+    def met(self) -> bool:
+        """Whether all requirements are met."""
+        return all(verdict.met for verdict in self.verdicts)
+
+
+def write_mission_report(flight: Flight, pictures: Sequence[tuple[str, Path]], title: str) -> str:
     """The page as HTML.
 
     pictures  caption and PNG file of each, which the page holds itself
     """
-    time = plan.loaded.mission.time
+    plan, time = flight.plan, flight.plan.loaded.mission.time
     lead = (
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
-        f"{100 * flown.eclipse.mean():.1f} % of the time in eclipse. Begins and ends of times are "
-        "right to a step."
+        f"{100 * flight.flown.eclipse.mean():.1f} % of the time in eclipse. Begins and ends of "
+        "times are right to a step."
     )
+    text = tomli_w.dumps(to_table(plan.loaded.mission))
     sections = [
-        _requirements(met),
-        _heads(plan, flown, available),
-        _errors(plan, flown, checks),
-        _blinded(plan, available),
-        _reacquired(plan, flown),
-        _beta(flown),
+        _requirements(flight.verdicts), _heads(flight), _errors(flight), _blinded(flight),
+        _reacquired(flight), _beta(flight.flown),
         Section("Pictures", "".join(embedded(caption, file) for caption, file in pictures)),
-        Section(
-            "Inputs",
-            code(
-                "Mission, with the paths of its files", tomli_w.dumps(to_table(plan.loaded.mission))
-            ),
-        ),
-    ]
+        Section("Inputs", code("Mission, with the paths of its files", text)),
+    ]  # fmt: skip
     return page(title, lead, sections)
 
 
@@ -79,8 +84,9 @@ def verdict_table(met: Sequence[mission.Verdict]) -> Table:
     )
 
 
-def heads_table(plan: mission.Plan, flown: mission.Flown, available: mission.Availability) -> Table:
+def heads_table(flight: Flight) -> Table:
     """How long each head is blind, and its error while it is valid."""
+    plan, _, flown, available = flight
     error = np.sqrt(flown.head_sum[:, 1:3] / np.maximum(flown.head_sum[:, :1], 1))
     names = ("Sun", "Moon", "Earth", "ground", "SAA", "structure")
     causes = [
@@ -134,18 +140,16 @@ CHECKED = (
 )
 
 
-def checks_table(plan: mission.Plan, checks: Sequence[mission.Checked]) -> Table:
+def checks_table(flight: Flight) -> Table:
     """The trials beside the errors of the budget, for each group of heads."""
 
     def names(row: mission.Checked) -> list[str]:
-        return [plan.heads[h].name for h in row.heads]
+        return [flight.plan.heads[h].name for h in row.heads]
 
     ratios = {
-        "across": "across",
-        "about": "about",
-        "corrected_across": "across, corrected",
+        "across": "across", "about": "about", "corrected_across": "across, corrected",
         "corrected_about": "about, corrected",
-    }
+    }  # fmt: skip
 
     def ratio(name: str) -> Callable[[mission.Checked], str]:
         return lambda row: "{:.3f} +- {:.3f}".format(*getattr(row, name))
@@ -160,7 +164,7 @@ def checks_table(plan: mission.Plan, checks: Sequence[mission.Checked]) -> Table
             *(Column(f"{name}_ratio", "", attrgetter(name)) for name in ratios),
             *(Column("", title, ratio(name)) for name, title in ratios.items()),
         ],
-        checks,
+        flight.checks,
     )
 
 
@@ -170,85 +174,61 @@ def _requirements(met: Sequence[mission.Verdict]) -> Section:
     return Section("Requirements", records("Requirements of the mission", verdict_table(met)))
 
 
-def _heads(plan: mission.Plan, flown: mission.Flown, available: mission.Availability) -> Section:
+def _heads(flight: Flight) -> Section:
+    available = flight.available
     many = [
         [
-            f"{count}",
-            f"{100 * available.at_least(count):.4f}",
+            f"{count}", f"{100 * available.at_least(count):.4f}",
             f"{100 * available.heads[count:].sum():.4f}",
         ]
-        for count in range(len(plan.heads), 0, -1)
-    ]
+        for count in range(len(flight.plan.heads), 0, -1)
+    ]  # fmt: skip
     caption = (
         "Blind, % of the time (a time may have several causes), and rms error while it is valid"
     )
-    return Section(
-        "Heads",
-        records(caption, heads_table(plan, flown, available))
-        + table(
-            "Fraction of the time with at least so many heads, %",
-            ["heads", "with attitudes", "not blind"],
-            many,
-        ),
-    )
+    head = ["heads", "with attitudes", "not blind"]
+    shown = table("Fraction of the time with at least so many heads, %", head, many)
+    return Section("Heads", records(caption, heads_table(flight)) + shown)
 
 
-def _errors(plan: mission.Plan, flown: mission.Flown, checks: Sequence[mission.Checked]) -> Section:
+def _errors(flight: Flight) -> Section:
+    flown = flight.flown
     fused = [[axis, f"{rms / arcsec:.3g}"] for axis, rms in zip("xyz", flown.rms, strict=True)]
     body = table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
-    if not checks:
-        body += paragraph(
-            "By the error budget, which no trial checked (check.trials of the mission file)."
-        )
-    else:
-        body += records(CHECKED, checks_table(plan, checks))
+    unchecked = "By the error budget, which no trial checked (check.trials of the mission file)."
+    body += records(CHECKED, checks_table(flight)) if flight.checks else paragraph(unchecked)
     moments = [[f"{s:.0f}", f"{s / DAY:.3f}", f"{e / arcsec:.3g}"] for s, e in flown.worst[:MOST]]
-    body += table(
-        "Worst moments: error about the worst axis, the largest of each part of the mission",
-        ["second", "day", "arcsec rms"],
-        moments,
-    )
-    return Section("Errors", body)
+    caption = "Worst moments: error about the worst axis, the largest of each part of the mission"
+    return Section("Errors", body + table(caption, ["second", "day", "arcsec rms"], moments))
 
 
-def _blinded(plan: mission.Plan, available: mission.Availability) -> Section:
-    every = {
-        "no head valid": available.none,
-        **dict(zip([head.name for head in plan.heads], available.each, strict=True)),
-    }
+def _blinded(flight: Flight) -> Section:
+    none, names = flight.available.none, [head.name for head in flight.plan.heads]
+    every = {"no head valid": none, **dict(zip(names, flight.available.each, strict=True))}
     head = ["", *(f"to {high:g} s" for high in mission.EDGES[1:-1]), "longer", "longest (s)"]
     rows = [
         [name, *(str(int(n)) for n in spells.histogram()), f"{spells.longest:g}"]
         for name, spells in every.items()
     ]
-    return Section(
-        "Blindings",
-        table("How often a head is blind for so long", head, rows) + _longest(available.none),
-    )
+    longest = paragraph("A head is valid at all times.")
+    if len(none.length):
+        longest = records("Longest times without a valid head", spells_table(none))
+    shown = table("How often a head is blind for so long", head, rows)
+    return Section("Blindings", shown + longest)
 
 
-def _longest(none: mission.Spells) -> str:
-    if not len(none.length):
-        return paragraph("A head is valid at all times.")
-    return records("Longest times without a valid head", spells_table(none))
-
-
-def _reacquired(plan: mission.Plan, flown: mission.Flown) -> Section:
-    rows = []
-    for h, head in enumerate(plan.heads):
-        spell = mission.reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
+def _reacquired(flight: Flight) -> Section:
+    rows, plan = [], flight.plan
+    for head, design, chances in zip(
+        plan.heads, plan.loaded.designs, flight.flown.chances, strict=True
+    ):
+        spell = mission.reacquisition_of(design.case, chances)
         if spell.times:
             rows.append([head.name, str(spell.times), f"{spell.mean:.3g}", f"{spell.level:.3g}"])
-    if not rows:
-        return Section("Reacquisition", paragraph("No head is blinded, or none has errors."))
-    return Section(
-        "Reacquisition",
-        table(
-            "From the end of a blinding to the next attitude, without the tracker's computing time",
-            ["head", "times", "mean (s)", "99 % (s)"],
-            rows,
-        ),
-    )
+    text = "From the end of a blinding to the next attitude, without the tracker's computing time"
+    shown = table(text, ["head", "times", "mean (s)", "99 % (s)"], rows)
+    none = paragraph("No head is blinded, or none has errors.")
+    return Section("Reacquisition", shown if rows else none)
 
 
 def _beta(flown: mission.Flown) -> Section:

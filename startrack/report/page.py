@@ -177,18 +177,19 @@ def panels(pictures: Sequence[Picture], name: str, caption: str) -> str:
     )
 
 
-def figure(picture: str, caption: str) -> str:
-    """A picture (HTML) with its caption (plain text)."""
+def embedded(caption: str, file: Path, alternative: str = "") -> str:
+    """A picture file in the page itself, with its caption (plain text).
+
+    alternative  text for readers who cannot see it; none: the caption
+    """
+    data = base64.b64encode(file.read_bytes()).decode()
+    kind = {".png": "png", ".jpg": "jpeg"}[file.suffix]
+    alt = escape(alternative or caption)
     return (
-        f'<figure><div class="scroll" tabindex="0" role="region" aria-label="Picture">{picture}'
+        '<figure><div class="scroll" tabindex="0" role="region" aria-label="Picture">'
+        f'<img alt="{alt}" src="data:image/{kind};base64,{data}">'
         f"</div><figcaption>{escape(caption)}</figcaption></figure>\n"
     )
-
-
-def embedded(caption: str, file: Path) -> str:
-    """A PNG file in the page itself, with its caption (plain text)."""
-    data = base64.b64encode(file.read_bytes()).decode()
-    return figure(f'<img alt="{escape(caption)}" src="data:image/png;base64,{data}">', caption)
 
 
 def code(title: str, text: str) -> str:

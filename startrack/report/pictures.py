@@ -40,18 +40,18 @@ def quantiles(size: Floats) -> list[Interval]:
 def exceedance(outcomes: Rows) -> list[Picture]:
     """Fraction of trials that exceed an error, with its interval, and the normal distribution."""
     across, about = sizes(outcomes)
+    rms = [float(np.sqrt(np.mean(size**2))) if len(size) else 1.0 for size in (across, about)]
     return [
-        _exceedance(across, scipy.stats.rayleigh(scale=_rms(across) / 2**0.5),
+        _exceedance(across, scipy.stats.rayleigh(scale=rms[0] / 2**0.5),
                     "angle across the boresight, radial (arcsec)"),
-        _exceedance(about, scipy.stats.halfnorm(scale=_rms(about)),
+        _exceedance(about, scipy.stats.halfnorm(scale=rms[1]),
                     "size of the error about the boresight (arcsec)"),
     ]  # fmt: skip
 
 
 @plots.styled
 def _exceedance(size: Floats, law: Any, label: str) -> Picture:
-    figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
-    axes, n = figure.subplots(), len(size)
+    (figure, axes), n = _panel(), len(size)
     picture = Picture(figure, f"Fraction of trials beyond each {label}")
     axes.set(xlabel=label, ylabel="fraction of trials beyond")
     if n == 0:
@@ -69,14 +69,8 @@ def _exceedance(size: Floats, law: Any, label: str) -> Picture:
         [np.linspace(0, ordered[-1], POINTS), np.geomspace(ordered[0] / 10, ordered[-1], POINTS)]
     )
     grid.sort()
-    axes.plot(
-        grid / arcsec,
-        law.sf(grid),
-        "--",
-        color=plots.RED,
-        lw=1.2,
-        label="normal distribution of this rms",
-    )
+    axes.plot(grid / arcsec, law.sf(grid), "--", color=plots.RED, lw=1.2,
+              label="normal distribution of this rms")  # fmt: skip
     axes.set_yscale("log")
     axes.set_ylim(0.3 / n, 1.2)
     # An outlier does not squash the curve: far errors need a logarithmic axis.
@@ -87,10 +81,6 @@ def _exceedance(size: Floats, law: Any, label: str) -> Picture:
         axes.set_xlim(0, None)
     plots.legend_below(axes, 1)
     return picture
-
-
-def _rms(size: Floats) -> float:
-    return float(np.sqrt(np.mean(size**2))) if len(size) else 1.0
 
 
 # Trials in a region on average, below which the sky is cut into fewer; and at least, below which a
@@ -141,8 +131,18 @@ def sky_map(boresight: Floats, outcomes: Rows) -> list[Picture]:
 def _sky() -> tuple[Figure, Axes]:
     figure = Figure(figsize=(WIDE, 0.9 * HIGH), layout="constrained")
     axes = figure.subplots(subplot_kw={"projection": "mollweide"})
-    _graticule(axes)
+    hours = np.arange(-150, 151, 60)
+    axes.set_xticks(np.radians(hours), [f"{int(-h % 360) // 15} h" for h in hours])
+    axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
+    axes.set_axisbelow(False)  # numbers and lines over the map
+    for text in axes.get_xticklabels():
+        text.set(path_effects=[plots.outline("white")])
     return figure, axes
+
+
+def _panel() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
+    return figure, figure.subplots()
 
 
 def _bar(drawn: ScalarMappable, axes: Axes, values: Floats) -> None:
@@ -177,15 +177,6 @@ def _regions(axes: Axes, regions: Regions, value: Floats, scale: LogNorm) -> Qua
     return axes.pcolormesh(math.pi - ra, dec, fine, norm=scale, cmap="viridis", rasterized=True)
 
 
-def _graticule(axes: Axes) -> None:
-    hours = np.arange(-150, 151, 60)
-    axes.set_xticks(np.radians(hours), [f"{int(-h % 360) // 15} h" for h in hours])
-    axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
-    axes.set_axisbelow(False)  # numbers and lines over the map
-    for text in axes.get_xticklabels():
-        text.set(path_effects=[plots.outline("white")])
-
-
 BINS = 8
 FEWEST = 8  # stars in a bin, at least; chosen by hand
 
@@ -198,8 +189,7 @@ def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
         (seen.magnitude, "magnitude (G)"),
         (seen.radius / half_diagonal, "distance from the middle (half diagonals)"),
     ):
-        figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
-        axes = figure.subplots()
+        figure, axes = _panel()
         _binned(axes, at, seen.error)
         axes.set(xlabel=label, ylabel="centroid error, rms per axis (pixel)", yscale="log")
         plots.legend_below(axes, 1)
@@ -226,9 +216,7 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
 
 
 @plots.styled
-def draw_slews(
-    slewed: Sequence[Slew], design_rate: float, expected: Curve | None = None
-) -> list[Picture]:
+def draw_slews(slewed: Sequence[Slew], design_rate: float, expected: Curve) -> list[Picture]:
     """Error and availability against the rate; `design_rate` in radian / second."""
     rate, pictures = np.array([slew.rate for slew in slewed]) / deg, []
     solved = any(slew.across.value > 0 for slew in slewed)
@@ -236,9 +224,8 @@ def draw_slews(
         ("across", "across", arcsec, "error across, rms per axis (arcsec)"),
         ("fraction", "available", 0.01, "trials with a correct attitude (%)"),
     ):
-        figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
-        axes = figure.subplots()
-        if expected and any(expected.budgets):
+        figure, axes = _panel()
+        if any(expected.budgets):
             _shade(axes, expected)
             axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=plots.RED,
                       label="analytic budget")  # fmt: skip

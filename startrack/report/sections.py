@@ -1,11 +1,8 @@
 """Sections of the page: design, verdicts, lost trials, error budget, units, worst trials."""
 
-import base64
 import math
 import tempfile
 from dataclasses import replace
-from functools import partial
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +21,7 @@ from startrack.montecarlo import Ending, Serial, Store, endings, run
 from startrack.plots import BLACK, BLUE, RED, draw_solution, legend_below, say, styled
 from startrack.population import PerUnit, explain, per_unit, unit_errors
 from startrack.report import page
-from startrack.report.page import figure, table
+from startrack.report.page import table
 from startrack.trial import observe, searched
 
 OTHER = 2 * 10**8  # number of the first trial in the other conditions, which no command repeats
@@ -67,12 +64,15 @@ def verdict(store: Store, outcomes: Rows, trials: int, advance: Advance) -> page
     trials  in each condition but the design's own, whose trials are those of the store
     """
     campaign = store.campaign
+    lacking = ""
     if campaign is None:
-        return page.Section("Verdict", page.paragraph("The design names no requirement."))
-    if store.sampling.attitudes != "random":
-        return page.Section(
-            "Verdict", page.paragraph("A verdict needs trials at random attitudes.")
-        )
+        lacking = "The design names no requirement."
+    elif store.sampling.attitudes != "random":
+        lacking = "A verdict needs trials at random attitudes."
+    elif len(outcomes) < 2:
+        lacking = "A verdict needs two trials or more."
+    if campaign is None or lacking:
+        return page.Section("Verdict", page.paragraph(lacking))
 
     def of(case: Case, number: int) -> Rows:
         if case == store.case:
@@ -80,20 +80,15 @@ def verdict(store: Store, outcomes: Rows, trials: int, advance: Advance) -> page
         fidelity = store.sampling.fidelity
         return run(case, trials, store.seed, Serial(), OTHER, progress=advance, fidelity=fidelity)
 
-    confidence = campaign.requirements.confidence
-    looks = (
-        verification.Looks(len(outcomes), len(outcomes), 1 - confidence)
-        if len(outcomes) > 1
-        else None
-    )
-    if looks is None:
-        return page.Section("Verdict", page.paragraph("A verdict needs two trials or more."))
+    looks = verification.Looks(len(outcomes), len(outcomes), 1 - campaign.requirements.confidence)
     verified = verification.verify(store.case, campaign, of, store.seed, looks)
     own = verified.verdicts[0].condition
-    counts = [
-        verdict.number if verdict.condition == own else trials for verdict in verified.verdicts
-    ]
-    verified = replace(verified, verdicts=tuple(map(_counted, verified.verdicts, counts)))
+    # Those by formula have no trials.
+    counted = (
+        replace(verdict, number=trials) if verdict.trials and verdict.condition != own else verdict
+        for verdict in verified.verdicts
+    )
+    verified = replace(verified, verdicts=tuple(counted))
     lines = verification.verdict_notes(verified)
     lines[-1] = (
         f"Tested once: the design's own condition on the {len(outcomes)} trials of the campaign, "
@@ -108,11 +103,6 @@ def verdict(store: Store, outcomes: Rows, trials: int, advance: Advance) -> page
     )
 
 
-def _counted(verdict: verification.Verdict, number: int) -> verification.Verdict:
-    """With the number of trials that were run; those by formula have none."""
-    return replace(verdict, number=number) if verdict.trials else verdict
-
-
 def other_conditions(store: Store) -> int:
     """Number of conditions whose trials `verdict` runs."""
     campaign = store.campaign
@@ -125,19 +115,16 @@ def lost(store: Store, outcomes: Rows) -> page.Section:
     attitudes = store.sampling.attitudes_of(store.seed, outcomes["trial"].tolist())
     limits, keep_out = (needs.limits, needs.min_keep_out) if needs else (STATED_ALONE, None)
     ends = endings(store.case, store.seed, outcomes, attitudes, limits, keep_out)
-    rows, percent = [], partial("{:.3g}".format)
+    rows = []
     for ending, count in ends.count().items():
         share = fraction_interval(count, len(outcomes))
-        example = next(
-            (
-                f"trial {outcomes['trial'][n]}: {ends.reason[n]}"
-                for n, actual in enumerate(ends.ending)
-                if actual is ending and ending is not Ending.CORRECT
-            ),
-            "",
+        examples = (
+            f"trial {outcomes['trial'][n]}: {ends.reason[n]}"
+            for n, actual in enumerate(ends.ending)
+            if actual is ending and ending is not Ending.CORRECT
         )
-        cells = (percent(100 * value) for value in (share.value, share.low, share.high))
-        rows.append([ending.value, str(count), *cells, example])
+        cells = (f"{100 * value:.3g}" for value in (share.value, share.low, share.high))
+        rows.append([ending.value, str(count), *cells, next(examples, "")])
     head = ["end", "trials", "%", "from", "to", "the first"]
     return page.Section("Lost trials", table("How the trials ended", head, rows))
 
@@ -160,13 +147,14 @@ def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advan
     beside = {line.name: line for line in by_trials.lines}
     named = {line.name: line for line in expected.lines}
     rows = []
-    for name in [*named, *(name for name in beside if name not in named)]:
-        pair = named.get(name), beside.get(name)
-        term = next(line.term.value for line in pair if line and line.term)
-        rows.append([name, term, *_cells(pair[0]), *_intervals(pair[1])])
+    for name in dict.fromkeys([*named, *beside]):
+        line, other = named.get(name), beside.get(name)
+        term = next(cause.term.value for cause in (line, other) if cause and cause.term)
+        rows.append([name, term, *_cells(line), *_intervals(other)])
     rows.append(["root sum square", "", *_sum(expected), *_sum(by_trials)])
     rows.append(["end to end", "", *_cells(expected.whole), *_intervals(by_trials.whole)])
     head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
+    differ = (f"formula and trials differ: {text}" for text in differences(expected, summary))
     return page.Section(
         TITLE,
         "".join(map(_sentence, refusal(case, expected.refused)))  # why errors are large comes first
@@ -177,16 +165,7 @@ def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advan
             f"over {members} trials, in which each cause is switched off in turn, "
             f"in {100 * by_trials.availability:.2f} % with {by_trials.stars:.1f}."
         )
-        + "".join(
-            _sentence(text)
-            for text in (
-                *caveats(case, expected.left_out),
-                *(
-                    f"formula and trials differ: {difference}"
-                    for difference in differences(expected, summary)
-                ),
-            )
-        ),
+        + "".join(map(_sentence, [*caveats(case, expected.left_out), *differ])),
     )
 
 
@@ -252,11 +231,8 @@ def units(store: Store, outcomes: Rows) -> list[page.Section]:
         "unit; the sections on stars, slew rate, budget and fidelities, and the verdict's other "
         "conditions, are of the unit as designed."
     )
-    return [
-        page.Section(
-            "Units", shown + page.panels(pictures, "units", caption) + _worst(store, by_unit) + text
-        )
-    ]
+    drawn = page.panels(pictures, "units", caption)
+    return [page.Section("Units", shown + drawn + _worst(store, by_unit) + text)]
 
 
 @styled
@@ -264,9 +240,8 @@ def _spread(errors: Floats, name: str, limit: float | None) -> page.Picture:
     """Histogram of the rms of the units."""
     figure = Figure(figsize=(page.WIDE, page.HIGH), layout="constrained")
     axes, finite = figure.subplots(), errors[np.isfinite(errors)] / arcsec
-    picture = page.Picture(
-        figure, f"Histogram of the rms {name} the boresight of {len(finite)} units"
-    )
+    text = f"Histogram of the rms {name} the boresight of {len(finite)} units"
+    picture = page.Picture(figure, text)
     axes.set(xlabel=f"rms {name} the boresight (arcsec)", ylabel="units")
     if not len(finite):
         say(axes, "no attitude")
@@ -322,17 +297,9 @@ def show(case: Case, seed: int, number: int, icrs_to_camera: Rotation) -> str:
             f"{'FALSE, ' if outcome.false else ''}{error:.2f} arcsec across, "
             f"{abs(outcome.error_z) / arcsec:.1f} about the boresight, {outcome.stars} stars"
         )
+    seen, stars = searched(case, record.frame), open_sky(case.believed_catalog).stars
+    found = record.spots, record.matches, record.estimate.icrs_to_camera
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.jpg"
-        draw_solution(
-            path,
-            searched(case, record.frame),
-            record.spots,
-            record.matches,
-            record.estimate.icrs_to_camera,
-            open_sky(case.believed_catalog).stars,
-            f"trial {number}",
-        )
-        jpeg = base64.b64encode(path.read_bytes()).decode()
-    picture = f'<img alt="{escape(where)}" src="data:image/jpeg;base64,{jpeg}">'
-    return figure(picture, f"{where}: {result}.")
+        draw_solution(path, seen, *found, stars, f"trial {number}")
+        return page.embedded(f"{where}: {result}.", path, where)

@@ -73,19 +73,13 @@ def write_report(
     advance = progress or (lambda _: None)
     case, seed = store.case, store.seed
     shown = [
-        sections.design(case),
-        sections.verdict(store, outcomes, depth.conditions, advance),
-        _summary(store, outcomes),
-        *sections.units(store, outcomes),
-        sections.lost(store, outcomes),
+        sections.design(case), sections.verdict(store, outcomes, depth.conditions, advance),
+        _summary(store, outcomes), *sections.units(store, outcomes), sections.lost(store, outcomes),
         sections.budget(case, seed, depth.budget, metrics.summarise(outcomes), advance),
-        _distributions(outcomes),
-        _sky(outcomes, store.sampling, seed),
-        *_closer(store, outcomes, depth, advance),
-        _worst(store, outcomes, depth, advance),
-        _fidelities(case, seed, depth, advance),
-        _inputs(store),
-    ]
+        _distributions(outcomes), _sky(outcomes, store.sampling, seed),
+        *_closer(store, outcomes, depth, advance), _worst(store, outcomes, depth, advance),
+        _fidelities(case, seed, depth, advance), _inputs(store),
+    ]  # fmt: skip
     date = store.sessions()[-1][0][:10]
     lead = (
         f"startrack {version}, {date}, author: {author or 'not named'}. "
@@ -103,22 +97,14 @@ def _summary(store: Store, outcomes: Rows) -> Section:
     campaign = store.campaign
     limits = campaign.requirements.limits if campaign else metrics.STATED_ALONE
     summary = metrics.summarise(outcomes, limits)
-    head = ["", "value", "from", "to", "unit"]
     text = (
         f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
         f"variance that the tracker states is {summary.nees:.2f}; 3 if its covariance is right."
     )
     alone = "" if store.sampling.units else f" {budget.noise_only(store.case)}."
-    return Section(
-        "Summary",
-        table(
-            f"Over {summary.trials} trials",
-            head,
-            metrics.to_cells(metrics.summary_rows(summary, limits)),
-        )
-        + paragraph(text + alone)
-        + _verdict(summary),
-    )
+    cells = metrics.to_cells(metrics.summary_rows(summary, limits))
+    shown = table(f"Over {summary.trials} trials", ["", "value", "from", "to", "unit"], cells)
+    return Section("Summary", shown + paragraph(text + alone) + _verdict(summary))
 
 
 def _verdict(summary: metrics.Summary) -> str:
@@ -154,31 +140,24 @@ def _distributions(outcomes: Rows) -> Section:
 def _sky(outcomes: Rows, sampling: Sampling, seed: int) -> Section:
     shown = outcomes[:MOST_POINTS]
     attitudes = sampling.attitudes_of(seed, shown["trial"].tolist())
-    boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
-    return Section(
-        "Sky",
-        panels(
-            pictures.sky_map(boresight, shown),
-            "sky",
-            f"ICRS, Mollweide's equal-area projection, right ascension grows to the left; the "
-            f"first {len(shown)} trials.",
-        ),
+    drawn = pictures.sky_map(attitudes.inv().apply([0.0, 0.0, 1.0]), shown)
+    caption = (
+        "ICRS, Mollweide's equal-area projection, right ascension grows to the left; the first "
+        f"{len(shown)} trials."
     )
+    return Section("Sky", panels(drawn, "sky", caption))
 
 
 def _closer(store: Store, outcomes: Rows, depth: Depth, advance: Advance) -> list[Section]:
     case, seed = store.case, store.seed
     numbers = outcomes["trial"][: depth.stars].tolist()
-    seen = budget.star_errors(
-        case, seed, numbers, store.sampling.attitudes_of(seed, numbers), advance
-    )
+    attitudes = store.sampling.attitudes_of(seed, numbers)
+    seen = budget.star_errors(case, seed, numbers, attitudes, advance)
     detector = case.instrument.detector
     stars = pictures.draw_stars(seen, math.hypot(detector.columns, detector.rows) / 2)
     slewed = budget.slews(case, seed, depth.slews, advance)
-    rate = case.instrument.motion.rate
-    turned = pictures.draw_slews(
-        slewed, rate, budget.analytic_curve(case, budget.slew_rates(case, budget.LONGEST))
-    )
+    expected = budget.analytic_curve(case, budget.slew_rates(case, budget.LONGEST))
+    turned = pictures.draw_slews(slewed, case.instrument.motion.rate, expected)
     rows = [
         [f"{slew.rate / deg:.3f}", f"{slew.smear:g}", *_cells(slew.across, arcsec),
          *_cells(slew.fraction, 0.01)]
@@ -186,39 +165,26 @@ def _closer(store: Store, outcomes: Rows, depth: Depth, advance: Advance) -> lis
     ]  # fmt: skip
     ends = ("from", "to")
     head = ["deg / s", "smear (pixel)", "across (arcsec)", *ends, "correct (%)", *ends]
+    of_stars = (
+        f"{len(seen.magnitude)} matched stars of {seen.trials} trials, against the true position "
+        "on the detector; bars: 95 % intervals in bins of equal numbers."
+    )
+    of_rates = f"{depth.slews} trials at each rate, the same skies and noise."
+    shown = table("Error and availability over slew rate", head, rows)
     return [
-        Section(
-            "Stars",
-            panels(
-                stars,
-                "stars",
-                f"{len(seen.magnitude)} matched stars of {seen.trials} trials, against the true "
-                "position on the detector; bars: 95 % intervals in bins of equal numbers.",
-            ),
-        ),
-        Section(
-            "Slew rate",
-            panels(turned, "slews", f"{depth.slews} trials at each rate, the same skies and noise.")
-            + table("Error and availability over slew rate", head, rows),
-        ),
+        Section("Stars", panels(stars, "stars", of_stars)),
+        Section("Slew rate", panels(turned, "slews", of_rates) + shown),
     ]
 
 
 def _worst(store: Store, outcomes: Rows, depth: Depth, advance: Advance) -> Section:
-    shown = []
+    case, seed, units, shown = store.case, store.seed, store.sampling.units, list[str]()
     for number in sections.worst(outcomes, depth.worst).tolist():
-        look_at = store.sampling.attitudes_of(store.seed, [number])[0]
-        shown.append(sections.show(_case_of(store, number), store.seed, number, look_at))
+        look_at = store.sampling.attitudes_of(seed, [number])[0]
+        own = unit_of(case, seed, units.moment(case, number)) if units else case
+        shown.append(sections.show(own, seed, number, look_at))
         advance(1)
     return Section("Worst trials", "".join(shown) or paragraph("None was requested."))
-
-
-def _case_of(store: Store, number: int) -> Case:
-    """The case of a trial: that of its unit, where units differ."""
-    units = store.sampling.units
-    if units is None:
-        return store.case
-    return unit_of(store.case, store.seed, units.moment(store.case, number))
 
 
 def _fidelities(case: Case, seed: int, depth: Depth, advance: Advance) -> Section:
@@ -227,55 +193,38 @@ def _fidelities(case: Case, seed: int, depth: Depth, advance: Advance) -> Sectio
         if result.refusal:
             rows.append([result.fidelity.value, *["none"] * 6, result.refusal])
             continue
-        rate = f"{1 / result.seconds:.0f}"
-        time = f"{1e3 * result.seconds:.3g}"
-        difference = (
-            "0"
-            if result.fidelity is Fidelity.FRAME
-            else metrics.four_digits(result.difference / arcsec)
-        )
-        rows.append(
-            [result.fidelity.value, time, rate, *_cells(result.across, arcsec), difference, ""]
-        )
+        time, rate = f"{1e3 * result.seconds:.3g}", f"{1 / result.seconds:.0f}"
+        off = metrics.four_digits(result.difference / arcsec)
+        off = "0" if result.fidelity is Fidelity.FRAME else off
+        rows.append([result.fidelity.value, time, rate, *_cells(result.across, arcsec), off, ""])
     head = ["fidelity", "ms", "trials / s", "across (arcsec)", "from", "to", "difference", ""]
-    return Section(
-        "Fidelities",
-        table("Speed against error, on the same trials, one core", head, rows)
-        + paragraph(
-            f"{depth.fidelity_comparison} trials each, of this campaign's seed. "
-            "Difference: rms per "
-            "axis between errors and those of the fidelity frame in the same trials, arcsec."
-        ),
+    text = (
+        f"{depth.fidelity_comparison} trials each, of this campaign's seed. Difference: rms per "
+        "axis between errors and those of the fidelity frame in the same trials, arcsec."
     )
+    caption = "Speed against error, on the same trials, one core"
+    return Section("Fidelities", table(caption, head, rows) + paragraph(text))
 
 
 def _inputs(store: Store) -> Section:
-    rows = [
-        [began, made["startrack"], made["numpy"], made["system"], made["cores"]]
-        for began, made in store.sessions()
-    ]
+    sessions, made_by = store.sessions(), ["startrack", "numpy", "system", "cores"]
+    rows = [[began, *(made[name] for name in made_by)] for began, made in sessions]
     failures = "".join(
         code(f"Trials {numbers.start} to {numbers.stop - 1} failed", report)
         for numbers, report in store.failures()
     )
-    machine = json.dumps(dict(store.sessions()[-1][1]), indent=1)
+    about = f"Seed {store.seed}, {store.sampling}; the design, as a file that startrack reads:"
+    worked = table("When the campaign was worked on (UTC), and by what", ["began", *made_by], rows)
+    machine = json.dumps(dict(sessions[-1][1]), indent=1)
     return Section(
         "Inputs",
-        paragraph(
-            f"Seed {store.seed}, {store.sampling}; the design, as a file that startrack reads:"
-        )
+        paragraph(about)
         + code("Design", tomli_w.dumps(to_table(store.case)))
-        + table(
-            "When the campaign was worked on (UTC), and by what",
-            ["began", "startrack", "numpy", "system", "cores"],
-            rows,
-        )
+        + worked
         + code("Versions and machine of the last session", machine)
         + (failures or paragraph("No block of trials failed.")),
     )
 
 
 def _cells(interval: metrics.Interval, unit: float) -> list[str]:
-    return [
-        metrics.four_digits(value / unit) for value in (interval.value, interval.low, interval.high)
-    ]
+    return [metrics.four_digits(end / unit) for end in vars(interval).values()]

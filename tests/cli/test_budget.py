@@ -94,7 +94,7 @@ def test_the_number_of_sequences_is_that_of_the_option(capsys, tmp_path, monkeyp
         flown.append(members)
         return indices_of(case, sequence, 1, *rest)
 
-    monkeypatch.setattr(module, "indices_of", counted)
+    monkeypatch.setattr(module.budgets, "indices_of", counted)
     asked = ["--profile", str(profile), "--sequences", "3", "--workers", "1"]
     assert run(capsys, *asked)[0] == 0
     assert flown == [3]

@@ -56,7 +56,9 @@ def _verdict(needs, x, solved):
     outcomes["trial"], outcomes["solved"] = np.arange(len(x)), solved
     outcomes["error_x"] = outcomes["error_y"] = outcomes["error_z"] = x
     before = summarise(outcomes)
-    summary, _, lines = _required(needs, outcomes, Sampling(), 1, [], before)
+    attitudes = Sampling().attitudes_of(1, outcomes["trial"].tolist())
+    boresight = attitudes.inv().apply([0.0, 0.0, 1.0])
+    summary, _, lines = _required(needs, outcomes, boresight, before)
     return before, summary, lines
 
 
