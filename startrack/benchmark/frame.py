@@ -65,12 +65,9 @@ def frame() -> Stage:
     return Stage(
         "frame",
         f"{SIZE} x {SIZE} pixels, 100 stars, sky, dark current and noise to 16-bit numbers",
-        "rms of (image - exact) over the noise there is, less one",
-        {"startrack": ours},
-        judge,
-        1 / math.sqrt(2 * lit.sum()),
-        "as many pixels with starlight",
-    )
+        "rms of (image - exact) over the noise there is, less one", {"startrack": ours}, judge,
+        1 / math.sqrt(2 * lit.sum()), "as many pixels with starlight",
+    )  # fmt: skip
 
 
 FRAMES = 8
@@ -96,11 +93,9 @@ def noise() -> Stage:
         "to 12-bit numbers",
         f"distance of the distribution of {FRAMES} Mpx from the exact law",
         {"startrack": lambda: [read_out(even, EVEN_CAMERA, Streams(1, n)) for n in range(FRAMES)]},
-        judge,
-        0.83 / math.sqrt(FRAMES * even.size),
-        "that many pixels (median of Kolmogorov's law)",
-        FRAMES,
-    )
+        judge, 0.83 / math.sqrt(FRAMES * even.size),
+        "that many pixels (median of Kolmogorov's law)", FRAMES,
+    )  # fmt: skip
 
 
 def law(mean: float, step: float, half: float) -> Floats:

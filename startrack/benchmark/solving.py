@@ -135,12 +135,9 @@ def identification() -> Stage:
         f"a sky of {REGIME.field} deg, {REGIME.noise} px of noise, {REGIME.false} false spots, "
         f"{100 * REGIME.missing:g} % missing",
         f"fraction of {SKIES} skies not solved, or wrongly",
-        {"startrack": lambda: [run(seen) for seen in every]},
-        judge,
-        1 / SKIES,
-        "that many skies",
+        {"startrack": lambda: [run(seen) for seen in every]}, judge, 1 / SKIES, "that many skies",
         SKIES,
-    )
+    )  # fmt: skip
 
 
 Solver = Callable[[Any, Any, Any], Rotation]
@@ -180,12 +177,8 @@ def attitude() -> Stage:
     truth, b, r = fields(MANY, STARS, 10 * deg, 0.0, 1)
     w = np.ones(b.shape[:2])
     return Stage(
-        "attitude",
-        f"an attitude from {STARS} exact directions in 20 deg",
-        "rms angle, radian",
+        "attitude", f"an attitude from {STARS} exact directions in 20 deg", "rms angle, radian",
         {name: partial(solve, b, r, w) for name, solve in SOLVERS.items()},
         lambda attitudes: float(np.sqrt(np.mean((attitudes * truth.inv()).magnitude() ** 2))),
-        np.finfo(float).eps,
-        "rounding",
-        MANY,
-    )
+        np.finfo(float).eps, "rounding", MANY,
+    )  # fmt: skip

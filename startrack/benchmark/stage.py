@@ -123,11 +123,8 @@ def values(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Any]:
     """The results as plain values; times in seconds."""
     return {
         stage.name: {
-            "work": stage.work,
-            "error": stage.error,
-            "limit": stage.limit,
-            "limit_of": stage.limit_of,
-            "missing": stage.missing,
+            "work": stage.work, "error": stage.error, "limit": stage.limit,
+            "limit_of": stage.limit_of, "missing": stage.missing,
             "ways": {
                 row.way: {"seconds": row.seconds, "error": row.error, "peer": row.peer}
                 for row in rows
@@ -135,7 +132,7 @@ def values(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Any]:
             },
         }
         for stage in stages
-    }
+    }  # fmt: skip
 
 
 def versions(packages: Sequence[str] = ()) -> str:
@@ -182,12 +179,9 @@ def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> 
         times.set_xlabel("CPU time of a piece (ms)")
         plots.panel_title(times, stage.name)
         _points(
-            errors,
-            mine,
-            [row.error for row in mine],
-            [figure(row.error) for row in mine],
+            errors, mine, [row.error for row in mine], [figure(row.error) for row in mine],
             stage.limit,
-        )
+        )  # fmt: skip
         errors.set_yticks(range(len(mine)), [""] * len(mine))
         errors.set_xlabel(fill(stage.error, 38))
         if math.isfinite(stage.limit) and stage.limit > 0:

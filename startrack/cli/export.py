@@ -146,14 +146,9 @@ def _also(
 def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:
     with shared.as_wrong_use(ValueError, FileNotFoundError):
         settings = onboard.GuideSettings(
-            options.limit,
-            options.epoch,
-            options.resolution and options.resolution * arcsec,
-            options.doubles,
-            options.variables,
-            options.per_field,
-            options.pattern_stars,
-        )
+            options.limit, options.epoch, options.resolution and options.resolution * arcsec,
+            options.doubles, options.variables, options.per_field, options.pattern_stars,
+        )  # fmt: skip
         with stage("guide stars"):
             variables = onboard.read_variables(options.variable_list)
             guide = onboard.guide_stars(case, settings, variables)

@@ -21,32 +21,24 @@ WIDEST = 100  # letters of a line
 
 # Words of datasheets that no key is called by, and the keys that set them.
 DATASHEET = {
-    "field of view": ("instrument.optics.focal_length", "instrument.detector.columns",
-                      "instrument.detector.rows", "instrument.detector.pixel_pitch"),
-    "fov": ("instrument.optics.focal_length", "instrument.detector.columns",
-            "instrument.detector.rows", "instrument.detector.pixel_pitch"),
+    "field of view|fov": ("instrument.optics.focal_length", "instrument.detector.columns",
+                          "instrument.detector.rows", "instrument.detector.pixel_pitch"),
     "aperture": ("instrument.optics.f_number", "instrument.optics.focal_length"),
     "update rate": ("instrument.detector.frame_rate", "instrument.detector.pixel_rate",
                     "campaign.requirements.min_update_rate"),
     "integration time": ("instrument.detector.exposure",),
-    "exclusion": ("instrument.baffle.angle", "instrument.tube.length",
-                  "campaign.requirements.min_keep_out.sun"),
-    "sun": ("campaign.requirements.min_keep_out.sun", "instrument.baffle.angle",
-            "instrument.tube.length"),
-    "sigma": ("campaign.requirements.level", "campaign.requirements.max_across",
-              "campaign.requirements.max_about"),
-    "slew": ("instrument.motion.rate_x", "instrument.motion.rate_y", "instrument.motion.rate_z"),
-    "angular rate": ("instrument.motion.rate_x", "instrument.motion.rate_y",
-                     "instrument.motion.rate_z"),
+    "exclusion|sun": ("campaign.requirements.min_keep_out.sun", "instrument.baffle.angle",
+                      "instrument.tube.length"),
+    "sigma|accuracy": ("campaign.requirements.level", "campaign.requirements.max_across",
+                       "campaign.requirements.max_about"),
+    "slew|angular rate": ("instrument.motion.rate_x", "instrument.motion.rate_y",
+                          "instrument.motion.rate_z"),
     "radiation": ("instrument.detector.age", "instrument.detector.hits"),
     "mass": ("campaign.requirements.max_mass",),
     "power": ("campaign.requirements.max_power",),
     "nea": ("campaign.requirements.max_across", "campaign.requirements.max_about"),
-    "accuracy": ("campaign.requirements.max_across", "campaign.requirements.max_about",
-                 "campaign.requirements.level"),
-    "sensitivity": ("tracker.catalog.limit_g", "tracker.detection.threshold"),
-    "magnitude limit": ("tracker.catalog.limit_g", "tracker.detection.threshold"),
-    "limiting magnitude": ("tracker.catalog.limit_g", "tracker.detection.threshold"),
+    "sensitivity|magnitude limit|limiting magnitude": ("tracker.catalog.limit_g",
+                                                       "tracker.detection.threshold"),
     "distortion": ("instrument.optics.k1", "instrument.optics.k2", "instrument.optics.k3",
                    "tracker.calibration.order"),
     "spot size": ("instrument.optics.blur", "instrument.optics.defocus"),
@@ -97,8 +89,8 @@ def command(options: argparse.Namespace) -> int:
 def _searched(words: str, keys: Sequence[Key]) -> list[Key]:
     """The keys that words of a datasheet mean, or whose name or meaning has all the words."""
     asked = words.lower().replace("_", " ").replace("-", " ")
-    named = [name for term, names in DATASHEET.items() for name in names
-             if re.search(rf"\b{term}\b", asked)]  # fmt: skip
+    named = [name for terms, names in DATASHEET.items() for name in names
+             if re.search(rf"\b({terms})\b", asked)]  # fmt: skip
     if named:
         return [key for key in keys if key.name in named]
     parts = asked.split()

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
 from importlib import import_module
-from typing import TextIO, cast
+from typing import Any, cast
 
 from startrack import __version__
 from startrack.cli import stopping
@@ -163,10 +163,7 @@ def _compiled_beside(options: argparse.Namespace) -> AbstractContextManager[None
     return cast("AbstractContextManager[None]", beside.compiled_beside(options.name))
 
 
-def _print_warning(
-    message: Warning | str, category: type[Warning], filename: str, lineno: int,
-    file: TextIO | None = None, line: str | None = None,
-) -> None:  # fmt: skip
+def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without the line of code that raised it."""
     print(f"startrack: {stopping.one_line(message)}", file=sys.stderr)
 

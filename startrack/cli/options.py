@@ -99,9 +99,8 @@ def memory_size(text: str) -> int:
     factors = {"K": 2**10, "M": 2**20, "G": GIB, "T": 2**40}
     factor = factors.get(text[-1:].upper(), 1)
     digits = text[:-1] if factor > 1 else text
-    size = (
-        int(digits) * factor if digits.isascii() and digits.isdecimal() and len(digits) < 16 else 0
-    )
+    whole_number = digits.isascii() and digits.isdecimal() and len(digits) < 16
+    size = int(digits) * factor if whole_number else 0
     if size < 2**29:
         raise argparse.ArgumentTypeError(
             f"must be at least 512M, as a number with K, M, G or T, got {text!r}"
@@ -215,8 +214,16 @@ class Option:
 class Group:
     """Options under a title of their own in the help."""
 
+    claims = False
+
     def __init__(self, title: str, *options: Option):
         self.title, self.options = title, options
+
+    def add_to(self, parser: Any) -> None:
+        """Declare them."""
+        group = parser.add_argument_group(self.title)
+        for option in self.options:
+            option.add_to(group)
 
 
 class Options:
@@ -238,15 +245,9 @@ class Options:
         parser.description = f"{parser.description or ''}\n\n{wrapped}".strip()
         JSON.add_to(parser)
         for option in self.options:
-            if isinstance(option, Group):
-                group = parser.add_argument_group(option.title)
-                for member in option.options:
-                    member.add_to(group)
-                continue
             option.add_to(parser)
-            if option.claims:
-                parser.set_defaults(claims=True)
-        parser.set_defaults(**self.defaults)
+        claims = any(option.claims for option in self.options)
+        parser.set_defaults(**{"claims": claims} | self.defaults)
         for option in COMMON:
             option.add_to(parser)
 

@@ -42,13 +42,9 @@ def command(options: argparse.Namespace) -> int:
     title = options.title or f"Campaign {options.campaign}"
     with as_wrong_use():
         depth = Depth(
-            options.stars,
-            options.slews,
-            options.budget,
-            options.fidelity_trials,
-            options.worst,
+            options.stars, options.slews, options.budget, options.fidelity_trials, options.worst,
             options.conditions,
-        )
+        )  # fmt: skip
         store = Store(options.campaign)
         store.require_inputs()
     with store, progress("trials repeated", repeated(store, depth)) as advance:

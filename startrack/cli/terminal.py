@@ -61,11 +61,8 @@ def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a desi
     """The path of a file, of one that is shipped where there is none; close names said."""
     if path.exists():
         return path
-    shipped = {
-        f"{folder}/{file.name}": file
-        for folder in folders
-        for file in sorted(io.shipped(folder).glob("*.toml"))
-    }
+    files = (file for name in folders for file in sorted(io.shipped(name).glob("*.toml")))
+    shipped = {f"{file.parent.name}/{file.name}": file for file in files}
     asked = path.as_posix().removesuffix(".toml") + ".toml"
     for name, file in shipped.items():
         if asked in (name, file.name):
@@ -77,9 +74,8 @@ def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a desi
         if file.stem in close or (len(stem) >= FEWEST_LETTERS and stem in file.stem)
     ]  # fmt: skip
     if names:
-        raise ValueError(
-            f"{path} must be {kind}, but there is none; shipped are {', '.join(names)}"
-        )
+        close_names = ", ".join(names)
+        raise ValueError(f"{path} must be {kind}, but there is none; shipped are {close_names}")
     return path
 
 
@@ -99,14 +95,14 @@ def read_sequence(path: Path) -> Sequence:
 
 def read_camera(path: Path) -> Camera:
     """The camera in [tracker.camera] of a TOML file; raises WrongUse where it cannot be used."""
-    with as_wrong_use(ValueError):
+    with as_wrong_use():
         table: Any = io.read_table(path, "a file with a table [tracker.camera]")
-        for key in ("tracker", "camera"):
-            table = table.get(key) if isinstance(table, dict) else None
-        if table is None:
-            raise ValueError(f"{path} must have a table [tracker.camera]")
-        with as_wrong_use(path=path):
-            return io.from_table(Camera, table, "tracker.camera")
+    for key in ("tracker", "camera"):
+        table = table.get(key) if isinstance(table, dict) else None
+    if table is None:
+        raise WrongUse(f"{path} must have a table [tracker.camera]")
+    with as_wrong_use(path=path):
+        return io.from_table(Camera, table, "tracker.camera")
 
 
 def save_camera(path: Path, camera: Camera) -> None:
@@ -228,23 +224,15 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
         with _named(text):
             yield count
         return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
+    from rich import console
+    from rich import progress as rich
 
     columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(elapsed_when_finished=True),
-        TextColumn("{task.fields[note]}"),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as bars:
+        rich.TextColumn("{task.description}"), rich.BarColumn(), rich.MofNCompleteColumn(),
+        rich.TimeRemainingColumn(elapsed_when_finished=True),
+        rich.TextColumn("{task.fields[note]}"),
+    )  # fmt: skip
+    with rich.Progress(*columns, console=console.Console(stderr=True)) as bars:
         task = bars.add_task(title, total=total, note="")
 
         def advance(count: float, note: str = "") -> None:
@@ -321,11 +309,8 @@ def report_compiling() -> Iterator[None]:
 @contextmanager
 def claimed_out(options: argparse.Namespace) -> Iterator[None]:
     """Claim the folder of --out for this process, where the command writes to one."""
-    folder: Path | None = getattr(options, "out", None)
-    if folder is None or not getattr(options, "claims", False):
-        yield
-        return
-    with io.claimed_folder(folder):
+    folder: Path | None = options.out if getattr(options, "claims", False) else None
+    with io.claimed_folder(folder) if folder else nullcontext():
         yield
 
 

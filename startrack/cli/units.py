@@ -135,11 +135,9 @@ def gains_of(
 
 def _costs(needs: design.Requirements, case: Case) -> dict[str, float]:
     return {
-        "mass_kg": needs.mass(case),
-        "power_w": needs.power(case),
-        "calibration_h": needs.calibration_time(case) / 3600,
-        "price": needs.cost(case),
-    }
+        "mass_kg": needs.mass(case), "power_w": needs.power(case),
+        "calibration_h": needs.calibration_time(case) / 3600, "price": needs.cost(case),
+    }  # fmt: skip
 
 
 def trials_of(

@@ -50,26 +50,25 @@ def command(options: argparse.Namespace) -> int:
     """Print the table of verdicts; with --out, write it."""
     path = options.campaign or terminal.example()
     design = terminal.read_design(path, options.set)
-    if design.campaign is None:
+    case, campaign, units = design.case, design.campaign, options.units
+    if campaign is None:
         raise shared.WrongUse(f"{path} must have a table [campaign] with requirements")
-    campaign = design.campaign
-    fidelity = Fidelity(options.fidelity or ("window" if options.units else "frame"))
+    fidelity = Fidelity(options.fidelity or ("window" if units else "frame"))
     with shared.as_wrong_use():
         looks = verification.Looks(
             min(options.first, options.trials), options.trials, 1 - campaign.requirements.confidence
         )
     with shared.as_wrong_use(path=path):
-        judged, _ = verification.cases(design.case, campaign)
+        judged, _ = verification.cases(case, campaign)
         for condition in judged:
             require_fidelity(condition.case, fidelity)
-        if options.units:
-            require_units(design.case)
-    if options.units:
-        ages = len(dict.fromkeys((0.0, design.case.end_of_life)))
-        total = options.units * verification.trials_of_a_unit(campaign) * ages * len(judged)
-    else:
-        total = options.trials * len(judged)
-    warm(design.case, Sampling(fidelity))  # what no trial can do is refused before the first
+        if units:
+            require_units(case)
+    total = options.trials * len(judged)
+    if units:
+        ages = len(dict.fromkeys((0.0, case.end_of_life)))
+        total = units * verification.trials_of_a_unit(campaign) * ages * len(judged)
+    warm(case, Sampling(fidelity))  # what no trial can do is refused before the first
     with (
         Ledger(options.out / LEDGER if options.out else None) as ledger,
         pool(options.workers) as executor,
@@ -81,33 +80,27 @@ def command(options: argparse.Namespace) -> int:
             return runner.run(case, number, fidelity, VERIFYING, advance)
 
         def of_units(case: Case, how: Units) -> Rows:
-            first, number = VERIFYING_UNIT * how.trials, options.units * how.trials
+            first, number = VERIFYING_UNIT * how.trials, units * how.trials
             return runner.run(case, number, fidelity, first, advance, how)
 
-        if options.units:
-            by_units = verification.verify_units(
-                design.case, campaign, of_units, options.units, options.seed
-            )
-            answer, table, values = (
-                by_units.answer,
-                verification.unit_text(by_units),
-                verification.unit_values(by_units),
-            )
+        if units:
+            by_units = verification.verify_units(case, campaign, of_units, units, options.seed)
+            answer, values = by_units.answer, verification.unit_values(by_units)
+            table = verification.unit_text(by_units)
         else:
             verified = verification.verify(
-                design.case, campaign, trials, options.seed, looks,
+                case, campaign, trials, options.seed, looks,
                 lambda name, number: advance(0, f"{name}: {number} trials"),
             )  # fmt: skip
             answer, values = verified.answer, verification.verdict_values(verified)
-            table = f"{verification.verdict_text(verified)}\n{noise_only(design.case)}"
+            table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
-    result |= values | {"noise_only": not options.units}
+    result |= values | {"noise_only": not units}
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
         save_json(options.out / "verdict.json", terminal.finite(result))
         result["out"] = str(options.out)
-    if not options.units:
-        for reason in values["not_judged"]:
-            terminal.print_message(f"not judged: {reason}")
+    for reason in () if units else values["not_judged"]:
+        terminal.print_message(f"not judged: {reason}")
     terminal.print_result(options, result, table)
     return Exit.DONE if answer is verification.Answer.PASS else Exit.UNSOLVED

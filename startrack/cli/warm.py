@@ -61,12 +61,10 @@ def command(options: argparse.Namespace) -> int:
         (folder / READY).touch()
     files = list(folder.rglob("*.nbc")) if folder else []
     result = {
-        "seconds": time.perf_counter() - began,
-        "files": len(files),
-        "mb": sum(file.stat().st_size for file in files) / MB,
-        "folders": int(folder is not None),
+        "seconds": time.perf_counter() - began, "files": len(files),
+        "mb": sum(file.stat().st_size for file in files) / MB, "folders": int(folder is not None),
         "not_kept": int(folder is None),
-    }
+    }  # fmt: skip
     terminal.print_result(
         options,
         result,

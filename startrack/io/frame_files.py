@@ -1,7 +1,7 @@
 """Frames, their times and attitudes -> FITS, PNG, SER, raw or video files, and their table."""
 
 import struct
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -41,13 +41,11 @@ class FrameFiles:
     def __init__(self, folder: Path, name: str, format: str, start: datetime):
         one_of(FORMATS, format=format)
         self._folder, self._name, self._format, self._start = folder, name, format, start
-        self._rows = list[list[Any]]()
-        self._dates = list[datetime]()
-        self._shape: tuple[tuple[int, ...], str] | None = None
-        self._output: AbstractContextManager[Path] | None = None
-        self._stream: BinaryIO | None = None
-        self._video: cv2.VideoWriter | None = None
+        self._rows, self._dates = list[list[Any]](), list[datetime]()
+        self._kind: tuple[tuple[int, ...], np.dtype[Any]] | None = None  # of the frames of one file
         self._path = folder / f"{name}.{format}"
+        self._open = ExitStack()
+        self._stream: BinaryIO | None = None
 
     def add(
         self, frame: Frame, time: float, icrs_to_camera: Rotation, camera: Camera | None = None,
@@ -64,11 +62,10 @@ class FrameFiles:
         exposure = frame.exposure if np.isfinite(frame.exposure) else 0.0
         begun = middle - timedelta(seconds=exposure / 2)
         number = len(self._rows)
+        path = self._folder / f"{self._name}-{number + 1:05d}.{self._format}"
         if self._format == "fits":
-            path = self._folder / f"{self._name}-{number + 1:05d}.fits"
             write_fits(path, frame, camera, icrs_to_camera, stars, history, begun)
         elif self._format == "png":
-            path = self._folder / f"{self._name}-{number + 1:05d}.png"
             with whole(path) as draft:
                 # Little compression: it would take ten times as long and save a tenth.
                 image = _whole_numbers(frame.image, "png")
@@ -78,47 +75,37 @@ class FrameFiles:
             path = self._path
         self._dates.append(begun)
         place = number if self._format in ("ser", "raw", "mkv") else 0
-        self._rows.append(
-            [
-                *(path.name, place, repr(float(time)), date_text(begun), repr(float(exposure))),
-                *(repr(float(component)) for component in icrs_to_camera.as_quat(canonical=True)),
-                *(f"{angle:.9f}" for angle in celestial(icrs_to_camera)),
-            ]
-        )
+        self._rows.append([
+            path.name, place, repr(float(time)), date_text(begun), repr(float(exposure)),
+            *(repr(float(component)) for component in icrs_to_camera.as_quat(canonical=True)),
+            *(f"{angle:.9f}" for angle in celestial(icrs_to_camera)),
+        ])  # fmt: skip
 
     def _append(self, image: NDArray[Any]) -> None:
-        kind = image.dtype.name
-        if self._shape is None:
-            self._shape = (image.shape, kind)
+        if self._kind is None:
+            self._kind = (image.shape, image.dtype)
             if self._format == "raw":
                 rows, columns = image.shape
-                self._path = self._folder / f"{self._name}-{columns}x{rows}-{kind}.raw"
-            self._output = whole(self._path)
-            draft = self._output.__enter__()
+                self._path = self._folder / f"{self._name}-{columns}x{rows}-{image.dtype}.raw"
+            draft = self._open.enter_context(whole(self._path))
             if self._format == "mkv":
                 self._video = _video(draft, image)
+                self._open.callback(self._video.release)
             else:
-                self._stream = draft.open("wb")
-            if self._stream and self._format == "ser":
-                self._stream.write(bytes(SER_HEADER.size))
-        if self._shape != (image.shape, kind):
+                self._stream = self._open.enter_context(draft.open("wb"))
+                self._stream.write(bytes(SER_HEADER.size if self._format == "ser" else 0))
+        if self._kind != (image.shape, image.dtype):
             raise ValueError(f"all frames of {self._path} must have one size and type of pixel")
-        if self._video:
+        if self._stream is None:
             self._video.write(image)
-        elif self._stream:
+        else:
             self._stream.write(image.astype(image.dtype.newbyteorder("<"), copy=False).tobytes())
 
     def close(self) -> list[Path]:
         """End the files and write the table; returns the files."""
-        if self._stream is not None and self._shape is not None:
-            if self._format == "ser":
-                self._end_ser(self._stream, *self._shape)
-            self._stream.close()
-        if self._video is not None:
-            self._video.release()
-        if self._output is not None:
-            self._output.__exit__(None, None, None)
-            self._output = None
+        if self._stream is not None and self._kind is not None and self._format == "ser":
+            self._end_ser(self._stream, *self._kind)
+        self._open.close()
         save_csv(
             self._folder / f"{self._name}.csv",
             ["file", "number", "time_s", "date_obs", "exposure_s"]
@@ -129,24 +116,17 @@ class FrameFiles:
         names = dict.fromkeys(row[0] for row in self._rows)
         return [*(self._folder / name for name in names), self._folder / f"{self._name}.csv"]
 
-    def _end_ser(self, file: BinaryIO, shape: tuple[int, ...], kind: str) -> None:
+    def _end_ser(self, file: BinaryIO, shape: tuple[int, ...], kind: np.dtype[Any]) -> None:
         ticks = [(date - YEAR_1) // MICROSECOND * 10 for date in self._dates]
         file.write(struct.pack(f"<{len(ticks)}q", *ticks))
-        rows, columns = shape
         file.seek(0)
+        numbers = (0, 0, 0, *shape[::-1], 8 * kind.itemsize, len(ticks))
         texts = b"", b"startrack", b""
-        depth = 8 * np.dtype(kind).itemsize
-        numbers = (0, 0, 0, columns, rows, depth, len(ticks))
         file.write(SER_HEADER.pack(SER_MAGIC, *numbers, *texts, ticks[0], ticks[0]))
 
     def drop(self) -> None:
         """Remove what is not ended."""
-        if self._stream is not None:
-            self._stream.close()
-        if self._video is not None:
-            self._video.release()
-        if self._output is not None:
-            self._output.__exit__(GeneratorExit, GeneratorExit(), None)
+        self._open.__exit__(GeneratorExit, GeneratorExit(), None)
 
 
 def _video(path: Path, image: NDArray[Any]) -> cv2.VideoWriter:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Frame, Stars, require_memory
+from startrack.core import Camera, Frame, Refused, Stars, require_memory
 from startrack.io import recordings
 from startrack.io.reading import picture_size, read_bytes, regular_file, require_fits, unpacked
 from startrack.io.recordings import Layout
@@ -80,17 +80,15 @@ def read_frames(path: Path, layout: Layout) -> Iterator[Frame]:
     layout  where it names a plane, that one alone
     Raises  as `read_image`.
     """
-    one_of_many = layout.plane is not None or not (
-        layout.raw or path.suffix.lower() in (".ser", *recordings.VIDEOS)
-    )
-    if one_of_many:
-        yield read_image(path, layout)
-    elif layout.raw or path.suffix.lower() == ".ser":
+    kind = path.suffix.lower()
+    if layout.plane is None and (layout.raw or kind == ".ser"):
         for plane in range(recordings.frames_in(path, layout)):
             yield read_image(path, replace(layout, plane=plane))
-    else:
+    elif layout.plane is None and kind in recordings.VIDEOS:
         for image in recordings.video_frames(path):
             yield Frame(layout.one_image(path, image, None))
+    else:
+        yield read_image(path, layout)
 
 
 def field_hint(path: Path, shape: tuple[int, ...]) -> float | None:
@@ -204,16 +202,17 @@ def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ign
     stars, (x, y) = stars[inside], pixel[inside].T
     ra = np.degrees(np.arctan2(stars.direction[:, 1], stars.direction[:, 0])) % 360
     dec = np.degrees(np.arcsin(np.clip(stars.direction[:, 2], -1, 1)))
-    columns = [
-        fits.Column("IDENTIFIER", "K", array=stars.identifier),
-        fits.Column("X", "D", unit="pixel", array=x),
-        fits.Column("Y", "D", unit="pixel", array=y),
-        fits.Column("RA", "D", unit="deg", array=ra),
-        fits.Column("DEC", "D", unit="deg", array=dec),
-        fits.Column("G", "D", unit="mag", array=stars.magnitude_g),
-        fits.Column("BP_RP", "D", unit="mag", array=stars.colour),
-    ]
-    return fits.BinTableHDU.from_columns(columns, name="TRUTH")
+    columns = {
+        "X": ("pixel", x), "Y": ("pixel", y), "RA": ("deg", ra), "DEC": ("deg", dec),
+        "G": ("mag", stars.magnitude_g), "BP_RP": ("mag", stars.colour),
+    }  # fmt: skip
+    return fits.BinTableHDU.from_columns(
+        [
+            fits.Column("IDENTIFIER", "K", array=stars.identifier),
+            *(fits.Column(name, "D", unit=unit, array=a) for name, (unit, a) in columns.items()),
+        ],
+        name="TRUTH",
+    )
 
 
 def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
@@ -236,10 +235,8 @@ def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
                 said, time = _pattern(header), _time(header)
     except StopIteration:
         raise ValueError(f"{path} must hold an image of two axes, but it has none") from None
-    except MemoryError:
+    except (MemoryError, Refused):
         raise
-    except _TooLarge as error:
-        raise ValueError(str(error)) from None
     except Exception as error:  # astropy, zlib and CFITSIO each raise their own
         reason = " ".join(str(error).split()) or type(error).__name__
         missing = f"it has no {reason}" if isinstance(error, KeyError) else reason
@@ -290,20 +287,12 @@ def _pattern(header) -> str | None:  # type: ignore[no-untyped-def]
     return "".join(row[:: -1 if shift_x else 1] for row in rows)
 
 
-class _TooLarge(Exception):
-    """What `require_memory` refuses, past what astropy raises."""
-
-
 def _require_fits_memory(path: Path, header) -> None:  # type: ignore[no-untyped-def]
     axes = [header.get(f"NAXIS{n}", 0) for n in range(1, header["NAXIS"] + 1)]
     sizes = [size if isinstance(size, int) and size >= 0 else 0 for size in axes]
     bits = header.get("BITPIX", 8)
-    try:
-        require_image_memory(
-            path, sizes[0], math.prod(sizes[1:]), abs(bits) // 8 if isinstance(bits, int) else 8
-        )
-    except ValueError as error:
-        raise _TooLarge(error) from None
+    pixel = abs(bits) // 8 if isinstance(bits, int) else 8
+    require_image_memory(path, sizes[0], math.prod(sizes[1:]), pixel)
 
 
 def _number(header, key: str, otherwise: float = float("nan")) -> float:  # type: ignore[no-untyped-def]
@@ -334,20 +323,16 @@ def _open_heif(path: Path, data: bytes) -> Any:
         raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
 
 
-def _read_heif(path: Path, data: bytes) -> np.ndarray:
-    image = _open_heif(path, data)
-    columns, rows = image.size
-    require_image_memory(path, columns, rows, 3)
-    try:
-        return np.asarray(image)
-    except Exception as error:
-        raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
-
-
 def _read_picture(path: Path, data: bytes, mosaic: bool = False) -> np.ndarray:
     """The pixels; a mosaic that was saved in three equal channels is one of these."""
     if _is_heif(data):
-        colours = _read_heif(path, data)
+        heif = _open_heif(path, data)
+        columns, rows = heif.size
+        require_image_memory(path, columns, rows, 3)
+        try:
+            colours = np.asarray(heif)
+        except Exception as error:
+            raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
         return colours if colours.ndim == 2 else colours[:, :, :3].max(axis=2)
     size = picture_size(data)
     if size is None:

@@ -59,9 +59,10 @@ def to_pandas(results: Any) -> Any:
     results  structured array, as of `run_trials` and `sequence.run`, or a Budget or a Summary
     Raises   ImportError without pandas; TypeError for what is no table.
     """
-    table, pandas = table_of(results), _package("to_pandas", "pandas")
-    frame = pandas.DataFrame({name: _column(table, name) for name in table.dtype.names or ()})
-    frame.attrs["units"] = _units(table)
+    columns, units = _columns(results)
+    pandas = optional_package("pandas", "to_pandas needs pandas: python -m pip install pandas")
+    frame = pandas.DataFrame(columns)
+    frame.attrs["units"] = units
     return frame
 
 
@@ -72,11 +73,11 @@ def to_xarray(results: Any, dimension: str = "row") -> Any:
     dimension  name of the rows, such as "trial"; where a column has this name, it labels them
     Raises     ImportError without xarray; TypeError for what is no table.
     """
-    table, xarray = table_of(results), _package("to_xarray", "xarray")
-    units = _units(table)
+    columns, units = _columns(results)
+    xarray = optional_package("xarray", "to_xarray needs xarray: python -m pip install xarray")
     variables = {
-        name: (dimension, _column(table, name), {"units": units[name]} if name in units else {})
-        for name in table.dtype.names or ()
+        name: (dimension, column, {"units": units[name]} if name in units else {})
+        for name, column in columns.items()
     }
     return xarray.Dataset(variables)
 
@@ -90,19 +91,12 @@ def to_qtable(results: Any) -> Any:
     from astropy.table import QTable
     from astropy.units import Unit
 
+    columns, units = _columns(results)
+    return QTable(columns, units={name: Unit(unit) for name, unit in units.items()})
+
+
+def _columns(results: Any) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    """The columns of results by name, and the units of those that have one."""
     table = table_of(results)
-    units = {name: Unit(unit) for name, unit in _units(table).items()}
-    names = table.dtype.names or ()
-    return QTable({name: _column(table, name) for name in names}, units=units)
-
-
-def _units(table: Rows) -> dict[str, str]:
-    return {name: unit for name in table.dtype.names or () if (unit := unit_of_column(name))}
-
-
-def _column(table: Rows, name: str) -> NDArray[Any]:
-    return np.ascontiguousarray(table[name])
-
-
-def _package(function: str, name: str) -> Any:
-    return optional_package(name, f"{function} needs {name}: python -m pip install {name}")
+    columns = {name: np.ascontiguousarray(table[name]) for name in table.dtype.names or ()}
+    return columns, {name: unit for name in columns if (unit := unit_of_column(name))}

@@ -158,10 +158,7 @@ class _Ser(NamedTuple):
     form: np.dtype[Any]
     shape: tuple[int, ...]
     frames: int
-
-    @property
-    def size(self) -> int:
-        return int(np.prod(self.shape)) * self.form.itemsize
+    size: int
 
 
 def _ser_header(path: Path) -> _Ser:
@@ -183,10 +180,10 @@ def _ser_header(path: Path) -> _Ser:
         raise ValueError(f"{path}: colour must be mono, Bayer or RGB, got number {kind}")
     form = np.dtype("u1" if depth <= 8 else ">u2" if big else "<u2")
     shape = (rows, columns, 3) if kind in SER_RGB else (rows, columns)
-    header = _Ser(SER_PATTERNS.get(kind), form, shape, count)
-    if total < SER_HEADER.size + count * header.size:
-        raise ValueError(f"{path} must hold {count} frames of {header.size} bytes, but it is cut")
-    return header
+    size = math.prod(shape) * form.itemsize
+    if total < SER_HEADER.size + count * size:
+        raise ValueError(f"{path} must hold {count} frames of {size} bytes, but it is cut")
+    return _Ser(SER_PATTERNS.get(kind), form, shape, count, size)
 
 
 def read_ser(path: Path, plane: int | None) -> tuple[NDArray[Any], str | None, float]:

@@ -187,7 +187,7 @@ LONGEST = 1000  # byte of a note
 def note_owner(path: Path) -> None:
     """Write beside a file that this process has it; nothing where that cannot be written."""
     with suppress(OSError), open(_note(path), "wb", opener=_here) as file:
-        file.write(_words().encode())
+        file.write(_words())
 
 
 def forget_owner(path: Path) -> None:
@@ -210,9 +210,10 @@ def _here(name: str, flags: int) -> int:
     return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 
-def _words() -> str:
+def _words() -> bytes:
     since = datetime.now(UTC).isoformat(timespec="seconds")
-    return json.dumps({"process": os.getpid(), "host": socket.gethostname(), "since": since})
+    words = {"process": os.getpid(), "host": socket.gethostname(), "since": since}
+    return json.dumps(words).encode()
 
 
 def _read(path: Path) -> str:
@@ -250,7 +251,7 @@ def claimed_folder(folder: Path) -> Iterator[None]:
             if not _named(path, file.fileno()):
                 continue  # the process before removed it between the two calls
             file.truncate(0)
-            file.write(_words().encode())
+            file.write(_words())
             file.flush()
             for draft in folder.glob(f".*{DRAFT}*"):
                 draft.unlink()

@@ -57,7 +57,9 @@ def from_table(kind: type[T], table: object, place: str = "") -> T:
     try:
         return kind(**values)
     except (ValueError, TypeError, ArithmeticError) as error:
-        raise Refused(_join(place, _sentence(error))) from None
+        odd = isinstance(error, ArithmeticError)
+        text = f"values must be of usual sizes together, got: {error}" if odd else str(error)
+        raise Refused(_join(place, text)) from None
 
 
 def refuse_unknown(*tables: tuple[type, object, str]) -> None:
@@ -88,12 +90,6 @@ def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[tuple[
             )  # fmt: skip
         elif dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
             yield from _unknown(inner, value, _join(place, key))
-
-
-def _sentence(error: Exception) -> str:
-    if isinstance(error, ArithmeticError):
-        return f"values must be of usual sizes together, got: {error}"
-    return str(error)
 
 
 def current_key(kind: type, key: str) -> str:
@@ -155,12 +151,11 @@ def _long_key(text: str) -> str:
 
 def to_table(value: Any) -> dict[str, Any]:
     """Turn a parameter object into a table that `from_table` reads back to an equal object."""
-    table = {}
-    for name, declared in fields_of(type(value)).items():  # type: ignore[arg-type]
-        item = getattr(value, name)
-        if item is not None:
-            table[name] = written(declared, item)
-    return table
+    return {
+        name: written(declared, item)
+        for name, declared in fields_of(type(value)).items()  # type: ignore[arg-type]
+        if (item := getattr(value, name)) is not None
+    }
 
 
 def written(field: core.Field, value: Any) -> Any:
@@ -180,9 +175,8 @@ def _read(field: core.Field, value: object, place: str) -> Any:
         return tuple(_read(inner, item, f"{place}[{i}]") for i, item in enumerate(value))
     if unit and kind is float:
         if not isinstance(value, str):
-            raise Refused(
-                f"{place} must have a unit, such as '1 {unit.shown}', got {core.shown(value)}"
-            )
+            such = f"such as '1 {unit.shown}', got {core.shown(value)}"
+            raise Refused(f"{place} must have a unit, {such}")
         try:
             return _moderate(core.parse(value, unit.si, unit.absolute, unit.clock), place)
         except ValueError as error:
@@ -202,9 +196,8 @@ def _read(field: core.Field, value: object, place: str) -> Any:
             )
         return _moderate(value, place) if isinstance(value, float) else value
     if isinstance(kind, type) and issubclass(kind, StrEnum):
-        for member in kind:
-            if value == member:
-                return member
+        if value in list(kind):
+            return kind(typing.cast(str, value))
         raise Refused(f"{place} must be one of {', '.join(kind)}, got {core.shown(value)}")
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         raise Refused(f"{place} must be {NAMES.get(kind, kind.__name__)}, got {core.shown(value)}")
@@ -359,11 +352,8 @@ def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> lis
     """The entries of both lists, without those below that one above is alike."""
 
     def name(entry: Any) -> list[Any] | None:
-        return (
-            [entry.get(key, default) for key, default in alike.items()]
-            if isinstance(entry, dict)
-            else None
-        )
+        table = isinstance(entry, dict)
+        return [entry.get(key, default) for key, default in alike.items()] if table else None
 
     named = [name(entry) for entry in above]
     return [entry for entry in below if name(entry) not in named] + above

@@ -157,8 +157,17 @@ def write_solution(
     """
     from astropy.io import fits
 
+    written = []
+
+    def save(kind: str, *parts: Any) -> None:
+        header = parts[-1].header
+        header["IMAGEW"], header["IMAGEH"] = shape[1], shape[0]
+        written.append(path.with_name(f"{path.name}.{kind}"))
+        with whole(written[-1]) as draft, draft.open("wb") as file:
+            fits.HDUList(parts).writeto(file)
+
     column = {"X": spots.x + 1, "Y": spots.y + 1, "FLUX": spots.flux, "SNR": spots.snr}
-    written = [_save(path.with_name(f"{path.name}.axy"), [_table(column, shape)])]
+    save("axy", fits.PrimaryHDU(), _table(column))
     if matches.icrs_to_camera is None:
         return written
     attitude, camera = matches.icrs_to_camera, matches.camera
@@ -173,33 +182,19 @@ def write_solution(
         "index_id": stars.identifier[matches.star], "field_id": np.asarray(matches.spot),
         "FLUX": spots.flux[matches.spot], "MAG_G": stars.magnitude_g[matches.star],
     }  # fmt: skip
-    written.append(_save(path.with_name(f"{path.name}.corr"), [_table(matched, shape)]))
-    header = wcs_header(camera, attitude)
-    header["IMAGEW"], header["IMAGEH"] = shape[1], shape[0]
-    written.append(_save(path.with_name(f"{path.name}.wcs"), [fits.PrimaryHDU(header=header)]))
+    save("corr", fits.PrimaryHDU(), _table(matched))
+    save("wcs", fits.PrimaryHDU(header=wcs_header(camera, attitude)))
     return written
 
 
-def _table(column: dict[str, Any], shape: tuple[int, int]) -> Any:
+def _table(column: dict[str, Any]) -> Any:
     from astropy.io import fits
 
     columns = [
         fits.Column(name, "K" if np.issubdtype(values.dtype, np.integer) else "D", array=values)
         for name, values in column.items()
     ]
-    table = fits.BinTableHDU.from_columns(columns)
-    table.header["IMAGEW"], table.header["IMAGEH"] = shape[1], shape[0]
-    return table
-
-
-def _save(path: Path, parts: list[Any]) -> Path:
-    from astropy.io import fits
-
-    if not isinstance(parts[0], fits.PrimaryHDU):
-        parts = [fits.PrimaryHDU(), *parts]
-    with whole(path) as draft, draft.open("wb") as file:
-        fits.HDUList(parts).writeto(file)
-    return path
+    return fits.BinTableHDU.from_columns(columns)
 
 
 def tetra3_values(
@@ -214,11 +209,10 @@ def tetra3_values(
 
     axis   attitude whose axis counts; None without one
     """
-    names = ("RA", "Dec", "Roll", "FOV", "RMSE", "Prob")
     if axis is None or estimate.icrs_to_camera is None:
-        nothing: dict[str, Any] = dict.fromkeys(names)
+        names = ("RA", "Dec", "Roll", "FOV", "RMSE", "Prob", "Matches")
         lists = ("matched_centroids", "matched_stars", "matched_catID")
-        return nothing | {"Matches": 0} | dict.fromkeys(lists)
+        return dict.fromkeys((*names, *lists)) | {"Matches": 0}
     ra, dec, roll = celestial(axis)
     camera: Camera = matches.camera
     place = np.column_stack([spots.y, spots.x])[matches.spot] + 0.5

@@ -115,12 +115,9 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
     steps = [k for k, last in zip(run[1:], run[:-1], strict=True) if trials[k] != trials[last]]
     for n, k in enumerate(steps):
         axes.axvline(
-            before + k + 0.5,
-            color=style.GREY,
-            lw=1.0,
-            ls=":",
+            before + k + 0.5, color=style.GREY, lw=1.0, ls=":",
             label=None if n else "dotted: another number of trials per design",
-        )
+        )  # fmt: skip
     shown = -math.inf
     for k in [*run[:1], *steps]:
         # Numbers that would lie over each other are left out.
@@ -193,13 +190,11 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     names = [variable.name.rpartition(".")[2] for variable in space.variables]
     labels = [f"{name} ({unit or 1})" for name, unit in zip(names, units, strict=True)]
     draw_corner(
-        path,
-        np.array([[float(text.split()[0]) for text in row] for row in texts]),
-        labels,
+        path, np.array([[float(text.split()[0]) for text in row] for row in texts]), labels,
         f"designs that keep the error below {tolerance.limit / arcsec:.2f} arcsec\n"
         f"{tolerance.chains.effective.min():.0f} independent samples, response surface within "
         f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs",
-    )
+    )  # fmt: skip
 
 
 @style.styled

@@ -13,20 +13,13 @@ from typing import Any, Literal, ParamSpec, TypeVar
 import matplotlib
 import numpy as np
 from cycler import cycler
+from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import (
-    FixedLocator,
-    FuncFormatter,
-    LogLocator,
-    MaxNLocator,
-    NullFormatter,
-    NullLocator,
-)
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import ArrayLike
 
@@ -47,23 +40,13 @@ WIDE, DPI = 6.4, 200  # inch, pixel / inch
 SMALL = 8.5  # point; the smallest letters, which have 7 pixels where the picture is 400 wide
 LETTERS = 82  # of a title's line
 SETTINGS: Any = {
-    "font.size": 9.5,
-    "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.5,
+    "font.size": 9.5, "axes.titlesize": 9.5, "axes.titlelocation": "left", "axes.labelsize": 9.5,
     "axes.formatter.useoffset": False,
     "axes.formatter.limits": (-99, 99),  # no power of ten beside the axis
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.prop_cycle": cycler(color=CYCLE),
-    "grid.alpha": 0.3,
-    "grid.linewidth": 0.5,
-    "legend.fontsize": SMALL,
-    "legend.frameon": False,
-    "xtick.labelsize": SMALL,
-    "ytick.labelsize": SMALL,
-    "image.cmap": "viridis",
-}
+    "axes.grid": True, "axes.axisbelow": True, "axes.prop_cycle": cycler(color=CYCLE),
+    "grid.alpha": 0.3, "grid.linewidth": 0.5, "legend.fontsize": SMALL, "legend.frameon": False,
+    "xtick.labelsize": SMALL, "ytick.labelsize": SMALL, "image.cmap": "viridis",
+}  # fmt: skip
 NARROWEST = 0.01  # relative range of colours; less would show rounding
 NO_VALUE = "0.75"  # grey of a map where there is none
 
@@ -245,22 +228,20 @@ def save_picture(path: Path | None, figure: Figure) -> Figure:
 
 def plain_numbers(axis: Axis) -> None:
     """Ticks of a logarithmic axis at numbers that a reader reads as they are."""
-    if isinstance(axis.get_major_locator(), (FixedLocator, NullLocator)):
+    if isinstance(axis.get_major_locator(), (ticker.FixedLocator, ticker.NullLocator)):
         return
     if axis.get_scale() == "log":
         low, high = sorted(axis.get_view_interval())
         decades = math.log10(high / low) if low > 0 else 9.0
         if decades < 0.7:
-            axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+            axis.set_major_locator(ticker.MaxNLocator(5, steps=[1, 2, 5, 10]))
         elif decades < 2.3:
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
         else:
-            axis.set_major_locator(LogLocator(numticks=5))
+            axis.set_major_locator(ticker.LogLocator(numticks=5))
     if axis.get_scale() in ("log", "symlog"):
         # Over many decades, zeros would be hard to count.
         low, high = np.abs(axis.get_view_interval())
         wide = axis.get_scale() == "log" and max(low, high) > 1e6 * min(low, high) > 0
-        axis.set_major_formatter(
-            FuncFormatter(lambda value, _: f"{value:g}" if wide else plain(value))
-        )
-        axis.set_minor_formatter(NullFormatter())
+        axis.set_major_formatter(lambda value, _: f"{value:g}" if wide else plain(value))
+        axis.set_minor_formatter(ticker.NullFormatter())

@@ -26,12 +26,10 @@ def write_earth_report(
         "the scene's flight, pointing and terrain; what its drift and jitter move is not put back."
     )
     sections = [
-        Section("Camera", _camera(survey)),
-        Section("Requirements", _requirements(survey)),
-        Section("Images", _images(products)),
-        Section("Products", _products(products)),
+        Section("Camera", _camera(survey)), Section("Requirements", _requirements(survey)),
+        Section("Images", _images(products)), Section("Products", _products(products)),
         Section("Inputs", code("Scene file", scene)),
-    ]
+    ]  # fmt: skip
     return page(title, lead, sections)
 
 
