@@ -117,9 +117,8 @@ def geometry(options: argparse.Namespace) -> int:
     scene, motion = read_scene(path)
     turn = jitter(scene, motion, options.seed)
     lines, columns = scene.sensor.lines, scene.sensor.columns
-    require_memory(
-        8 * (10 + len(scene.terrain.maps)) * lines * columns, f"maps of {columns} x {lines} pixels"
-    )
+    size = 8 * (10 + len(scene.terrain.maps)) * lines * columns
+    require_memory(size, f"maps of {columns} x {lines} pixels")
     maps: dict[str, Floats] = {}
     with progress("lines", lines) as advance:
         for strip in observe_earth(scene, path.parent, turn):
@@ -143,7 +142,7 @@ def geometry(options: argparse.Namespace) -> int:
 
 def rendered(options: argparse.Namespace) -> int:
     """Write a FITS and a PNG file of each channel; print a summary."""
-    path = _scene_path(options.scene or "hsrs")
+    path = _scene_path(options)
     with as_wrong_use():
         survey = imager.load_survey(path)
     first = None
@@ -162,20 +161,16 @@ def rendered(options: argparse.Namespace) -> int:
                 imager.write_geotiff(start.with_suffix(".tif"), picture)
         frames = {}
         if options.calibration is not None:
-            saved = start.with_name(f"{channel.name}-calibration.fits")
+            saved, exposures = options.out / f"{channel.name}-calibration.fits", options.calibration
             with progress(f"{channel.name}: calibration", LEVELS) as advance, as_wrong_use():
-                exposures = options.calibration or None
                 calibration = product.calibrate(
-                    survey, channel, setting, options.seed, exposures, advance
+                    survey, channel, setting, options.seed, exposures or None, advance
                 )
             product.save_calibration(saved, calibration, channel)
             frames = {"calibration": str(saved), "electrons_per_number": calibration.electrons}
-        small = {
-            name: imager.thinned(term, PANEL) for name, term in picture.terms._asdict().items()
-        }
-        draw_picture(
-            png, imager.thinned(picture.numbers, PANEL), small, f"{path.stem}: {channel.name}"
-        )
+        numbers, *terms = (imager.thinned(m, PANEL) for m in (picture.numbers, *picture.terms))
+        small = dict(zip(picture.terms._fields, terms, strict=True))
+        draw_picture(png, numbers, small, f"{path.stem}: {channel.name}")
         result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
         if survey.motion != Motion():
             result["misregistration_px"] = imager.misregistration(survey, channel, options.seed)
@@ -187,13 +182,15 @@ def rendered(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _scene_path(scene: str) -> Path:
+def _scene_path(options: argparse.Namespace) -> Path:
     """Path of a scene file, or of the scene of a camera of the catalogue."""
-    if scene in imager.cameras():
+    scene, names = options.scene or "hsrs", imager.cameras()
+    if scene in names:
         return shipped(f"scenes/{scene}.toml")
     if not Path(scene).exists():
-        names = ", ".join(imager.cameras())
-        raise shared.WrongUse(f"{scene} must be a scene file, or one of {names}, but there is none")
+        raise shared.WrongUse(
+            f"{scene} must be a scene file, or one of {', '.join(names)}, but there is none"
+        )
     return Path(scene)
 
 
@@ -256,7 +253,7 @@ def _picture_text(result: dict[str, Any]) -> list[str]:
 
 def processed(options: argparse.Namespace) -> int:
     """Write a map, its quality and a picture of each channel; print a summary."""
-    path = _scene_path(options.scene or "hsrs")
+    path = _scene_path(options)
     with as_wrong_use():
         survey = imager.load_survey(path)
         settings = product.Settings(
@@ -417,11 +414,8 @@ def _values(strip: Strip) -> dict[str, Floats]:
         "hit": strip.mean(ground.hit.astype(float)),
     }
     # A mean of longitudes has no sense across the date line, nor one of levels.
-    for name, angle in (
-        ("longitude", np.degrees(ground.longitude)),
-        ("latitude", np.degrees(ground.latitude)),
-        ("level", ground.level),
-    ):
+    single = {"longitude": np.degrees(ground.longitude), "latitude": np.degrees(ground.latitude)}
+    for name, angle in (single | {"level": ground.level}).items():
         values[name] = np.asarray(angle, float).reshape(strip.shape)[..., middle]
     return values | {name: strip.mean(rays) for name, rays in ground.maps.items()}
 

@@ -95,8 +95,7 @@ def _aocs(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str,
     files = mission.write_model(options.out, model)
     also, notes = _also(options, case, model)
     files += also
-    text = [_wrote(options, files), *notes]
-    text.append(model.unit)
+    text = [_wrote(options, files), *notes, model.unit]
     for name, error in model.at_rest.items():
         across, about = (part / arcsec for part in error)
         row = f"{name:8s}{across:10.3f} across, {about:.3f} about"
@@ -135,11 +134,10 @@ def _also(
     if "42" in options.also:
         files.append(options.out / "startrack_42.txt")
         camera = case.instrument.camera
-        field = [
-            2 * math.atan(size / 2 / camera.focal_length_px)
-            for size in (camera.columns, camera.rows)
-        ]
-        mission.write_42(files[-1], model, (field[0], field[1]), rate)
+        across, down = (
+            2 * math.atan(n / 2 / camera.focal_length_px) for n in (camera.columns, camera.rows)
+        )
+        mission.write_42(files[-1], model, (across, down), rate)
     return files, notes
 
 

@@ -94,23 +94,18 @@ def command(options: argparse.Namespace) -> int:
         with shared.as_wrong_use(ValueError, OSError):
             opened = _opened(options.table)
         if isinstance(opened, optics.PsfFile):
-            result = images_summary(opened)
-            print_result(options, result, _images_text(result))
+            print_result(options, result := images_summary(opened), _images_text(result))
         else:
-            result = summary(opened)
-            print_result(options, result, _text(result))
+            print_result(options, result := summary(opened), _text(result))
         return Exit.DONE
     return _measure(options) if options.part == "measure" else _import(options)
 
 
 def _opened(name: str) -> optics.LensTable | optics.PsfFile:
     """The lens table or the file of PSFs of a path or of a shipped name."""
-    if Path(name).suffix:
-        with suppress(ValueError):
-            return optics.load_psf_file(Path(name))
-    else:
-        with suppress(ValueError):
-            return optics.open_psf_file(name)
+    with suppress(ValueError):
+        file = Path(name)
+        return optics.load_psf_file(file) if file.suffix else optics.open_psf_file(name)
     return optics.load_lens(optics.lens_path(name))
 
 
@@ -149,12 +144,18 @@ def _measure(options: argparse.Namespace) -> int:
 
 
 def _import(options: argparse.Namespace) -> int:
-    kinds = {path.suffix.lower() for path in options.files}
+    kinds, path = {path.suffix.lower() for path in options.files}, options.files[0]
     if kinds <= {".txt"}:
         return _import_pages(options)
     if len(options.files) > 1:
         raise WrongUse("FILE must be one prescription, one .fits, or pages .txt of Zemax")
-    return _import_images(options) if kinds <= {".fits", ".fit"} else _trace(options)
+    if not kinds <= {".fits", ".fit"}:
+        return _trace(options)
+    with shared.as_wrong_use(ValueError, OSError):  # checked, and written with checksums
+        psfs = optics.load_psf_file(path)
+    if options.source:
+        psfs = replace(psfs, source=options.source)
+    return _save_images(options, psfs, Path(options.out or f"{path.stem}-psf.fits"))
 
 
 def _import_pages(options: argparse.Namespace) -> int:
@@ -178,16 +179,6 @@ def _import_pages(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _import_images(options: argparse.Namespace) -> int:
-    """Check a FITS file of PSFs, and write it with checksums."""
-    path = options.files[0]
-    with shared.as_wrong_use(ValueError, OSError):
-        psfs = optics.load_psf_file(path)
-    if options.source:
-        psfs = replace(psfs, source=options.source)
-    return _save_images(options, psfs, Path(options.out or f"{path.stem}-psf.fits"))
-
-
 def _save_images(options: argparse.Namespace, psfs: optics.PsfFile, out: Path) -> int:
     optics.save_psf_file(out, psfs)
     result = images_summary(psfs) | {"psf": str(out)}
@@ -205,8 +196,10 @@ def _trace(options: argparse.Namespace) -> int:
         warnings.simplefilter("ignore")  # of the tracer and of what it compiles
         with shared.as_wrong_use(ValueError):
             lens = optics.read_prescription(path)
-        nodes = len(tracing.temperature) * len(tracing.wavelength) * len(tracing.field)
-        with progress("tracing", nodes) as advance, shared.as_wrong_use(ValueError, path=path):
+        with (
+            progress("tracing", _nodes(tracing)) as advance,
+            shared.as_wrong_use(ValueError, path=path),
+        ):
             traced = optics.trace_lens(
                 lens, options.title or path.stem, options.source or path.name, tracing, advance
             )
@@ -220,8 +213,7 @@ def _trace(options: argparse.Namespace) -> int:
         result = summary(traced.table) | {"table": str(out), "terms_leave_waves": left}
         if options.check:
             between = _between(tracing)
-            nodes = len(between.temperature) * len(between.wavelength) * len(between.field)
-            with progress("checking", nodes) as advance:
+            with progress("checking", _nodes(between)) as advance:
                 dense = optics.trace_lens(lens, "between", "", between, advance).table
             result |= interpolation_error(traced.table, dense)
     print_result(options, result, _text(result))
@@ -250,16 +242,16 @@ def _tracing(options: argparse.Namespace) -> optics.Tracing:
     )
 
 
+def _nodes(tracing: optics.Tracing) -> int:
+    return len(tracing.temperature) * len(tracing.wavelength) * len(tracing.field)
+
+
 def _between(tracing: optics.Tracing) -> optics.Tracing:
     """The middles between the nodes; all temperatures."""
-    fields = np.array(tracing.field)
-    waves = np.array(tracing.wavelength)
+    fields, waves = np.array(tracing.field), np.array(tracing.wavelength)
     middle = (waves[1:] + waves[:-1]) / 2 if len(waves) > 1 else waves
-    return replace(
-        tracing,
-        wavelength=tuple(middle.tolist()),
-        field=(0.0, *((fields[1:] + fields[:-1]) / 2).tolist()),
-    )
+    angles = 0.0, *((fields[1:] + fields[:-1]) / 2).tolist()
+    return replace(tracing, wavelength=tuple(middle.tolist()), field=angles)
 
 
 def interpolation_error(table: optics.LensTable, dense: optics.LensTable) -> dict[str, float]:

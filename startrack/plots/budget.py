@@ -47,18 +47,14 @@ def draw_budget(
     names: dict[str, Line[Any] | _OfUnits] = {line.name: line for line in expected.lines}
     beside = {line.name: line for line in by_trials.lines} if by_trials else {}
     total = "as designed" if units else "end to end"
-    order = [*names, *(name for name in beside if name not in names), total]
-    names[total] = expected.whole
+    of_units = _of_units(units) if units else {}
+    order = list(dict.fromkeys([*names, *beside, total, *of_units]))
+    names |= {total: expected.whole, **of_units}
     if by_trials:
         beside[total] = by_trials.whole
-    of_units = _of_units(units) if units else {}
-    names |= of_units
-    order += of_units
-    text = (
-        f"; points: measured in {by_trials.whole.spread.error.shape[0]} members"
-        if by_trials
-        else ""
-    )
+    text = ""
+    if by_trials:
+        text = f"; points: measured in {by_trials.whole.spread.error.shape[0]} members"
     if units:
         text += f"; below: rms over {len(units)} units at {units.age / YEAR:g} yr"
     figure = style.picture(2.2 + 2 * 0.27 * len(order), f"{title}: error by cause, analytic{text}")
@@ -141,9 +137,8 @@ def _required(axes: Axes, limits: Sequence[Accuracy], largest: float) -> None:
     for limit in limits:
         value = limit.most / arcsec
         text = f"required of the {limit.objective}: at most {style.number(value)} arcsec"
-        if limit.objective.fraction is None and not (
-            limit.objective.radial and limit.objective.axes != "about"
-        ):
+        radial = limit.objective.radial and limit.objective.axes != "about"
+        if limit.objective.fraction is None and not radial:
             if value < 5 * largest:
                 axes.axvline(value, color=style.PURPLE, lw=2, ls="--", label="requirement")
                 axes.set_xlim(0, max(axes.get_xlim()[1], 1.1 * value))
@@ -313,13 +308,12 @@ def _over_magnitude(
         mine = seen.error[(seen.magnitude >= low) & (seen.magnitude < low + 0.5)]
         if len(mine) >= FEWEST:
             at.append(low + 0.25)
-            middle = quantile_interval(np.abs(mine).ravel(), 0.5)
-            sizes.append((middle.value / MEDIAN, middle.low / MEDIAN, middle.high / MEDIAN))
+            sizes.append(quantile_interval(np.abs(mine).ravel(), 0.5))
     if sizes:
-        value, lowest, highest = np.array(sizes).T
-        bars = [value - lowest, np.where(np.isfinite(highest), highest - value, 0)]
-        axes.errorbar(at, value, yerr=bars, fmt="o", ms=4.5, mfc="white", color=style.BLACK,
-                      label="trials: median / 0.6745, 95 %")  # fmt: skip
+        style.draw_intervals(
+            axes, at, sizes, MEDIAN, fmt="o", ms=4.5, mfc="white", color=style.BLACK,
+            label="trials: median / 0.6745, 95 %",
+        )  # fmt: skip
     axes.set(
         yscale="log", xlabel="magnitude G of a solar-type star", ylabel="error (pixel per axis)"
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +17,7 @@ BRIGHTEST = 0.998  # of the pixels have a colour of their own
 FLAGS = (
     style.RED, style.BLUE, style.ORANGE, style.PURPLE, style.SKY, style.GREEN,
 )  # of quality, after that of no data  # fmt: skip
+BELOW: Any = {"orientation": "horizontal", "aspect": 22}  # the scale of colours
 BETWEEN = (0.01, 0.99)  # of the pixels, the image's contrast
 
 
@@ -93,10 +95,7 @@ def _flags(axes: Axes, quality: NDArray[np.uint8], names: Mapping[str, int]) -> 
     norm = BoundaryNorm(np.arange(-0.5, len(names) + 1), len(names) + 1)
     image = axes.imshow(shown, cmap=ListedColormap(colours), norm=norm, interpolation="nearest")
     _axes(axes)
-    bar = style.colour_bar(
-        image, axes, shown, "quality", ticks=range(len(names) + 1), orientation="horizontal",
-        aspect=22,
-    )  # fmt: skip
+    bar = style.colour_bar(image, axes, shown, "quality", ticks=range(len(names) + 1), **BELOW)
     bar.set_ticklabels(["good", *names], rotation=30, ha="right")
 
 
@@ -106,7 +105,7 @@ def _panel(
     low, high = limits or style.colour_limits(values)
     shown = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
     _axes(axes)
-    style.colour_bar(shown, axes, values, label, orientation="horizontal", aspect=22)
+    style.colour_bar(shown, axes, values, label, **BELOW)
     finite = values[np.isfinite(values)]
     if not len(finite):
         style.say(axes, "no ground in the image")
@@ -119,10 +118,8 @@ def _levels(axes: Axes, level: Floats) -> None:
     norm = BoundaryNorm(np.arange(-0.5, most + 1.5), 256)
     shown = axes.imshow(level, cmap="viridis", norm=norm, interpolation="nearest")
     _axes(axes)
-    style.colour_bar(
-        shown, axes, level, "level of the terrain's pyramid (number)", ticks=range(most + 1),
-        orientation="horizontal", aspect=22,
-    )  # fmt: skip
+    label = "level of the terrain's pyramid (number)"
+    style.colour_bar(shown, axes, level, label, ticks=range(most + 1), **BELOW)
 
 
 def _axes(axes: Axes) -> None:

@@ -182,13 +182,13 @@ def _best_numbers(optimum: Optimum) -> Ints:
 @style.styled
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     """Distribution of each pair of variables, and of each, over designs within the error limit."""
-    space = tolerance.space
-    texts = [
-        list(space.text(space.design(point)).values()) for point in thinned(tolerance.samples, 2000)
-    ]
+    space, points = tolerance.space, thinned(tolerance.samples, 2000)
+    texts = [list(space.text(space.design(point)).values()) for point in points]
     units = [text.partition(" ")[2] for text in texts[0]]
-    names = [variable.name.rpartition(".")[2] for variable in space.variables]
-    labels = [f"{name} ({unit or 1})" for name, unit in zip(names, units, strict=True)]
+    labels = [
+        f"{variable.name.rpartition('.')[2]} ({unit or 1})"
+        for variable, unit in zip(space.variables, units, strict=True)
+    ]
     draw_corner(
         path, np.array([[float(text.split()[0]) for text in row] for row in texts]), labels,
         f"designs that keep the error below {tolerance.limit / arcsec:.2f} arcsec\n"
@@ -212,15 +212,13 @@ def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
     design = order[0].error
     for y, variable in enumerate(order):
         ends = {"low": variable.low, "high": variable.high}
-        finite = [value for value in (*ends.values(), variable.error) if math.isfinite(value)]
+        finite = list(filter(math.isfinite, (*ends.values(), variable.error)))
         axes.plot(
             (min(finite), max(finite)), (y, y), lw=10, color=style.BLUE, solid_capstyle="butt"
         )
-        small = [name for name, value in ends.items() if abs(value / variable.error - 1) <= SAME]
-        if len(small) == len(ends):
-            style.note(
-                axes, f"changes it by less than {100 * SAME:g} %", (variable.error, y), (6, 0)
-            )
+        if all(abs(end / variable.error - 1) <= SAME for end in ends.values()):
+            text = f"changes it by less than {100 * SAME:g} %"
+            style.note(axes, text, (variable.error, y), (6, 0))
         lost = [name for name, value in ends.items() if not math.isfinite(value)]
         moved = {
             name: value for name, value in ends.items()
@@ -249,11 +247,10 @@ def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
 
 
 def _indices(axes: Axes, order: Sequence[Sensitivity]) -> None:
-    for shift, kind, colour, hatch in (
-        (0.2, "total", style.ORANGE, ""),
-        (-0.2, "first", style.GREEN, "///"),
+    for shift, kind, label, colour, hatch in (
+        (0.2, "total", "total, with all others", style.ORANGE, ""),
+        (-0.2, "first", "first order, alone", style.GREEN, "///"),
     ):
-        label = {"total": "total, with all others", "first": "first order, alone"}[kind]
         for y, variable in enumerate(order):
             index: Interval = getattr(variable, kind)
             axes.barh(y + shift, index.value, 0.36, color=colour, hatch=hatch, ec="white",
@@ -271,9 +268,7 @@ def _indices(axes: Axes, order: Sequence[Sensitivity]) -> None:
 
 
 def _swing(variable: Sensitivity) -> float:
-    values = [
-        value for value in (variable.low, variable.high, variable.error) if math.isfinite(value)
-    ]
+    values = list(filter(math.isfinite, (variable.low, variable.high, variable.error)))
     lost = not all(map(math.isfinite, (variable.low, variable.high)))
     return max(values) / min(values) + 1e9 * lost
 

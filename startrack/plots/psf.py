@@ -60,9 +60,8 @@ def _modulation(axes: Axes, frequency: Floats, curves: Sequence[Curves]) -> None
     along_x, along_y = curves
     alike = all(np.abs(along_x[name] - along_y[name]).max() < ALIKE for name in along_x)
     every = max(1, len(frequency) // 8)
-    for curve, dashes, direction in ((along_x, "-", "x"), (along_y, "--", "y")):
-        if alike and direction == "y":
-            continue
+    directions = ((along_x, "-", "x"), (along_y, "--", "y"))
+    for curve, dashes, direction in directions[:1] if alike else directions:
         for name, values in curve.items():
             colour, marker = LOOKS[name]
             axes.plot(
