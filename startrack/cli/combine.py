@@ -33,7 +33,15 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print the error of the campaign of highest fidelity, its variance reduced by the others."""
-    _must_be_several(options.campaigns)
+    files = [os.path.realpath(path) for path in options.campaigns]
+    if len(files) < 2:
+        raise WrongUse(
+            "campaigns must be two or more, each of a different fidelity, got "
+            f"{options.campaigns[0]}"
+        )
+    for path, resolved in zip(options.campaigns, files, strict=True):
+        if files.count(resolved) > 1:
+            raise WrongUse(f"campaigns must be different files, got {path} more than once")
     with ExitStack() as opened:
         with as_wrong_use():
             stores = [opened.enter_context(Store(path)) for path in options.campaigns]
@@ -50,27 +58,15 @@ def command(options: argparse.Namespace) -> int:
         with as_wrong_use():
             together = combined(levels, about).root()
         alone = combined(levels[:1], about).root()
-        ends = [alone.low / arcsec, alone.high / arcsec]
-        by_itself = "of too few trials for an interval"
-        if math.isfinite(alone.low):
-            by_itself = f"[{ends[0]:.3f}, {ends[1]:.3f}]"
+        low, high = alone.low / arcsec, alone.high / arcsec
+        known = f"[{low:.3f}, {high:.3f}]"
+        by_itself = known if math.isfinite(low) else "of too few trials for an interval"
         rows += [
             Row(f"{name}_rms_arcsec", together, name, ARCSEC, note=f"rms, alone {by_itself}"),
-            Row(f"{name}_alone_rms_arcsec_95", ends),
+            Row(f"{name}_alone_rms_arcsec_95", [low, high]),
         ]
     print_rows(options, rows, f"{counted} trials; intervals: 95 % confidence")
     return Exit.DONE
-
-
-def _must_be_several(paths: list[Path]) -> None:
-    if len(paths) < 2:
-        raise WrongUse(
-            f"campaigns must be two or more, each of a different fidelity, got {paths[0]}"
-        )
-    files = [os.path.realpath(path) for path in paths]
-    for path, resolved in zip(paths, files, strict=True):
-        if files.count(resolved) > 1:
-            raise WrongUse(f"campaigns must be different files, got {path} more than once")
 
 
 def _must_belong_together(stores: list[Store]) -> None:

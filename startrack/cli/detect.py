@@ -12,7 +12,7 @@ from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong
 if wanted(__name__):
     from startrack import detection
     from startrack.cli.terminal import image_reader, print_failed_image, print_result, read_design
-    from startrack.core import Frame, Psf, Spots
+    from startrack.core import Psf, Spots
     from startrack.metrics import Column, Table
     from startrack.plots import draw_spots
     from startrack.trial import psf_of
@@ -58,7 +58,9 @@ def command(options: argparse.Namespace) -> int:
         result["spots"] = (table := _table(spots)).json()
         text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
         if options.overlay:
-            result["overlay"] = str(_overlay(options.overlay, path, frame, spots))
+            picture = options.overlay / f"{path.stem}.spots.png"
+            draw_spots(picture, frame, spots, f"{path.name}: {len(spots)} spots")
+            result["overlay"] = str(picture)
         print_result(options, result, text, *(table.text(()) if len(spots) else []))
     return status
 
@@ -92,9 +94,3 @@ def _table(spots: Spots) -> Table:
         Column("area", "area", spots.area.item, form="d"),
     ]
     return Table(columns, range(len(spots)))
-
-
-def _overlay(folder: Path, image: Path, frame: Frame, spots: Spots) -> Path:
-    path = folder / f"{image.stem}.spots.png"
-    draw_spots(path, frame, spots, f"{image.name}: {len(spots)} spots")
-    return path

@@ -33,7 +33,10 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Write the merged store or sketch; print how many trials it has."""
     with as_wrong_use(ValueError, OSError):
-        kinds = {_is_store(path) for path in options.parts}
+        kinds = set()
+        for path in options.parts:
+            with open(regular_file(path, "a store or a sketch of montecarlo"), "rb") as file:
+                kinds.add(file.read(len(SQLITE)) == SQLITE)
     if len(kinds) > 1:
         raise WrongUse("the parts must be all stores or all sketches, got both")
     if options.out in options.parts:
@@ -48,11 +51,6 @@ def command(options: argparse.Namespace) -> int:
     rows = [Row("merged", str(options.out)), Row("parts", len(parts)), *sketch_rows(sketch)]
     print_rows(options, rows)
     return Exit.DONE
-
-
-def _is_store(path: Path) -> bool:
-    with open(regular_file(path, "a store or a sketch of montecarlo"), "rb") as file:
-        return file.read(len(SQLITE)) == SQLITE
 
 
 def _stores(options: argparse.Namespace, parts: list[Path], advance: Any) -> int:

@@ -41,31 +41,24 @@ def command(options: argparse.Namespace) -> int:
     ):
         space = DesignSpace(case, campaign.variables, campaign.links)
         points = front(space, campaign, goals, runner, options.points, options.method, show)
-    units = [UNITS.get(goal, "arcsec") for goal in (goals.first, goals.second)]
-    head = [
-        name
-        for goal, unit in zip((goals.first, goals.second), units, strict=True)
-        for name in (f"{goal} ({unit}) expected", "tried")
-    ]
-    rows = []
+    named = (goals.first, goals.second)
+    units = [UNITS.get(goal, "arcsec") for goal in named]
+    head, rows = list[str](), []
+    for goal, unit in zip(named, units, strict=True):
+        head += [f"{goal} ({unit}) expected", "tried"]
     for point in points:
         pairs = zip(point.expected, point.measured, strict=True)
         values = space.text(space.design(np.array(point.coordinates))).values()
         rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values])
     table = "\n".join(markdown([*head, *space.labels().values()], rows))
     draw_front(options.out / "front.png", points, goals, units, campaign.most_trials)
-    result = {
-        "out": str(options.out),
-        "goals": [goals.first, goals.second],
-        "points": [
-            {
-                "values_si": point.values,
-                "expected": point.expected,
-                "tried": point.measured,
-                "tried_95": [[interval.low, interval.high] for interval in point.intervals],
-            }
-            for point in points
-        ],
-    }
+    found = [
+        {
+            "values_si": point.values, "expected": point.expected, "tried": point.measured,
+            "tried_95": [[interval.low, interval.high] for interval in point.intervals],
+        }
+        for point in points
+    ]  # fmt: skip
+    result = {"out": str(options.out), "goals": list(named), "points": found}
     write_study(options, "front", table, result)
     return Exit.DONE

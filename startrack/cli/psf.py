@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -110,22 +111,22 @@ def _values(
     }  # fmt: skip
 
 
+def _energies(form: str, sizes: Sequence[float], fractions: Sequence[float]) -> str:
+    return ", ".join(
+        f"{form.format(size)} {100 * fraction:.1f} %"
+        for size, fraction in zip(sizes, fractions, strict=True)
+        if math.isfinite(fraction)
+    )
+
+
 def _text(judged: optics.Quality, choice: optics.Choice, mean: float, curves: list[Curves]) -> str:
     lines = [
         f"model               {choice.model}, because {choice.reason}; error at most "
         f"{choice.error:.2g} of the peak",
         f"mean wavelength     {mean * 1e9:.0f} nm, of a star like the Sun",
         f"FWHM                {judged.fwhm_x:.3f} x {judged.fwhm_y:.3f} pixel before the pixels",
-        "energy within       " + ", ".join(
-            f"{radius:g} px {100 * fraction:.1f} %"
-            for radius, fraction in zip(optics.RADII, judged.encircled, strict=True)
-            if math.isfinite(fraction)
-        ),
-        "energy in pixels    " + ", ".join(
-            f"{block} x {block} {100 * fraction:.1f} %"
-            for block, fraction in zip(optics.BLOCKS, judged.ensquared, strict=True)
-            if math.isfinite(fraction)
-        ),
+        "energy within       " + _energies("{0:g} px", optics.RADII, judged.encircled),
+        "energy in pixels    " + _energies("{0} x {0}", optics.BLOCKS, judged.ensquared),
         f"outside the table   {100 * (1 - judged.energy):.2g} %",
         "MTF at Nyquist         x      y",
     ]  # fmt: skip

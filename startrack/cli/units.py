@@ -144,12 +144,10 @@ def trials_of(
     case: Case, seed: int, sampling: Sampling, outcomes: Rows, required: tuple[Accuracy, ...]
 ) -> tuple[dict[str, Any], list[str]]:
     """What trials of units say: their errors, the yield of each accuracy, and the worst unit."""
-    units, fidelity = sampling.units, sampling.fidelity
+    units = sampling.units
     assert units
-    by_unit = per_unit(outcomes)
-    years = units.age / YEAR
+    by_unit, years, lines = per_unit(outcomes), units.age / YEAR, list[str]()
     values: dict[str, Any] = {"count": len(by_unit.unit), "age_years": years}
-    lines = []
     for name, rms in (("across", by_unit.across), ("about", by_unit.about)):
         middle, high = (float(np.nanquantile(rms, part)) / arcsec for part in (0.5, 0.95))
         values |= {f"{name}_median_arcsec": middle, f"{name}_95_arcsec": high}
@@ -157,21 +155,20 @@ def trials_of(
             f"of {len(by_unit.unit)} units at {years:g} yr, rms {name}: {middle:.3f} arcsec in the "
             f"median, {high:.3f} in 95 %"
         )
-    fewest = {limit: design.fewest_trials_beyond(limit.objective) for limit in required}
-    values["yields"] = [
-        _yield_values(limit, by_unit.meets(outcomes, limit.objective, limit.most))
-        for limit in required
-        if units.trials >= fewest[limit]
-    ]
-    lines += [f"{_yield_name(share)}: {_yield_share(share)}" for share in values["yields"]]
-    lines += [
-        f"no yield of {limit.objective} at most {limit.most / arcsec:g} arcsec: it needs "
-        f"--trials {fewest[limit]} of each unit, of which one is beyond that level"
-        for limit in required
-        if units.trials < fewest[limit]
-    ]
-    worst = by_unit.worst
-    if worst is not None and fidelity is design.Fidelity.COVARIANCE:
+    values["yields"], lacking = [], []
+    for limit in required:
+        fewest = design.fewest_trials_beyond(limit.objective)
+        if units.trials < fewest:
+            lacking.append(
+                f"no yield of {limit.objective} at most {limit.most / arcsec:g} arcsec: it needs "
+                f"--trials {fewest} of each unit, of which one is beyond that level"
+            )
+            continue
+        share = _yield_values(limit, by_unit.meets(outcomes, limit.objective, limit.most))
+        values["yields"].append(share)
+        lines.append(f"{_yield_name(share)}: {_yield_share(share)}")
+    worst, lines = by_unit.worst, lines + lacking
+    if worst is not None and sampling.fidelity is design.Fidelity.COVARIANCE:
         parts = explain(case, seed, units, worst)
         values["worst"] = {"unit": worst, "removes": dict(parts)}
         shown = "; ".join(f"{name} {100 * part:+.0f} %" for name, part in parts[:4])

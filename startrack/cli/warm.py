@@ -65,12 +65,8 @@ def command(options: argparse.Namespace) -> int:
         "mb": sum(file.stat().st_size for file in files) / MB, "folders": int(folder is not None),
         "not_kept": int(folder is None),
     }  # fmt: skip
-    terminal.print_result(
-        options,
-        result,
-        f"compiled in {result['seconds']:.0f} s; {len(files)} files of compiled code, "
-        f"{result['mb']:.0f} MB",
-    )
+    size = f"{len(files)} files of compiled code, {result['mb']:.0f} MB"
+    terminal.print_result(options, result, f"compiled in {result['seconds']:.0f} s; {size}")
     return Exit.DONE if folder else Exit.FAILED
 
 

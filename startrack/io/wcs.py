@@ -164,7 +164,7 @@ def write_solution(
         header["IMAGEW"], header["IMAGEH"] = shape[1], shape[0]
         written.append(path.with_name(f"{path.name}.{kind}"))
         with whole(written[-1]) as draft, draft.open("wb") as file:
-            fits.HDUList(parts).writeto(file)
+            fits.HDUList(list(parts)).writeto(file)
 
     column = {"X": spots.x + 1, "Y": spots.y + 1, "FLUX": spots.flux, "SNR": spots.snr}
     save("axy", fits.PrimaryHDU(), _table(column))

@@ -53,9 +53,10 @@ def write_mission_report(flight: Flight, pictures: Sequence[tuple[str, Path]], t
         "times are right to a step."
     )
     text = tomli_w.dumps(to_table(plan.loaded.mission))
+    beta = "By the angle from the Sun to the plane of the orbit"
     sections = [
         _requirements(flight.verdicts), _heads(flight), _errors(flight), _blinded(flight),
-        _reacquired(flight), _beta(flight.flown),
+        _reacquired(flight), Section("Beta angle", records(beta, beta_table(flight.flown))),
         Section("Pictures", "".join(embedded(caption, file) for caption, file in pictures)),
         Section("Inputs", code("Mission, with the paths of its files", text)),
     ]  # fmt: skip
@@ -229,8 +230,3 @@ def _reacquired(flight: Flight) -> Section:
     shown = table(text, ["head", "times", "mean (s)", "99 % (s)"], rows)
     none = paragraph("No head is blinded, or none has errors.")
     return Section("Reacquisition", shown if rows else none)
-
-
-def _beta(flown: mission.Flown) -> Section:
-    caption = "By the angle from the Sun to the plane of the orbit"
-    return Section("Beta angle", records(caption, beta_table(flown)))
