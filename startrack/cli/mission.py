@@ -15,7 +15,7 @@ from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use,
 if wanted(__name__):
     import numpy as np
 
-    from startrack import metrics, mission
+    from startrack import metrics, mission, report
     from startrack.cli import terminal
     from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import attitude_values, finite, print_result, progress
@@ -24,7 +24,6 @@ if wanted(__name__):
     from startrack.metrics import ARCSEC, Column, Unit
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_mission, draw_placement
-    from startrack.report import mission as pages
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
@@ -91,7 +90,7 @@ def command(options: argparse.Namespace) -> int:
             return _trade(options, path, plan)
         with progress("trials and steps", loaded.mission.check.trials + time.steps) as advance:
             plan, checks, flown = mission.flown_from(plan, options.out / STORE, advance)
-    flight = pages.Flight(plan, checks, flown, mission.availability_of(flown))
+    flight = report.Flight(plan, checks, flown, mission.availability_of(flown))
     if options.place:
         return _place(options, path, flight)
     with as_wrong_use(ValueError, ImportError):
@@ -148,12 +147,12 @@ def fly_whole(
 ) -> tuple[dict[str, Any], str, bool]:
     """Plan, check and fly a mission, write its files; values, text, and whether all is met."""
     plan, checks, flown = mission.flown_from(mission.plan_of(loaded), out / STORE)
-    flight = pages.Flight(plan, checks, flown, mission.availability_of(flown))
+    flight = report.Flight(plan, checks, flown, mission.availability_of(flown))
     return *_written(options, path, out, flight), flight.met
 
 
 def _written(
-    options: argparse.Namespace, path: Path, out: Path, flight: pages.Flight
+    options: argparse.Namespace, path: Path, out: Path, flight: report.Flight
 ) -> tuple[dict[str, Any], str]:
     """Write the files of a mission that was flown; values and text."""
     steps = flight.plan.loaded.mission.time.steps
@@ -166,17 +165,17 @@ def _written(
         export(out / f"timeline.{options.table}", table)
     if options.spice:
         mission.write_kernels(flight.plan, every, out / "orbit.bsp", out / "attitude.bc")
-    check = pages.checks_table(flight).json()
+    check = report.checks_table(flight).json()
     result = {"mission": str(path), **_values(flight), "check": check, "out": str(out)}
     save_json(out / "summary.json", finite(result))
     _draw(out, flight, path.stem)
     return result, "\n".join([*_text(flight), *_check_lines(flight)])
 
 
-def _check_lines(flight: pages.Flight) -> list[str]:
+def _check_lines(flight: report.Flight) -> list[str]:
     if not flight.checks:
         return ["errors are not checked by trials (--set check.trials=200)"]
-    return [f"{pages.CHECKED}:", *pages.checks_table(flight).text()]
+    return [f"{report.CHECKED}:", *report.checks_table(flight).text()]
 
 
 def _render(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
@@ -260,7 +259,7 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     return Exit.DONE if any(trade.met for trade in traded) else Exit.UNSOLVED
 
 
-def _place(options: argparse.Namespace, path: Path, before: pages.Flight) -> int:
+def _place(options: argparse.Namespace, path: Path, before: report.Flight) -> int:
     """Search for mountings, and print the whole mission with the file's and with the best."""
     plan = before.plan
     with progress("mountings", 5000) as advance:
@@ -269,7 +268,7 @@ def _place(options: argparse.Namespace, path: Path, before: pages.Flight) -> int
         mapped = mission.map_of(better, 0)
     with progress("steps", plan.loaded.mission.time.steps) as advance:
         flown = mission.fly(better, advance)
-    after = pages.Flight(better, before.checks, flown, mission.availability_of(flown))
+    after = report.Flight(better, before.checks, flown, mission.availability_of(flown))
     old, new = (
         [mission.angles_of(head.boresight) for head in placed.heads] for placed in (plan, better)
     )
@@ -285,7 +284,7 @@ def _place(options: argparse.Namespace, path: Path, before: pages.Flight) -> int
     result: dict[str, Any] = {
         "mission": str(path), "evaluations": placement.evaluations, "ending": placement.ending,
         "mountings": mountings, "before": _values(before), "after": _values(after),
-        "check": pages.checks_table(before).json(), "out": str(options.out),
+        "check": report.checks_table(before).json(), "out": str(options.out),
     }  # fmt: skip
     mission.save_mission(
         options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew"
@@ -307,7 +306,7 @@ def _place(options: argparse.Namespace, path: Path, before: pages.Flight) -> int
     return Exit.DONE if after.met else Exit.UNSOLVED
 
 
-def _draw(out: Path, flight: pages.Flight, title: str, placed: Path | None = None) -> None:
+def _draw(out: Path, flight: report.Flight, title: str, placed: Path | None = None) -> None:
     """Write mission.png, beta.png, and report.html with them and the picture of a placement."""
     plan, _, flown, available = flight
     overview, beta = out / "mission.png", out / "beta.png"
@@ -319,10 +318,10 @@ def _draw(out: Path, flight: pages.Flight, title: str, placed: Path | None = Non
     ]
     if placed:
         pictures.append(("Blind time over the directions of a head, and its mountings", placed))
-    save_text(out / "report.html", pages.write_mission_report(flight, pictures, title))
+    save_text(out / "report.html", report.write_mission_report(flight, pictures, title))
 
 
-def _values(flight: pages.Flight) -> dict[str, Any]:
+def _values(flight: report.Flight) -> dict[str, Any]:
     plan, _, flown, available = flight
     time, none = plan.loaded.mission.time, available.none
     return {
@@ -335,11 +334,11 @@ def _values(flight: pages.Flight) -> dict[str, Any]:
         "no_valid_head": {
             "longest_s": none.longest, "times": len(none.length),
             "histogram_edges_s": list(mission.EDGES[:-1]), "histogram": none.histogram().tolist(),
-            "worst": pages.spells_table(none).json(),
+            "worst": report.spells_table(none).json(),
         },
         "heads": [_head_values(flight, h) for h in range(len(plan.heads))],
-        "requirements": pages.verdict_table(flight.verdicts).json(),
-        "by_beta": pages.beta_table(flown).json(),
+        "requirements": report.verdict_table(flight.verdicts).json(),
+        "by_beta": report.beta_table(flown).json(),
         "left_out": _left_out(plan), "radiation": _radiation(plan),
         "fused_rms_arcsec": (flown.rms / arcsec).tolist(),
         "worst_moments": [
@@ -348,7 +347,7 @@ def _values(flight: pages.Flight) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _head_values(flight: pages.Flight, h: int) -> dict[str, Any]:
+def _head_values(flight: report.Flight, h: int) -> dict[str, Any]:
     plan, _, flown, available = flight
     head, total, blind = plan.heads[h], flown.head_sum[h], available.each[h]
     across, about = np.sqrt(total[1:3] / max(total[0], 1))
@@ -497,14 +496,14 @@ def _left_out(plan: mission.Plan) -> list[str]:
     return [] if plan.loaded.mission.radiation.hits is None else [text]
 
 
-def _text(flight: pages.Flight) -> list[str]:
+def _text(flight: report.Flight) -> list[str]:
     plan, _, flown, available = flight
     time = plan.loaded.mission.time
     lines = [
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",
         "blind, % of the time; rms error while valid:",
-        *pages.heads_table(flight).text(),
+        *report.heads_table(flight).text(),
     ]
     for count in range(len(plan.heads), 0, -1):
         words = f"at least {count} head{'s' if count > 1 else ''}"
@@ -543,5 +542,5 @@ def _text(flight: pages.Flight) -> list[str]:
     ]
     lines += [f"left out: {reason}" for reason in _left_out(plan)]
     if met := flight.verdicts:
-        lines += pages.verdict_table(met).text((0, 3))
+        lines += report.verdict_table(met).text((0, 3))
     return lines

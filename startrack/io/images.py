@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Frame, Refused, Stars, require_memory
 from startrack.io import recordings
-from startrack.io.reading import picture_size, read_bytes, regular_file, require_fits, unpacked
+from startrack.io.reading import picture_size, read_bytes, require_fits, unpacked
 from startrack.io.recordings import Layout
 from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header
@@ -47,11 +47,8 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
     """
     path, layout = Path(path), layout or Layout()
     try:
-        if layout.raw:
-            return Frame(layout.one_image(path, recordings.read_raw(path, layout), None))
-        regular_file(path)
-        if path.suffix.lower() == ".ser":
-            image, said, time = recordings.read_ser(path, layout.plane)
+        if layout.raw or path.suffix.lower() == ".ser":
+            image, said, time = recordings.read_recording(path, layout)
             return Frame(layout.one_image(path, image, said), time=time)
         if path.suffix.lower() in recordings.VIDEOS:
             return Frame(layout.one_image(path, recordings.read_video(path, layout.plane), None))

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -108,60 +108,35 @@ def _raw_shape(text: str) -> tuple[int, int, str]:
     return int(rows), int(columns), kind
 
 
-def read_raw(path: Path, layout: Layout) -> NDArray[Any]:
-    """One frame of a file of pixels without a header, row by row.
-
-    Raises  ValueError where the file does not hold whole frames of this size, or not this plane.
-    """
-    rows, columns, form, count = _raw_layout(path, layout)
-    at = _frame_of(path, layout.plane, count)
-    with path.open("rb") as file:
-        image = _pixels(path, file, at * rows * columns * form.itemsize, form, (rows, columns))
-    return image.astype(form.newbyteorder("="))
-
-
-def _raw_layout(path: Path, layout: Layout) -> tuple[int, int, np.dtype[Any], int]:
-    """Rows, columns, type of a pixel and number of frames of a file without a header."""
-    rows, columns, kind = _raw_shape(layout.raw or "")
-    form = np.dtype(kind.removesuffix("be")).newbyteorder(">" if kind.endswith("be") else "<")
-    size = rows * columns * form.itemsize
-    total = os.stat(regular_file(path, "an image")).st_size
-    if total == 0 or total % size:
-        raise ValueError(
-            f"{path} must hold whole frames of {size} bytes for {layout.raw}, got {total} bytes"
-        )
-    return rows, columns, form, total // size
-
-
-def _frame_of(path: Path, plane: int | None, count: int) -> int:
-    if (plane or 0) >= count:
-        raise ValueError(f"{path}: plane must lie in [0, {count - 1}], got {plane}")
-    return plane or 0
-
-
-def _pixels(
-    path: Path, file: BinaryIO, offset: int, form: np.dtype[Any], shape: tuple[int, ...]
-) -> NDArray[Any]:
-    count = int(np.prod(shape))
-    require_memory(count * form.itemsize, f"{path}, an image of shape {shape},")
-    file.seek(offset)
-    data = file.read(count * form.itemsize)
-    if len(data) < count * form.itemsize:
-        raise ValueError(f"{path} must hold all of its frames, but it is cut")
-    return np.frombuffer(data, form).reshape(shape)
-
-
-class _Ser(NamedTuple):
-    """Header of a SER file; size of a frame in bytes."""
+class _Recording(NamedTuple):
+    """Frames of one size in a file; the byte where the first begins, and bytes of one."""
 
     pattern: str | None
     form: np.dtype[Any]
     shape: tuple[int, ...]
     frames: int
-    size: int
+    start: int
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape) * self.form.itemsize
 
 
-def _ser_header(path: Path) -> _Ser:
+def _recording(path: Path, layout: Layout) -> _Recording:
+    """What the header of a SER says, or the layout of a file without a header."""
+    if not layout.raw:
+        return _ser_header(regular_file(path))
+    rows, columns, kind = _raw_shape(layout.raw)
+    form = np.dtype(kind.removesuffix("be")).newbyteorder(">" if kind.endswith("be") else "<")
+    size, total = rows * columns * form.itemsize, os.stat(regular_file(path, "an image")).st_size
+    if total == 0 or total % size:
+        raise ValueError(
+            f"{path} must hold whole frames of {size} bytes for {layout.raw}, got {total} bytes"
+        )
+    return _Recording(None, form, (rows, columns), total // size, 0)
+
+
+def _ser_header(path: Path) -> _Recording:
     """Pixels of 16 bits are little-endian where LittleEndian is 0, as programs have it; the
     description says the opposite.
     """
@@ -180,26 +155,31 @@ def _ser_header(path: Path) -> _Ser:
         raise ValueError(f"{path}: colour must be mono, Bayer or RGB, got number {kind}")
     form = np.dtype("u1" if depth <= 8 else ">u2" if big else "<u2")
     shape = (rows, columns, 3) if kind in SER_RGB else (rows, columns)
-    size = math.prod(shape) * form.itemsize
-    if total < SER_HEADER.size + count * size:
-        raise ValueError(f"{path} must hold {count} frames of {size} bytes, but it is cut")
-    return _Ser(SER_PATTERNS.get(kind), form, shape, count, size)
+    header = _Recording(SER_PATTERNS.get(kind), form, shape, count, SER_HEADER.size)
+    if total < SER_HEADER.size + count * header.size:
+        raise ValueError(f"{path} must hold {count} frames of {header.size} bytes, but it is cut")
+    return header
 
 
-def read_ser(path: Path, plane: int | None) -> tuple[NDArray[Any], str | None, float]:
-    """One frame of a SER, its Bayer pattern, and its time as a `Frame` has it, NaN without one.
+def read_recording(path: Path, layout: Layout) -> tuple[NDArray[Any], str | None, float]:
+    """One frame of a SER or raw file, its Bayer pattern, and its time as a `Frame` has it.
 
-    Raises  ValueError where the file is cut or no SER, or has no such frame.
+    Raises  ValueError where the file is cut, no SER or not of whole frames, or has no such frame.
     """
-    header = _ser_header(path)
-    at = _frame_of(path, plane, header.frames)
+    header, at = _recording(path, layout), layout.plane or 0
+    if at >= header.frames:
+        raise ValueError(f"{path}: plane must lie in [0, {header.frames - 1}], got {layout.plane}")
+    require_memory(header.size, f"{path}, an image of shape {header.shape},")
     with path.open("rb") as file:
-        offset = SER_HEADER.size + at * header.size
-        image = _pixels(path, file, offset, header.form, header.shape)
-        file.seek(SER_HEADER.size + header.frames * header.size + 8 * at)
+        file.seek(header.start + at * header.size)
+        data = file.read(header.size)
+        file.seek(header.start + header.frames * header.size + 8 * at)
         stamp = file.read(8)
+    if len(data) < header.size:
+        raise ValueError(f"{path} must hold all of its frames, but it is cut")
     ticks = struct.unpack("<q", stamp)[0] if len(stamp) == 8 else 0
     since = ticks - int((YEAR_2000 - YEAR_1).total_seconds()) * SER_TICKS
+    image = np.frombuffer(data, header.form).reshape(header.shape)
     image = image.astype(header.form.newbyteorder("="))
     image = image.max(axis=2) if image.ndim == 3 else image
     return image, header.pattern, since / SER_TICKS if ticks > 0 else math.nan
@@ -207,10 +187,8 @@ def read_ser(path: Path, plane: int | None) -> tuple[NDArray[Any], str | None, f
 
 def frames_in(path: Path, layout: Layout) -> int:
     """Number of frames of a SER or raw file; of a video about as many as it says, of others 1."""
-    if layout.raw:
-        return _raw_layout(path, layout)[3]
-    if path.suffix.lower() == ".ser":
-        return _ser_header(regular_file(path)).frames
+    if layout.raw or path.suffix.lower() == ".ser":
+        return _recording(path, layout).frames
     if path.suffix.lower() not in VIDEOS:
         return 1
     with _open_video(path) as video:

@@ -8,8 +8,17 @@ mission   The page of a mission.
 earth     The page of an Earth camera: its figures, requirements, images, products and scene.
 """
 
-from startrack.report import mission
 from startrack.report.earth import write_earth_report
+from startrack.report.mission import (
+    CHECKED,
+    Flight,
+    beta_table,
+    checks_table,
+    heads_table,
+    spells_table,
+    verdict_table,
+    write_mission_report,
+)
 from startrack.report.write import Depth, repeated, write_report
 
 # Public; the other imports serve other rooms.

@@ -5,6 +5,7 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -147,9 +148,10 @@ def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> s
     cells = [list(row) for row in rows]
     right = {i for row in cells[:1] for i, text in enumerate(row) if _numeric(text)}
     body = "".join(f"<tr>{_row('td', row, right, head)}</tr>" for row in cells)
+    wide = ' class="wide"' if len(head) > NARROW else ""
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(caption)}">'
-        f"<table{_WIDE if len(head) > NARROW else ''}>"
+        f"<table{wide}>"
         f"<caption>{escape(caption)}</caption><thead><tr>{_row('th', head, right)}</tr></thead>"
         f"<tbody>{body}</tbody></table></div>\n"
     )
@@ -202,23 +204,14 @@ def code(title: str, text: str) -> str:
 
 def _row(kind: str, texts: Sequence[str], right: set[int], head: Sequence[str] = ()) -> str:
     """Cells; those of a row name their column, for narrow screens."""
-    scope = ' scope="col"' if kind == "th" else ""
-    named = [f' data-of="{escape(head[i])}"' if i < len(head) else "" for i in range(len(texts))]
-    kinds = [_kind(text, i in right, head[i : i + 1]) for i, text in enumerate(texts)]
-    return "".join(
-        f"<{kind}{scope}{kinds[i]}{named[i]}>{escape(text)}</{kind}>"
-        for i, text in enumerate(texts)
-    )
-
-
-_WIDE = ' class="wide"'
-
-
-def _kind(text: str, right: bool, name: Sequence[str]) -> str:
-    """Classes of a cell below the name of its column."""
-    long = len(text) + len("".join(name)) > LONG
-    kinds = ["number"] * right + ["long"] * long
-    return f' class="{" ".join(kinds)}"' if kinds else ""
+    scope, cells = ' scope="col"' if kind == "th" else "", []
+    for i, (text, name) in enumerate(zip_longest(texts, head[: len(texts)])):
+        long = len(text) + len(name or "") > LONG
+        kinds = " ".join(["number"] * (i in right) + ["long"] * long)
+        look = f' class="{kinds}"' if kinds else ""
+        named = "" if name is None else f' data-of="{escape(name)}"'
+        cells.append(f"<{kind}{scope}{look}{named}>{escape(text)}</{kind}>")
+    return "".join(cells)
 
 
 def _numeric(text: str) -> bool:

@@ -226,7 +226,12 @@ def draw_slews(slewed: Sequence[Slew], design_rate: float, expected: Curve) -> l
     ):
         figure, axes = _panel()
         if any(expected.budgets):
-            _shade(axes, expected)
+            first = expected.first_left_out
+            if first is not None:  # at rest the formula leaves out less
+                axes.axvspan(
+                    expected.rate[first] / deg, 1.3 * expected.rate[-1] / deg, color="0.9",
+                    zorder=0, label="rates with effects that the budget leaves out",
+                )  # fmt: skip
             axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=plots.RED,
                       label="analytic budget")  # fmt: skip
         intervals = [getattr(slew, name) for slew in slewed]
@@ -243,11 +248,3 @@ def draw_slews(slewed: Sequence[Slew], design_rate: float, expected: Curve) -> l
         plots.legend_below(axes, 1)
         pictures.append(Picture(figure, f"{label} over the slew rate"))
     return pictures
-
-
-def _shade(axes: Axes, expected: Curve) -> None:
-    """Rates at which the formula leaves out more than at rest."""
-    first = expected.first_left_out
-    if first is not None:
-        axes.axvspan(expected.rate[first] / deg, 1.3 * expected.rate[-1] / deg, color="0.9",
-                     zorder=0, label="rates with effects that the budget leaves out")  # fmt: skip
