@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from startrack.budget import Budget, Curve, ErrorCurves, Line, Residuals, Survey, Term, UnitBudgets
-from startrack.core import Floats, Ints, arcsec, deg, is_code
+from startrack.core import Floats, arcsec, deg, is_code
 from startrack.design import YEAR, Accuracy, Case
 from startrack.detection import STREAK
 from startrack.metrics import Interval, rms_interval
@@ -363,7 +363,11 @@ def _over_field(
     # Over the analytic error of its magnitude; medians, because neighbours cause outliers.
     star = curves.stars
     normal = np.sqrt(np.interp(seen.magnitude, star.magnitude, _total(star)))
-    size = _medians(np.abs(seen.error) / normal[:, None] / MEDIAN, cell, parts)
+    ratio, size = np.abs(seen.error) / normal[:, None] / MEDIAN, np.full((parts, parts), np.nan)
+    for i, j in np.ndindex(parts, parts):
+        mine = ratio[(cell[0] == i) & (cell[1] == j)]
+        if len(mine) >= FEWEST:
+            size[i, j] = np.median(mine)
     for axes, values, label in (
         (panels[0], size, "error of a star over the analytic (ratio)"),
         (panels[1], count / trials, "matched stars (number per frame)"),
@@ -381,16 +385,6 @@ def _over_field(
         )
         if not len(position):
             style.say(axes, "no matched star")
-
-
-def _medians(values: Floats, cell: list[Ints], parts: int) -> Floats:
-    """Median of each part of the field, NaN where it has few stars."""
-    middle = np.full((parts, parts), np.nan)
-    for i, j in np.ndindex(parts, parts):
-        mine = values[(cell[0] == i) & (cell[1] == j)]
-        if len(mine) >= FEWEST:
-            middle[i, j] = np.median(mine)
-    return middle
 
 
 def _total(star: Errors) -> Floats:

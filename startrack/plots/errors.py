@@ -82,8 +82,7 @@ def _about(axes: Axes, z: Floats, rms: Interval) -> None:
     )
     if not inside.all():
         for side in (-1, 1):
-            many = int((side * z > limit).sum())
-            if many:
+            if many := int((side * z > limit).sum()):
                 axes.annotate(
                     f"{many} beyond", (side * limit, 0), (0, 4), textcoords="offset points",
                     rotation=90, color=style.RED, fontsize=8.5, va="bottom",
@@ -170,11 +169,8 @@ def _over_time(axes: Axes, table: Rows, axis: str, label: str) -> None:
             [*(-end for end in reversed(ends)), 0.0, *ends],
             [*(f"-{end:g}" for end in reversed(ends)), "0", *(f"{end:g}" for end in ends)],
         )
-        style.panel_title(
-            axes,
-            f"axis linear to ±{scale:g} arcsec, logarithmic beyond; largest drawn "
-            f"{style.number(largest)} arcsec",
-        )
+        text = f"axis linear to ±{scale:g} arcsec, logarithmic beyond; largest drawn "
+        style.panel_title(axes, f"{text}{style.number(largest)} arcsec")
     axes.set_ylim(-1.3 * largest, 1.3 * largest)
     axes.set_ylabel(label)
     axes.axhline(0, color=style.GREY, lw=0.5)

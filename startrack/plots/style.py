@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from textwrap import fill
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
@@ -147,11 +147,8 @@ def colour_bar(
     assert low is not None
     assert high is not None
     beyond = 1e-9 * max(abs(low), abs(high))
-    under = bool((finite < low - beyond).any())
-    over = bool((finite > high + beyond).any())
-    arrows: Literal["both", "min", "max", "neither"] = (
-        "both" if under and over else "min" if under else "max" if over else "neither"
-    )
+    under, over = (finite < low - beyond).any(), (finite > high + beyond).any()
+    arrows: Any = "both" if under and over else "min" if under else "max" if over else "neither"
     figure = axes.figure
     assert isinstance(figure, Figure)
     bar = figure.colorbar(drawn, ax=axes, extend=arrows, extendfrac=0.06, **place)
