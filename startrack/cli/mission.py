@@ -272,15 +272,10 @@ def _place(options: argparse.Namespace, path: Path, before: report.Flight) -> in
     old, new = (
         [mission.angles_of(head.boresight) for head in placed.heads] for placed in (plan, better)
     )
-    table = metrics.Table(
-        [
-            Column("name", "", lambda h: plan.heads[h].name),
-            Column("azimuth_deg", "", lambda h: new[h][0] / deg),
-            Column("elevation_deg", "", lambda h: new[h][1] / deg),
-        ],
-        range(len(plan.heads)),
-    )
-    mountings = table.json()
+    mountings: list[dict[str, Any]] = [
+        {"name": head.name, "azimuth_deg": azimuth / deg, "elevation_deg": elevation / deg}
+        for head, (azimuth, elevation) in zip(plan.heads, new, strict=True)
+    ]
     result: dict[str, Any] = {
         "mission": str(path), "evaluations": placement.evaluations, "ending": placement.ending,
         "mountings": mountings, "before": _values(before), "after": _values(after),
