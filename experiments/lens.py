@@ -131,10 +131,11 @@ def wavefronts(quick: bool) -> float | None:
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the tracer
-            traced = trace_lens(read_prescription(shipped(f"lenses/{name}.zmx")), name, "", tracing)
+            lens = read_prescription(shipped(f"lenses/{name}.zmx"))
+            traced, rest = trace_lens(lens, name, "", tracing)
         alone = table if len(table.temperature) == 1 else _at(table, kelvin)
-        found = interpolation_error(alone, traced.table)["interpolation_rms_waves"]
-        left = float((traced.left / traced.table.wavelength[:, None]).max())
+        found = interpolation_error(alone, traced)["interpolation_rms_waves"]
+        left = float((rest / traced.wavelength[:, None]).max())
         print(f"{name}: {found:.4f} waves between the nodes, and {left:.4f} that the terms leave")
         worst = max(worst, found)
     return worst
@@ -164,7 +165,7 @@ def images(quick: bool) -> float:
         for f, w in [(0, 0)] if quick else np.ndindex(errors.shape):
             wave = waves[[w]]
             plan = _Plan(lens, camera, 10e-6, Band(wave, np.ones((1, 1))), 1.0, 0.0)
-            star = _stars(lens, wave, angles[[f]], np.pi / 2)[0][0]
+            star = _stars(lens, wave, float(angles[f]), np.pi / 2)[0]
             errors[f, w] = apart(plan, star, wanted[f, w], 8 if quick else None)
         f, w = np.unravel_index(errors.argmax(), errors.shape)
         print(

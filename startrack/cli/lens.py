@@ -168,13 +168,13 @@ def _import_pages(options: argparse.Namespace) -> int:
             return _save_images(options, optics.psfs_of_pages(paths, source), out)
         if options.focal_length is None or options.f_number is None:
             raise WrongUse("--focal-length and --f-number must be given with wavefront maps")
-        fitted = optics.table_of_pages(
+        table, rest = optics.table_of_pages(
             paths, options.focal_length * 1e-3, options.f_number, options.title or out.stem,
             source, options.flip,
         )  # fmt: skip
-    optics.save_lens(out, fitted.table)
-    left = {"terms_leave_waves": float(fitted.left.max())}
-    result = summary(fitted.table) | {"table": str(out)} | left
+    optics.save_lens(out, table)
+    left = {"terms_leave_waves": float(rest.max())}
+    result = summary(table) | {"table": str(out)} | left
     print_result(options, result, _text(result))
     return Exit.DONE
 
@@ -200,22 +200,22 @@ def _trace(options: argparse.Namespace) -> int:
             progress("tracing", _nodes(tracing)) as advance,
             shared.as_wrong_use(ValueError, path=path),
         ):
-            traced = optics.trace_lens(
+            table, rest = optics.trace_lens(
                 lens, options.title or path.stem, options.source or path.name, tracing, advance
             )
-        optics.save_lens(Path(out), traced.table)
+        optics.save_lens(Path(out), table)
         with suppress(ValueError):  # of surfaces that are no spheres
             surfaces = optics.surfaces_of(lens)
             optics.save_surfaces(Path(out), surfaces)
             if not surfaces.mirror.any():
                 optics.save_ghosts(Path(out), surfaces)
-        left = float((traced.left / traced.table.wavelength[:, None]).max())
-        result = summary(traced.table) | {"table": str(out), "terms_leave_waves": left}
+        left = float((rest / table.wavelength[:, None]).max())
+        result = summary(table) | {"table": str(out), "terms_leave_waves": left}
         if options.check:
             between = _between(tracing)
             with progress("checking", _nodes(between)) as advance:
-                dense = optics.trace_lens(lens, "between", "", between, advance).table
-            result |= interpolation_error(traced.table, dense)
+                dense = optics.trace_lens(lens, "between", "", between, advance)[0]
+            result |= interpolation_error(table, dense)
     print_result(options, result, _text(result))
     return Exit.DONE
 

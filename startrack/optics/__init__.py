@@ -1,8 +1,6 @@
 """How a point is blurred: Optics become a Psf.
 
 parameters    Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF.
-blur          Table of a camera -> the same, the blur of its lens a length where it is in pixel or
-              an angle.
 pupil         Shape of the aperture, and the Zernike polynomials of wavefront errors in it.
 diffraction   Diffraction of any pupil by fast transforms; closed forms of an ideal lens, a blur, a
               pixel.
@@ -26,12 +24,11 @@ ghosts        Light -> Light: ghosts of bright sources by two reflections in the
               light.
 as_built      Surfaces of a lens -> by how much its elements, each a little off, displace stars.
 residual      Residual: what the places of stars differ by from any camera model, by causes.
-baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light.
-tube          Geometry of a baffle with vanes -> its point-source transmittance, mass and size.
+baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light;
+              geometry of a baffle with vanes -> its point-source transmittance, mass and size.
 """
 
-from startrack.optics.baffle import Baffle, stray_light
-from startrack.optics.blur import with_blur_as_length
+from startrack.optics.baffle import Baffle, BaffleTube, stray_light, transmittance_of
 from startrack.optics.choose import Choice, choose
 from startrack.optics.diffraction import (
     airy,
@@ -41,13 +38,13 @@ from startrack.optics.diffraction import (
     pupil_samples,
     pupil_transfer,
 )
-from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf
+from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf, mirrored
 from startrack.optics.ghosts import Ghosts, add_ghosts, full_surfaces, lens_surfaces, save_ghosts
 from startrack.optics.lens_family import element_count
-from startrack.optics.lens_psf import ROOM, field_psf, fit_camera, mirrored, open_optics
+from startrack.optics.lens_psf import ROOM, field_psf, fit_camera, open_optics
 from startrack.optics.lens_table import LensTable, lens_path, load_lens, open_lens, save_lens
 from startrack.optics.measured_psf import brightest, file_of, lone_stars, reconstruct
-from startrack.optics.parameters import Optics
+from startrack.optics.parameters import Optics, with_blur_as_length
 from startrack.optics.pixel_psf import PsfInput, over_field, pixel_psf
 from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, save_psf_file
 from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pupil_grid, zernike
@@ -55,7 +52,6 @@ from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, 
 from startrack.optics.ray_trace import Tracing, read_prescription, surfaces_of, trace_lens
 from startrack.optics.residual import Residual
 from startrack.optics.surfaces import Surfaces, save_surfaces
-from startrack.optics.tube import BaffleTube, transmittance_of
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 
 # Public; the other imports serve other rooms.

@@ -68,7 +68,7 @@ def element_slopes(lens: BuiltLens) -> ElementSlopes:
               slopes are those of that; no vignetting. numerical: 1e-4 of the slopes. Chief rays of
               elements off by 20 um and 1 arcmin move as those of optiland within 2 % and 0.05 um.
     """
-    surfaces = _surfaces(lens.file, lens.family, lens.focal_length, lens.f_number)
+    surfaces = _surfaces(lens)
     camera = lens.camera
     direction = camera.unproject(node_places(camera.columns, camera.rows))
     tangent = direction[:, :2] / direction[:, 2:]
@@ -80,21 +80,21 @@ def element_slopes(lens: BuiltLens) -> ElementSlopes:
     return ElementSlopes(kinds, pixel * slope.transpose(2, 1, 0).reshape(-1, len(kinds)))
 
 
-def _surfaces(file: str, family: str, focal_length: float, f_number: float) -> Surfaces:
-    if file:
-        table, stored = open_lens(file), open_surfaces(lens_path(file))
-    elif family:
-        table = open_family(family)
-        stored = family_surfaces(family, table.focal_length, table.f_number)
+def _surfaces(lens: BuiltLens) -> Surfaces:
+    if lens.file:
+        table, stored = open_lens(lens.file), open_surfaces(lens_path(lens.file))
+    elif lens.family:
+        table = open_family(lens.family)
+        stored = family_surfaces(lens.family, table.focal_length, table.f_number)
     else:
         raise Refused(
             "residual.family must name a family of lenses where decentre, tilt or wedge is not 0 "
             "and optics have neither lens_file nor lens_family, got ''"
         )
     if stored is None:
-        raise Refused(f"{file} must hold SURFACES of its lens for decentre, tilt and wedge")
-    faster = min(table.f_number / f_number, 1.0)
-    return stored.scaled(focal_length / table.focal_length, faster)
+        raise Refused(f"{lens.file} must hold SURFACES of its lens for decentre, tilt and wedge")
+    faster = min(table.f_number / lens.f_number, 1.0)
+    return stored.scaled(lens.focal_length / table.focal_length, faster)
 
 
 def _elements(surfaces: Surfaces) -> tuple[Ints, Floats]:

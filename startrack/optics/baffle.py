@@ -1,18 +1,33 @@
-"""Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light."""
+"""Baffles: stray light of Sun, Moon and Earth past them, their transmittance by their geometry."""
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import POSITIVE, Floats, Light, Parameters, Range, Refused, Unit
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, kernel
 from startrack.optics.parameters import Optics
 
-NODES = 17  # of the map of stray light along a side of the frame: 1 % between them
+MAP_NODES = 17  # of the map of stray light along a side of the frame: 1 % between them
+ALUMINIUM = 2700.0  # kg / m^3
+WALL = 1e-3  # metre, of tube and vanes
+PATHS = 16384  # from the lens; chosen by hand: time against noise
+BOUNCES = 6  # of each path; black paint leaves 1e-8 after them
+PLACES = 16  # of them, from whose places on the lens edges are seen
+AZIMUTHS = 48  # of the edge of each vane
+NODES = 40  # angles of the curve
+GRAZING = math.radians(89.5)  # the last of them; beyond, no light enters
+DARK = 1e-16  # the transmittance there
+# Of polished and clean lenses: the width of the core (radian) and the slope of a Harvey law.
+SHOULDER, SLOPE = 0.02, -1.5
+NOTHING, LENS = -1, -2  # what a ray meets besides the vanes, the wall and the floor
 
 
 @dataclass(frozen=True)
@@ -45,8 +60,8 @@ class Baffle(Parameters):
 
 
 def stray_light(
-    light: Light, baffle: Baffle, optics: Optics, icrs_to_camera: Rotation, camera: core.Camera
-) -> Light:
+    light: core.Light, baffle: Baffle, optics: Optics, icrs_to_camera: Rotation, camera: core.Camera
+) -> core.Light:
     """The light with stray light, as diffuse light of the same irradiance on the detector.
 
         radiance = irradiance PST(angle) focal_length^2 / area
@@ -58,15 +73,278 @@ def stray_light(
               first value of the curve. numerical: 1 % between the 17 x 17 nodes of its map, where
               the curve is no steeper than a decade in half a frame.
     """
-    line = icrs_to_camera.inv().apply(camera.lattice(NODES))
+    line = icrs_to_camera.inv().apply(camera.lattice(MAP_NODES))
     spread = optics.focal_length**2 / optics.area
-    stray = tuple(_stray_light_of(source, line, baffle, spread) for source in light.stray_sources)
-    return replace(light, diffuse=light.diffuse + stray)
+    stray = []
+    for source in light.stray_sources:
+        angle = np.arccos(np.clip(line @ source.direction.T, -1, 1))
+        fraction = (baffle(angle) @ source.fraction * spread).reshape(MAP_NODES, MAP_NODES)
+        stray.append(core.DiffuseLight(source.photon_irradiance, fraction))
+    return replace(light, diffuse=(*light.diffuse, *stray))
 
 
-def _stray_light_of(
-    source: core.StrayLightSource, line: Floats, baffle: Baffle, spread: float
-) -> core.DiffuseLight:
-    angle = np.arccos(np.clip(line @ source.direction.T, -1, 1))
-    fraction = baffle(angle) @ source.fraction * spread
-    return core.DiffuseLight(source.photon_irradiance, fraction.reshape(NODES, NODES))
+@dataclass(frozen=True)
+class BaffleTube(Parameters):
+    """A cylinder with vanes before the lens, painted black inside, and how the lens scatters.
+
+    The edges of the vanes lie on the cone that leaves the field free, so that the lens sees no
+    vane from its lit side, and each vane hides the wall behind it from the lens: their number
+    follows from length and diameter.
+    """
+
+    length: Annotated[float, Unit("m", "mm"), POSITIVE, "from the lens to the entrance"]
+    diameter: Annotated[float | None, Unit("m", "mm"), POSITIVE,
+        "of the wall; None: a quarter more than the entrance"] = None  # fmt: skip
+    reflectance: Annotated[float, Range(0, 1),
+        "diffuse, of the black paint; of those for space 0.03 to 0.06"] = 0.05  # fmt: skip
+    edge: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
+        "thickness of the edges of the vanes"] = 50e-6  # fmt: skip
+    scatter: Annotated[float, Range(0, 0.5),
+        "fraction of light that the surfaces of the lens scatter, in all"] = 1e-3  # fmt: skip
+
+    def shape(self, lens: float, field: float) -> Shape:
+        """The vanes of a tube before a lens.
+
+        lens    metre, diameter of its entrance pupil
+        field   radian, the half diagonal
+        Raises  Refused where the wall is not wider than the entrance.
+        """
+        radius, slope = lens / 2, math.tan(field)
+        entrance = radius + self.length * slope
+        wall = self.diameter / 2 if self.diameter else 1.25 * entrance
+        if wall <= entrance:
+            raise Refused(
+                "tube.diameter must be wider than the entrance that leaves the field free, "
+                f"{2e3 * entrance:.4g} mm, got {2e3 * wall:.4g} mm"
+            )
+        height = [min(wall - radius, self.length)]  # the first cell is as deep as it is long
+        while height[-1] < self.length:
+            edge = radius + height[-1] * slope
+            height.append(height[-1] * (wall + radius) / (edge + radius))
+        height[-1] = self.length
+        at = np.array(height)
+        return Shape(radius, wall, at, radius + at * slope)
+
+    def mass(self, lens: float, field: float) -> float:
+        """Kilogram, of walls and vanes of aluminium, 1 mm thick."""
+        shape = self.shape(lens, field)
+        discs = math.pi * float((shape.wall**2 - shape.edge**2).sum())
+        return ALUMINIUM * WALL * (2 * math.pi * shape.wall * self.length + discs)
+
+    def volume(self, lens: float, field: float) -> float:
+        """Cubic metre, of the cylinder."""
+        return math.pi * self.shape(lens, field).wall ** 2 * self.length
+
+    def cutoff(self, lens: float, field: float) -> float:
+        """Radian, from which on no light falls directly on the lens."""
+        shape = self.shape(lens, field)
+        return math.atan((shape.edge[-1] + shape.radius) / self.length)
+
+
+@core.printed
+class Shape(NamedTuple):
+    """Radius of the lens and of the wall; height above the lens and edge of each vane (n,), metre.
+
+    The last vane is the entrance.
+    """
+
+    radius: float
+    wall: float
+    height: Floats
+    edge: Floats
+
+
+@lru_cache(maxsize=64)
+def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: float) -> Baffle:
+    """The point-source transmittance of a tube and the lens behind it.
+
+        PST = (T_direct B(angle) + integral of T_scattered B) pi / (4 N^2)
+
+    The first stage is the light on the lens, over that at the entrance: what falls on it directly;
+    what vanes, wall and floor scatter diffusely to it (paths from the lens backwards, to the Sun at
+    each point); and the edges of the vanes, all of which the lens sees. The second is what the lens
+    scatters to the detector: its BSDF B by Harvey's law, into the cone of the f-number N.
+
+    Source    E. Fest (2013), Stray Light Analysis and Control, SPIE, ch. 4 and 7: first-order
+              estimates, Harvey's law for polished surfaces; placing of vanes ch. 9.
+    Arguments as of `BaffleTube.shape`; `f_number` of the lens
+    Accuracy  model: paint scatters by Lambert's law, also at grazing incidence, where real ones
+              reflect more; the lens scatters as clean surfaces do; no housing behind the lens.
+              numerical: 6 % rms beyond the cutoff, of `PATHS` fixed paths; the same for all
+              tubes, so that the curve changes smoothly with the geometry; 0.1 s.
+    """
+    shape, slope = tube.shape(lens, field), SLOPE / 2
+    cutoff = min(tube.cutoff(lens, field), (field + GRAZING) / 2)
+    near = np.linspace(field, cutoff, NODES // 3)
+    far = np.linspace(cutoff, GRAZING, NODES - len(near) + 1)[1:]
+    angle = np.concatenate([near, far])
+    from scipy.stats.qmc import Sobol  # half a second, for designs with a tube alone
+
+    size = 2 + 2 * BOUNCES
+    random = Sobol(size, rng=np.random.default_rng(0)).random(PATHS)
+    direct = _direct_light(*shape, angle, random)
+    scattered = _scattered_light(*shape, angle, random, slope)
+    edges = tube.edge * _light_off_edges(*shape, angle, random[:PLACES], slope)
+    paint = tube.reflectance ** np.arange(1, BOUNCES + 1)
+    bsdf = (1 + (np.sin(angle) / SHOULDER) ** 2) ** slope
+    light = direct * bsdf + scattered @ paint + tube.reflectance * edges
+    pst = _per_steradian(tube.scatter) * light * math.pi / (4 * f_number**2)
+    return Baffle((*angle.tolist(), math.pi / 2), (*np.maximum(pst, DARK).tolist(), DARK))
+
+
+def _per_steradian(scatter: float) -> float:
+    """1 / sr, the BSDF on the axis of a Harvey law with so much scattered light in all."""
+    power = SLOPE / 2 + 1
+    law = SHOULDER**2 / power * (_harvey(1.0, power) - 1)  # integral of 2 sine B over the sine
+    return scatter / (math.pi * law)
+
+
+@kernel
+def _met(
+    radius: float, wall: float, height: Floats, edge: Floats,
+    x: float, y: float, z: float, dx: float, dy: float, dz: float,
+) -> tuple[float, int]:  # fmt: skip
+    """Distance to what a ray meets, and what: NOTHING, LENS, number of a vane, n + 1: the wall,
+    n + 2: the floor around the lens."""
+    count, length = len(height), height[-1]
+    nearest, what, least = math.inf, NOTHING, 1e-9 * height[-1]
+    if dz != 0.0:
+        for k in range(count):
+            t = (height[k] - z) / dz
+            if least < t < nearest:
+                r2 = (x + t * dx) ** 2 + (y + t * dy) ** 2
+                if edge[k] ** 2 <= r2 <= wall * wall * (1 + 1e-9):
+                    nearest, what = t, k
+        t = -z / dz
+        if least < t < nearest:
+            r2 = (x + t * dx) ** 2 + (y + t * dy) ** 2
+            if r2 <= wall * wall * (1 + 1e-9):
+                nearest, what = t, LENS if r2 < radius * radius else count + 2
+    a, b = dx * dx + dy * dy, x * dx + y * dy
+    if a > 0.0:
+        under = b * b - a * (x * x + y * y - wall * wall)
+        if under > 0.0:
+            t = (-b + math.sqrt(under)) / a
+            if least < t < nearest and 0.0 <= z + t * dz <= length:
+                nearest, what = t, count + 1
+    return nearest, what
+
+
+@kernel
+def _harvey(sine: float, slope: float) -> float:
+    return (1 + (sine / SHOULDER) ** 2) ** slope
+
+
+@kernel
+def _lit(
+    radius: float, wall: float, height: Floats, edge: Floats, x: float, y: float, z: float,
+    angle: float,
+) -> bool:  # fmt: skip
+    """Whether a point sees the Sun, which stands in the plane of x and z."""
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return _met(radius, wall, height, edge, x, y, z, sine, 0.0, cosine)[1] == NOTHING
+
+
+@kernel
+def _on_lens(radius: float, random: Floats) -> tuple[float, float]:
+    """A place on the lens by two uniform numbers."""
+    r, turn = radius * math.sqrt(random[0]), 2 * math.pi * random[1]
+    return r * math.cos(turn), r * math.sin(turn)
+
+
+@kernel
+def _direct_light(
+    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats
+) -> Floats:
+    """Irradiance (a,) of the lens that falls on it directly, over that normal to the Sun's rays.
+
+    angle   (a,) radian, of the Sun
+    random  (n, m) uniform numbers, the first two of which are a place on the lens
+    """
+    light = np.zeros(len(angle))
+    for n in range(len(random)):
+        x, y = _on_lens(radius, random[n])
+        for k in range(len(angle)):
+            if _lit(radius, wall, height, edge, x, y, 0.0, angle[k]):
+                light[k] += math.cos(angle[k]) / len(random)
+    return light
+
+
+@kernel
+def _scattered_light(
+    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats,
+    slope: float,
+) -> Floats:  # fmt: skip
+    """The same (a, bounces) after 1, 2, ... bounces off surfaces of reflectance one.
+
+    Weighted by the BSDF of the lens over that on its axis.
+
+    angle   (a,) radian; the first is that of the corner of the field
+    random  (n, 2 + 2 bounces) uniform numbers of n paths: place on the lens, direction, and
+            directions after each bounce but the last
+    """
+    paths, bounces, count = len(random), random.shape[1] // 2 - 1, len(height)
+    light, power = np.zeros((len(angle), bounces)), slope + 1
+    first, last = _harvey(math.sin(angle[0]), power), _harvey(1.0, power)
+    share = SHOULDER**2 / power * (last - first)
+    for n in range(paths):
+        x, y = _on_lens(radius, random[n])
+        z, nx, ny, nz = 0.0, 0.0, 0.0, 1.0
+        for bounce in range(bounces):
+            # Around the normal by the cosine; any two directions that are normal to it will do.
+            square, around = random[n, 2 + 2 * bounce], 2 * math.pi * random[n, 3 + 2 * bounce]
+            if bounce == 0:  # and by the BSDF, outside the field, where the lens sees the sky
+                square = ((first + square * (last - first)) ** (1 / power) - 1) * SHOULDER**2
+            sine = math.sqrt(min(square, 1.0))
+            cosine = math.sqrt(1 - sine * sine)
+            if abs(nz) > 0.5:
+                ux, uy, uz = 1.0, 0.0, 0.0
+            else:
+                ux, uy, uz = -ny, nx, 0.0
+            vx, vy, vz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
+            across, along = sine * math.cos(around), sine * math.sin(around)
+            dx = across * ux + along * vx + cosine * nx
+            dy = across * uy + along * vy + cosine * ny
+            dz = across * uz + along * vz + cosine * nz
+            distance, what = _met(radius, wall, height, edge, x, y, z, dx, dy, dz)
+            if what in (NOTHING, LENS):
+                break
+            x, y, z = x + distance * dx, y + distance * dy, z + distance * dz
+            if what == count + 1:
+                nx, ny, nz = -x / wall, -y / wall, 0.0
+            else:
+                nx, ny, nz = 0.0, 0.0, 1.0 if dz < 0 else -1.0
+            for k in range(len(angle)):
+                facing = math.sin(angle[k]) * nx + math.cos(angle[k]) * nz
+                if facing > 0.0 and _lit(radius, wall, height, edge, x, y, z, angle[k]):
+                    light[k, bounce] += facing * share / paths
+    return light
+
+
+@kernel
+def _light_off_edges(
+    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats,
+    slope: float,
+) -> Floats:  # fmt: skip
+    """The same (a,) off the edges of vanes of reflectance one and a metre of thickness."""
+    light = np.zeros(len(angle))
+    for j in range(len(height)):
+        for m in range(AZIMUTHS):
+            turn = 2 * math.pi * (m + 0.5) / AZIMUTHS
+            x, y, z = edge[j] * math.cos(turn), edge[j] * math.sin(turn), height[j]
+            weight = 0.0
+            for n in range(len(random)):
+                px, py = _on_lens(radius, random[n])
+                away = math.sqrt((x - px) ** 2 + (y - py) ** 2 + z * z)
+                towards = ((x - px) * math.cos(turn) + (y - py) * math.sin(turn)) / away
+                if towards > 0.0:
+                    bsdf = _harvey(math.sqrt(1 - (z / away) ** 2), slope)
+                    weight += towards * (z / away) / away**2 * bsdf / len(random)
+            for k in range(len(angle)):
+                facing = -math.sin(angle[k]) * math.cos(turn)
+                inside = 1 - 1e-6  # just off its edge, above the vane
+                if facing > 0.0 and _lit(
+                    radius, wall, height, edge, inside * x, inside * y, z, angle[k]
+                ):
+                    light[k] += 2 * edge[j] / AZIMUTHS * weight * facing
+    return light

@@ -131,8 +131,6 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
     bounds = np.cumsum([steps[model] for model in reversed(MODELS)])[::-1]
     # Each error is the sum of this step and of all steps after it.
     errors = {model: float(bound) for model, bound in zip(MODELS, bounds, strict=True)}
-    if not optics.plain:
-        errors["gaussian"] = errors["airy"] = math.inf
     if optics.psf != "auto":
         model, reason = optics.psf, "the design names it"
     else:

@@ -4,7 +4,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy import special
+from scipy import fft, special
 
 from startrack.core import Floats, kernel
 
@@ -162,3 +162,19 @@ def blur_transfer(frequency: Floats, sigma: float) -> Floats:
 def pixel_transfer(frequency: Floats, pitch: float) -> Floats:
     """Transfer function of a pixel along one axis: sin(pi pitch f) / (pi pitch f)."""
     return np.sinc(frequency * pitch)
+
+
+def pixel_average(plane: Floats, spacing: float, side: float, blur: float, room: int) -> Floats:
+    """The mean of a sampled irradiance over a square around each sample, after a Gaussian blur.
+
+    plane    (m, m), without frequencies above its Nyquist frequency
+    spacing  of its samples, in the unit of side and blur
+    room     samples beyond them, at least side / 2 + 6 blur
+    Returns  (m, m); too small within as many and 24 samples more of an edge
+    Accuracy  numerical: 1e-6 of the peak.
+    """
+    size = fft.next_fast_len(len(plane) + room, real=True)
+    fx, fy = fft.rfftfreq(size, spacing), fft.fftfreq(size, spacing)
+    along, down = (pixel_transfer(f, side) * blur_transfer(f, blur) for f in (fx, fy))
+    spectrum = fft.rfft2(plane, s=(size, size)) * along * down[:, None]
+    return np.asarray(fft.irfft2(spectrum, s=(size, size))[: len(plane), : len(plane)])

@@ -13,6 +13,7 @@ from startrack.optics.lens_table import spline
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import gauss_band
 from startrack.optics.psf_file import FINE, PsfFile, averaged, open_psf_file
+from startrack.optics.pupil import noll_to_nm
 
 # Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak, and of 2 %
 # and 6 % with as few as suffice where the tolerance of the design is COARSE.
@@ -27,16 +28,10 @@ class Plan(Protocol):
 
     side          samples along a side of a table
     oversampling  samples per pixel
-    symmetric     whether the images repeat eight times, by mirrors and a turn
     """
 
     side: int
     oversampling: int
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether the images repeat eight times."""
-        ...
 
     def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
         """Table (c, m, m) of each spectrum at a place (pixel from the axis); its shift (pixel) and
@@ -69,6 +64,11 @@ def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Ban
     nodes, _ = gauss_band(wavelength, fraction.mean(axis=0), count)
     nodes = np.sort(nodes)
     return Band(nodes, fraction @ lagrange_weights(nodes, wavelength))
+
+
+def node_count(optics: Optics) -> int:
+    """How many wavelengths stand for a band."""
+    return BAND_NODES if optics.psf_tolerance < COARSE else FEW_NODES
 
 
 def refuse_band(key: str, of_file: Floats, wavelength: Floats, spectra: Floats) -> None:
@@ -115,27 +115,26 @@ def camera_through(
     edge = float(np.interp(corner, reached, coarse))
     angles = edge * np.sqrt((np.arange(FITTED) + 0.5) / FITTED)
     image, tangent = places(angles), np.tan(angles)
-    powers = tangent[:, None] ** np.array([1, 3, 5, 7]) / tangent[-1] ** np.array([0, 2, 4, 6])
-    coefficients = np.linalg.lstsq(powers, image, rcond=None)[0] / tangent[-1] ** np.array(
-        [0, 2, 4, 6]
-    )
+    scale = tangent[-1] ** np.arange(0, 8, 2)
+    powers = tangent[:, None] ** np.arange(1, 9, 2) / scale
+    coefficients = np.linalg.lstsq(powers, image, rcond=None)[0] / scale
     k1, k2, k3 = (float(coefficient) for coefficient in coefficients[1:] / coefficients[0])
     return Camera(columns, rows, float(coefficients[0]) / pitch, *principal, k1=k1, k2=k2, k3=k3)
 
 
 def images_over_frame(
-    plan: Plan, camera: Camera, colour: Floats, checked: bool = True, nodes: int = NODES
+    plan: Plan, optics: Optics, camera: Camera, colour: Floats, nodes: int
 ) -> FieldPsf:
     """The images of a plan at nodes over the frame, as sums of their principal components.
 
-    As many are kept as every image needs to within 4e-3 of its norm.
+    As many are kept as every image needs to within 4e-3 of its norm. The error between the nodes is
+    measured where the tolerance of the design is below COARSE; otherwise it is NaN.
 
-    colour   (c,) metre, mean wavelength of each spectrum of the plan
-    checked  whether the error between the nodes is measured; otherwise it is NaN
-    nodes    along the longer side of the frame
+    colour  (c,) metre, mean wavelength of each spectrum of the plan
+    nodes   along the longer side of the frame
     """
     x, y = frame_nodes(camera, nodes)
-    symmetric = plan.symmetric
+    symmetric = mirrored(optics, camera)
     made: dict[tuple[float, float], tuple[Floats, Floats]] = {}
 
     def node(at_x: float, at_y: float) -> tuple[Floats, Floats]:
@@ -149,36 +148,45 @@ def images_over_frame(
             made[key] = plan.image(first, second)
         return _reflected(*made[key], away_x, away_y)
 
-    images = [[node(float(u), float(v)) for u in x] for v in y]
-    tables = np.array([[image[0] for image in row] for row in images])
-    tables = tables.reshape(len(y) * len(x) * len(colour), -1)
+    images = [node(float(u), float(v)) for v in y for u in x]
+    tables = np.array([table for table, _ in images]).reshape(len(images) * len(colour), -1)
     basis, coefficient = _components(tables)
-    side = plan.side
-    basis = basis.reshape(-1, side, side)
-    centre = np.array([[image[1] for image in row] for row in images])
-    coefficient = coefficient.reshape(len(y), len(x), len(colour), -1)
-    value = np.concatenate([centre, coefficient], axis=-1).transpose(2, 0, 1, 3)
-    made_of = FieldPsf(
-        basis, plan.oversampling, x, y, colour, np.ascontiguousarray(value), math.nan, math.nan
-    )
-    if not checked:
+    centre = np.array([centre for _, centre in images]).reshape(-1, 3)
+    value = np.concatenate([centre, coefficient], axis=-1).reshape(len(y), len(x), len(colour), -1)
+    value = np.ascontiguousarray(value.transpose(2, 0, 1, 3))
+    basis = basis.reshape(-1, plan.side, plan.side)
+    made_of = FieldPsf(basis, plan.oversampling, x, y, colour, value, math.nan, math.nan)
+    if optics.psf_tolerance >= COARSE:
         return made_of
     error, place_error = _checked(made_of, plan, camera)
     return replace(made_of, error=error, place_error=place_error)
 
 
+def mirrored(optics: Optics, camera: Camera) -> bool:
+    """Whether images over the field repeat eight times in a frame, by mirrors and a turn."""
+    centred = camera.principal_x == camera.principal_y == 0
+    if optics.psf_file:
+        return centred and open_psf_file(optics.psf_file).even and not (camera.p1 or camera.p2)
+    constant = any(aberration.growth == 0 for aberration in optics.aberrations)
+    odd = any(noll_to_nm(aberration.noll)[1] < 0 for aberration in optics.aberrations)
+    return centred and not constant and not odd
+
+
+def angles_at(camera: Camera, away_x: float, away_y: float) -> tuple[float, float]:
+    """Field angle and azimuth (radian) of a place, pixel from the axis."""
+    place = np.array([[away_x, away_y]]) + camera.centre
+    x, y, z = camera.unproject(place)[0]
+    return math.atan2(math.hypot(x, y), z), math.atan2(y, x)
+
+
 def frame_nodes(camera: Camera, nodes: int = NODES) -> tuple[Floats, Floats]:
     """Evenly spaced places from border to border of the frame."""
-    longer = max(camera.columns, camera.rows)
-    counts = [
-        max(math.ceil((nodes - 1) * size / longer) + 1, 4) for size in (camera.columns, camera.rows)
-    ]
-    # An odd number of places has one in the middle, so that mirror images share their nodes.
-    x, y = (
-        np.linspace(-0.5, size - 0.5, count + 1 - count % 2)
-        for size, count in zip((camera.columns, camera.rows), counts, strict=True)
-    )
-    return x, y
+    longer, axes = max(camera.columns, camera.rows), []
+    for size in (camera.columns, camera.rows):
+        count = max(math.ceil((nodes - 1) * size / longer) + 1, 4)
+        # An odd number of places has one in the middle, so that mirror images share their nodes.
+        axes.append(np.linspace(-0.5, size - 0.5, count + 1 - count % 2))
+    return axes[0], axes[1]
 
 
 def _reflected(table: Floats, centre: Floats, x: float, y: float) -> tuple[Floats, Floats]:
@@ -209,13 +217,11 @@ def _checked(psf: FieldPsf, plan: Plan, camera: Camera) -> tuple[float, float]:
     """Error of images between the nodes over their peak, and of their places in pixel."""
     last_x, last_y = len(psf.x) - 1, len(psf.y) - 1
     worst = far = 0.0
-    cells = [(0, 0), (last_x // 2, last_y // 2)]
-    for i, j in cells:
+    for i, j in ((0, 0), (last_x // 2, last_y // 2)):
         x = float(psf.x[i] + psf.x[min(i + 1, last_x)]) / 2
         y = float(psf.y[j] + psf.y[min(j + 1, last_y)]) / 2
         table, centre = plan.image(x - camera.centre[0], y - camera.centre[1])
-        many = len(psf.colour)
-        values = psf.at(np.full(many, x), np.full(many, y), psf.colour)
+        values = psf.at(np.full_like(psf.colour, x), np.full_like(psf.colour, y), psf.colour)
         made = np.tensordot(values[:, 3:], psf.table, 1)
         worst = max(worst, float(np.abs(made - table).max() / table.max()))
         far = max(far, float(np.abs(values[:, :2] - centre[:, :2]).max()))
@@ -240,11 +246,9 @@ def cube_psf(
     """
     cube = open_psf_file(optics.psf_file)
     _refuse_colours(cube, wavelength, spectra)
-    count = BAND_NODES if optics.psf_tolerance < COARSE else FEW_NODES
-    plan = _Plan(
-        optics, cube, camera, pitch, band_of(wavelength, spectra, count), fill_factor, diffusion
-    )
-    return images_over_frame(plan, camera, colour, optics.psf_tolerance < COARSE, nodes)
+    band = band_of(wavelength, spectra, node_count(optics))
+    plan = _Plan(optics, cube, camera, pitch, band, fill_factor, diffusion)
+    return images_over_frame(plan, optics, camera, colour, nodes)
 
 
 def camera_of_cube(
@@ -328,30 +332,18 @@ class _Plan:
         self.room = math.ceil((self.half + more) / FINE + 0.5) * FINE + FINE // 2 + 3
         self.side = 2 * self.room + 1
 
-    @property
-    def symmetric(self) -> bool:
-        """Whether the images of a frame repeat eight times, by mirrors and a turn."""
-        centred = self.camera.principal_x == self.camera.principal_y == 0
-        return centred and self.found.even and not self.camera.p1 and not self.camera.p2
-
     def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
         """Table (c, m, m) of each spectrum; its shift (pixel) and relative flux, (c, 3)."""
-        cube, band = self.found, self.band
-        place = np.array([[away_x, away_y]]) + self.camera.centre
-        direction = self.camera.unproject(place)[0]
-        angle = math.atan2(math.hypot(direction[0], direction[1]), direction[2])
-        angle = min(angle, float(cube.angle[-1])) if len(cube.angle) > 1 else angle
-        azimuth = math.atan2(direction[1], direction[0])
-        at = np.array([angle])
+        cube, spectra = self.found, self.band.weight
+        angle, azimuth = angles_at(self.camera, away_x, away_y)
+        at = np.array([min(angle, float(cube.angle[-1]))])
         even, odd = _over_field(cube, at)[0], _over_field(cube, at, odd=True)[0]
-        light = np.tensordot(even, self.even, (0, 1))
-        light += np.tensordot(odd, self.odd, (0, 1)) if len(cube.angle) > 1 else self.odd[:, 0]
-        spectra = band.weight
+        light = np.tensordot(even, self.even, (0, 1)) + np.tensordot(odd, self.odd, (0, 1))
         shift = np.zeros((len(spectra), 2))
         turn = np.array([math.cos(azimuth), math.sin(azimuth)])
         if cube.place is None:
             mixed = np.tensordot(spectra @ self.over_colour, light, 1)
-            tables = [self._table(image, 0.0, azimuth) for image in mixed]
+            tables = [self._averaged(self._turned(image, 0.0, azimuth)) for image in mixed]
         else:
             radial = self.over_colour @ (cube.place @ odd)  # metre, at each wavelength
             centre = spectra @ radial
@@ -365,9 +357,6 @@ class _Plan:
                 tables.append(self._averaged(np.sum(parts, axis=0)))
             shift = np.outer(centre / self.pitch, turn) - [away_x, away_y]
         return np.array(tables), np.column_stack([shift, np.ones(len(spectra))])
-
-    def _table(self, image: Floats, along: float, azimuth: float) -> Floats:
-        return self._averaged(self._turned(image, along, azimuth))
 
     def _turned(self, image: Floats, along: float, azimuth: float) -> Floats:
         """An image on the grid of the table, moved along its x axis (pixel), then turned."""

@@ -168,7 +168,7 @@ class Beam(NamedTuple):
     cell: float
 
 
-def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats, rays: int = GRID) -> Beam:
+def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats) -> Beam:
     """Rays on a square grid before the lens, traced exactly through the folded path.
 
     direction  (3,) unit vector to the source in camera axes, along which its rays run here: a
@@ -180,7 +180,7 @@ def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats, rays: int = G
     before = np.append(surfaces.index_before, surfaces.index[-1])
     after = np.append(surfaces.index, 1.0)
     size = FRONT * float(surfaces.radius[0])
-    axis = np.linspace(-size, size, rays)
+    axis = np.linspace(-size, size, GRID)
     across, down = np.meshgrid(axis, axis)
     point = np.stack([across, down, np.zeros_like(across)])
     ray = np.broadcast_to(np.asarray(direction, float)[:, None, None], point.shape).copy()
@@ -231,11 +231,7 @@ def add_ghosts(
         ahead = icrs_to_camera.apply(direction)
         if not ahead[2] > math.cos(WIDEST):
             continue
-        maps = [
-            ghost
-            for ghost in (ghost_map(surfaces, pair, ahead, camera, pitch, optics) for pair in kept)
-            if ghost is not None
-        ]
+        maps = [ghost_map(surfaces, pair, ahead, camera, pitch, optics) for pair in kept]
         made += [DiffuseLight(spectrum, ghost) for ghost in _summed(maps)]
     return replace(light, diffuse=light.diffuse + tuple(made))
 
@@ -310,12 +306,13 @@ def _counted(
     return counted
 
 
-def _summed(maps: list[Floats]) -> list[Floats]:
+def _summed(maps: list[Floats | None]) -> list[Floats]:
     """The maps of each shape added."""
-    shapes = dict.fromkeys(ghost.shape for ghost in maps)
-    return [
-        sum((ghost for ghost in maps if ghost.shape == shape), np.zeros(shape)) for shape in shapes
-    ]
+    sums: dict[tuple[int, ...], Floats] = {}
+    for ghost in maps:
+        if ghost is not None:
+            sums[ghost.shape] = sums.get(ghost.shape, 0.0) + ghost
+    return list(sums.values())
 
 
 def save_ghosts(path: Path, surfaces: Surfaces) -> None:

@@ -21,19 +21,17 @@ class Family(NamedTuple):
 
     lens     the traced one, of the catalogue of lenses
     fastest  smallest f-number to which its aberrations are extrapolated
-    what     for people
     """
 
     lens: str
     fastest: float
-    what: str
 
 
 FAMILIES = {
-    "double-gauss": Family("double_gauss", 1.2, "six elements about a stop, two of them cemented"),
-    "petzval": Family("petzval", 1.2, "two spaced positive groups and a field flattener"),
-    "cooke-triplet": Family("triplet", 2.4, "three spaced elements"),
-    "catadioptric": Family("catadioptric", 2.5, "Maksutov's meniscus and mirror, prime focus"),
+    "double-gauss": Family("double_gauss", 1.2),  # six elements about a stop, two of them cemented
+    "petzval": Family("petzval", 1.2),  # two spaced positive groups and a field flattener
+    "cooke-triplet": Family("triplet", 2.4),  # three spaced elements
+    "catadioptric": Family("catadioptric", 2.5),  # Maksutov's meniscus and mirror, prime focus
 }
 
 

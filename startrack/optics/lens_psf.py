@@ -13,11 +13,10 @@ from scipy import fft
 from startrack.core import Camera, FieldPsf, Floats, Ints, Refused, Singles
 from startrack.optics import field_images, lens_table
 from startrack.optics.diffraction import blur_transfer, pixel_transfer
-from startrack.optics.field_images import COARSE, NODES, Band, band_of
+from startrack.optics.field_images import COARSE, NODES, Band, band_of, node_count
 from startrack.optics.lens_family import family_table
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import at_field
-from startrack.optics.psf_file import open_psf_file
 from startrack.optics.pupil import MARGIN, noll_to_nm, soft_step, zernike
 
 ROOM = 293.15  # kelvin, of a lens whose design names no temperature
@@ -313,12 +312,6 @@ def _disk(square: Floats, weight: Floats, spokes: int) -> tuple[Floats, Floats, 
     return x.ravel(), y.ravel(), np.repeat(weight, spokes)
 
 
-def _gaussian() -> tuple[Floats, Floats, Floats]:
-    """Places of a quadrature that is exact for polynomials of degree 15."""
-    node, weight = np.polynomial.legendre.leggauss(GAUSS)
-    return _disk((1 + node) / 2, weight, TURNS)
-
-
 @lru_cache(maxsize=8)
 def _chebyshev(count: int) -> tuple[Floats, Floats]:
     """Nodes (n,) in [-1, 1], and the matrix (n, n) of a polynomial's terms by its values there."""
@@ -329,7 +322,8 @@ def _chebyshev(count: int) -> tuple[Floats, Floats]:
 
 
 EVEN = _disk((np.arange(RINGS) + 0.5) / RINGS, np.ones(RINGS), SPOKES)  # of equal weight
-GAUSSIAN = _gaussian()
+NODE, WEIGHT = np.polynomial.legendre.leggauss(GAUSS)
+GAUSSIAN = _disk((1 + NODE) / 2, WEIGHT, TURNS)  # exact for polynomials of degree 15
 COSINES, SINES = np.cos(AROUND), np.sin(AROUND)
 
 
@@ -389,25 +383,21 @@ def _power_series(
     return wavefront, amplitude
 
 
-def _stars(lens: Lens, wavelength: Floats, fields: Floats, azimuth: float) -> list[list[_Star]]:
-    """For each field angle, a star at each wavelength."""
-    points = lens.at(wavelength, fields)
+def _stars(lens: Lens, wavelength: Floats, field: float, azimuth: float) -> list[_Star]:
+    """A star of a field angle at each wavelength."""
+    points = lens.at(wavelength, np.array([field]))
     power, amplitude = _power_series(lens.table, points)
-    defocus = lens.defocus(points.curvature)
-    rows = []
-    for f, field in enumerate(fields):
-        extra = lens.optics
-        if extra.aberrations:
-            extra = at_field(extra, field * math.cos(azimuth), field * math.sin(azimuth))
-        rows.append([
-            _Star(
-                lens, extra, float(length), azimuth, power[j, f], float(points.place[j, f]),
-                points.pupil[j, f], points.outline[j, f], float(points.area[j, f]), amplitude[j, f],
-                float(defocus[j, f]),
-            )
-            for j, length in enumerate(wavelength)
-        ])  # fmt: skip
-    return rows
+    defocus, extra = lens.defocus(points.curvature), lens.optics
+    if extra.aberrations:
+        extra = at_field(extra, field * math.cos(azimuth), field * math.sin(azimuth))
+    return [
+        _Star(
+            lens, extra, float(length), azimuth, power[j, 0], float(points.place[j, 0]),
+            points.pupil[j, 0], points.outline[j, 0], float(points.area[j, 0]), amplitude[j, 0],
+            float(defocus[j, 0]),
+        )
+        for j, length in enumerate(wavelength)
+    ]  # fmt: skip
 
 
 def fit_camera(
@@ -425,7 +415,7 @@ def fit_camera(
                `field_psf`.
     """
     field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectrum[None])
-    band = band_of(wavelength, spectrum[None], _wavelengths(lens.optics))
+    band = band_of(wavelength, spectrum[None], node_count(lens.optics))
     last = float(lens.table.field[-1])
     nodes = np.linspace(0, last, CAMERA_NODES)
     points = lens.at(band.wavelength, nodes)
@@ -458,11 +448,6 @@ def _centroids(lens: Lens, points: lens_table.LensPoints) -> Floats:
     return np.asarray(points.place + (x * weight).sum(axis=-1) / weight.sum(axis=-1))
 
 
-def _wavelengths(optics: Optics) -> int:
-    """How many stand for a band."""
-    return field_images.BAND_NODES if optics.psf_tolerance < COARSE else field_images.FEW_NODES
-
-
 def field_psf(
     lens: Lens, camera: Camera, pitch: float, wavelength: Floats, spectra: Floats, colour: Floats,
     fill_factor: float = 1.0, diffusion: float = 0.0, nodes: int = NODES,
@@ -490,21 +475,9 @@ def field_psf(
                  there, which moves the budget of a tracker by less than 0.2 %.
     """
     field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
-    band = band_of(wavelength, spectra, _wavelengths(lens.optics))
+    band = band_of(wavelength, spectra, node_count(lens.optics))
     plan = _Plan(lens, camera, pitch, band, fill_factor, diffusion)
-    return field_images.images_over_frame(
-        plan, camera, colour, lens.optics.psf_tolerance < COARSE, nodes
-    )
-
-
-def mirrored(optics: Optics, camera: Camera) -> bool:
-    """Whether images over the field repeat eight times in a frame, by mirrors and a turn."""
-    centred = camera.principal_x == camera.principal_y == 0
-    if optics.psf_file:
-        return centred and open_psf_file(optics.psf_file).even and not (camera.p1 or camera.p2)
-    constant = any(aberration.growth == 0 for aberration in optics.aberrations)
-    odd = any(noll_to_nm(aberration.noll)[1] < 0 for aberration in optics.aberrations)
-    return centred and not constant and not odd
+    return field_images.images_over_frame(plan, lens.optics, camera, colour, nodes)
 
 
 class _Plan:
@@ -556,7 +529,7 @@ class _Plan:
         columns, rows = (nodes[[0, -1]] for nodes in field_images.frame_nodes(self.camera))
         x, y = self.camera.centre
         corners = [(u - x, v - y) for u in columns for v in rows]
-        if self.symmetric:
+        if field_images.mirrored(self.lens.optics, self.camera):
             corners = corners[-1:]
         return [*corners, (0.0, 0.0), (corners[-1][0] / 2, corners[-1][1] / 2)]
 
@@ -599,24 +572,14 @@ class _Plan:
             "smaller field"
         )
 
-    @property
-    def symmetric(self) -> bool:
-        """Whether the images of a frame repeat eight times, by mirrors and a turn."""
-        return mirrored(self.lens.optics, self.camera)
-
     def stars(self, away_x: float, away_y: float) -> list[_Star]:
         """A star at each wavelength, which the camera projects to a place (pixel from the axis)."""
-        if (away_x, away_y) not in self._known:
-            self._known[away_x, away_y] = self._stars(away_x, away_y)
-        return self._known[away_x, away_y]
-
-    def _stars(self, away_x: float, away_y: float) -> list[_Star]:
-        place = np.array([[away_x + self.camera.centre[0], away_y + self.camera.centre[1]]])
-        direction = self.camera.unproject(place)[0]
-        field = math.atan2(math.hypot(direction[0], direction[1]), direction[2])
-        azimuth = math.atan2(direction[1], direction[0])
-        field = min(field, float(self.lens.table.field[-1]))
-        return _stars(self.lens, self.band.wavelength, np.array([field]), azimuth)[0]
+        place = away_x, away_y
+        if place not in self._known:
+            field, azimuth = field_images.angles_at(self.camera, *place)
+            field = min(field, float(self.lens.table.field[-1]))
+            self._known[place] = _stars(self.lens, self.band.wavelength, field, azimuth)
+        return self._known[place]
 
     def _spread(self, away_x: float, away_y: float) -> float:
         """Metre, within which all but KEPT_RAYS of the light meets the detector."""
@@ -631,11 +594,8 @@ class _Plan:
 
     def _lateral(self, away: list[tuple[float, float]]) -> float:
         """Metre, largest distance of a wavelength's centroid from that of all."""
-        largest = 0.0
-        for u, v in away:
-            place = [star.centroid[0] for star in self.stars(u, v)]
-            largest = max(largest, float(np.ptp(place)))
-        return largest
+        places = ([star.centroid[0] for star in self.stars(*place)] for place in away)
+        return max(float(np.ptp(place)) for place in places)
 
     def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
         """Table (c, m, m) of each spectrum; its shift (pixel) and relative flux, (c, 3)."""

@@ -1,18 +1,20 @@
 """LensTable: wavefront, place, pupil and area of a lens over temperature, wavelength and field."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Refused, Unit, positive, printed
+from startrack.core import Floats, Ints, Refused, Unit, kept, positive, printed
 from startrack.io import open_checked, shipped, whole
 from startrack.optics.pupil import MOST, noll_to_nm
 
+T = TypeVar("T")
 Reals = NDArray[np.floating[Any]]
 FORMAT = 1
 WIDEST = 1.4  # radian, field angle
@@ -113,11 +115,8 @@ class LensTable:
 
     def __post_init__(self) -> None:
         positive(focal_length=self.focal_length, f_number=self.f_number)
-        for name in AXES:
-            _check_axis(name, getattr(self, name))
-        _check_range("temperature", self.temperature, 1, 1000, "K")
-        _check_range("wavelength", self.wavelength, 1e-8, 1e-4, "m")
-        _check_range("field", self.field, 0, WIDEST, "radian")
+        for name, (low, high, unit) in AXES.items():
+            _check_axis(name, getattr(self, name), low, high, unit)
         if self.field[0] != 0 or len(self.field) < 2:
             raise Refused(
                 f"field must hold zero first and another angle, got {self.field[:2].tolist()}"
@@ -214,7 +213,12 @@ class LensTable:
                 )
 
 
-AXES = ("temperature", "wavelength", "field")
+# Least and largest value of each, and their unit.
+AXES = {
+    "temperature": (1, 1000, "K"),
+    "wavelength": (1e-8, 1e-4, "m"),
+    "field": (0, WIDEST, "radian"),
+}
 LARGEST = 1e12  # in SI units. Chosen by hand: no length or share of a lens is near it
 ARRAYS = ("noll", "wavefront", "place", "pupil", "outline", "area", "amplitude", "curvature")
 ABSENT = {"outline": (0,), "amplitude": (0,), "curvature": ()}  # beyond (t, w, f), of old files
@@ -224,14 +228,11 @@ UNITS = {
 }  # fmt: skip
 
 
-def _check_axis(name: str, nodes: Floats) -> None:
+def _check_axis(name: str, nodes: Floats, low: float, high: float, unit: str) -> None:
     if not isinstance(nodes, np.ndarray) or nodes.ndim != 1 or not 1 <= len(nodes) <= 10_000:
         raise Refused(f"{name} must be a list of 1 to 10000 numbers")
     if not np.isfinite(nodes).all() or not (np.diff(nodes) > 0).all():
         raise Refused(f"{name} must hold finite numbers that rise")
-
-
-def _check_range(name: str, nodes: Floats, low: float, high: float, unit: str) -> None:
     if nodes[0] < low or nodes[-1] > high:
         raise Refused(
             f"{name} must lie in [{low:g}, {high:g}] {unit}, got {nodes[0]:g} to {nodes[-1]:g}"
@@ -367,12 +368,19 @@ def catalogued(name: str, key: str, folder: str, what: str) -> Path:
     return shipped(f"{folder}/{name}.fits")
 
 
+def kept_files(load: Callable[[Path], T]) -> Callable[[Path], T]:
+    """`load`; kept for the 8 last files and their times."""
+
+    @kept(8)
+    def loaded(path: Path, time: int) -> T:
+        return load(path)
+
+    return lambda path: loaded(path, path.stat().st_mtime_ns)
+
+
+_open = kept_files(load_lens)
+
+
 def open_lens(name: str) -> LensTable:
     """The table of a `lens_file`; kept for the 8 last files and their times."""
-    path = lens_path(name)
-    return _open(path, path.stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=8)
-def _open(path: Path, time: int) -> LensTable:
-    return load_lens(path)
+    return _open(lens_path(name))

@@ -28,21 +28,16 @@ class Stars:
 
     image  (n, s, s) digital number, s odd
     x, y   (n,) pixel, of the star from the middle of the cut-out
+    flux   (n,) digital number
     """
 
     image: Floats
     x: Floats
     y: Floats
-
-
-class Lone(NamedTuple):
-    """Stars of an image that stand alone, and their fluxes (n,) in digital numbers."""
-
-    stars: Stars
     flux: Floats
 
 
-def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: float) -> Lone:
+def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: float) -> Stars:
     """Cut-outs of the stars of an image without neighbours, borders and saturation.
 
     half        pixel, half side of a cut-out
@@ -65,18 +60,15 @@ def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: f
             cuts.append(np.asarray(cut, float))
             chosen.append(n)
     made = np.array(cuts).reshape(-1, 2 * half + 1, 2 * half + 1)
-    return Lone(Stars(made, (x - column)[chosen], (y - row)[chosen]), spots.flux[chosen])
+    return Stars(made, (x - column)[chosen], (y - row)[chosen], spots.flux[chosen])
 
 
-def brightest(measured: Sequence[Lone], count: int) -> Stars:
+def brightest(measured: Sequence[Stars], count: int) -> Stars:
     """The brightest stars of some images."""
-    flux = np.concatenate([part.flux for part in measured])
+    columns = zip(*(vars(part).values() for part in measured), strict=True)
+    image, x, y, flux = (np.concatenate(parts) for parts in columns)
     order = np.argsort(-flux, kind="stable")[:count]
-    image, x, y = (
-        np.concatenate([getattr(part.stars, name) for part in measured])[order]
-        for name in ("image", "x", "y")
-    )
-    return Stars(image, x, y)
+    return Stars(image[order], x[order], y[order], flux[order])
 
 
 class Measured(NamedTuple):

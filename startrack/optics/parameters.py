@@ -1,28 +1,23 @@
 """Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
 from startrack import core
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, deg
+from startrack.io import from_table
 from startrack.optics.lens_table import WIDEST
 from startrack.optics.psf_file import open_psf_file
 from startrack.optics.pupil import Aberration, Pupil
 
-MODELS = (
-    "gaussian",
-    "airy",
-    "fraunhofer",
-    "fresnel",
-    "kirchhoff",
-)  # from the cheapest to the most exact
+# From the cheapest to the most exact.
+MODELS = ("gaussian", "airy", "fraunhofer", "fresnel", "kirchhoff")
 STEEPEST_F = 0.6  # the limit of an aplanatic lens is f/0.5, a whole hemisphere
 MEAN_SLOPE = 30.0  # squared, per axis, of equal parts of three aberrations of rms 1
 
 LENSES = ("aplanatic", "perfect", "parabolic")
-
-
 COEFFICIENT = "OpenCV's distortion coefficients"
 PRINCIPAL_POINT = "pixel from the centre of the detector to the principal point"
 
@@ -125,9 +120,7 @@ class Optics(Parameters):
             "k1, k2, p1, p2 and k3": psf_file.place is not None
             and any((self.k1, self.k2, self.p1, self.p2, self.k3)),
         }
-        for name, there in beside.items():
-            if there:
-                raise Refused(f"{name} must be left out beside psf_file, whose images say it")
+        _refuse_first(beside, "psf_file, whose images say it")
 
     def _refuse_beside_table(self) -> None:
         beside = {
@@ -138,12 +131,10 @@ class Optics(Parameters):
             "k1, k2, p1, p2 and k3": any((self.k1, self.k2, self.p1, self.p2, self.k3)),
             "polynomial": self.polynomial is not None,
         }
-        named = [name for name, there in beside.items() if there]
-        key = "lens_file" if self.lens_file else "lens_family"
         if self.lens_file and self.lens_family:
             raise Refused("lens_family must be left out beside lens_file, which is one lens")
-        if named:
-            raise Refused(f"{named[0]} must be left out beside {key}, whose table says it")
+        key = "lens_file" if self.lens_file else "lens_family"
+        _refuse_first(beside, f"{key}, whose table says it")
 
     def _refuse_places(self) -> None:
         distance = self.object_distance
@@ -171,8 +162,7 @@ class Optics(Parameters):
                 "the models kirchhoff and auto, whose outer rays would miss the detector, got "
                 f"{self.working_f_number:g}"
             )
-        plane_lens = exact and self.lens != "aplanatic"
-        if plane_lens and not self.pupil.clear:
+        if exact and self.lens != "aplanatic" and not self.pupil.clear:
             raise Refused(
                 f"lens must be aplanatic where the pupil is not a clear circle, got {self.lens!r}"
             )
@@ -226,3 +216,45 @@ class Optics(Parameters):
         if not self.as_built:
             return blur
         return math.hypot(blur, 2 * self.working_f_number * math.sqrt(MEAN_SLOPE) * self.as_built)
+
+
+def _refuse_first(there: dict[str, bool], beside: str) -> None:
+    for name in (key for key, given in there.items() if given):
+        raise Refused(f"{name} must be left out beside {beside}")
+
+
+def with_blur_as_length(table: Mapping[str, Any], kind: type, place: str) -> Mapping[str, Any]:
+    """Replace a blur in pixel or as an angle in a table with `optics` and `detector`.
+
+        blur = pixels pitch,  blur = angle image_distance
+
+    with the pitch and the image distance of this table. A campaign that changes these leaves the
+    length as it is.
+
+    kind    that the table is read as, with `optics` and `detector`
+    Raises  ValueError with the place of a blur that is neither a length, pixels nor an angle.
+    """
+    match table:
+        case {"optics": {"blur": str(blur)} as optics}:
+            sharp = {**table, "optics": {key: optics[key] for key in optics if key != "blur"}}
+        case _:
+            return table
+    for unit in ("m", "pixel", "rad"):
+        try:
+            number = core.parse(blur, unit)
+            break
+        except Refused:
+            continue
+    else:
+        raise Refused(
+            f"{place}.optics.blur must be a length, a number of pixels or an angle, such as "
+            f"'5 um', '1.2 pixel' or '20 arcsec', got {core.shown(blur)}"
+        )
+    if unit == "m":
+        return table
+    try:
+        camera: Any = from_table(kind, sharp, place)
+    except Refused:
+        return sharp  # what is wrong is said when all is read
+    size = camera.detector.pitch if unit == "pixel" else camera.optics.image_distance
+    return {**table, "optics": {**optics, "blur": f"{number * size!r} m"}}

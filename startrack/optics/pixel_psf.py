@@ -7,33 +7,18 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
 from scipy import fft, special
 from scipy.linalg import eigh_tridiagonal
 
-from startrack.core import (
-    POINTS,
-    Floats,
-    Psf,
-    Refused,
-    call_code,
-    is_code,
-    non_negative,
-    positive,
-    require_memory,
-    returned,
-    within,
-)
+from startrack import core
+from startrack.core import POINTS, Floats, Psf, Refused, is_code
+from startrack.optics import diffraction
 from startrack.optics.choose import AIRY_SIGMA, choose, steepest_slope, wavefront
-from startrack.optics.diffraction import (
-    blur_transfer,
-    intensity,
-    pixel_transfer,
-    pupil_samples,
-    pupil_transfer,
-)
+from startrack.optics.diffraction import blur_transfer, pixel_average, pixel_transfer
 from startrack.optics.parameters import Optics
 from startrack.optics.psf_file import open_psf_file, psf_of_file
 from startrack.optics.pupil import Aberration, nm_to_noll, noll_to_nm
@@ -70,8 +55,8 @@ def irradiance_by_code(
     """
     name, line = optics.psf, (np.arange(count, dtype=float) - count // 2) * spacing
     x, y = np.meshgrid(line, line)
-    answer = call_code(GROUP, name, PsfInput(x, y, wavelength, weight, optics))
-    plane = returned(GROUP, name, answer, (count, count))
+    answer = core.call_code(GROUP, name, PsfInput(x, y, wavelength, weight, optics))
+    plane = core.returned(GROUP, name, answer, (count, count))
     if (plane < 0).any() or not plane.any():
         raise ValueError(f"{POINTS[GROUP]} {name} must return irradiances that are not negative")
     return np.asarray(plane / (plane.sum() * spacing**2))
@@ -159,9 +144,9 @@ def pixel_psf(
                  fractions of a star within 1/32 pixel of an edge are wrong: by 7e-4 at a width of
                  twenty, 0.01 at thirty, 0.08 at forty, 0.26 at 122.
     """
-    positive(pitch=pitch, fill_factor=fill_factor)
-    within(0, 1, fill_factor=fill_factor)
-    non_negative(diffusion=diffusion)
+    core.positive(pitch=pitch, fill_factor=fill_factor)
+    core.within(0, 1, fill_factor=fill_factor)
+    core.non_negative(diffusion=diffusion)
     if optics.tabulated:
         raise Refused("lens_file must be left out where one image stands for the whole field")
     if optics.psf_file:
@@ -173,35 +158,41 @@ def pixel_psf(
     side = pitch * math.sqrt(fill_factor)
     blur = math.hypot(optics.total_blur, diffusion)
     disk = mean_wavelength * optics.working_f_number
-    core = math.hypot(AIRY_SIGMA * disk, blur)
+    finest = math.hypot(AIRY_SIGMA * disk, blur)
     least = pitch / FINEST
-    if core < least:  # the interpolation of a finer core would oscillate between the samples
-        blur, core = math.sqrt(blur**2 + least**2 - core**2), least
+    if finest < least:  # the interpolation of a finer core would oscillate between the samples
+        blur, finest = math.sqrt(blur**2 + least**2 - finest**2), least
     model = optics.psf
     if is_code(model):
         extent = max(EXTENSION_BOX * pitch, AIRY_BOX * disk + 5 * blur)
-        return _own(optics, pitch, side, wavelength, weight, blur, extent)
+        on_grid = partial(irradiance_by_code, optics, wavelength, weight)
+        return _sampled(on_grid, pitch, side, blur, extent, OWN_SAMPLES, 1)
     if model == "auto":
         model = choose(optics, pitch, mean_wavelength, side).model
     if model == "gaussian":
-        return _gaussian(core / pitch, side / pitch)
+        return _gaussian(finest / pitch, side / pitch)
     extent = AIRY_BOX * disk + 5 * blur
     if model == "airy":
-        return _airy(optics.working_f_number, pitch, side, wavelength, weight, blur, core, extent)
-    return _diffraction(optics, model, pitch, side, wavelength, weight, blur, core, extent)
+        return _airy(optics.working_f_number, pitch, side, wavelength, weight, blur, finest, extent)
+    return _diffraction(optics, model, pitch, side, wavelength, weight, blur, finest, extent)
 
 
-def _own(
-    optics: Optics, pitch: float, side: float, wavelength: Floats, weight: Floats,
-    blur: float, extent: float,
+def _sampled(
+    irradiance_on: Callable[[float, int], Floats], pitch: float, side: float, blur: float,
+    extent: float, oversampling: int, fine: int,
 ) -> Psf:  # fmt: skip
-    """Of code that the design names; what its irradiance has beyond the table is left out."""
-    spacing = pitch / OWN_SAMPLES
-    half = _half_samples(extent / pitch, OWN_SAMPLES)
-    margin = math.ceil((side / 2 + 6 * blur) / spacing) + 24
-    plane = irradiance_by_code(optics, wavelength, weight, spacing, 2 * (half + margin) + 1)
-    table = pixel_average(plane, spacing, side, blur)[margin:-margin, margin:-margin] * pitch**2
-    return Psf(np.ascontiguousarray(table), OWN_SAMPLES, _energy(table, OWN_SAMPLES))
+    """Of an irradiance on a grid, whose spacing (metre) and points along a side a function takes.
+
+    What it has beyond the table is left out.
+    """
+    half = _half_samples(extent / pitch, oversampling)
+    spacing = pitch / oversampling / fine
+    room = math.ceil((side / 2 + 6 * blur) / spacing)
+    margin = room + 24
+    plane = irradiance_on(spacing, 2 * (half * fine + margin) + 1)
+    inside = slice(margin, -margin, fine)
+    table = pixel_average(plane, spacing, side, blur, room)[inside, inside]
+    return _as_psf(table * pitch**2, oversampling)
 
 
 def _gaussian(sigma: float, side: float) -> Psf:
@@ -217,16 +208,16 @@ def _gaussian(sigma: float, side: float) -> Psf:
 
 def _airy(
     f_number: float, pitch: float, side: float, wavelength: Floats, weight: Floats,
-    blur: float, core: float, extent: float,
+    blur: float, finest: float, extent: float,
 ) -> Psf:  # fmt: skip
     def transfer(frequency: Floats) -> Floats:
         pupil = np.zeros_like(frequency)
         for fraction, metre in zip(weight, wavelength, strict=True):
-            pupil += fraction * pupil_transfer(frequency, metre, f_number)
+            pupil += fraction * diffraction.pupil_transfer(frequency, metre, f_number)
         return pupil * blur_transfer(frequency, blur)
 
     cusp = 4 / math.pi * float(weight @ wavelength) * f_number
-    return pixel_response(transfer, pitch, extent / pitch, core / pitch, cusp, side)
+    return pixel_response(transfer, pitch, extent / pitch, finest / pitch, cusp, side)
 
 
 def pixel_response(
@@ -257,9 +248,9 @@ def pixel_response(
     half = _half_samples(half_width, oversampling)
     # A core of less than one and a half samples has frequencies above their Nyquist frequency.
     fine = 2 if finest * oversampling < 1.5 else 1
-    require_memory(BYTES * (8 * half * fine) ** 2, "the table of so wide a PSF")
+    core.require_memory(BYTES * (8 * half * fine) ** 2, "the table of so wide a PSF")
     samples = fft.next_fast_len(8 * half * fine, real=True)
-    require_memory(BYTES * samples**2, f"a transfer function of {samples} x {samples} samples")
+    core.require_memory(BYTES * samples**2, f"a transfer function of {samples} x {samples} samples")
     spacing = pitch / oversampling / fine
     fx, fy = fft.rfftfreq(samples, spacing), fft.fftfreq(samples, spacing)
     radius = np.hypot(fx, fy[:, None])
@@ -275,7 +266,7 @@ def pixel_response(
     if cusp > 0:
         shape = _wings(around / oversampling, decay / (2 * math.pi * pitch), side / pitch)
         table = table + cusp / decay * shape
-    return Psf(np.ascontiguousarray(table), oversampling, _energy(table, oversampling))
+    return _as_psf(table, oversampling)
 
 
 def _wings(x: Floats, c: float, side: float) -> Floats:
@@ -288,28 +279,16 @@ def _wings(x: Floats, c: float, side: float) -> Floats:
 
 def _diffraction(
     optics: Optics, model: str, pitch: float, side: float, wavelength: Floats, weight: Floats,
-    blur: float, core: float, extent: float,
+    blur: float, finest: float, extent: float,
 ) -> Psf:  # fmt: skip
     slope = steepest_slope(optics, model)
     # A ray of slope s meets the detector 2 N s from the axis.
     extent += 2 * optics.working_f_number * slope
-    oversampling = _oversampling(core / pitch)
-    half = _half_samples(extent / pitch, oversampling)
+    oversampling = _oversampling(finest / pitch)
     # The irradiance has no frequency above 1 / (wavelength N): a third finer than Nyquist.
     fine = math.ceil(pitch / oversampling / (wavelength.min() * optics.working_f_number / 2.6))
-    spacing = pitch / oversampling / fine
-    margin = math.ceil((side / 2 + 6 * blur) / spacing) + 24
-    count = 2 * (half * fine + margin) + 1
-    if count > MOST_POINTS:
-        raise Refused(
-            f"the diffraction pattern must fit {MOST_POINTS} points a side, got {count}: the "
-            "defocus, the aberrations or the blur are too many wavelengths * f-number; let `blur` "
-            "stand for them"
-        )
-    plane = irradiance(optics, model, wavelength, weight, spacing, count, slope)
-    table = pixel_average(plane, spacing, side, blur)[margin:-margin:fine, margin:-margin:fine]
-    table = table * pitch**2
-    return Psf(np.ascontiguousarray(table), oversampling, _energy(table, oversampling))
+    on_grid = partial(irradiance, optics, model, wavelength, weight, slope=slope)
+    return _sampled(on_grid, pitch, side, blur, extent, oversampling, fine)
 
 
 def irradiance(
@@ -327,13 +306,20 @@ def irradiance(
     spacing, count      metre; points along a side, odd, the axis in the middle
     slope               metre per radius, steepest of the wavefront; None: computed here
     Returns             (count, count) 1 / metre^2; over the whole plane its integral is one
-    Raises              ValueError where the wavefront needs more than 1024 samples.
+    Raises              ValueError for more than 3072 points, or where the wavefront needs more than
+                        1024 samples.
     Accuracy            numerical: 1e-5 of the peak.
     """
+    if count > MOST_POINTS:
+        raise Refused(
+            f"the diffraction pattern must fit {MOST_POINTS} points a side, got {count}: the "
+            "defocus, the aberrations or the blur are too many wavelengths * f-number; let `blur` "
+            "stand for them"
+        )
     slope = steepest_slope(optics, model) if slope is None else slope
     shortest = float(wavelength.min())
     half_width = count // 2 * spacing / (shortest * optics.working_f_number)
-    samples = pupil_samples(half_width, slope / shortest)
+    samples = diffraction.pupil_samples(half_width, slope / shortest)
     if samples > MOST_SAMPLES:
         raise Refused(
             f"the pupil must need at most {MOST_SAMPLES} samples, got {samples} for a field of "
@@ -349,34 +335,19 @@ def irradiance(
         disk = metre * wave.f_number
         # By Parseval the integral over the whole plane is one.
         unit = fraction * cell**2 / (4 * wave.energy * disk**2)
-        total += unit * intensity(
+        total += unit * diffraction.intensity(
             wave.weight, 2 * math.pi / metre * wave.path, wave.coordinate, grid / disk
         )
     return total
 
 
-def pixel_average(plane: Floats, spacing: float, side: float, blur: float) -> Floats:
-    """The mean of a sampled irradiance over a square around each sample, after a Gaussian blur.
-
-    plane    (m, m), without frequencies above its Nyquist frequency
-    spacing  metre
-    Returns  (m, m); too small within side / 2 + 6 blur + 24 samples of an edge
-    Accuracy  numerical: 1e-6 of the peak.
-    """
-    size = fft.next_fast_len(plane.shape[0] + math.ceil((side / 2 + 6 * blur) / spacing), real=True)
-    fx, fy = fft.rfftfreq(size, spacing), fft.fftfreq(size, spacing)
-    along = pixel_transfer(fx, side) * blur_transfer(fx, blur)
-    down = pixel_transfer(fy, side) * blur_transfer(fy, blur)
-    spectrum = fft.rfft2(plane, s=(size, size)) * along * down[:, None]
-    return fft.irfft2(spectrum, s=(size, size))[: plane.shape[0], : plane.shape[1]]
-
-
-def _energy(table: Floats, oversampling: int) -> float:
-    """Energy inside the table: the mean over sub-pixel positions of the sum over pixels."""
+def _as_psf(table: Floats, oversampling: int) -> Psf:
+    """A table and its energy: the mean over sub-pixel positions of the sum over pixels."""
     edge = np.ones(len(table))
     # Gregory's end weights, of fourth order: the table is not zero at its edge.
     edge[:3] = edge[:-4:-1] = (3 / 8, 7 / 6, 23 / 24)
-    return min(float(edge @ table @ edge) / oversampling**2, 1.0)
+    energy = min(float(edge @ table @ edge) / oversampling**2, 1.0)
+    return Psf(np.ascontiguousarray(table), oversampling, energy)
 
 
 def _oversampling(finest: float) -> int:

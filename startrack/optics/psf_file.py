@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from scipy import fft, ndimage
+from scipy import ndimage
 
-from startrack.core import Floats, Psf, Refused, Unit, kept, non_negative, positive, printed, within
+from startrack.core import Floats, Psf, Refused, Unit, non_negative, positive, printed, within
 from startrack.io import open_checked, whole
-from startrack.optics.diffraction import blur_transfer, pixel_transfer
-from startrack.optics.lens_table import WIDEST, catalogued
+from startrack.optics.diffraction import pixel_average
+from startrack.optics.lens_table import WIDEST, catalogued, kept_files
 
 FORMAT = 1
 SMALLEST, LARGEST = 5, 2048  # samples along a side of an image
@@ -162,12 +162,7 @@ def _resampled(image: Floats, size: float) -> Floats:
 def averaged(image: Floats, step: int, side: float, blur: float) -> Floats:
     """The mean over squares of `side` pixel, after a Gaussian blur, with room for both."""
     more = math.ceil((side / 2 + 5 * blur) * step)
-    image = np.pad(image, more)
-    size = fft.next_fast_len(len(image) + 2 * more, real=True)
-    fx, fy = fft.rfftfreq(size, 1 / step), fft.fftfreq(size, 1 / step)
-    along, down = (pixel_transfer(f, side) * blur_transfer(f, blur) for f in (fx, fy))
-    spectrum = fft.rfft2(image, s=(size, size)) * along * down[:, None]
-    return np.asarray(fft.irfft2(spectrum, s=(size, size))[: len(image), : len(image)])
+    return pixel_average(np.pad(image, more), 1 / step, side, blur, 2 * more)
 
 
 def _padded(table: Floats, step: int) -> Floats:
@@ -248,12 +243,9 @@ def load_psf_file(path: Path) -> PsfFile:
         raise Refused(f"{path}: {error}") from None
 
 
+_open = kept_files(load_psf_file)
+
+
 def open_psf_file(name: str) -> PsfFile:
     """The images of a `psf_file`; kept for the 8 last files and their times."""
-    path = catalogued(name, "psf_file", "psfs", "a file of PSFs")
-    return _open(path, path.stat().st_mtime_ns)
-
-
-@kept(8)
-def _open(path: Path, time: int) -> PsfFile:
-    return load_psf_file(path)
+    return _open(catalogued(name, "psf_file", "psfs", "a file of PSFs"))

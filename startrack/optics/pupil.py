@@ -192,6 +192,11 @@ def noll_to_nm(noll: int) -> tuple[int, int]:
     return n, m if noll % 2 == 0 else -m
 
 
+def even_terms(last: int) -> list[int]:
+    """Noll's indices from 2 to `last` of the terms that are even in y."""
+    return [noll for noll in range(2, last + 1) if noll_to_nm(noll)[1] >= 0]
+
+
 def zernike(noll: int, x: Floats, y: Floats) -> Floats:
     """A Zernike polynomial, of unit rms over the unit disk.
 

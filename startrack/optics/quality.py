@@ -95,8 +95,5 @@ def ensquared(response: Psf, block: int) -> float:
     half = block // 2 * step
     if half > middle:
         return float("nan")
-    return float(
-        response.table[
-            middle - half : middle + half + 1 : step, middle - half : middle + half + 1 : step
-        ].sum()
-    )
+    inside = slice(middle - half, middle + half + 1, step)
+    return float(response.table[inside, inside].sum())

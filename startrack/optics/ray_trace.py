@@ -12,7 +12,7 @@ import numpy as np
 
 from startrack.core import ZERO_CELSIUS, Advance, Floats, Refused, nm
 from startrack.optics.lens_table import LensTable, rim_harmonics
-from startrack.optics.pupil import noll_to_nm, zernike
+from startrack.optics.pupil import even_terms, zernike
 from startrack.optics.surfaces import Surfaces
 
 MILLIMETRE = 1e-3  # metre; the tracer's lengths are in millimetre
@@ -51,13 +51,6 @@ class Tracing:
     barrel: float = BARREL
 
 
-class Traced(NamedTuple):
-    """A table, and the rms in metre of the wavefront that its terms leave, (t, w, f)."""
-
-    table: LensTable
-    left: Floats
-
-
 def read_prescription(path: Path) -> Any:
     """The tracer's lens of a Zemax .zmx, CODE V .seq or optiland .json file.
 
@@ -93,7 +86,7 @@ def _tracer() -> Any:
 
 def trace_lens(
     lens: Any, name: str, source: str, tracing: Tracing, progress: Advance = lambda count: None
-) -> Traced:
+) -> tuple[LensTable, Floats]:
     """Trace a lens of revolution at all nodes.
 
     With temperature, radii and thicknesses of glass grow by its own expansion, spaces by that of
@@ -104,14 +97,13 @@ def trace_lens(
     progress  called with 1 for each node that is done
     Raises    ValueError where the chief ray does not pass, or the lens is not one of revolution
               that images stars.
-    Accuracy  the rms of what the terms leave is returned; the open pupil is an ellipse of the true
-              area and the true width along p, and its outline errs by 0.3 % of its radius where
-              apertures make corners. Transmission is one: no absorption, no reflection.
+    Returns   the table, and the rms in metre of the wavefront that its terms leave, (t, w, f)
+    Accuracy  the open pupil is an ellipse of the true area and the true width along p, and its
+              outline errs by 0.3 % of its radius where apertures make corners. Transmission is one:
+              no absorption, no reflection.
     """
     refuse_lens(lens)
-    names = [
-        j for j in range(2, tracing.terms + 1) if noll_to_nm(j)[1] >= 0
-    ]  # odd in y cancel by symmetry
+    names = even_terms(tracing.terms)  # those odd in y cancel by symmetry
     shape = len(tracing.temperature), len(tracing.wavelength), len(tracing.field)
     wavefront, pupil = np.empty((*shape, len(names))), np.empty((*shape, 6))
     outline = np.empty((*shape, HARMONICS))
@@ -136,7 +128,7 @@ def trace_lens(
         name, source, abs(focal_length), abs(f_number), nodes[0], nodes[1], nodes[2],
         np.array(names), wavefront, place, pupil, outline, area, amplitude, curvature,
     )  # fmt: skip
-    return Traced(table, left)
+    return table, left
 
 
 def surfaces_of(lens: Any) -> Surfaces:
@@ -238,33 +230,26 @@ def _stop_radius(lens: Any) -> float:
     return height
 
 
-class Opening(NamedTuple):
-    """Radii of an aperture, millimetre: what covers its middle, and its rim."""
+def _without_apertures(lens: Any) -> tuple[Any, list[tuple[float, float]]]:
+    """A copy whose rays pass everywhere; of each surface the radii (millimetre) of its aperture.
 
-    inner: float = 0.0
-    outer: float = math.inf
-
-
-def _without_apertures(lens: Any) -> tuple[Any, list[Opening]]:
-    """A copy whose rays pass everywhere, and the aperture of each surface."""
+    Of what covers its middle, and of its rim.
+    """
     plain, radii = copy.deepcopy(lens), []
     for surface in plain.surfaces:
         aperture = surface.aperture
-        round_ = hasattr(aperture, "r_max")
-        radii.append(Opening(float(aperture.r_min), float(aperture.r_max)) if round_ else Opening())
         if aperture is not None and not hasattr(aperture, "r_max"):
             raise Refused("the prescription must have circular apertures alone")
+        limits = (aperture.r_min, aperture.r_max) if aperture is not None else (0.0, math.inf)
+        radii.append((float(limits[0]), float(limits[1])))
         surface.aperture = None
     return plain, radii
 
 
-class _State(NamedTuple):
-    lens: Any
-    radii: list[Opening]
-
-
-def _at_state(lens: Any, kelvin: float, wavelength: float, tracing: Tracing) -> _State:
-    """The lens at a temperature and with the indices of one wavelength."""
+def _at_state(
+    lens: Any, kelvin: float, wavelength: float, tracing: Tracing
+) -> tuple[Any, list[tuple[float, float]]]:
+    """The lens at a temperature and with the indices of one wavelength, without its apertures."""
     here, radii = _without_apertures(lens)
     celsius, pressure = kelvin - ZERO_CELSIUS, 0.0 if tracing.vacuum else 1.0
     warmer = celsius - 20.0
@@ -273,9 +258,8 @@ def _at_state(lens: Any, kelvin: float, wavelength: float, tracing: Tracing) -> 
     for number in range(1, len(surfaces) - 1):
         surface = surfaces[number]
         material = surface.material_post
-        index = material.n(
-            wavelength * MICROMETRE, temperature=celsius, pressure=pressure
-        )  # relative to what surrounds the lens
+        # Relative to what surrounds the lens.
+        index = material.n(wavelength * MICROMETRE, temperature=celsius, pressure=pressure)
         index = float(np.squeeze(index))
         glass = index > 1.05
         after = _expansion(material) if glass else 0.0
@@ -290,7 +274,7 @@ def _at_state(lens: Any, kelvin: float, wavelength: float, tracing: Tracing) -> 
         if not surface.interaction_model.is_reflective:
             update.set_index(index, number)
         before = after
-    return _State(here, radii)
+    return here, radii
 
 
 def _expansion(material: Any) -> float:
@@ -337,7 +321,13 @@ class _Sphere(NamedTuple):
 class _Node:
     """One star at one wavelength: its pupil and its wavefront."""
 
-    def __init__(self, state: _State, aim: Aim, angle: float, wavelength: float) -> None:
+    def __init__(
+        self,
+        state: tuple[Any, list[tuple[float, float]]],
+        aim: Aim,
+        angle: float,
+        wavelength: float,
+    ) -> None:
         self.lens, self.radii = state
         self.aim, self.angle, self.wavelength = aim, angle, wavelength
         self.stop = int(self.lens.surfaces.stop_index) - 1  # of the surfaces after the object

@@ -77,23 +77,20 @@ class Residual(Parameters):
         """
         if not self.seed:
             return None
-        shift, smooth = self.drift * self.temperature, self.smooth(camera, pitch)
-        value = np.zeros((2, NODES**2))
-        # So that most units share a root.
-        focal = float(f"{camera.focal_length_px:.1e}")
-        root = _root(camera.columns, camera.rows, focal, self.scale)
-        for size, name in ((smooth, "residual"), (shift, "residual, by temperature")):
-            if size:
-                draw = core.Streams(self.seed, 0)(name).standard_normal(2 * NODES**2)
-                value += size * (root @ draw).reshape(2, -1)
+        value, root = np.zeros((2, NODES**2)), _root(camera, self.scale)
+        parts = [
+            ("residual", self.smooth(camera, pitch), root),
+            ("residual, by temperature", self.drift * self.temperature, root),
+        ]
         if self.flatness:
-            draw = core.Streams(self.seed, 0)("flatness").standard_normal(NODES**2)
-            oblique = _oblique(camera, self.scale) * (self.flatness / pitch)
-            value += (oblique @ draw).reshape(2, -1)
+            height = _oblique(camera, self.scale) * (self.flatness / pitch)
+            parts.append(("flatness", 1.0, height))
         if self.of_elements.any():
-            elements = self._elements(camera, optics)
-            draw = core.Streams(self.seed, 0)("elements").standard_normal(elements.shape[1:])
-            value += (elements @ draw).reshape(2, -1)
+            parts.append(("elements", 1.0, self._elements(camera, optics)))
+        for name, size, matrix in parts:
+            if size:
+                draw = core.Streams(self.seed, 0)(name).standard_normal(matrix.shape[1])
+                value += size * (matrix @ draw).reshape(2, -1)
         if not value.any():
             return None
         return core.Displacement(camera.columns, camera.rows, tuple(value.ravel().tolist()))
@@ -125,22 +122,17 @@ class Residual(Parameters):
         """
         parts, other = list[Floats](), list[Floats]()
         if (smooth := self.smooth(camera, pitch)) and nodes:
-            focal = float(f"{camera.focal_length_px:.1e}")
-            other.append(smooth * _root(camera.columns, camera.rows, focal, self.scale))
+            other.append(smooth * _root(camera, self.scale))
         elif smooth:
-            parts.append(smooth * residual_law(camera, self.scale))
+            parts.append(smooth * _on_lattice(camera, _root(camera, self.scale)))
         if self.flatness:
             other.append(_oblique(camera, self.scale) * (self.flatness / pitch))
         if self.of_elements.any():
             other.append(self._elements(camera, optics))
         if other:
-            columns = [0, 1, 2]  # of `taken_up`
-            columns += [3, 4, 5] if order else []
-            columns += [6] if order >= 3 else []
-            columns += [7] if order >= 5 else []
-            columns += [8, 9] if tangential else []
+            known = [True] * 3 + [order > 0] * 3 + [order >= 3, order >= 5] + [tangential] * 2
             place = core.node_places(camera.columns, camera.rows)
-            model = taken_up(camera, place)[:, columns]
+            model = taken_up(camera, place)[:, known]
             if nodes:
                 both = np.kron(
                     np.eye(2), core.map_weights(camera.columns, camera.rows, place, nodes)
@@ -163,13 +155,6 @@ LATTICE = 33  # places along each side of the law's table
 LEFT_OUT = 1e-3  # of the variance, in the modes that the table lacks; chosen by hand
 
 
-@kept(8)
-def residual_law(camera: core.Camera, scale: float) -> Floats:
-    """`Residual.law` of a smooth field of rms one."""
-    focal = float(f"{camera.focal_length_px:.1e}")
-    return _on_lattice(camera, _root(camera.columns, camera.rows, focal, scale))
-
-
 def _on_lattice(camera: core.Camera, root: Floats) -> Floats:
     """The largest modes of a root (2 n, m) at the nodes, at the places of a law's table."""
     mode, size, _ = np.linalg.svd(root, full_matrices=False)
@@ -185,17 +170,21 @@ def _on_lattice(camera: core.Camera, root: Floats) -> Floats:
     return np.stack(values, axis=-1).reshape(LATTICE, LATTICE, 2, count)
 
 
-@kept(8)
-def _root(columns: int, rows: int, focal: float, scale: float) -> Floats:
+def _root(camera: core.Camera, scale: float) -> Floats:
     """Matrix (2 n, 2 n) from normal numbers to the field at its n nodes, all x before all y.
 
     Of the field, the part that a camera model could take up is removed before it is scaled to an
     expected rms of one.
     """
+    # So that most units share a root.
+    return _root_of(camera.columns, camera.rows, float(f"{camera.focal_length_px:.1e}"), scale)
+
+
+@kept(8)
+def _root_of(columns: int, rows: int, focal: float, scale: float) -> Floats:
     both = np.asarray(np.kron(np.eye(2), _smooth(columns, rows, scale)), float)
-    root = _without(
-        taken_up(core.Camera(columns, rows, focal), core.node_places(columns, rows)), both
-    )
+    camera = core.Camera(columns, rows, focal)
+    root = _without(taken_up(camera, core.node_places(columns, rows)), both)
     weight = _weight()
     size = np.sqrt(weight @ (root**2).sum(axis=1) / weight.sum())
     return np.asarray(root / size)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from startrack.core import Floats, Refused, positive
 from startrack.io import open_checked, whole
-from startrack.optics.lens_table import FORMAT
+from startrack.optics.lens_table import FORMAT, kept_files
 
 PART = "SURFACES"
 COLUMNS = ("curvature", "thickness", "index", "radius", "mirror")
@@ -218,11 +217,4 @@ def load_surfaces(path: Path) -> Surfaces | None:
         raise Refused(f"{path}: {error}") from None
 
 
-def open_surfaces(path: Path) -> Surfaces | None:
-    """`load_surfaces`; kept for the 8 last files and their times."""
-    return _open(path, path.stat().st_mtime_ns)
-
-
-@lru_cache(maxsize=8)
-def _open(path: Path, time: int) -> Surfaces | None:
-    return load_surfaces(path)
+open_surfaces = kept_files(load_surfaces)

@@ -12,7 +12,7 @@ from startrack.core import Floats, Refused, positive
 from startrack.io import read_bytes
 from startrack.optics.lens_table import LensTable
 from startrack.optics.psf_file import LARGEST, SMALLEST, PsfFile
-from startrack.optics.pupil import noll_to_nm, zernike
+from startrack.optics.pupil import even_terms, zernike
 
 TERMS = 37  # largest Noll index of a wavefront
 MOST_BYTES = 100_000_000
@@ -39,13 +39,6 @@ class _Page(NamedTuple):
     data: Floats
     spacing: float
     place: float | None
-
-
-class Fitted(NamedTuple):
-    """A lens table, and the rms (w, f) in waves that the terms leave of its wavefronts."""
-
-    table: LensTable
-    left: Floats
 
 
 def holds_wavefronts(paths: Sequence[Path]) -> bool:
@@ -77,7 +70,7 @@ def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
 def table_of_pages(
     paths: Sequence[Path], focal_length: float, f_number: float, name: str, source: str,
     flipped: bool = False,
-) -> Fitted:  # fmt: skip
+) -> tuple[LensTable, Floats]:  # fmt: skip
     """The lens table of pages of wavefront maps, one for each wavelength and field (0, y).
 
     Its terms to Noll 37, even across the field, are fitted by least squares over the open pupil. A
@@ -87,16 +80,17 @@ def table_of_pages(
     focal_length, f_number  metre, 1, of the lens
     flipped                 maps are positive where the path is shorter
     Raises    OSError; ValueError where a page is none, or the set is not complete.
-    Accuracy  what the terms leave is returned. model: a round pupil without vignetting, distortion
-              and lateral colour, which the maps do not hold.
+    Returns   the table, and the rms (w, f) in waves that the terms leave of its wavefronts
+    Accuracy  model: a round pupil without vignetting, distortion and lateral colour, which the maps
+              do not hold.
     """
     positive(focal_length=focal_length, f_number=f_number)
     pages = _pages(paths)
     waves, angles, of = _nodes(pages)
-    noll = [j for j in range(2, TERMS + 1) if noll_to_nm(j)[1] >= 0]
+    noll = even_terms(TERMS)
     fits = [[_terms(of[w, a].data, noll) for a in angles] for w in waves]
-    terms = np.array([[fit.terms for fit in row] for row in fits]) * np.reshape(waves, (-1, 1, 1))
-    left = np.array([[fit.left for fit in row] for row in fits])
+    terms = np.array([[fit[0] for fit in row] for row in fits]) * np.reshape(waves, (-1, 1, 1))
+    left = np.array([[fit[1] for fit in row] for row in fits])
     field, wavelength = np.array(angles), np.array(waves)
     if len(field) == 1:
         field, terms = np.array([0.0, WIDE]), np.repeat(terms, 2, axis=1)
@@ -112,15 +106,10 @@ def table_of_pages(
         np.stack([zero, half, half] * 2, axis=-1)[None], np.zeros((1, *shape, 0)), area[None],
         np.zeros((1, *shape, 0)), zero[None],
     )  # fmt: skip
-    return Fitted(table, left)
+    return table, left
 
 
-class _Terms(NamedTuple):
-    terms: Floats
-    left: float
-
-
-def _terms(waves: Floats, noll: Sequence[int]) -> _Terms:
+def _terms(waves: Floats, noll: Sequence[int]) -> tuple[Floats, float]:
     """Terms of a map of waves, and the rms that they leave."""
     inside, axis = np.isfinite(waves), np.arange(len(waves)) - len(waves) // 2
     across, down = np.meshgrid(axis, axis)
@@ -128,7 +117,7 @@ def _terms(waves: Floats, noll: Sequence[int]) -> _Terms:
     u, v = across[inside] / radius, down[inside] / radius
     shapes = np.column_stack([np.ones_like(u), *(zernike(j, u, v) for j in noll)])
     terms = np.linalg.lstsq(shapes, waves[inside], rcond=None)[0]
-    return _Terms(np.asarray(terms[1:], float), float((waves[inside] - shapes @ terms).std()))
+    return np.asarray(terms[1:], float), float((waves[inside] - shapes @ terms).std())
 
 
 def _nodes(

@@ -145,7 +145,7 @@ def of_table(table, **changes):
     lens = Lens(Optics(FOCAL, F_NUMBER, lens_file="ideal", **changes), table, ROOM)
     camera = Camera(SIDE, SIDE, FOCAL / PITCH)
     plan = _Plan(lens, camera, PITCH, Band(GREEN, np.ones((1, 1))), 1.0, 0.0)
-    return plan, _stars(lens, GREEN, np.array([0.1]), 0.0)[0][0]
+    return plan, _stars(lens, GREEN, 0.1, 0.0)[0]
 
 
 @pytest.mark.parametrize("waves", [10, -10])
@@ -293,7 +293,7 @@ def compared(plan, lens, wavelength, angle, wanted):
 
     n = len(wanted)
     plan.count, plan.spacing = n + 1, WIDTH / (n - 1)
-    star = _stars(lens, wavelength, np.array([angle]), np.pi / 2)[0][0]
+    star = _stars(lens, wavelength, angle, np.pi / 2)[0]
     place, step = star.centroid, plan.spacing * 1e6
 
     def image_at(shift):

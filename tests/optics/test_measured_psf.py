@@ -26,7 +26,7 @@ def stars(psf, count, seed=1, ground=100.0):
         )
         cut[:] = random.poisson(frame + ground) + random.normal(0, 5, frame.shape)
     guess = random.normal(0, 0.05, (2, count))
-    return Stars(cuts, x + guess[0], y + guess[1]), x, y
+    return Stars(cuts, x + guess[0], y + guess[1], np.ones(len(x))), x, y
 
 
 def test_stars_give_back_the_psf_that_they_were_rendered_with():

@@ -39,8 +39,8 @@ def cube(tmp_path_factory):
     )
     plan.count, plan.spacing = SIDE, SPACING
     image, place = np.empty((len(WAVES), len(ANGLES), SIDE, SIDE)), np.empty((25, 6))
-    for f, row in enumerate(_stars(lens, WAVES, ANGLES, 0.0)):
-        for w, star in enumerate(row):
+    for f, angle in enumerate(ANGLES):
+        for w, star in enumerate(_stars(lens, WAVES, float(angle), 0.0)):
             u = star.centroid[0]
             image[w, f], place[w, f] = plan._irradiance(star, u, 0.0), u
     save_psf_file(path, PsfFile("", image, SPACING, False, None, 1.0, WAVES, ANGLES, place))

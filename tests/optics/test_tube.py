@@ -9,8 +9,9 @@ import pytest
 from startrack import deg, load_design, mm, shipped
 from startrack.core import Refused
 from startrack.design import DesignSpace, Requirements
-from startrack.optics import BaffleTube, tube
-from startrack.optics.tube import transmittance_of
+from startrack.optics import BaffleTube
+from startrack.optics import baffle as tube
+from startrack.optics.baffle import transmittance_of
 from startrack.verification import cost_margins
 
 TUBE, LENS, FIELD = BaffleTube(150 * mm), 25 * mm, 10 * deg

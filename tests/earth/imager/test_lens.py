@@ -150,7 +150,7 @@ def test_channels_are_apart_by_the_lateral_colour_of_their_rays():
     first, second = (lens_of(each).camera for each in pair)
     across, along = lens_registration(pair[1], second, pair[0], first)
     middle = np.array([550 * nm, 900 * nm])
-    rays = _stars(open_optics(pair[0].optics), middle, np.arctan(np.array([0.16])), 0.0)[0]
+    rays = _stars(open_optics(pair[0].optics), middle, math.atan(0.16), 0.0)
     green, near = (star.centroid[0] / LINE.pitch for star in rays)
     assert across == pytest.approx(abs(green - near), abs=2e-3)
     assert abs(green - near) > 0.009
