@@ -121,10 +121,7 @@ def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
     camera, delay = case.instrument.camera, case.instrument.detector.row_delay
     direction = np.column_stack([x, y, np.ones(len(x))])
     row = camera.project(direction)[:, 1] - (camera.rows - 1) / 2
-    true, believed = (
-        np.array([motion.rate_x, motion.rate_y, motion.rate_z])
-        for motion in (case.instrument.motion, case.believed_motion)
-    )
+    true, believed = case.instrument.motion.rates, case.believed_motion.rates
     turn = np.multiply.outer(row, delay * true - case.believed_row_delay * believed)
     turned = Rotation.from_rotvec(-turn).apply(direction)
     return camera.focal_length_px * (_plane(turned) - np.column_stack([x, y]))
@@ -159,9 +156,7 @@ def of_the_camera(case: Case, cause: Cause) -> tuple[Floats, Floats] | None:
         amplitude = np.array([swing.swing_x, swing.swing_y, swing.swing_z])
         return np.zeros(3), amplitude / np.sqrt(2)
     if cause.term is trial.Term.MEASUREMENT_DATE:
-        motion = instrument.motion
-        rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
-        return rate * case.time_tag_error, np.zeros(3)
+        return instrument.motion.rates * case.time_tag_error, np.zeros(3)
     if cause.name == "jitter":
         if case.tracker.reference == "mean":
             return np.zeros(3), np.zeros(3)

@@ -1,26 +1,19 @@
 """Motion -> LineOfSight of an exposure, and the drift and blur that it makes."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import eval_legendre, roots_jacobi
 
-from startrack.core import (
-    Camera,
-    Floats,
-    LineOfSight,
-    Refused,
-    Streams,
-    positive,
-    read_only,
-    within,
-)
-from startrack.motion.parameters import AXES, Motion
+from startrack import core
+from startrack.core import Camera, Floats, LineOfSight, Refused, Streams, read_only
+from startrack.motion.parameters import AXES, Motion, Tone
 from startrack.motion.realisation import MotionRealisation, bands, realise_motion
 
 SHARPEST = 0.5  # pixel, sigma of the sharpest PSF whose smear must be right
@@ -78,9 +71,9 @@ def trace(
     motion: MotionRealisation, exposure: float, pixel_angle: float, half_field: float
 ) -> LineOfSight:
     """The line of sight of one realisation of a motion; arguments and errors as `slew`."""
-    positive(exposure=exposure, pixel_angle=pixel_angle)
+    core.positive(exposure=exposure, pixel_angle=pixel_angle)
     named = "half of the diagonal field of view (instrument.optics.focal_length, detector)"
-    within(0, 1.55, **{named: half_field})
+    core.within(0, 1.55, **{named: half_field})
     if not motion.speed.any():
         return LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     wave, damping = _probes(pixel_angle, half_field)
@@ -208,21 +201,14 @@ def blur(motion: Motion, exposure: float) -> Floats:
     Returns   (3,) radian, about the camera's axes
     Accuracy  numerical: 1e-6 of the blur.
     """
-    positive(exposure=exposure)
+    core.positive(exposure=exposure)
     given = tuple(tone for tone in motion.tones if tone.phase is not None)
     certain = replace(motion, tones=given, broadband=(), jitter=())
     square = _deterministic_square(realise_motion(certain, exposure), exposure)
-    for tone in motion.tones:
-        if tone.phase is None:
-            rms = np.array([tone.rms_x, tone.rms_y, tone.rms_z])
-            square += rms**2 * _blurred_fraction(tone.frequency * exposure)
-    node, weight = np.polynomial.legendre.leggauss(6)
-    for spectrum in motion.broadband:
-        table = bands(spectrum)
-        # Equal fractions of the power of a band, so that the frequencies contain the density.
-        seen = _blurred_fraction(table.frequency_at((node[:, None] + 1) / 2) * exposure)
-        square[AXES.index(spectrum.axis)] += weight / 2 @ seen @ table.power
-    return np.sqrt(square)
+    drawn = [tone for tone in motion.tones if tone.phase is None]
+    return np.sqrt(
+        _with_lines(square, drawn, motion, lambda hertz: _blurred_fraction(hertz * exposure))
+    )
 
 
 @lru_cache(maxsize=64)
@@ -237,16 +223,30 @@ def jitter_rms(motion: Motion, exposure: float) -> Floats:
     Returns   (3,) radian, about the camera's axes, read-only; the phase of a tone is random
     Accuracy  numerical: 1e-6.
     """
-    square = np.zeros(3)
-    for tone in motion.tones:
+    square = _with_lines(
+        np.zeros(3), motion.tones, motion, lambda hertz: (1 - np.sinc(hertz * exposure)) ** 2
+    )
+    return read_only(np.sqrt(square))
+
+
+def _with_lines(
+    square: Floats, tones: Sequence[Tone], motion: Motion, part: Callable[[Any], Any]
+) -> Floats:
+    """A mean square (3,), radian^2, with a part of the power of tones and of broadband jitter.
+
+    part  1, function of hertz
+    """
+    square = square.copy()
+    for tone in tones:
         rms = np.array([tone.rms_x, tone.rms_y, tone.rms_z])
-        square += rms**2 * (1 - np.sinc(tone.frequency * exposure)) ** 2
+        square += rms**2 * part(tone.frequency)
     node, weight = np.polynomial.legendre.leggauss(6)
     for spectrum in motion.broadband:
         table = bands(spectrum)
-        off = (1 - np.sinc(table.frequency_at((node[:, None] + 1) / 2) * exposure)) ** 2
-        square[AXES.index(spectrum.axis)] += weight / 2 @ off @ table.power
-    return read_only(np.sqrt(square))
+        # Equal fractions of the power of a band, so that the frequencies contain the density.
+        seen = part(table.frequency_at((node[:, None] + 1) / 2))
+        square[AXES.index(spectrum.axis)] += weight / 2 @ seen @ table.power
+    return square
 
 
 def _deterministic_square(motion: MotionRealisation, exposure: float) -> Floats:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit
+import numpy as np
+
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit
 
 AXES = ("x", "y", "z")
 
@@ -90,6 +92,11 @@ class Motion(Parameters):
             raise Refused(
                 f"broadband must have at most one spectrum for each axis, got {', '.join(axes)}"
             )
+
+    @property
+    def rates(self) -> Floats:
+        """Radian / second (3,)."""
+        return np.array([self.rate_x, self.rate_y, self.rate_z])
 
     @property
     def rate(self) -> float:

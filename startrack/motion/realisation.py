@@ -200,10 +200,9 @@ def realise_motion(
         lines_by_code(name, exposure, _generator(streams, f"jitter {name}"))
         for name in motion.jitter
     ]
-    rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
     frequency = np.concatenate([np.zeros(0), *(f for f, _ in lines)])
     amplitude = np.concatenate([np.zeros((0, 3), complex), *(a for _, a in lines)])
-    return MotionRealisation(rate, frequency, amplitude.real.copy(), -amplitude.imag)
+    return MotionRealisation(motion.rates, frequency, amplitude.real.copy(), -amplitude.imag)
 
 
 def _tone(tone: Tone, cause: str, streams: Streams | None) -> tuple[Floats, NDArray[np.complex128]]:
