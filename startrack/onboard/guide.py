@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from startrack import core
-from startrack.catalog import LIMITS, Sky, csv_table, open_sky, table_numbers
+from startrack.catalog import LIMITS, Selection, Sky, csv_table, open_sky, table_numbers
 from startrack.core import NON_NEGATIVE, Flags, Floats, Ints, Parameters, Range, deg, within
 from startrack.design import Case
 from startrack.identification import local_rank, merged
@@ -105,9 +105,8 @@ def guide_stars(
     limit = believed.limit_g if settings.limit is None else settings.limit
     epoch = believed.year if settings.epoch is None else settings.epoch
     within(NARROWEST, math.pi, **{"field of view (rad)": field})
-    resolution = settings.resolution
-    if resolution is None:
-        resolution = index_resolution(camera)
+    asked = settings.resolution
+    resolution = index_resolution(camera) if asked is None else asked
     within(0, COARSEST * field, **{"resolution (rad)": resolution})
 
     stars, still = _stars(case, limit, epoch)
@@ -122,22 +121,13 @@ def guide_stars(
     single, flags = single[kept], flags[kept]
     rank = local_rank(single.direction, field / math.sqrt(math.pi), settings.per_field)
     thin = rank < settings.per_field
-    return _with_triangles(single[thin], flags[thin], field, settings, (epoch, limit, resolution))
+    return _with_triangles(single[thin], flags[thin], settings, (epoch, field, limit, resolution))
 
 
 def _stars(case: Case, limit: float, epoch: float) -> tuple[core.Stars, Flags]:
     """All stars that count, with magnitudes in the band; whether the motion of each is unknown."""
-    believed = case.believed_catalog
-    faintest = min(limit + FAINTER + 1, LIMITS.get(believed.source, 21.0))
-    barycentric = replace(
-        believed,
-        limit_g=faintest,
-        epoch=epoch,
-        aberration=False,
-        parallax=False,
-        orbital_velocity=(),
-        proper_motion=True,
-    )
+    seen = _barycentric(case.believed_catalog, epoch, limit + FAINTER + 1)
+    barycentric = replace(seen, proper_motion=True)
     stars = open_sky(barycentric).stars
     # A star without a proper motion stays where it is, to the last digit.
     other = open_sky(replace(barycentric, epoch=epoch + (-1 if epoch > 2100 else 1))).stars
@@ -148,15 +138,17 @@ def _stars(case: Case, limit: float, epoch: float) -> tuple[core.Stars, Flags]:
     return stars[near], still[near]
 
 
+def _barycentric(catalog: Selection, epoch: float, limit: float = math.inf) -> Selection:
+    """All stars of a catalogue to a magnitude, where the barycentre sees them in a Julian year."""
+    limit = min(limit, LIMITS.get(catalog.source, 21.0))
+    still = replace(catalog, aberration=False, parallax=False, orbital_velocity=())
+    return replace(still, limit_g=limit, epoch=epoch)
+
+
 def _variable(case: Case, stars: core.Stars, variables: list[Variable]) -> Flags:
     """Which stars are those of the list: the brightest near each place, at J2000."""
     variable = np.zeros(len(stars), bool)
-    old = open_sky(
-        replace(
-            case.believed_catalog, limit_g=LIMITS.get(case.believed_catalog.source, 21.0),
-            epoch=2000.0, aberration=False, parallax=False, orbital_velocity=(),
-        )
-    )  # fmt: skip
+    old = open_sky(_barycentric(case.believed_catalog, 2000.0))
     sky = Sky(old.stars)
     for star in variables:
         near = sky.cone(np.array(star.direction), NEAR)
@@ -168,11 +160,10 @@ def _variable(case: Case, stars: core.Stars, variables: list[Variable]) -> Flags
 def _with_triangles(
     stars: core.Stars,
     flags: Ints,
-    field: float,
     settings: GuideSettings,
-    named: tuple[float, float, float],
+    named: tuple[float, float, float, float],
 ) -> Guide:
-    epoch, limit, resolution = named
+    _, field, limit, _ = named
     if not 4 <= len(stars) <= MOST_STARS:
         raise ValueError(
             f"guide stars must number 4 to {MOST_STARS}, got {len(stars)} to the magnitude "
@@ -183,22 +174,9 @@ def _with_triangles(
     stars, flags, direction = stars[order], flags[order], direction[order]
     base = SMALLEST * field, field
     triangle = _canonical(direction, _triangles(stars, field, settings.pattern_stars, base))
-    triangle, start = _by_cells(direction, triangle)
-    return Guide(
-        direction,
-        np.round(stars.magnitude_g, 3),
-        flags,
-        stars.identifier,
-        triangle,
-        start,
-        (CELLS_X, CELLS_Y),
-        epoch,
-        field,
-        limit,
-        resolution,
-        base,
-        settings.per_field,
-    )
+    columns = direction, np.round(stars.magnitude_g, 3), flags, stars.identifier
+    cells = *_by_cells(direction, triangle), (CELLS_X, CELLS_Y)
+    return Guide(*columns, *cells, *named, base, settings.per_field)
 
 
 def _triangles(stars: core.Stars, field: float, count: int, base: tuple[float, float]) -> Ints:

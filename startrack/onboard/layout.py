@@ -13,22 +13,14 @@ from startrack.io import read_bytes, save_csv, save_text, whole
 MAGIC, VERSION = b"STARGUID", 1
 UNIT = 2.0**-30  # of coordinates and angles: 0.19 mas
 # Of the file, little-endian and without gaps; docs/onboard.md has the same table.
+WORDS = ("triangles", "limit", "epoch", "field_of_view", "resolution", "smallest", "largest")
 HEADER = np.dtype(
     [
         ("magic", "S8"),
-        ("version", "<u4"),
-        ("size", "<u4"),
-        ("crc32", "<u4"),
+        *((name, "<u4") for name in ("version", "size", "crc32")),
         ("stars", "<u2"),
-        ("cells_x", "u1"),
-        ("cells_y", "u1"),
-        ("triangles", "<u4"),
-        ("limit", "<u4"),
-        ("epoch", "<u4"),
-        ("field_of_view", "<u4"),
-        ("resolution", "<u4"),
-        ("smallest", "<u4"),
-        ("largest", "<u4"),
+        *((name, "u1") for name in ("cells_x", "cells_y")),
+        *((name, "<u4") for name in WORDS),
         ("per_field", "<u2"),
         ("reserved", "V10"),
     ]
@@ -85,23 +77,14 @@ class Guide:
         body = stars.tobytes() + self.start.astype("<u4").tobytes()
         body += self.triangle.astype("<u2").tobytes()
         head = np.zeros((), HEADER)
-        for name, value in (
-            ("magic", MAGIC),
-            ("version", VERSION),
-            ("size", HEADER.itemsize + len(body)),
-            ("stars", len(self)),
-            ("cells_x", self.cells[0]),
-            ("cells_y", self.cells[1]),
-            ("triangles", len(self.triangle)),
-            ("limit", round(1000 * (self.limit + 100))),
-            ("epoch", round(1e6 * self.epoch)),
-            ("field_of_view", round(self.field_of_view / UNIT)),
-            ("resolution", round(self.resolution / UNIT)),
-            ("smallest", round(self.base[0] / UNIT)),
-            ("largest", round(self.base[1] / UNIT)),
-            ("per_field", self.per_field),
-        ):
-            head[name] = value
+        angles = self.field_of_view, self.resolution, *self.base
+        head["magic"], head["version"], head["size"] = MAGIC, VERSION, HEADER.itemsize + len(body)
+        head["stars"], head["per_field"] = len(self), self.per_field
+        head["cells_x"], head["cells_y"] = self.cells
+        head["limit"], head["epoch"] = round(1000 * (self.limit + 100)), round(1e6 * self.epoch)
+        for name, value in zip(WORDS[3:], angles, strict=True):
+            head[name] = round(value / UNIT)
+        head["triangles"] = len(self.triangle)
         head["crc32"] = zlib.crc32(head.tobytes()[CHECKED:] + body)
         return head.tobytes() + body
 
@@ -176,16 +159,10 @@ def write_guide(folder: Path, guide: Guide) -> list[Path]:
     with whole(folder / f"{NAME}.bin") as draft:
         draft.write_bytes(data)
     save_text(folder / f"{NAME}_data.h", _array(data))
-    ra, dec = ra_dec(guide.direction).T
-    rows = zip(
-        range(len(guide)),
-        guide.identifier.tolist(),
-        (f"{angle:.7f}" for angle in ra),
-        (f"{angle:.7f}" for angle in dec),
-        (f"{magnitude:.3f}" for magnitude in guide.magnitude),
-        guide.flags.tolist(),
-        strict=True,
-    )
+    ra, dec = ([f"{angle:.7f}" for angle in angles] for angles in ra_dec(guide.direction).T)
+    magnitude = [f"{number:.3f}" for number in guide.magnitude]
+    names, flags = guide.identifier.tolist(), guide.flags.tolist()
+    rows = zip(range(len(guide)), names, ra, dec, magnitude, flags, strict=True)
     head = ["star", "identifier", "ra_deg", "dec_deg", "magnitude", "flags"]
     save_csv(folder / f"{NAME}.csv", head, rows)
     for name in SOURCES:
@@ -195,20 +172,17 @@ def write_guide(folder: Path, guide: Guide) -> list[Path]:
 
 def _array(data: bytes) -> str:
     rows = [", ".join(map(str, data[k : k + 24])) for k in range(0, len(data), 24)]
-    return "\n".join(
-        [
-            "/* The bytes of startrack_guide.bin, for startrack_guide_open. */",
-            "#ifndef STARTRACK_GUIDE_DATA_H",
-            "#define STARTRACK_GUIDE_DATA_H",
-            "",
-            f"static const unsigned char startrack_guide_data[{len(data)}] = {{",
-            ",\n".join(rows),
-            "};",
-            "",
-            "#endif",
-            "",
-        ]
-    )
+    lines = ",\n".join(rows)
+    return f"""/* The bytes of startrack_guide.bin, for startrack_guide_open. */
+#ifndef STARTRACK_GUIDE_DATA_H
+#define STARTRACK_GUIDE_DATA_H
+
+static const unsigned char startrack_guide_data[{len(data)}] = {{
+{lines}
+}};
+
+#endif
+"""
 
 
 def read_guide(path: Path) -> Guide:
@@ -236,6 +210,7 @@ def read_guide(path: Path) -> Guide:
     at += stars.nbytes
     start = np.frombuffer(data, "<u4", cut, at)
     triangle = np.frombuffer(data, "<u2", 3 * int(head["triangles"]), at + start.nbytes)
+    field, resolution, smallest, largest = (float(head[name]) * UNIT for name in WORDS[3:])
     return Guide(
         direction=stars["direction"] * UNIT,
         magnitude=(stars["magnitude"].astype(float) - 2**15) / 1000,
@@ -245,9 +220,9 @@ def read_guide(path: Path) -> Guide:
         start=start.astype(np.int64),
         cells=cells,
         epoch=float(head["epoch"]) / 1e6,
-        field_of_view=float(head["field_of_view"]) * UNIT,
+        field_of_view=field,
         limit=float(head["limit"]) / 1000 - 100,
-        resolution=float(head["resolution"]) * UNIT,
-        base=(float(head["smallest"]) * UNIT, float(head["largest"]) * UNIT),
+        resolution=resolution,
+        base=(smallest, largest),
         per_field=int(head["per_field"]),
     )
