@@ -9,20 +9,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.catalog import Selection, open_sky
-from startrack.core import (
-    Camera,
-    Floats,
-    Frame,
-    Ints,
-    Matches,
-    Spots,
-    Status,
-    Streams,
-    Unit,
-    kept,
-    printed,
-)
+from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Streams, Unit, kept
 from startrack.design import Case, Tracker
 from startrack.detection import Detection, DetectionPlan, Taken, box_reach, take
 from startrack.detector import dark, flickering, frame_of, response, to_frame
@@ -60,25 +49,15 @@ def targets(case: Case, camera: Camera, expected: Rotation) -> tuple[Ints, Float
     return near[chosen], place[chosen]
 
 
-def take_boxes(
-    case: Case, frame: Frame, camera: Camera, expected: Rotation
-) -> tuple[Spots, Matches]:
-    """What the tracker takes about the places where it expects stars.
-
-    Returns  the spots, and each as the star of its box
-    """
-    return follow_boxes(case, frame, camera, expected, {})[:2]
-
-
 def follow_boxes(
     case: Case, frame: Frame, camera: Camera, expected: Rotation, images: Images,
     plan: DetectionPlan | None = None,
 ) -> tuple[Spots, Matches, Images]:  # fmt: skip
-    """`take_boxes` of a tracker whose images stay from one exposure to the next.
+    """What the tracker takes about the places where it expects stars.
 
     images   of stars, where the exposure before left them; other stars, and those whose image is no
              more in their box, are searched for
-    Returns  the same after this exposure too
+    Returns  the spots, each as the star of its box, and `images` after this exposure
     """
     star, place = targets(case, camera, expected)
     flux = believed_electrons(case)[star]
@@ -99,14 +78,14 @@ def follow_boxes(
 def boxes_in_windows(
     case: Case, icrs_to_camera: Rotation, streams: Streams
 ) -> tuple[Spots, Matches]:
-    """`take_boxes` of a single trial, of whose frame only the boxes are rendered."""
+    """`follow_boxes` of a single trial, of whose frame only the boxes are rendered."""
     camera, expected = case.believed_camera, expected_attitude(case, icrs_to_camera, streams)
     _, place = targets(case, camera, expected)
     far = box_reach(case.tracker.box, camera.focal_length_px) + MARGIN + 2
     corner = np.clip(np.floor(place - far), 0, None).astype(np.int64)
     end = np.minimum(np.ceil(place + far).astype(np.int64), [camera.columns, camera.rows])
     frame = frame_in_windows(case, icrs_to_camera, streams, np.hstack([corner, end]))
-    return take_boxes(case, frame, camera, expected)
+    return follow_boxes(case, frame, camera, expected, {})[:2]
 
 
 def matched(case: Case, taken: Taken, star: Ints, camera: Camera, expected: Rotation) -> Matches:
@@ -116,9 +95,13 @@ def matched(case: Case, taken: Taken, star: Ints, camera: Camera, expected: Rota
     spot = np.arange(len(star))
     if len(star) < 2:
         reason = f"{len(star)} of the search boxes had a star, 2 are needed"
-        return Matches(Status.TOO_FEW, reason, spot[:0], star[:0], direction[:0], camera, None, 1.0)
+        return Matches(
+            core.Status.TOO_FEW, reason, spot[:0], star[:0], direction[:0], camera, None, 1.0
+        )
     reason = f"{len(star)} of {len(taken.x)} search boxes had a star"
-    return Matches(Status.SOLVED, reason, spot, star, direction, camera, expected, float("nan"))
+    return Matches(
+        core.Status.SOLVED, reason, spot, star, direction, camera, expected, float("nan")
+    )
 
 
 def agreeing(tracker: Tracker) -> Tracker:
@@ -145,7 +128,7 @@ MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
 NEAR = 1.0  # pixel from its place, within which a star is taken, and no other thing
 
 
-@printed
+@core.printed
 class SingleStars(NamedTuple):
     """Centroids of single stars of m magnitudes; errors are pixel rms per axis.
 

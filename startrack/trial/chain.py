@@ -18,7 +18,7 @@ from startrack.detector import expose
 from startrack.identification import PatternIndexes, identify, refit
 from startrack.metrics import JUDGED, Outcome, judge
 from startrack.trial.belief import as_believed, detection_plan, seen_smear, smear, with_smear
-from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, take_boxes
+from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, follow_boxes
 from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.exposure import at_one_time, exposure_of, straighten, sweep
 from startrack.trial.pointing import line_of_sight, random_attitude, reference_attitude
@@ -134,7 +134,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     frame = _exposed(case, light, path, icrs_to_camera, streams)
     if boxed(case):
         expected = expected_attitude(case, icrs_to_camera, streams)
-        spots, matches = take_boxes(case, frame, case.believed_camera, expected)
+        spots, matches, _ = follow_boxes(case, frame, case.believed_camera, expected, {})
         spots = _at_one_time(case, spots)
     elif case.tracker.rate == "images":
         spots, matches = _detected_turning(case, frame)
@@ -195,9 +195,8 @@ def _detected_turning(case: Case, frame: Frame) -> tuple[Spots, Matches]:
 
 
 def _at_one_time(case: Case, spots: Spots) -> Spots:
-    motion = case.believed_motion
-    rate = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
-    return at_one_time(spots, case.believed_row_delay, rate, case.believed_camera)
+    rates, camera = case.believed_motion.rates, case.believed_camera
+    return at_one_time(spots, case.believed_row_delay, rates, camera)
 
 
 def searched(case: Case, frame: Frame) -> Frame:

@@ -19,8 +19,8 @@ from startrack.attitude import (
 from startrack.core import Flags, Floats, Ints, Rows, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
+from startrack.trial import pointing
 from startrack.trial.effects import require_least_squares
-from startrack.trial.pointing import mean_attitude, random_attitudes, reference_attitude
 from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 from startrack.trial.systematic import shared_errors
@@ -148,7 +148,7 @@ def outcomes(
     for at in range(0, len(numbers), BLOCK):
         block = numbers[at : at + BLOCK]
         if icrs_to_camera is None:
-            attitude = random_attitudes(seed, block)
+            attitude = pointing.random_attitudes(seed, block)
         else:
             attitude = icrs_to_camera[at : at + BLOCK]
         parts.append(_tried(case, plan, seed, block, attitude))
@@ -172,12 +172,6 @@ class Drawn(NamedTuple):
     spots: Ints
 
 
-def _empty(many: int, most: int) -> Drawn:
-    matched, spots = np.empty((2, many), np.int64)
-    pixel, variance = np.empty((many, most, 2)), np.empty((many, most))
-    return Drawn(pixel, np.empty((many, most), np.int64), variance, matched, spots)
-
-
 def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: Rotation) -> Rows:
     """Draw, solve and judge a block of trials."""
     many, streams = len(numbers), [Streams(seed, number) for number in numbers]
@@ -185,21 +179,24 @@ def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: 
     seen_at = attitude
     if jitters:
         pairs = zip(attitude, streams, strict=True)
-        seen_at = Rotation.concatenate([mean_attitude(instrument, *pair) for pair in pairs])
+        seen_at = Rotation.concatenate(
+            [pointing.mean_attitude(instrument, *pair) for pair in pairs]
+        )
     matrix = seen_at.as_matrix()
     keys = trial_keys(seed, np.array(numbers, np.uint64))
-    drawn = _empty(many, case.tracker.detection.max_spots)
+    most = case.tracker.detection.max_spots
+    matched, spots = np.empty((2, many), np.int64)
+    pixel, variance = np.empty((many, most, 2)), np.empty((many, most))
+    drawn = Drawn(pixel, np.empty((many, most), np.int64), variance, matched, spots)
     _draw(matrix, keys, plan, drawn)
-    matched, spots = drawn.matched, drawn.spots
-    truth = attitude
-    mounting, believed = case.instrument.mounting, case.believed_mounting
-    own = case.time_tag_error or mounting.swings or (jitters and case.tracker.reference == "mean")
-    if not own and mounting != believed:
-        truth = believed.camera_to_body().inv() * mounting.camera_to_body() * attitude
-    elif own:
+    own = case.time_tag_error or case.instrument.mounting.swings
+    if own or (jitters and case.tracker.reference == "mean"):
+        trials = zip(attitude, streams, strict=True)
         truth = Rotation.concatenate(
-            [reference_attitude(case, attitude[n], streams[n]) for n in range(many)]
+            [pointing.reference_attitude(case, *trial) for trial in trials]
         )
+    else:
+        truth = pointing.in_believed_axes(case, attitude, streams[0])
     judged = np.empty(many, JUDGED)
     # Trials of about as many stars go together, so that few elements of the arrays stay empty.
     for part in np.array_split(np.argsort(matched, kind="stable"), -(-many // TOGETHER)):

@@ -9,17 +9,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.special import ndtr
 
+from startrack import detection
 from startrack.core import Floats, Ints, Streams, kept
-from startrack.design import Case, turning
-from startrack.detection import (
-    DarkMap,
-    calibrated,
-    detect,
-    false_alarms,
-    levels_at,
-    measure_ground,
-    peak_border,
-)
+from startrack.design import Case, replaced_all, turning
 from startrack.detector import Defects, Detector, dark, flickering, frame_of
 from startrack.trial.belief import as_believed, detection_plan
 
@@ -38,10 +30,8 @@ def dark_currents(detector: Detector) -> tuple[float, float]:
         return m, 0.0
     mean, square, s = m, m * m, defects.dsnu
     if s:
-        fraction, density = (
-            float(ndtr(m / s)),
-            math.exp(-((m / s) ** 2) / 2) / math.sqrt(2 * math.pi),
-        )
+        fraction, bell = float(ndtr(m / s)), math.exp(-((m / s) ** 2) / 2)
+        density = bell / math.sqrt(2 * math.pi)
         mean, square = m * fraction + s * density, (m * m + s * s) * fraction + m * s * density
     p, h = defects.hot, defects.hot_current
     return mean + p * h, math.sqrt(max(square - mean**2, 0.0) + (2 * p - p * p) * h * h)
@@ -54,7 +44,7 @@ def dark_electrons(detector: Detector) -> tuple[float, float]:
     return mean * detector.binning**2, spread * detector.binning
 
 
-def dark_residual(detector: Detector, dark_map: DarkMap | None) -> float:
+def dark_residual(detector: Detector, dark_map: detection.DarkMap | None) -> float:
     """Rms over the pixels of the dark signal that a tracker does not know of, electron.
 
         with a map        sqrt(noise^2 / frames + step^2 / 12)
@@ -191,10 +181,8 @@ def with_uniform_dark(case: Case) -> Case:
         read_noise=math.hypot(detector.read_noise, pattern.spread),
         fill_factor=max(detector.fill_factor * detector.sensitivity, 0.01),
     )
-    tracker = replace(
-        case.tracker, detection=replace(case.tracker.detection, dark_map=None, dark_map_age=None)
-    )
-    return replace(case, instrument=replace(case.instrument, detector=even), tracker=tracker)
+    mapless = replace(case.tracker.detection, dark_map=None, dark_map_age=None)
+    return replaced_all(case, {"instrument.detector": even, "tracker.detection": mapless})
 
 
 def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Floats]:
@@ -236,35 +224,32 @@ class Empty(NamedTuple):
     of_places: Floats
 
 
+@lru_cache(maxsize=128)
 def empty_frame(case: Case, sky: float) -> Empty | None:
     """The search of a frame with the pattern of a case; None where all pixels are alike.
 
     sky  electron in a pixel
     """
-    return None if dark_pattern(case) is None else _empty_frame(case, sky)
-
-
-@lru_cache(maxsize=128)
-def _empty_frame(case: Case, sky: float) -> Empty:
+    pattern = dark_pattern(case)
+    if pattern is None:
+        return None
     detector, plan = case.instrument.detector, detection_plan(case)
     shape = detector.rows, detector.columns
     electrons = np.full(shape, sky + dark(detector) * detector.exposure)
     frame = as_believed(case, frame_of(electrons, detector, Streams(0, 0)))
-    ground = measure_ground(frame, plan)
-    noise = false_alarms(plan, detector.columns, detector.rows)
-    detected = detect(frame, plan)
+    ground = detection.measure_ground(frame, plan)
+    noise = detection.false_alarms(plan, detector.columns, detector.rows)
+    detected = detection.detect(frame, plan)
     flux = -np.sort(-detected.flux) * frame.electrons_per_dn
     spots = max(len(detected) - noise, 0.0)
-    pixels = calibrated(frame, plan)
+    pixels = detection.calibrated(frame, plan)
     even = np.ones(pixels.value.size, bool)
-    pattern = dark_pattern(case)
-    assert pattern is not None
     even[pattern.outlying] = False
     level = float(pixels.value.ravel()[even].mean(dtype=float))
-    random, border = Streams(0, 0)("places of thresholds"), peak_border(plan.settings)
+    random, border = Streams(0, 0)("places of thresholds"), detection.peak_border(plan.settings)
     x, y = (
         random.integers(min(border, size // 2), max(size - border, size // 2 + 1), PLACES)
         for size in (detector.columns, detector.rows)
     )
-    of_places = (levels_at(pixels, plan, x, y) - level) / ground.noise
+    of_places = (detection.levels_at(pixels, plan, x, y) - level) / ground.noise
     return Empty(spots, flux, ground.noise, float(np.median(ground.far)), of_places)

@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 from startrack.core import Refused, is_code
-from startrack.design import Case
+from startrack.design import Case, replaced, replaced_all
 from startrack.detector import PIXEL_EFFECTS, require_independent_pixels
 from startrack.scene import LIGHTS
 from startrack.trial.dark_pattern import dark_currents
@@ -23,6 +23,7 @@ HITS = "hits"
 DSNU = "DSNU"
 SHUTTER = "rolling shutter"
 LENS_COLOUR = "lateral colour"
+NONLINEAR = ("settling", "lag", "nonlinearity", "adc_inl")  # of the signal of a pixel
 
 
 class Term(StrEnum):
@@ -71,33 +72,14 @@ class Effect(NamedTuple):
         return list(phrase(case)) if callable(phrase) else [phrase.format(case=case)]
 
 
-def _with(case: Case, **changes: object) -> Case:
-    detector = replace(case.instrument.detector, **changes)  # type: ignore[arg-type]
-    return replace(case, instrument=replace(case.instrument, detector=detector))
-
-
-def _through(case: Case, **changes: object) -> Case:
-    optics = replace(case.instrument.optics, **changes)  # type: ignore[arg-type]
-    return replace(case, instrument=replace(case.instrument, optics=optics))
-
-
-def _believing(case: Case, **changes: object) -> Case:
-    return replace(case, tracker=replace(case.tracker, **changes))  # type: ignore[arg-type]
-
-
-def _calm(case: Case) -> Case:
-    instrument = replace(case.instrument, motion=case.instrument.motion.steady)
-    return replace(case, instrument=instrument)
-
-
 def _flawless(case: Case) -> Case:
     """All pixels alike; what age took of the light and of the transfers stays."""
     detector = case.instrument.detector
     mean, _ = dark_currents(detector)
     age = detector.age and detector.age.undamaged
+    even = replace(detector, defects=None, dark_current=mean, age=age)
     detection = replace(case.tracker.detection, dark_map=None, dark_map_age=None)
-    even = _with(case, defects=None, dark_current=mean, age=age)
-    return _believing(even, detection=detection)
+    return replaced_all(case, {"instrument.detector": even, "tracker.detection": detection})
 
 
 def _differing_dark(case: Case) -> bool:
@@ -107,54 +89,42 @@ def _differing_dark(case: Case) -> bool:
     return bool(detector.defects or damaged or case.tracker.detection.dark_map)
 
 
-def _linear(case: Case) -> Case:
-    return _with(case, settling=0.0, lag=0.0, nonlinearity=0.0, adc_inl=0.0)
-
-
 def _calibrated(case: Case) -> Case:
-    camera_as_built = None if case.design is None else case.instrument.camera
-    return _believing(case, camera=camera_as_built, camera_model="radial", calibrated_at=None)
+    as_built = None if case.design is None else case.instrument.camera
+    tracker = replace(case.tracker, camera=as_built, camera_model="radial", calibrated_at=None)
+    return replace(case, tracker=tracker)
 
 
-def _moved(case: Case) -> Case:
-    true = case.catalog
-    return _believing(
-        case,
-        catalog=replace(case.believed_catalog, proper_motion=true.proper_motion, epoch=true.epoch),
+def _misbelieved(*names: str) -> Callable[[Case], bool]:
+    """Whether a tracker's catalogue has other values of these than the sky."""
+    return lambda case: any(
+        getattr(case.catalog, name) != getattr(case.believed_catalog, name) for name in names
     )
 
 
-def _near(case: Case) -> Case:
-    catalog = replace(case.believed_catalog, parallax=case.catalog.parallax)
-    return _believing(case, catalog=catalog)
-
-
-def _corrected(case: Case) -> Case:
-    true = case.catalog
-    return _believing(
+def _believed_right(*names: str) -> Callable[[Case], Case]:
+    """The case whose tracker's catalogue has the values of the sky."""
+    return lambda case: replaced(
         case,
-        catalog=replace(
-            case.believed_catalog,
-            aberration=true.aberration,
-            orbital_velocity=true.orbital_velocity,
-        ),
+        "tracker.catalog",
+        replace(case.believed_catalog, **{name: getattr(case.catalog, name) for name in names}),
     )
 
 
 def _aligned(case: Case) -> Case:
     as_built = None if case.design is None else case.instrument.mounting.still
-    return _believing(case, mounting=as_built)
+    return replaced(case, "tracker.mounting", as_built)
 
 
 def _cool(case: Case) -> Case:
-    mounting = case.instrument.mounting
-    still = replace(case, instrument=replace(case.instrument, mounting=mounting.still))
-    return _believing(still, mounting=case.believed_mounting)
+    still = case.instrument.mounting.still
+    believed = case.believed_mounting
+    return replaced_all(case, {"instrument.mounting": still, "tracker.mounting": believed})
 
 
 def _punctual(case: Case) -> Case:
     as_built = None if case.design is None else case.instrument.delay
-    return _believing(case, delay=as_built)
+    return replace(case, tracker=replace(case.tracker, delay=as_built))
 
 
 def _shining(case: Case) -> list[str]:
@@ -185,20 +155,8 @@ def _shares_noise(case: Case) -> bool:
 
 def _sheared(case: Case) -> bool:
     """Whether rows are exposed at other times than the tracker takes off by the rates it knows."""
-    true, believed = case.instrument.motion, case.believed_motion
-    turn, taken = (
-        [delay * rate for rate in (motion.rate_x, motion.rate_y, motion.rate_z)]
-        for delay, motion in (
-            (case.instrument.detector.row_delay, true), (case.believed_row_delay, believed)
-        )
-    )  # fmt: skip
-    return turn != taken
-
-
-def _moves(case: Case) -> tuple[Any, ...]:
-    """What moves the stars of a catalogue in time."""
-    true, believed = case.catalog, case.believed_catalog
-    return (true.proper_motion, true.epoch), (believed.proper_motion, believed.epoch)
+    turn = case.instrument.detector.row_delay * case.instrument.motion.rates
+    return bool((turn != case.believed_row_delay * case.believed_motion.rates).any())
 
 
 # Rows with a cause stand in the order of causes, from pixels to the spacecraft.
@@ -245,19 +203,20 @@ EFFECTS = [
     Effect(
         "instrument.motion.tones, broadband",
         lambda case: case.instrument.motion.tones or case.instrument.motion.broadband,
-        "jitter", Term.NOISE, _calm,
+        "jitter", Term.NOISE,
+        lambda case: replaced(case, "instrument.motion", case.instrument.motion.steady),
     ),
     Effect(
         "instrument.detector.hits",
         lambda case: case.instrument.detector.hits,
-        HITS, Term.NOISE, lambda case: _with(case, hits=None),
+        HITS, Term.NOISE, lambda case: replaced(case, "instrument.detector.hits", None),
         drawn="hits",
         left_out="cosmic rays (detector.hits)",
     ),
     Effect(
         "instrument.detector.prnu",
         lambda case: case.instrument.detector.prnu,
-        "PRNU", Term.PIXEL, lambda case: _with(case, prnu=0.0),
+        "PRNU", Term.PIXEL, lambda case: replaced(case, "instrument.detector.prnu", 0.0),
     ),
     Effect(
         "instrument.detector.defects, age, tracker.detection.dark_map",
@@ -265,22 +224,21 @@ EFFECTS = [
         DSNU, Term.PIXEL, _flawless,
     ),
     Effect(
-        "instrument.detector.settling, lag, nonlinearity, adc_inl",
-        lambda case: any(
-            getattr(case.instrument.detector, key)
-            for key in ("settling", "lag", "nonlinearity", "adc_inl")
-        ),
-        "read-out", Term.PIXEL, _linear,
+        f"instrument.detector.{', '.join(NONLINEAR)}",
+        lambda case: any(getattr(case.instrument.detector, key) for key in NONLINEAR),
+        "read-out", Term.PIXEL,
+        lambda case: replaced_all(case, {f"instrument.detector.{key}": 0.0 for key in NONLINEAR}),
     ),
     Effect(
         "instrument.optics.lens_field",
         lambda case: case.instrument.optics.tabulated and case.instrument.optics.lens_field,
-        LENS_FIELD, Term.FIELD, lambda case: _through(case, lens_field=False),
+        LENS_FIELD, Term.FIELD, lambda case: replaced(case, "instrument.optics.lens_field", False),
     ),
     Effect(
         "instrument.optics.lens_colour",
         lambda case: case.instrument.optics.tabulated and case.instrument.optics.lens_colour,
-        LENS_COLOUR, Term.FIELD, lambda case: _through(case, lens_colour=False),
+        LENS_COLOUR, Term.FIELD,
+        lambda case: replaced(case, "instrument.optics.lens_colour", False),
     ),
     Effect(
         "tracker.camera",
@@ -289,21 +247,18 @@ EFFECTS = [
     ),
     Effect(
         "tracker.catalog.proper_motion, epoch",
-        lambda case: len(set(_moves(case))) > 1,
-        "proper motion", Term.FIELD, _moved,
+        _misbelieved("proper_motion", "epoch"),
+        "proper motion", Term.FIELD, _believed_right("proper_motion", "epoch"),
     ),
     Effect(
         "tracker.catalog.parallax",
-        lambda case: case.catalog.parallax != case.believed_catalog.parallax,
-        "parallax", Term.FIELD, _near,
+        _misbelieved("parallax"),
+        "parallax", Term.FIELD, _believed_right("parallax"),
     ),
     Effect(
         "tracker.catalog.aberration, orbital_velocity",
-        lambda case: (
-            (case.catalog.aberration, case.catalog.orbital_velocity)
-            != (case.believed_catalog.aberration, case.believed_catalog.orbital_velocity)
-        ),
-        "aberration", Term.ABERRATION, _corrected,
+        _misbelieved("aberration", "orbital_velocity"),
+        "aberration", Term.ABERRATION, _believed_right("aberration", "orbital_velocity"),
     ),
     Effect(
         "instrument.mounting",
@@ -318,7 +273,9 @@ EFFECTS = [
     Effect(
         "instrument.detector.row_delay",
         _sheared, SHUTTER, Term.FIELD,
-        lambda case: _believing(_with(case, row_delay=0.0), row_delay=0.0),
+        lambda case: replaced_all(
+            case, {"instrument.detector.row_delay": 0.0, "tracker.row_delay": 0.0}
+        ),
     ),
     Effect(
         "instrument.detector.row_delay",

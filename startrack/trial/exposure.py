@@ -59,9 +59,8 @@ def straighten(
     time = (spots.y - (camera.rows - 1) / 2 + delay) * exposure
     x = spots.x / scanned.phases
     pixel = np.column_stack([x, np.full(len(x), row + (camera.rows - 1) / 2)])
-    rates = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
     # The sky turns against the camera; back to time zero it turns with it.
-    back = Rotation.from_rotvec(np.multiply.outer(time, rates))
+    back = Rotation.from_rotvec(np.multiply.outer(time, motion.rates))
     place = camera.project(back.apply(camera.unproject(pixel))) if len(x) else pixel
     size = np.array([1 / scanned.phases, 1.0])
     covariance = spots.covariance * np.outer(size, size)

@@ -6,18 +6,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Flags, Floats, Ints, Light, Refused, kept
+from startrack.catalog import open_sky
+from startrack.core import Camera, Flags, Floats, Ints, Refused, kept
 from startrack.design import Case, Fidelity
 from startrack.detection import false_alarms, peak_border, star_profile
-from startrack.detector import arriving, require_independent_pixels
-from startrack.scene import Scene, illuminate
+from startrack.detector import require_independent_pixels
 from startrack.trial import spot_response
 from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, with_uniform_dark
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
 from startrack.trial.images import colour_range, field_psf_of, psf_of
-from startrack.trial.stars import mean_colour, near_pairs, sky_electrons, throughput
+from startrack.trial.stars import electrons_of, mean_colour, near_pairs, sky_electrons
 from startrack.trial.systematic import hot_variance, systematic_variance
 from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
@@ -139,11 +138,9 @@ def refuse(case: Case) -> None:
 
 def _refuse_crowded(case: Case) -> None:
     """Refuse hot pixels that take the places of stars among the spots, or in a map of them."""
-    pattern = dark_pattern(case)
-    if pattern is None:
+    pattern, empty = dark_pattern(case), empty_frame(case, sky_electrons(case))
+    if pattern is None or empty is None:
         return
-    empty = empty_frame(case, sky_electrons(case))
-    assert empty is not None
     detection = case.tracker.detection
     if empty.spots > CROWDED * detection.max_spots:
         newer = "a newer dark map (dark_map_age)" if detection.dark_map else "a dark map"
@@ -176,24 +173,22 @@ def limits_of(case: Case) -> Limits:
     """The stars that can be detected."""
     case = with_uniform_dark(case)
     instrument = case.instrument
-    detector, camera, psf = instrument.detector, instrument.camera, psf_of(instrument)
-    stars = open_sky(case.catalog).stars
-    flux, sky = arriving(_light(case.catalog, case.scene), camera, detector, throughput(instrument))
-    background = sky + detector.dark_rate * detector.exposure
+    detector = instrument.detector
+    stars, flux = open_sky(case.catalog).stars, electrons_of(case)
+    background = sky_electrons(case) + detector.dark_rate * detector.exposure
     rounding = detector.electrons_per_dn / math.sqrt(12)
     noise = math.hypot(math.sqrt(background), detector.noise, rounding)
     detection = detection_plan(case)
     noise *= float(np.linalg.norm(detection.kernel.whole.astype(float)))
     threshold = detection.threshold(detector.columns * detector.rows)
-    shapes = [psf]
+    shapes = [psf_of(instrument)]
     if instrument.optics.tabulated:
         images = field_psf_of(instrument)
         shapes += [images.image(*zone)[0] for zone in zones_of(case).middles]
     peak = max(float(star_profile(zone, detection.kernel)[0]) for zone in shapes)
     faintest = max(threshold - FAINTEST, LEAST) * noise / peak
-    detectable = np.flatnonzero(
-        flux >= min(faintest, flux.max())
-    )  # at least one, so that arrays are not empty
+    # At least one, so that arrays are not empty.
+    detectable = np.flatnonzero(flux >= min(faintest, flux.max()))
     detectable = detectable[np.argsort(stars.direction[detectable, 2])]
     return Limits(faintest, float(flux[detectable].max(initial=faintest)), detectable)
 
@@ -209,14 +204,14 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     even, settings = with_uniform_dark(case), case.tracker.detection
     instrument = even.instrument
     detector, camera = instrument.detector, instrument.camera
-    stars = open_sky(case.catalog).stars
-    flux, sky = arriving(_light(case.catalog, case.scene), camera, detector, throughput(instrument))
+    stars, flux, sky = open_sky(case.catalog).stars, electrons_of(even), sky_electrons(even)
     faintest, brightest, detectable = limits
     lens = instrument.optics.tabulated
     believed = open_sky(case.believed_catalog).stars
     there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
     grid = spot_response.Grid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
+    fluxes = spot_response.fluxes_between(faintest, brightest)
     return Plan(
         spot_response.response_of_zones(grid, faintest, brightest)
         if lens
@@ -236,7 +231,7 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         false_alarms(detection_plan(even), detector.columns, detector.rows)
         + (empty.spots if empty else 0.0),
         through_of(case),
-        spot_response.hot_pixels(grid, case, spot_response.fluxes_between(faintest, brightest)),
+        spot_response.hot_windows(grid, case, fluxes)[0],
     )  # fmt: skip
 
 
@@ -252,28 +247,22 @@ def view_of(camera: Camera, border: int) -> View:
 
 def through_of(case: Case) -> Through:
     """What a lens table and the residual of a unit do to stars over the frame."""
-    camera = case.instrument.camera
+    camera, table, slack = case.instrument.camera, np.zeros((1, STEPS + 1, STEPS + 1, 3)), 0.0
+    across = down = 1
     if case.instrument.optics.tabulated:
-        return _with_residual(_through(case), camera)
-    if camera.residual is None:
+        zones, table = zones_of(case), _shifts(case)
+        across, down = len(zones.x), len(zones.y)
+    elif camera.residual is None:
         return NO_LENS
-    none = np.zeros((1, STEPS + 1, STEPS + 1, 3))
-    steps = camera.columns / STEPS, camera.rows / STEPS
-    return _with_residual(
-        Through(none, *steps, float(camera.columns), float(camera.rows), 1, 1), camera
-    )
-
-
-def _with_residual(through: Through, camera: Camera) -> Through:
-    """The shifts with those of a camera's residual."""
-    if camera.residual is None:
-        return through
-    step = np.arange(STEPS + 1, dtype=float)
-    x, y = step * through.step_x - 0.5, step * through.step_y - 0.5
-    moved = camera.residual(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
-    table = through.table.copy()
-    table[..., :2] += moved.reshape(STEPS + 1, STEPS + 1, 2)
-    return through._replace(table=table, slack=float((moved**2).mean()))
+    step_x, step_y = camera.columns / STEPS, camera.rows / STEPS
+    if camera.residual is not None:
+        step = np.arange(STEPS + 1, dtype=float)
+        place = np.stack(np.meshgrid(step * step_x - 0.5, step * step_y - 0.5), axis=-1)
+        moved = camera.residual(place.reshape(-1, 2))
+        table[..., :2] += moved.reshape(STEPS + 1, STEPS + 1, 2)
+        slack = float((moved**2).mean())
+    wide, high = camera.columns / across, camera.rows / down
+    return Through(table, step_x, step_y, wide, high, across, down, slack)
 
 
 def _colours(case: Case, true: Floats, believed: Floats) -> tuple[Ints, Ints, Floats]:
@@ -296,27 +285,16 @@ def _colour_nodes(case: Case) -> Floats:
     return np.linspace(*colour_range(case.instrument), COLOURS)
 
 
-def _through(case: Case) -> Through:
-    """The shifts of `centroid_shift` in small steps; straight lines between them err by 0.001
-    pixel where the shift is a tenth of a pixel."""
-    camera, zones, shift = case.instrument.camera, zones_of(case), centroid_shift(case)
+def _shifts(case: Case) -> Floats:
+    """`Through.table` of a lens table: `centroid_shift` in small steps; straight lines between them
+    err by 0.001 pixel where the shift is a tenth of a pixel."""
+    camera, shift = case.instrument.camera, centroid_shift(case)
     x = np.linspace(-0.5, camera.columns - 0.5, STEPS + 1)
     y = np.linspace(-0.5, camera.rows - 0.5, STEPS + 1)
     colour, down, across = np.meshgrid(_colour_nodes(case), y, x, indexing="ij")
     table = shift.at(across.ravel(), down.ravel(), colour.ravel())
     table[:, 2] = np.log(np.maximum(table[:, 2], 1e-6))
-    return Through(
-        table.reshape(*colour.shape, 3),
-        *(camera.columns / STEPS, camera.rows / STEPS),
-        *(camera.columns / len(zones.x), camera.rows / len(zones.y)),
-        *(len(zones.x), len(zones.y)),
-    )
-
-
-@kept(2)
-def _light(catalog: Selection, scene: Scene) -> Light:
-    """The light of all stars of a sky; kept for the 2 last pairs."""
-    return illuminate(scene, open_sky(catalog).stars)
+    return table.reshape(*colour.shape, 3)
 
 
 def _companions(case: Case, flux: Floats, detectable: Ints) -> Companions:

@@ -172,11 +172,6 @@ def _at_threshold(seen: Expectation, good: Flags) -> Floats:
     return np.array([np.interp(0.0, above, figure) if len(above) else np.nan for figure in rest])
 
 
-def hot_pixels(grid: Grid, true: Case, flux: Floats) -> HotPixels:
-    """What hot pixels do to the centroids of stars of some fluxes; arguments as `hot_windows`."""
-    return hot_windows(grid, true, flux)[0]
-
-
 def hot_windows(
     grid: Grid, true: Case, flux: Floats, samples: int = SAMPLES
 ) -> tuple[HotPixels, Floats]:

@@ -254,10 +254,9 @@ def _rolled(instrument: Instrument, place: Floats) -> Floats:
     if not (detector.row_delay and motion.rate and len(place)):
         return place
     direction, moved = camera.unproject(place), place
-    rates = np.array([motion.rate_x, motion.rate_y, motion.rate_z])
     for _ in range(ROWS):  # the row is that to which the star has moved
         late = detector.row_delay * (moved[:, 1] - (camera.rows - 1) / 2)
-        turn = Rotation.from_rotvec(np.multiply.outer(-late, rates))
+        turn = Rotation.from_rotvec(np.multiply.outer(-late, motion.rates))
         moved = camera.project(turn.apply(direction))
     return moved
 

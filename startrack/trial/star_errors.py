@@ -41,10 +41,8 @@ class Errors(NamedTuple):
 def errors(case: Case) -> Errors:
     """Errors of single stars of each magnitude, cause by cause; kept for the 8 last cases."""
     detector = case.instrument.detector
-    images, magnitude = (
-        star_response.images_at_phases(case),
-        magnitudes(case, case.believed_catalog.limit_g),
-    )
+    images = star_response.images_at_phases(case)
+    magnitude = magnitudes(case, case.believed_catalog.limit_g)
     star = noisy_stars(case, magnitude, images)
     plain, kept = star.plain, star.kept
     method = mean_of(plain.offset, kept)

@@ -15,7 +15,6 @@ from startrack.design import Case, Instrument
 from startrack.detection import (
     Candidates,
     Detection,
-    DetectionPlan,
     chance_kept,
     filtered,
     highest_between,
@@ -266,8 +265,15 @@ def _measurements(
     plan = detection_plan(case, _of_all_stars(detection))
     # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
     signs = (1, -1) if plan.method.skips_dead and both_signs else (1,)
-    pairs = [_measured(case, electrons, sign * ripple, reading, plan) for sign in signs]
-    return [place for place, _ in pairs], [covariance for _, covariance in pairs]
+    centroids, covariances = [], []
+    for sign in signs:
+        frame, middle = _in_cells(case, electrons, sign * ripple, reading)
+        column, row = middle.T
+        candidates = Candidates(column, row, np.ones(len(row), np.int64))
+        centroid, covariance = places(frame, pixels(frame), candidates, plan)
+        centroids.append((centroid - middle).reshape(*electrons.shape[:2], 2))
+        covariances.append(covariance.reshape(*electrons.shape[:2], 2, 2))
+    return centroids, covariances
 
 
 @lru_cache(maxsize=8)
@@ -277,18 +283,6 @@ def _of_all_stars(detection: Detection) -> Detection:
 
 def _mean(values: list[Floats]) -> Floats:
     return values[0] if len(values) == 1 else (values[0] + values[1]) / 2
-
-
-def _measured(
-    case: Case, electrons: Floats, ripple: float, reading: Reading, plan: DetectionPlan
-) -> tuple[Floats, Floats]:
-    """`measure` with one ripple."""
-    frame, middle = _in_cells(case, electrons, ripple, reading)
-    column, row = middle.T
-    candidates = Candidates(column, row, np.ones(len(row), np.int64))
-    centroid, covariance = places(frame, pixels(frame), candidates, plan)
-    shape = electrons.shape[:2]
-    return (centroid - middle).reshape(*shape, 2), covariance.reshape(*shape, 2, 2)
 
 
 def _in_cells(

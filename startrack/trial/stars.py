@@ -149,11 +149,6 @@ class SeparableStars:
         return place
 
 
-def separable_stars(selection: Selection, camera: Camera) -> SeparableStars:
-    """The stars of a catalogue as the tracker's index merges them."""
-    return separated(selection, index_resolution(camera))
-
-
 def index_resolution(camera: Camera) -> float:
     """Radian, within which the index merges stars; the same for cameras of similar field."""
     return indexed_field(camera) / POINTS
@@ -161,7 +156,10 @@ def index_resolution(camera: Camera) -> float:
 
 @lru_cache(maxsize=32)
 def separated(selection: Selection, resolution: float) -> SeparableStars:
-    """`separable_stars` by resolution; kept for the 32 last pairs, as a search needs them again."""
+    """The stars of a catalogue as an index of a resolution (radian) merges them.
+
+    Kept for the 32 last pairs, as a search needs them again.
+    """
     pair, chord = _close(selection, 2.0 ** math.ceil(math.log2(resolution)))
     near = pair[chord <= 2 * math.sin(resolution / 2)]
     stars, name = merged(open_sky(selection).stars, resolution, near)

@@ -15,7 +15,7 @@ from startrack.optics import Residual
 from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import dark_pattern, with_uniform_dark
 from startrack.trial.images import with_images_of
-from startrack.trial.spot_response import Grid, hot_pixels
+from startrack.trial.spot_response import Grid, hot_windows
 from startrack.trial.star_errors import errors, lasting
 from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
 from startrack.trial.stars import (
@@ -23,7 +23,6 @@ from startrack.trial.stars import (
     index_resolution,
     mean_colour,
     near_pairs,
-    separable_stars,
     separated,
     sky_electrons,
 )
@@ -56,7 +55,7 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     at the centre of their light.
 
     catalog  the true one, or that of the tracker
-    Returns  (n, 3) pixel, ICRS axes, in the order of `separable_stars`; zero for stars that are
+    Returns  (n, 3) pixel, ICRS axes, in the order of `separated`; zero for stars that are
              FAINTER than the tracker's catalogue
     Accuracy  model: pairs at one angle to the columns represent all; smear and scale are those of
               the boresight. numerical: of streaks, two angles stand for all, which moves the error
@@ -313,7 +312,7 @@ def _of_hot_pixels(design: Case) -> Floats:
     star, even = errors(design), with_uniform_dark(design)
     magnitude = star.magnitude[::2]
     flux = scale(even).star * 10 ** (-0.4 * magnitude)
-    hot = hot_pixels(Grid(even, sky_electrons(design)), design, flux)
+    hot, _ = hot_windows(Grid(even, sky_electrons(design)), design, flux)
     if not hot.chance:
         return np.zeros(len(stars))
     square = np.nan_to_num((hot.shift**2).sum(axis=-1) / 2, nan=np.inf)
@@ -334,7 +333,7 @@ def _systematic_variance(case: Case) -> Floats:
         return np.full(len(stars), floor**2)
     variance = lasting(errors(case), stars.magnitude_g + colour_correction(case, stars.colour)) ** 2
     catalog = case.believed_catalog
-    name = separable_stars(catalog, case.instrument.camera).name
+    name = separated(catalog, index_resolution(case.instrument.camera)).name
     variance[name] += (blending_shift(case, catalog) ** 2).sum(axis=1) / 2
     if case.instrument.optics.tabulated:
         variance += lens_variance(case, mean_colour(case, stars.colour))

@@ -10,23 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import core
-from startrack.catalog import Sky, open_sky
+from startrack import core, detection
+from startrack.catalog import open_sky
 from startrack.core import Floats, Ints, Refused, Spots, kept, kernel
 from startrack.design import Case, Instrument
-from startrack.detection import (
-    DetectionPlan,
-    Ground,
-    correction_image,
-    detect,
-    detect_within,
-    filtered,
-    grown_mask,
-    margin,
-    measure_ground,
-    peak_border,
-    star_profile,
-)
+from startrack.detection import DetectionPlan, Ground, grown_mask, margin, peak_border
 from startrack.detector import (
     Detector,
     NumberDistributions,
@@ -48,20 +36,12 @@ from startrack.detector import (
     write_numbers,
 )
 from startrack.motion import MotionRealisation
+from startrack.trial import stars
 from startrack.trial.belief import as_believed, detection_plan
 from startrack.trial.effects import require_window
 from startrack.trial.exposure import expected_electrons, exposure_of
 from startrack.trial.images import images_of, psf_of
 from startrack.trial.pointing import line_of_sight, motion_before, motion_function, random_attitude
-from startrack.trial.stars import (
-    colours_of,
-    electrons_of,
-    light_of,
-    nearby,
-    sky_electrons,
-    stars_in_field,
-    throughput,
-)
 
 Smear = tuple[float, float] | None
 SAMPLES = 16  # frames, whose background and noise represent those of all
@@ -110,20 +90,20 @@ def spots_in_windows(
     weight, x, y = path_points(instrument, direction, icrs_to_camera, streams, turn)
     ground, rates = noise.grounds[int(streams("sample of the sky").integers(SAMPLES))]
     half = reach_of(star / detector.electrons_per_dn, ground.noise, plan)
-    size = detector.columns, detector.rows
+    size, far = (detector.columns, detector.rows), margin(plan.detection)
     regions = around_paths(x, y, half, *size)
     apart = independent_pixels(detector, noise.outliers, streams)
     if len(apart):
         regions = np.concatenate([regions, around_pixels(apart, plan.spread, *size)])
-    rendered = grown_mask(regions, plan.far, *size)
+    rendered = grown_mask(regions, far, *size)
     if cost(area(rendered), rates.total) > detector.columns * detector.rows:
         return spots_of_frame(case, icrs_to_camera, streams, turn, smear)
     pixel, numbers = threshold_crossings(
-        noise.numbers, noise.tilt, rates, ground.sky.mesh, plan.border, regions, streams
+        noise.numbers, noise.tilt, rates, ground.sky.mesh, peak_border(settings), regions, streams
     )
     noisy = around_pixels(pixel, 0, *size)
     every = np.concatenate([regions, noisy])
-    windows = grown_mask(every, plan.far, *size)
+    windows = grown_mask(every, far, *size)
     frame = expose_within(
         windows, (weight, x, y), star, plan.psf, detector, sky, streams, plan.workspace, colour
     )
@@ -131,10 +111,12 @@ def spots_in_windows(
     # Numbers of noise must not be written over those about a star, which are searched first then.
     if separate(grown_mask(noisy, plan.spread, *size), windows[: len(regions)]):
         write_numbers(frame, pixel, numbers)
-        return detect_within(frame, every, ground, plan.detection)
-    spots = detect_within(frame, regions, ground, plan.detection)
+        return detection.detect_within(frame, every, ground, plan.detection)
+    spots = detection.detect_within(frame, regions, ground, plan.detection)
     write_numbers(frame, pixel, numbers)
-    return merged(spots, detect_within(frame, noisy, ground, plan.detection), settings.max_spots)
+    return merged(
+        spots, detection.detect_within(frame, noisy, ground, plan.detection), settings.max_spots
+    )
 
 
 def frame_in_windows(
@@ -151,10 +133,10 @@ def frame_in_windows(
     require_independent_pixels(detector)
     require_window(case, "instrument.ghosts")
     sky, psf = open_sky(case.catalog), images_of(instrument)
-    near = nearby(sky, icrs_to_camera, instrument.camera)
-    colour = colours_of(case)[near] if isinstance(psf, core.FieldPsf) else None
+    near = stars.nearby(sky, icrs_to_camera, instrument.camera)
+    colour = stars.colours_of(case)[near] if isinstance(psf, core.FieldPsf) else None
     places = path_points(instrument, sky.stars.direction[near], icrs_to_camera, streams)
-    star, level = electrons_of(case)[near], sky_electrons(case)
+    star, level = stars.electrons_of(case)[near], stars.sky_electrons(case)
     return expose_within(
         windows, places, star, psf, detector, level, streams, core.Workspace(), colour
     )
@@ -169,7 +151,7 @@ def spots_of_frame(
 ) -> Spots:
     """The spots of the whole frame."""
     frame = whole_frame(case, icrs_to_camera, streams, turn)
-    return detect(as_believed(case, frame), detection_plan(case, smear=smear))
+    return detection.detect(as_believed(case, frame), detection_plan(case, smear=smear))
 
 
 def whole_frame(
@@ -180,8 +162,8 @@ def whole_frame(
 ) -> core.Frame:
     """The whole frame of a trial."""
     instrument = case.instrument
-    stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
-    light = light_of(case, stars, icrs_to_camera, streams)
+    in_field = stars.stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
+    light = stars.light_of(case, in_field, icrs_to_camera, streams)
     path = line_of_sight(instrument, streams, turn)
     return expose(exposure_of(instrument, light, path, icrs_to_camera, streams, turn), streams)
 
@@ -208,18 +190,18 @@ def arrive(
     With a lens table, their mean wavelengths (n,) too.
     """
     camera, detector = case.instrument.camera, case.instrument.detector
+    sky = open_sky(case.catalog)
     if plan.star is not None:
-        near = nearby(plan.catalog, icrs_to_camera, camera)
+        near = stars.nearby(sky, icrs_to_camera, camera)
         colour = None if plan.colour is None else plan.colour[near]
-        return plan.catalog.stars.direction[near], plan.star[near], colour
-    light = light_of(
-        case, stars_in_field(plan.catalog, icrs_to_camera, camera), icrs_to_camera, streams
-    )
+        return sky.stars.direction[near], plan.star[near], colour
+    in_field = stars.stars_in_field(sky, icrs_to_camera, camera)
+    light = stars.light_of(case, in_field, icrs_to_camera, streams)
     if light.diffuse:
         raise Refused(
             "fidelity must be frame where the light of the sky varies over the field, got window"
         )
-    through, colour = throughput(case.instrument), None
+    through, colour = stars.throughput(case.instrument), None
     if isinstance(plan.psf, core.FieldPsf):
         colour = mean_wavelength(light, detector, through)
     return light.direction, arriving(light, camera, detector, through)[0], colour
@@ -272,21 +254,18 @@ class Plan:
     """What the trials of a case have in common.
 
     detector   without its lag, which changes stars only, not a uniform background
-    catalog    the sky;  star  (n,) electron of each in it, None for a scene with other lights
+    star       (n,) electron of each in the sky, None for a scene with other lights
     colour     (n,) metre, their mean wavelengths, where the image changes with it
     sky        electron in a pixel of mean response
     noise      what makes false spots; None where whole frames take less time than windows
     threshold  sigma
     fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
-    spread     pixel, to which a pixel of the filtered frame depends on others;  far  to which the
-               detection reads from a peak
-    border     pixel, least distance of a peak from the frame's border
+    spread     pixel, to which a pixel of the filtered frame depends on others
     detection  of the tracker
     workspace  of the frames
     """
 
     detector: Detector
-    catalog: Sky
     star: Floats | None
     colour: Floats | None
     sky: float
@@ -295,8 +274,6 @@ class Plan:
     threshold: float
     fraction: Floats
     spread: int
-    far: int
-    border: int
     detection: DetectionPlan
     workspace: core.Workspace
 
@@ -304,29 +281,26 @@ class Plan:
 @kept(8)
 def plan_of(case: Case, smear: Smear = None) -> Plan:
     """Render and measure some frames of a case; kept for the 8 last cases."""
-    instrument, settings = case.instrument, case.tracker.detection
+    instrument = case.instrument
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     require_independent_pixels(detector)
     # Lights that vary over the field in some attitudes are refused in these.
     require_window(case, "instrument.ghosts", "tracker.detection.search", "tracker.rate")
-    sky = sky_electrons(case)
-    border, detection = peak_border(settings), detection_plan(case, smear=smear)
-    grounds = [ground_of(case, core.Streams(SAMPLE_SEED, n), detection) for n in range(SAMPLES)]
-    kernel = detection.kernel
+    sky = stars.sky_electrons(case)
+    plan = detection_plan(case, smear=smear)
+    grounds = [ground_of(case, core.Streams(SAMPLE_SEED, n), plan) for n in range(SAMPLES)]
+    kernel = plan.kernel
     return Plan(
         detector,
-        open_sky(case.catalog),
-        None if case.scene.lights else electrons_of(case),
-        colours_of(case) if instrument.optics.tabulated and not case.scene.lights else None,
+        None if case.scene.lights else stars.electrons_of(case),
+        stars.colours_of(case) if instrument.optics.tabulated and not case.scene.lights else None,
         sky,
         images_of(instrument),
-        None if detector.flickers else noise_of(detector, sky, grounds, detection),
-        detection.threshold(detector.columns * detector.rows),
-        star_profile(psf, kernel),
-        kernel.half + (detection.correction is not None),
-        margin(detection),
-        border,
-        detection,
+        None if detector.flickers else noise_of(detector, sky, grounds, plan),
+        plan.threshold(detector.columns * detector.rows),
+        detection.star_profile(psf, kernel),
+        kernel.half + (plan.correction is not None),
+        plan,
         core.Workspace(),
     )
 
@@ -345,7 +319,9 @@ def noise_of(
     hot, shift = None, {}
     if plan.correction is not None:
         hot, weight = plan.correction.hot, np.pad(weight, 1)
-        shift["shift"] = filtered(correction_image(plan.correction), plan.kernel)
+        shift["shift"] = detection.filtered(
+            detection.correction_image(plan.correction), plan.kernel
+        )
     far = margin(plan) + max(weight.shape) // 2
     best, least = None, float(detector.columns * detector.rows)
     for limit in OUTLIER_LIMITS:
@@ -375,12 +351,11 @@ def ground_of(case: Case, streams: core.Streams, plan: DetectionPlan) -> Ground:
     """Background and noise of one frame of the design, which its stars raise a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)
-    stars = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
-    electrons = expected_electrons(
-        case, stars, line_of_sight(instrument, streams), attitude, streams
-    )
+    in_field = stars.stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
+    path = line_of_sight(instrument, streams)
+    electrons = expected_electrons(case, in_field, path, attitude, streams)
     frame = as_believed(case, frame_of(electrons, instrument.detector, streams))
-    return measure_ground(frame, plan)
+    return detection.measure_ground(frame, plan)
 
 
 @kernel

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import FieldPsf, Floats, Ints, Psf, kept
-from startrack.design import Case, Instrument
+from startrack.core import FieldPsf, Floats, Ints, kept
+from startrack.design import Case
 from startrack.optics import mirrored
 from startrack.trial import star_errors, star_response
 from startrack.trial.images import field_psf_of, psf_of, sunlike_colour, with_images_of
@@ -88,15 +88,13 @@ def centroid_shift(case: Case) -> FieldPsf:
     Returns  a FieldPsf without tables: shifts and relative flux. Kept for the 8 last cases
     """
     images = field_psf_of(case.instrument)
-    place = _positions()
     nodes = [
         (float(x), float(y), float(c)) for c in images.colour for y in images.y for x in images.x
     ]
     unique, which, mirror = unique_places(case, nodes)
-    point = np.concatenate([_mean_points(case), *(_points(case, *node) for node in unique)])
-    images_of_all = star_response.StarImages(point, np.tile(place, (len(unique) + 1, 1)))
+    images_of_all = _images(case, unique)
     offset = star_response.chart(case, _typical(case), images_of_all, both_signs=False).offset[0]
-    offset = np.nan_to_num(offset.reshape(len(unique) + 1, len(place), 2)).mean(axis=1)
+    offset = np.nan_to_num(offset.reshape(len(unique) + 1, POSITIONS, 2)).mean(axis=1)
     apart = (mirror @ (offset[1:] - offset[0])[which][..., None])[..., 0]
     value = images.value[..., :3].copy()
     value[..., :2] += apart.reshape(*value.shape[:3], 2)
@@ -190,12 +188,9 @@ def zone_errors(case: Case) -> ZoneErrors:
     coarse = np.unique(np.append(np.arange(0, len(star.magnitude), EVERY), len(star.magnitude) - 1))
     magnitude = star.magnitude[coarse]
     unique, which, mirror = unique_places(case, zones_of(case).middles)
-    points = [_mean_points(case), *(_points(case, *place) for place in unique)]
     # One sign, because only differences from the mean image count.
-    images = star_response.StarImages(
-        np.concatenate(points), np.tile(_positions(), (len(points), 1))
-    )
-    every = star_errors.noisy_stars(case, magnitude, images, both_signs=False, groups=len(points))
+    images, count = _images(case, unique), len(unique) + 1
+    every = star_errors.noisy_stars(case, magnitude, images, both_signs=False, groups=count)
     mean, *parts = (
         every.at(slice(k, k + POSITIONS)) for k in range(0, len(images.place), POSITIONS)
     )
@@ -229,9 +224,8 @@ def zone_errors(case: Case) -> ZoneErrors:
         cause: np.broadcast_to(covariance, (zones, *covariance.shape))
         for cause, covariance in star.random.items()
     } | {star_errors.SHOT: by_shot, star_errors.READ: by_read, LENS_FIELD: by_field}
-    return ZoneErrors(
-        star.magnitude, np.stack(points[1:]), which, np.stack(kept)[which], by_tracker, random
-    )
+    point = images.point.reshape(count, POSITIONS, *images.point.shape[1:])[1:]
+    return ZoneErrors(star.magnitude, point, which, np.stack(kept)[which], by_tracker, random)
 
 
 def scaled_to_zone(
@@ -318,20 +312,14 @@ def _positions() -> Floats:
     return np.stack([step, step * TURN % POSITIONS], axis=-1) / POSITIONS - (1 - 1 / POSITIONS) / 2
 
 
-def _points(case: Case, x: float, y: float, colour: float) -> Floats:
-    """Images (p, side, side) of a star of a place and colour, at a few sub-pixel positions."""
-    psf, _ = field_psf_of(case.instrument).image(x, y, colour)
-    return _images(case, psf)
-
-
-def _mean_points(case: Case) -> Floats:
-    return _images(case, psf_of(case.instrument))
-
-
-def _images(case: Case, psf: Psf) -> Floats:
-    instrument: Instrument = case.instrument
+def _images(case: Case, places: list[tuple[float, float, float]]) -> star_response.StarImages:
+    """Stars at a few sub-pixel positions: of the mean image, then of each place and colour."""
+    instrument, images = case.instrument, field_psf_of(case.instrument)
     side = star_response.cell_side(instrument, case.tracker.detection)
-    return star_response.star_images(instrument, _positions(), side, psf)
+    psfs = [psf_of(instrument), *(images.image(*place)[0] for place in places)]
+    points = [star_response.star_images(instrument, _positions(), side, psf) for psf in psfs]
+    every = np.tile(_positions(), (len(psfs), 1))
+    return star_response.StarImages(np.concatenate(points), every)
 
 
 def _typical(case: Case) -> Floats:
