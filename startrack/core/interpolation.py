@@ -111,7 +111,7 @@ class Displacement:
 
 
 @kernel
-def _displaced(pixel: Floats, table: Floats, x: Floats, y: Floats) -> Floats:  # pragma: no cover
+def _displaced(pixel: Floats, table: Floats, x: Floats, y: Floats) -> Floats:
     """The sums (n, 2) of the 16 nodes around each place."""
     last, moved = table.shape[1] - 1, np.empty((len(pixel), 2))
     across, down = np.empty(4), np.empty(4)

@@ -26,7 +26,7 @@ def ra_dec(direction: Floats) -> Floats:
 
 
 @kernel
-def _quaternions(matrix: Floats) -> Floats:  # pragma: no cover
+def _quaternions(matrix: Floats) -> Floats:
     many = np.empty((len(matrix), 4))
     for n in range(len(matrix)):
         assign(many[n], quaternion(matrix[n]))
@@ -34,7 +34,7 @@ def _quaternions(matrix: Floats) -> Floats:  # pragma: no cover
 
 
 @kernel
-def quaternion(rotation: Floats) -> Floats:  # pragma: no cover
+def quaternion(rotation: Floats) -> Floats:
     """The quaternion (4,), scalar last, of a rotation matrix, from its largest component."""
     trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
     i = 0
@@ -59,7 +59,7 @@ def quaternion(rotation: Floats) -> Floats:  # pragma: no cover
 
 
 @kernel
-def rotated(rotation: Floats, v: Floats) -> tuple[float, float, float]:  # pragma: no cover
+def rotated(rotation: Floats, v: Floats) -> tuple[float, float, float]:
     """A vector (3,) after a rotation (3, 3)."""
     return (
         rotation[0, 0] * v[0] + rotation[0, 1] * v[1] + rotation[0, 2] * v[2],
@@ -69,7 +69,7 @@ def rotated(rotation: Floats, v: Floats) -> tuple[float, float, float]:  # pragm
 
 
 @kernel
-def turn_by(turn: Floats, rotation: Floats) -> None:  # pragma: no cover
+def turn_by(turn: Floats, rotation: Floats) -> None:
     """Follow a rotation (3, 3), in place, by that of a rotation vector (3,).
 
     Rodrigues' formula, with half angles for small ones.
@@ -87,7 +87,7 @@ def turn_by(turn: Floats, rotation: Floats) -> None:  # pragma: no cover
 
 
 @kernel
-def axes_of_pair(a: Floats, b: Floats, axes: Floats) -> None:  # pragma: no cover
+def axes_of_pair(a: Floats, b: Floats, axes: Floats) -> None:
     """Write rows: along the sum of two unit vectors, along their difference, and across both.
 
     Source: TRIAD, Black (1964), AIAA J. 2(7), 1350, in the form that treats both vectors alike.

@@ -14,9 +14,7 @@ from startrack.identification.seen import Seen, predict, project, see
 
 
 @kernel
-def pair(
-    plane: Floats, place: Floats, radius: Floats
-) -> tuple[Ints, Ints, Floats]:  # pragma: no cover
+def pair(plane: Floats, place: Floats, radius: Floats) -> tuple[Ints, Ints, Floats]:
     """Match each star with its nearest spot; of several stars of one spot, keep the nearest.
 
     plane    (n, 2) spots, in the image plane
@@ -93,7 +91,7 @@ def agree(
     match_radius: float,
     fewest: int,
     without: int,
-) -> Agreed:  # pragma: no cover
+) -> Agreed:
     """Match and fit in turns until the matches stay the same.
 
     The first attitude is wrong by a few pixels, so that a false spot may be matched to a star and
@@ -141,7 +139,7 @@ def agree(
 
 
 @kernel
-def _equal(some: Ints, other: Ints) -> bool:  # pragma: no cover
+def _equal(some: Ints, other: Ints) -> bool:
     equal = len(some) == len(other)
     for k in range(min(len(some), len(other))):
         equal &= some[k] == other[k]
@@ -151,7 +149,7 @@ def _equal(some: Ints, other: Ints) -> bool:  # pragma: no cover
 @kernel
 def fit_matches(
     seen: Seen, direction: Floats, spot: Ints, star: Ints, rotation: Floats, scale: float
-) -> tuple[Floats, float]:  # pragma: no cover
+) -> tuple[Floats, float]:
     """Attitude and scale of given matches, weighted by their noise plus their common excess.
 
     direction   (m, 3) unit vectors of stars, ICRS axes
@@ -173,7 +171,7 @@ def fit_matches(
 
 
 @kernel
-def _excess(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float:  # pragma: no cover
+def _excess(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float:
     """Variance per axis of the residuals beyond the noise: distortion and catalogue errors.
 
     From the median, which is robust against few false matches: the median squared length of a
@@ -213,7 +211,7 @@ class Gathered(NamedTuple):
 @kernel
 def gather(
     seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
-) -> Gathered:  # pragma: no cover
+) -> Gathered:
     """Match all spots to the stars in the image; fit attitude and focal length.
 
     faint      all stars of the catalogue
@@ -236,7 +234,7 @@ def gather(
 @kernel
 def _brightest(
     seen: Seen, faint: SkyGrid, magnitude: Floats, rotation: Floats, scale: float
-) -> tuple[Ints, Floats]:  # pragma: no cover
+) -> tuple[Ints, Floats]:
     """The brightest stars in the image (m,) and their positions (m, 2).
 
     At most 2 n + 50 for n spots, chosen by hand: more find fainter stars, but make matches by

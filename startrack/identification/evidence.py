@@ -22,7 +22,7 @@ def log_brightness(
     star_blur: Floats,
     spot: Ints,
     star: Ints,
-) -> float:  # pragma: no cover
+) -> float:
     """ln of the likelihood ratio of the brightness of matched spots, match over chance.
 
         R = mean over z  prod_matched ((1 - w) N(m - M - z; v) / q(m) + w),   ln((1 + R) / 2)
@@ -75,7 +75,7 @@ def log_brightness(
 
 
 @kernel
-def _mean(values: Floats) -> float:  # pragma: no cover
+def _mean(values: Floats) -> float:
     total = 0.0
     for value in values:
         total += value
@@ -83,7 +83,7 @@ def _mean(values: Floats) -> float:  # pragma: no cover
 
 
 @kernel
-def _normal(difference: float, variance: float) -> float:  # pragma: no cover
+def _normal(difference: float, variance: float) -> float:
     return math.exp(-0.5 * difference * difference / variance) / math.sqrt(2 * math.pi * variance)
 
 
@@ -108,7 +108,7 @@ def log_evidence(
     stars: int,
     area: float,
     radius: float,
-) -> float:  # pragma: no cover
+) -> float:
     """ln of the Bayes factor of a match over chance, from the positions of the spots.
 
         L = e^(n - c) (c / n)^(n - k) min(sqrt(s / n), 1)
@@ -164,7 +164,7 @@ def log_evidence(
 
 
 @kernel
-def _log_mean(logarithm: Floats) -> float:  # pragma: no cover
+def _log_mean(logarithm: Floats) -> float:
     """ln of the mean of numbers whose logarithms are given."""
     most, total = -np.inf, 0.0
     for value in logarithm:
@@ -175,7 +175,7 @@ def _log_mean(logarithm: Floats) -> float:  # pragma: no cover
 
 
 @kernel
-def _log_seen(brighter: Ints, depth: int, spots: int, stars: int) -> float:  # pragma: no cover
+def _log_seen(brighter: Ints, depth: int, spots: int, stars: int) -> float:
     """ln of the factors of L for which stars are detected, given the depth of the camera."""
     bright = min(stars, depth)
     faint = min(stars, 2 * depth) - bright
@@ -206,7 +206,7 @@ def _log_seen(brighter: Ints, depth: int, spots: int, stars: int) -> float:  # p
 
 
 @kernel
-def _log_determinant(matrix: Floats) -> float:  # pragma: no cover
+def _log_determinant(matrix: Floats) -> float:
     """ln det of a positive definite matrix from its lower half, which is overwritten."""
     cholesky(matrix, len(matrix))
     total = 0.0
@@ -216,6 +216,6 @@ def _log_determinant(matrix: Floats) -> float:  # pragma: no cover
 
 
 @kernel
-def _log_found(seen: int, of: int, p: float) -> float:  # pragma: no cover
+def _log_found(seen: int, of: int, p: float) -> float:
     """ln of the probability to detect just these stars, each with a probability p."""
     return seen * math.log(p) + (of - seen) * math.log(1 - p)

@@ -8,7 +8,7 @@ from startrack.core import Floats, Ints, axes_of_pair, kernel, plane_slopes, rot
 
 
 @kernel
-def align(a: Floats, b: Floats, u: Floats, v: Floats) -> Floats:  # pragma: no cover
+def align(a: Floats, b: Floats, u: Floats, v: Floats) -> Floats:
     """The rotation matrix (3, 3) that takes the mean direction of a and b to that of u and v.
 
     It takes a to u and b to v, exactly where both pairs have the same separation.
@@ -39,7 +39,7 @@ def fit(
     scale: float,
     focal: float,
     steps: int,
-) -> tuple[Floats, float]:  # pragma: no cover
+) -> tuple[Floats, float]:
     """Least squares over the residuals in the image plane, by Gauss-Newton.
 
         residual = plane - scale (x, y) / z,   (x, y, z) = rotation direction
@@ -81,7 +81,7 @@ def fit(
 
 
 @kernel
-def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  # pragma: no cover
+def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:
     """Derivatives (2, 4) of a star's position in the image plane by a small rotation and the scale.
 
     direction  (3,) ICRS axes
@@ -98,7 +98,7 @@ def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:  #
 
 
 @kernel
-def cholesky(matrix: Floats, n: int) -> None:  # pragma: no cover
+def cholesky(matrix: Floats, n: int) -> None:
     """Overwrite the lower half of the first n rows of a symmetric matrix by its Cholesky factor."""
     for j in range(n):
         for k in range(j + 1):
@@ -109,7 +109,7 @@ def cholesky(matrix: Floats, n: int) -> None:  # pragma: no cover
 
 
 @kernel
-def _solve(normal: Floats, right: Floats, n: int) -> Floats:  # pragma: no cover
+def _solve(normal: Floats, right: Floats, n: int) -> Floats:
     """The solution (4,) of the first n equations; NaN where there is none."""
     cholesky(normal, n)
     solution = np.zeros(4)

@@ -64,9 +64,7 @@ def cubes(spacing: float) -> int:
 
 
 @kernel
-def cubes_around(
-    grid: SkyGrid, axis: Floats, radius: float
-) -> tuple[Ints, Ints]:  # pragma: no cover
+def cubes_around(grid: SkyGrid, axis: Floats, radius: float) -> tuple[Ints, Ints]:
     """First and last cubes (3,) along each axis that a cone can touch."""
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for k in range(3):
@@ -76,7 +74,7 @@ def cubes_around(
 
 
 @kernel
-def most_within(grid: SkyGrid, low: Ints, high: Ints) -> int:  # pragma: no cover
+def most_within(grid: SkyGrid, low: Ints, high: Ints) -> int:
     """Number of stars in these cubes."""
     most = 0
     for i in range(low[0], high[0] + 1):
@@ -87,7 +85,7 @@ def most_within(grid: SkyGrid, low: Ints, high: Ints) -> int:  # pragma: no cove
 
 
 @kernel
-def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:  # pragma: no cover
+def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:
     """Indices into `grid.member` of the stars within an angle of an axis.
 
     axis    (3,) unit vector
@@ -127,9 +125,7 @@ class SpotGrid(NamedTuple):
 
 
 @kernel
-def spot_grid(
-    plane: Floats, low: Floats, high: Floats, radius: float
-) -> SpotGrid:  # pragma: no cover
+def spot_grid(plane: Floats, low: Floats, high: Floats, radius: float) -> SpotGrid:
     """Make the grid; each cell gets the spot nearest to its centre.
 
     plane      (n, 2) spots in the image plane, fewer than 32768
@@ -156,7 +152,7 @@ def spot_grid(
 
 
 @kernel
-def hits(screen: SpotGrid, plane: Floats, place: Floats) -> int:  # pragma: no cover
+def hits(screen: SpotGrid, plane: Floats, place: Floats) -> int:
     """Number of positions within the radius of a spot; rarely too small, where spots are close.
 
     plane  (n, 2) the spots of the grid

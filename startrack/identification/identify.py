@@ -85,7 +85,7 @@ def _identify(
     faint: SkyGrid,
     magnitude: Floats,
     limits: Limits,
-) -> tuple[Verdict, int, Gathered]:  # pragma: no cover
+) -> tuple[Verdict, int, Gathered]:
     """`search` and `gather` in one call: a call takes about as long as the work in it."""
     voting = keep_brightest(seen, limits.voting)
     best, tried = search(voting, choices, table, voters, limits)

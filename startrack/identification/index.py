@@ -75,7 +75,7 @@ def local_rank(direction: Floats, radius: float, most: int) -> Ranks:
 
 
 @kernel
-def _rank(direction: Floats, radius: float, most: int, side: int) -> Ranks:  # pragma: no cover
+def _rank(direction: Floats, radius: float, most: int, side: int) -> Ranks:
     """`local_rank` by a grid of `side` cubes along an axis, from the brightest star on."""
     n = len(direction)
     rank = np.empty(n, np.int16)
@@ -110,7 +110,7 @@ TALLEST = math.sqrt(3) / 2  # largest |y| of a code: that of an equilateral tria
 
 
 @kernel
-def triangle_code(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pragma: no cover
+def triangle_code(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:
     """Code of a triangle of directions: position of C over the base from A to B.
 
     In the plane that touches the sphere in the middle between A and B, with A at (0, 0) and B at
@@ -138,7 +138,7 @@ def triangle_code(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:  # pr
 
 
 @kernel
-def separation(a: Floats, b: Floats) -> float:  # pragma: no cover
+def separation(a: Floats, b: Floats) -> float:
     """Angle (radian) between two unit vectors (3,), accurate at small angles."""
     chord = math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
     return 2 * math.asin(min(chord / 2, 1.0))
@@ -339,7 +339,7 @@ def _crowding(fields: float, per_field: float, triangles: int) -> float:
 @kernel
 def _triangles(
     grid: SkyGrid, rank: NDArray[np.int16], smallest: float, largest: float, crowding: float
-) -> Indices:  # pragma: no cover
+) -> Indices:
     """All triangles (k, 3) of stars A, B, C of the grid, with A and B farthest apart.
 
     rank      (n,) of the stars; a triangle takes those below crowding / base
@@ -378,13 +378,13 @@ def _triangles(
 
 
 @kernel
-def _square(a: Floats, b: Floats) -> float:  # pragma: no cover
+def _square(a: Floats, b: Floats) -> float:
     """The squared chord between two unit vectors (3,)."""
     return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
 
 
 @kernel
-def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:  # pragma: no cover
+def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:
     """Put triangles into canonical order; return the cells that their codes lie in."""
     cell = np.empty(len(triangle), np.int32)
     for i in range(len(triangle)):
@@ -400,18 +400,18 @@ def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:  
 
 
 @kernel
-def cell_x(x: float) -> int:  # pragma: no cover
+def cell_x(x: float) -> int:
     """Cell along x, the nearest one where x lies outside."""
     return min(max(math.floor(x / CELL), 0), CELLS_X - 1)
 
 
 @kernel
-def cell_y(y: float) -> int:  # pragma: no cover
+def cell_y(y: float) -> int:
     """Cell along y, the nearest one where y lies outside."""
     return min(max(math.floor(y / CELL) + CELLS_Y // 2, 0), CELLS_Y - 1)
 
 
 @kernel
-def cell_base(base: float, smallest: float) -> int:  # pragma: no cover
+def cell_base(base: float, smallest: float) -> int:
     """Cell along the length of the base (radian), the nearest one where it lies outside."""
     return min(max(math.floor(math.log(base / smallest) / STRETCH), 0), CELLS_BASE - 1)

@@ -77,7 +77,7 @@ class Limits(NamedTuple):
 @kernel
 def search(
     seen: Seen, choices: Ints, table: CodeTable, voters: VerificationStars, limits: Limits
-) -> tuple[Verdict, int]:  # pragma: no cover
+) -> tuple[Verdict, int]:
     """Look up one triangle after the other until a hypothesis is accepted.
 
     seen           the spots that verify
@@ -133,7 +133,7 @@ def search(
 
 
 @kernel
-def _measure(seen: Seen, choice: Ints) -> tuple[float, float, float]:  # pragma: no cover
+def _measure(seen: Seen, choice: Ints) -> tuple[float, float, float]:
     """Base (radian), noise of the code, and the largest tan^2 of the angle off the axis."""
     base, sigma, off_axis = 0.0, 0.0, 0.0
     for i in range(3):
@@ -148,7 +148,7 @@ def _measure(seen: Seen, choice: Ints) -> tuple[float, float, float]:  # pragma:
 @kernel
 def _namings(
     direction: Floats, choice: Ints, longest: float, error: float, names: Ints, codes: Floats
-) -> int:  # pragma: no cover
+) -> int:
     """All orders A, B, C of three spots that are canonical, or may be so within the error.
 
     longest       radian, separation of the base

@@ -109,7 +109,7 @@ def _see(
     match_radius: float,
     tolerance: float,
     voting: int,
-) -> Seen:  # pragma: no cover
+) -> Seen:
     """`see` for spots at (x, y) in the image plane; `voting` of them set the match radius."""
     n = len(x)
     left, top, right, bottom = border
@@ -146,7 +146,7 @@ def _see(
 
 
 @kernel
-def keep_brightest(seen: Seen, count: int) -> Seen:  # pragma: no cover
+def keep_brightest(seen: Seen, count: int) -> Seen:
     """The first `count` spots alone."""
     return Seen(
         seen.plane[:count],
@@ -165,9 +165,7 @@ def keep_brightest(seen: Seen, count: int) -> Seen:  # pragma: no cover
 
 
 @kernel
-def predict(
-    seen: Seen, sky: SkyGrid, rotation: Floats, scale: float
-) -> tuple[Ints, Floats]:  # pragma: no cover
+def predict(seen: Seen, sky: SkyGrid, rotation: Floats, scale: float) -> tuple[Ints, Floats]:
     """Indices into `sky` (m,) and positions in the plane (m, 2) of the stars in the image.
 
     rotation  (3, 3) icrs_to_camera
@@ -201,9 +199,7 @@ def predict(
 
 
 @kernel
-def project(
-    direction: Floats, star: Ints, rotation: Floats, scale: float
-) -> Floats:  # pragma: no cover
+def project(direction: Floats, star: Ints, rotation: Floats, scale: float) -> Floats:
     """Positions (m, 2) of the chosen stars in the image plane."""
     place = np.empty((len(star), 2))
     for i in range(len(star)):

@@ -27,7 +27,7 @@ MOST_CHAINS = 200  # chosen by hand: trades time against the success with uncert
 @kernel
 def follow(
     seen: Seen, voters: VerificationStars, predicted: Floats, covariance: Floats
-) -> tuple[Floats, int, float]:  # pragma: no cover
+) -> tuple[Floats, int, float]:
     """The chain of matches with the greatest evidence.
 
     Each pair of a spot and a star within the window of the prediction starts a chain: the pair
@@ -85,7 +85,7 @@ def follow(
 @kernel
 def _chain(
     seen: Seen, spot: int, first: int, place: Floats, rows: Floats, covariance: Floats
-) -> tuple[Ints, Ints]:  # pragma: no cover
+) -> tuple[Ints, Ints]:
     """Spots and stars of the chain that begins with one pair."""
     state, spread = _update(seen, spot, place[first], rows[first], np.zeros(3), covariance)
     taken = np.zeros(len(seen.plane), np.bool_)
@@ -112,7 +112,7 @@ def _chain(
 @kernel
 def _innovation(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
-) -> tuple[float, float, float, float, float]:  # pragma: no cover
+) -> tuple[float, float, float, float, float]:
     """Offset x, y of a spot from the expected star, and xx, xy, yy of its inverse covariance."""
     dx = seen.plane[spot, 0] - place[0]
     dy = seen.plane[spot, 1] - place[1]
@@ -132,7 +132,7 @@ def _innovation(
 @kernel
 def _misfit(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
-) -> float:  # pragma: no cover
+) -> float:
     """Squared distance of a spot from the expected position of a star, over its variance."""
     dx, dy, xx, xy, yy = _innovation(seen, spot, place, row, state, spread)
     return dx * dx * xx + 2 * dx * dy * xy + dy * dy * yy
@@ -141,7 +141,7 @@ def _misfit(
 @kernel
 def _update(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
-) -> tuple[Floats, Floats]:  # pragma: no cover
+) -> tuple[Floats, Floats]:
     """State (3,) and covariance (3, 3) of the attitude after a match."""
     dx, dy, xx, xy, yy = _innovation(seen, spot, place, row, state, spread)
     cross = np.zeros((3, 2))
@@ -160,7 +160,7 @@ def _update(
 
 
 @kernel
-def _away(source: Floats, target: Floats) -> Floats:  # pragma: no cover
+def _away(source: Floats, target: Floats) -> Floats:
     """The small rotation vector (3,) from one attitude to another, about the camera's axes."""
     away = np.zeros(3)
     for k in range(3):

@@ -36,9 +36,7 @@ class Verdict(NamedTuple):
 
 
 @kernel
-def attempt_attitude(
-    seen: Seen, spots: Ints, a: Floats, b: Floats
-) -> tuple[Floats, float]:  # pragma: no cover
+def attempt_attitude(seen: Seen, spots: Ints, a: Floats, b: Floats) -> tuple[Floats, float]:
     """Attitude and scale that take two stars (3,) to the first two of these spots."""
     u, v = seen.direction[spots[0]], seen.direction[spots[1]]
     scale = 1.0
@@ -53,7 +51,7 @@ def attempt_attitude(
 @kernel
 def prefilter(
     seen: Seen, screen: SpotGrid, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
-) -> bool:  # pragma: no cover
+) -> bool:
     """Whether at least `fewest` stars of `sky` lie near a spot; else `verify` is not needed."""
     if not abs(scale - 1) <= 2 * _scale_tolerance(seen):
         return False
@@ -62,7 +60,7 @@ def prefilter(
 
 
 @kernel
-def _scale_tolerance(seen: Seen) -> float:  # pragma: no cover
+def _scale_tolerance(seen: Seen) -> float:
     """Largest difference of the scale from one: the focal tolerance, and noise."""
     return seen.focal + seen.radius / seen.corner
 
@@ -70,7 +68,7 @@ def _scale_tolerance(seen: Seen) -> float:  # pragma: no cover
 @kernel
 def verify(
     seen: Seen, voters: VerificationStars, rotation: Floats, scale: float, fewest: int
-) -> Verdict:  # pragma: no cover
+) -> Verdict:
     """Predict the stars of the image, match them to spots, and compute the evidence.
 
     fewest  matches; with fewer the hypothesis is refused
@@ -91,9 +89,7 @@ def verify(
 
 
 @kernel
-def leave_one_out(
-    seen: Seen, voters: VerificationStars, verdict: Verdict, fewest: int
-) -> Verdict:  # pragma: no cover
+def leave_one_out(seen: Seen, voters: VerificationStars, verdict: Verdict, fewest: int) -> Verdict:
     """The best of a verdict and those found with each of its matches left out of the first fit.
 
     One false spot far from a group of true ones can rotate and scale the fit so that all other
@@ -123,7 +119,7 @@ def leave_one_out(
 @kernel
 def _verdict(
     seen: Seen, voters: VerificationStars, star: Ints, agreed: Agreed, fewest: int
-) -> Verdict:  # pragma: no cover
+) -> Verdict:
     """The verdict on what `agree` found; refused where it is too little or the scale is off."""
     matches = len(agreed.spot)
     if matches < fewest or not abs(agreed.scale - 1) <= _scale_tolerance(seen):
@@ -138,7 +134,7 @@ def _verdict(
 
 
 @kernel
-def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
+def _scaled(plane: Floats, scale: float) -> Floats:
     """The direction (3,) of a spot for a focal length times the scale."""
     x, y = plane[0] / scale, plane[1] / scale
     z = 1 / math.sqrt(1 + x * x + y * y)
@@ -150,7 +146,7 @@ def _scaled(plane: Floats, scale: float) -> Floats:  # pragma: no cover
 @kernel
 def log_evidence_of_match(
     seen: Seen, voters: VerificationStars, star: Ints, match: Agreed
-) -> float:  # pragma: no cover
+) -> float:
     """ln of the evidence for a match, all attitudes being equally likely a priori.
 
     star   (m,) indices into `voters` of the stars that the image should hold
@@ -173,7 +169,7 @@ def log_evidence_with_prior(
     match: Agreed,
     prior: Floats,
     log_prior: float,
-) -> float:  # pragma: no cover
+) -> float:
     """`log_evidence_of_match` with another prior: `prior` and `log_prior` as in `log_evidence`."""
     matched_spot, matched_star, distance, rotation, scale = match
     unknowns = len(prior)
