@@ -209,12 +209,12 @@ def without_places_for_code() -> Iterator[None]:
 
     The question for the method of the identification, one comparison of a frame, stays.
     """
-    from startrack.detector import pixel_effects
+    from startrack.detector import readout
 
     plain = property(lambda plan: CENTROIDS[plan.settings.centroid])
     with (
         mock.patch.object(DetectionPlan, "method", plain),
-        mock.patch.object(pixel_effects, "after_effects", lambda group, names, values, *_: values),
+        mock.patch.object(readout, "after_effects", lambda group, values, *_: values),
         mock.patch.object(Case, "__getstate__", lambda case: case.__dict__.copy()),
         mock.patch.object(Case, "__setstate__", lambda case, state: case.__dict__.update(state)),
     ):

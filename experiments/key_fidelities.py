@@ -38,7 +38,7 @@ from startrack.budget import analytic
 from startrack.budget.analytic import refuse_scans
 from startrack.budget.left_out import of_the_case
 from startrack.core import Field, fields_of
-from startrack.core.keeping import KeptFunction
+from startrack.core.memory import KeptFunction
 from startrack.design.keys import item_of, range_of
 from startrack.design.products import with_product
 from startrack.io import from_table, save_json, written

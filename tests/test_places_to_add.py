@@ -21,7 +21,7 @@ from startrack.core.extension import code_of_command
 from startrack.design.keys import keys_of
 from startrack.detection.methods import CENTROIDS
 from startrack.detector import PIXEL_EFFECTS, Detector
-from startrack.detector.pixel_effects import PixelEffect
+from startrack.detector.readout import PixelEffect
 from startrack.io import shipped
 from startrack.optimise.search import Search, algorithms, least
 from startrack.scene import LIGHTS

@@ -5,8 +5,8 @@ arrays     Types of arrays and of a progress; within kernels order, median and p
 kernel     A function enters; compiled code leaves, kept in a folder named by a hash of all sources.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value;
            Refused, a value that breaks a rule, which is no fault of the program.
-memory     Bytes that a step needs -> refused, with the figure, where they exceed the limit.
-keeping    What is kept between calls: values that take long to compute, arrays of a plan.
+memory     Bytes that a step needs -> refused, with the figure, where they exceed the limit; what
+           is kept between calls: values that take long to compute, arrays of a plan.
 streams    Seed, trial, cause -> random generator, the same for any number of workers.
 extension  Name of a function in a design -> that function, where its code may run, and its origin.
 declared   A class of parameters -> each field as it is declared: type, unit, range, meaning,
@@ -99,7 +99,6 @@ from startrack.core.interpolation import (
     node_places,
 )
 from startrack.core.interpret import instead_of, interpreted
-from startrack.core.keeping import Kept, Workspace, kept
 from startrack.core.kernel import (
     READY,
     compiling_reports,
@@ -109,7 +108,16 @@ from startrack.core.kernel import (
     private_folder,
     trusted,
 )
-from startrack.core.memory import begin_limited, gib, limited_memory, memory_limit, require_memory
+from startrack.core.memory import (
+    Kept,
+    Workspace,
+    begin_limited,
+    gib,
+    kept,
+    limited_memory,
+    memory_limit,
+    require_memory,
+)
 from startrack.core.printing import html_table, printed, short_text
 from startrack.core.rotations import axes_of_pair, quaternion, ra_dec, rotated, rotation_of, turn_by
 from startrack.core.streams import Streams

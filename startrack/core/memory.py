@@ -1,11 +1,26 @@
-"""Bytes that a step needs -> refused, with the figure, where they exceed the limit of a process."""
+"""Bytes that a step needs -> refused, with the figure, where they exceed the limit of a process.
 
+What is kept between calls, values that take long to compute and arrays of a plan, gives way first.
+"""
+
+from __future__ import annotations
+
+import math
 import os
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial, update_wrapper
 from pathlib import Path
+from typing import Any, Generic, ParamSpec, TypeVar
+from weakref import WeakSet
 
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from startrack.core.arrays import Ints, Singles
 from startrack.core.checks import Refused
+from startrack.core.kernel import kernel
 
 try:
     import resource
@@ -32,14 +47,6 @@ def memory_limit() -> int:
     return int(given) if given.isdecimal() and len(given) < 20 else machine_memory() // 2
 
 
-_releases: list[Callable[[float], None]] = []
-
-
-def release_with(release: Callable[[float], None]) -> None:
-    """Let a function free what is only kept to save time, down to so many bytes, before steps."""
-    _releases.append(release)
-
-
 def require_memory(size: float, what: str) -> None:
     """Refuse a step before it takes more memory than there may be.
 
@@ -50,8 +57,7 @@ def require_memory(size: float, what: str) -> None:
             machine's.
     """
     limit = memory_limit()
-    for release in _releases:
-        release(limit - size)
+    shrink_kept(limit - size)
     if not size <= limit:
         raise Refused(
             f"{what} would need {gib(size)} of memory, more than the limit of {gib(limit)} "
@@ -114,3 +120,161 @@ def begin_limited() -> None:
     """Limit a worker process for as long as it lives to what STARTRACK_MEMORY says."""
     if os.environ.get(VARIABLE):
         _data_limit(memory_limit()).__enter__()
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+SHARE = 4  # of the memory limit of a process, all kept values take one part; chosen by hand
+
+_lock = threading.RLock()
+_stores: WeakSet[Kept[Any]] = WeakSet()
+_clock = iter(range(2**62))
+
+
+class Kept(Generic[T]):
+    """Values by key: the last `count` that were used, fewer where memory is short.
+
+    Each value counts with the bytes of its arrays. Where all values that are kept in the process
+    would take more than a quarter of its memory limit, those used longest ago are dropped; so they
+    are before a step that `require_memory` would refuse for them.
+    """
+
+    def __init__(self, count: int):
+        self._count = count
+        self._values: dict[Hashable, tuple[T, int, int]] = {}  # value, bytes, time of last use
+        _stores.add(self)
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """The value of a key, made where it is not kept."""
+        with _lock:
+            entry = self._values.get(key)
+            if entry:
+                self._values[key] = entry[0], entry[1], next(_clock)
+                return entry[0]
+        value = make()
+        size = bytes_of(value)
+        with _lock:
+            self._values[key] = value, size, next(_clock)
+            while len(self._values) > self._count:
+                self.drop_oldest()
+            shrink_kept(memory_limit() // SHARE)
+        return value
+
+    @property
+    def bytes(self) -> int:
+        """Of all values."""
+        return sum(size for _, size, _ in self._values.values())
+
+    def clear(self) -> None:
+        """Drop all values."""
+        with _lock:
+            self._values.clear()
+
+    def drop_oldest(self) -> None:
+        """Drop the value that was used longest ago."""
+        del self._values[min(self._values, key=lambda key: self._values[key][2])]
+
+    def last_use(self) -> int:
+        """Time at which the oldest value was used last; after all others where there is none."""
+        return min((time for _, _, time in self._values.values()), default=2**62)
+
+
+class KeptFunction(Generic[P, T]):
+    """A function of hashable arguments whose last values are `Kept`."""
+
+    def __init__(self, make: Callable[P, T], count: int):
+        self._make, self._store = make, Kept[T](count)
+        update_wrapper(self, make)
+
+    def __call__(self, *args: P.args, **named: P.kwargs) -> T:
+        """The value, made where it is not kept."""
+        key = (args, *sorted(named.items())) if named else args
+        return self._store.get(key, lambda: self._make(*args, **named))
+
+    def cache_clear(self) -> None:
+        """Drop all values."""
+        self._store.clear()
+
+
+def kept(count: int) -> Callable[[Callable[P, T]], KeptFunction[P, T]]:
+    """As `functools.lru_cache`, for values of megabytes: they count against the memory limit."""
+    return partial(KeptFunction, count=count)
+
+
+def kept_bytes() -> int:
+    """Of all values that this process keeps."""
+    with _lock:
+        return sum(store.bytes for store in _stores)
+
+
+def shrink_kept(limit: float) -> None:
+    """Drop the values that were used longest ago, until all others take at most so many bytes."""
+    with _lock:
+        while kept_bytes() > max(limit, 0):
+            min(_stores, key=Kept.last_use).drop_oldest()
+
+
+def bytes_of(value: Any) -> int:
+    """Bytes of the arrays in a value: in tuples, lists, dictionaries and the fields of objects."""
+    arrays = {id(array): array.nbytes for array in _arrays(value, set())}
+    return sum(arrays.values())
+
+
+def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
+    if id(value) in seen or isinstance(value, str | bytes | int | float | type | None):
+        return
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        yield value.base if isinstance(value.base, np.ndarray) else value
+    elif isinstance(value, dict):
+        for part in value.values():
+            yield from _arrays(part, seen)
+    elif isinstance(value, tuple | list):
+        for part in value:
+            yield from _arrays(part, seen)
+    elif hasattr(value, "__dict__") and not callable(value):
+        yield from _arrays(vars(value), seen)
+
+
+class Workspace(threading.local):
+    """Arrays by name, separate for each thread; whoever makes it decides who may share them.
+
+    A new array costs a page fault for each row that is written: milliseconds where windows lie
+    all over a frame.
+    """
+
+    def __init__(self) -> None:
+        self._arrays = dict[str, NDArray[Any]]()
+        self._canvases = dict[str, tuple[Singles, float, Ints]]()
+
+    def array(self, name: str, shape: tuple[int, ...], kind: DTypeLike) -> NDArray[Any]:
+        """The array of that name as the last call left it; zeros at first."""
+        array = self._arrays.get(name)
+        if array is None or array.shape != shape or array.dtype != kind:
+            size = math.prod(shape) * np.dtype(kind).itemsize
+            require_memory(size, f"an array of {' x '.join(map(str, shape))} numbers")
+            array = self._arrays[name] = np.zeros(shape, kind)
+        return array
+
+    def canvas(self, name: str, shape: tuple[int, int], level: float, windows: Ints) -> Singles:
+        """The float32 image of that name, one level everywhere except in the windows of this call.
+
+        Only the windows of the last call are filled with the level again.
+
+        windows  (w, 4) left, top, right, bottom (exclusive); their pixels hold any values
+        """
+        image = self.array(name, shape, np.float32)
+        last = self._canvases.get(name)
+        if last and last[0] is image and last[1] == level:
+            _paint(image, last[2], level)
+        else:
+            image.fill(level)
+        self._canvases[name] = image, level, windows
+        return image
+
+
+@kernel
+def _paint(image, windows, level):  # type: ignore[no-untyped-def]
+    for k in range(len(windows)):
+        left, top, right, bottom = windows[k]
+        image[top:bottom, left:right] = level

@@ -12,9 +12,8 @@ connect      A filtered image and its threshold enter; local maxima leave, sever
              touch.
 examine      Peaks -> which of them stand alone as stars do, and which are hot pixels.
 find         Pixels -> Candidates: peaks of the filtered image that look like stars.
-sample       Sample: what every centroid works on, the image, the peaks and the noise of a pixel.
-gravity      Sample -> centre of gravity, of a window that follows the star or under a Gaussian
-             weight.
+gravity      Sample, what every centroid works on -> centre of gravity, of a window that follows
+             the star or under a Gaussian weight.
 fit          Windows and a model of a star enter; the most likely positions and fluxes of stars
              leave.
 methods      Sample and Psf -> a row per star, by each of the centroid methods that a design can

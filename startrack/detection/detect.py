@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints, Psf, Refused, Spots, kernel, positive
 from startrack.detection.find import Candidates, find
+from startrack.detection.gravity import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, Y
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan, calibrated, planned
-from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, Y
 
 SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
 

@@ -13,11 +13,11 @@ from startrack.detection import matched
 from startrack.detection.detect import measured, placed, sample
 from startrack.detection.examine import chance_to_pass, largest_fraction
 from startrack.detection.find import Candidates
+from startrack.detection.gravity import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 from startrack.detection.matched import filtered, highest_between
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Gain, Pixels, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
-from startrack.detection.sample import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 
 
 class Expectation(NamedTuple):

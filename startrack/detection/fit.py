@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Flags, Floats, Ints, kernel
-from startrack.detection.robust import around
-from startrack.detection.sample import (
+from startrack.detection.gravity import (
     COLUMNS,
     FLUX,
     FLUX_SIGMA,
@@ -21,6 +20,7 @@ from startrack.detection.sample import (
     Y,
     pixel_noise,
 )
+from startrack.detection.robust import around
 from startrack.detection.star_model import StarModel, expected
 
 

@@ -10,22 +10,16 @@ import numpy as np
 
 from startrack.core import Flags, Floats, Ints, Psf, call_code, is_code, returned
 from startrack.detection.fit import gaussian, likelihood
-from startrack.detection.gravity import gravity, weighted
-from startrack.detection.robust import around_each
-from startrack.detection.sample import (
+from startrack.detection.gravity import (
     COLUMNS,
-    FLUX,
-    FLUX_SIGMA,
     WINDOW_X,
     WINDOW_Y,
-    XX,
-    XY,
-    YY,
     Sample,
-    X,
-    Y,
+    gravity,
     pixel_noise,
+    weighted,
 )
+from startrack.detection.robust import around_each
 from startrack.detection.star_model import StarModel, compensate
 
 NARROWEST_WEIGHT = 1.0  # pixel
@@ -157,11 +151,10 @@ def centroids_by_code(
     # A star that has left its window is another one, or none.
     good = np.isfinite(measured).all(axis=1) & (np.abs(measured[:, :2]) <= half).all(axis=1)
     good &= (measured[:, 2] > 0) & (measured[:, 3:] >= 0)[:, [0, 1, 3]].all(axis=1)
-    order = np.array([X, Y, FLUX, FLUX_SIGMA, XX, XY, YY])
     measured[:, 0] += x
     measured[:, 1] += y
     table[:, WINDOW_X], table[:, WINDOW_Y] = x, y
-    table[np.ix_(np.flatnonzero(good), order)] = measured[good]
+    table[good, :WINDOW_X] = measured[good]
     return table
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft
 
 from startrack.core import Floats, Psf, bilinear, finite, kernel
-from startrack.detection.sample import FLUX, FLUX_SIGMA, WINDOW_X, WINDOW_Y, XX, XY, YY, X, Y
+from startrack.detection.gravity import FLUX, FLUX_SIGMA, WINDOW_X, WINDOW_Y, XX, XY, YY, X, Y
 
 TAPS = 6
 # Row k holds the polynomial that is 1 at tap k of -2 ... 3 and 0 at the others, lowest power first.

@@ -13,9 +13,8 @@ law                  Signal chain of a pixel, and tables of the exact distributi
                      number.
 digitise             Expected electrons -> digital numbers: one uniform number a pixel, exact
                      distribution.
-pixel_effects        The effects by which pixels depend on each other, or on the frame before: one
-                     table of rows.
-readout              Expected electrons -> digital numbers with all effects: charge, signal, image.
+readout              Expected electrons -> digital numbers with all effects: charge, signal, image;
+                     one table of those by which pixels depend on each other.
 exposure             Exposure: what a frame depends on -> expected electrons, and a Frame.
 windows              Stars and windows -> a Frame whose numbers are valid inside these windows
                      alone.
@@ -43,14 +42,14 @@ from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal, of
 from startrack.detector.law import law_of, nonlinear_signal, with_adc_inl
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.parameters import Detector, Line, RegionOfInterest, Scan, staggered, tdi
-from startrack.detector.pixel_effects import (
+from startrack.detector.readout import (
     PIXEL_EFFECTS,
     EffectInput,
     diffuse,
+    read_out,
     require_independent_pixels,
     settle,
 )
-from startrack.detector.readout import read_out
 from startrack.detector.scan import LineExposure, scan
 from startrack.detector.stamp import stamp
 from startrack.detector.threshold_crossings import (

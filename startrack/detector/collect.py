@@ -8,7 +8,7 @@ from startrack.core import Camera, Floats, Light, kept
 from startrack.detector.law import Tables, law_of, tables_for
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
-from startrack.detector.pixel_effects import diffuse
+from startrack.detector.readout import diffuse
 
 # Standard deviations above the background, of most pixels in the wings of stars. Chosen by hand:
 # more make larger tables, fewer draw more pixels one by one; the numbers are the same.

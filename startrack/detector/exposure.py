@@ -16,8 +16,7 @@ from startrack.detector.ageing import Flickering, trailed
 from startrack.detector.law import Tables, law_of, mean_numbers
 from startrack.detector.maps import device_streams, flickering, response
 from startrack.detector.parameters import Detector
-from startrack.detector.pixel_effects import carry, diffuse
-from startrack.detector.readout import read_out
+from startrack.detector.readout import carry, diffuse, read_out
 from startrack.detector.stamp import stamp, stamp_paths
 
 Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in LineOfSight

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from startrack import PatternIndexes, Refused
-from startrack.core import keeping as module
+from startrack.core import memory as module
 from startrack.core import require_memory
-from startrack.core.keeping import Kept, bytes_of, kept, kept_bytes
+from startrack.core.memory import Kept, bytes_of, kept, kept_bytes
 from startrack.identification import cache
 
 MIB = 2**20

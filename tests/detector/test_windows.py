@@ -13,7 +13,7 @@ from startrack.detector.collect import background, background_tables
 from startrack.detector.exposure import draw, frame_of
 from startrack.detector.imperfections import tracks
 from startrack.detector.maps import dark
-from startrack.detector.pixel_effects import require_independent_pixels
+from startrack.detector.readout import require_independent_pixels
 from startrack.detector.windows import (
     expose_within,
     independent_pixels,
