@@ -112,13 +112,14 @@ from startrack.core.memory import (
     Kept,
     Workspace,
     begin_limited,
+    bytes_of,
     gib,
     kept,
     limited_memory,
     memory_limit,
     require_memory,
 )
-from startrack.core.printing import html_table, printed, short_text
+from startrack.core.printing import html_table, printed
 from startrack.core.rotations import axes_of_pair, quaternion, ra_dec, rotated, rotation_of, turn_by
 from startrack.core.streams import Streams
 from startrack.core.units import (

@@ -12,7 +12,7 @@ import numpy as np
 from startrack.core.arrays import Flags, Floats
 from startrack.core.checks import Refused, finite
 from startrack.core.declared import FINITE, POSITIVE, Parameters, Range
-from startrack.core.interpolation import Displacement
+from startrack.core.interpolation import Displacement, node_places
 from startrack.core.kernel import kernel
 from startrack.core.units import ZERO_CELSIUS, Unit
 
@@ -77,11 +77,10 @@ class FieldPolynomial(Parameters):
         )
 
 
-def monomials(plane: Floats, terms: int = TERMS) -> Floats:
-    """The first monomials (n, terms) of places (n, 2)."""
+def monomials(plane: Floats) -> Floats:
+    """The monomials (n, TERMS) of places (n, 2)."""
     u, v = np.asarray(plane, float).T
-    powers = [u ** (d - k) * v**k for d in range(ORDER + 1) for k in range(d + 1)]
-    return np.column_stack(powers[:terms]) if len(u) else np.empty((0, terms))
+    return np.column_stack([u ** (d - k) * v**k for d in range(ORDER + 1) for k in range(d + 1)])
 
 
 def _sum(terms: Floats, coefficients: tuple[float, ...]) -> Floats:
@@ -144,11 +143,8 @@ class Camera(Parameters):
     @property
     def distorted(self) -> bool:
         """Whether any distortion coefficient is not zero, or there is a polynomial."""
-        return self._bent or self.polynomial is not None
-
-    @property
-    def _bent(self) -> bool:
-        return any((self.k1, self.k2, self.p1, self.p2, self.k3))
+        bent = any((self.k1, self.k2, self.p1, self.p2, self.k3))
+        return bent or self.polynomial is not None
 
     @property
     def fov_x(self) -> float:
@@ -203,8 +199,7 @@ class Camera(Parameters):
         A least-squares fit over the frame: what a calibration to the third order in x and y finds
         without noise.
         """
-        edges = [np.linspace(-0.5, size - 0.5, FITTED) for size in (self.columns, self.rows)]
-        pixel = np.stack(np.meshgrid(*edges), axis=-1).reshape(-1, 2)
+        pixel = node_places(self.columns, self.rows, FITTED)
         direction = self.unproject(pixel)
         plane = direction[:, :2] / direction[:, 2:]
         away = (pixel - self.centre) / self.focal_length_px - plane
@@ -243,11 +238,9 @@ class Camera(Parameters):
                 pixel = displaced - self.residual(pixel)
         if self.polynomial is not None:
             return self._without_polynomial(pixel, self.polynomial)
-        if self.distorted and len(pixel):
-            distorted = (pixel - self.centre) / self.focal_length_px
-            plane = _undistorted(distorted, self.k1, self.k2, self.p1, self.p2, self.k3)
-        else:
-            plane = (pixel - self.centre) / self.focal_length_px
+        plane = (pixel - self.centre) / self.focal_length_px
+        if self.distorted:
+            plane = _undistorted(plane, self.k1, self.k2, self.p1, self.p2, self.k3)
         direction = np.column_stack([plane, np.ones(len(plane))])
         return direction / np.linalg.norm(direction, axis=1, keepdims=True)
 

@@ -12,7 +12,7 @@ import os
 import types
 import typing
 from collections.abc import Callable, Collection, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -146,19 +146,11 @@ def unit_of(kind: type, name: str) -> Unit | None:
     return fields_of(kind)[name].unit
 
 
-class _Rule(NamedTuple):
-    """How a field is checked: its range, whether it is an integer, and whether a list."""
-
-    name: str
-    range: Range
-    integer: bool
-    several: bool
-
-
 @cache
-def _rules(kind: type) -> tuple[_Rule, ...]:
+def _rules(kind: type) -> tuple[tuple[str, Range, bool, bool], ...]:
+    """How fields are checked: name, range, whether it is an integer, and whether a list."""
     return tuple(
-        _Rule(name, field.range, field.kind is int, typing.get_origin(field.kind) is tuple)
+        (name, field.range, field.kind is int, typing.get_origin(field.kind) is tuple)
         for name, field in fields_of(kind).items()
         if field.range
     )
@@ -175,17 +167,18 @@ class Parameters:
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
-        for rule in _rules(kind):
-            value = getattr(self, rule.name)
+        for name, limits, integer, several in _rules(kind):
+            value = getattr(self, name)
             if value is None:
                 continue
-            if rule.range.code:
-                value = _with_full_names(rule, value)
-                object.__setattr__(self, rule.name, value)
-            for item in value if rule.several else (value,):
-                rule.range.check(rule.name, item, rule.integer)
+            if limits.code:
+                full = partial(extension.full_name, limits.code, limits.choices)
+                value = tuple(map(full, value)) if several else full(value)
+                object.__setattr__(self, name, value)
+            for item in value if several else (value,):
+                limits.check(name, item, integer)
         if "_files" in kind.__dataclass_fields__:
-            named = (getattr(self, rule.name) for rule in _rules(kind) if rule.range.file)
+            named = (getattr(self, name) for name, limits, *_ in _rules(kind) if limits.file)
             object.__setattr__(self, "_files", tuple(map(_state, named)))
 
 
@@ -198,13 +191,6 @@ def _state(file: Any) -> FileState:
     except (OSError, ValueError):
         return None
     return os.path.abspath(file), status.st_mtime_ns, status.st_size
-
-
-def _with_full_names(rule: _Rule, value: Any) -> Any:
-    group, built_in = rule.range.code, rule.range.choices
-    if rule.several:
-        return tuple(extension.full_name(group, built_in, item) for item in value)
-    return extension.full_name(group, built_in, value)
 
 
 def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:

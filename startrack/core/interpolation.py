@@ -95,19 +95,13 @@ class Displacement:
 
     def __call__(self, pixel: Floats) -> Floats:
         """Pixel (n, 2) at places (n, 2) pixel; NaN where a place is NaN."""
-        return _displaced(np.ascontiguousarray(pixel, float), self._table, self._x, self._y)
+        return _displaced(np.ascontiguousarray(pixel, float), *self._nodes)
 
     @cached_property
-    def _table(self) -> Floats:
-        return np.array(self.value).reshape(2, NODES, NODES)
-
-    @cached_property
-    def _x(self) -> Floats:
-        return np.linspace(-0.5, self.columns - 0.5, NODES)
-
-    @cached_property
-    def _y(self) -> Floats:
-        return np.linspace(-0.5, self.rows - 0.5, NODES)
+    def _nodes(self) -> tuple[Floats, Floats, Floats]:
+        """Values (2, NODES, NODES) at the nodes, and their x and y."""
+        x, y = (np.linspace(-0.5, size - 0.5, NODES) for size in (self.columns, self.rows))
+        return np.array(self.value).reshape(2, NODES, NODES), x, y
 
 
 @kernel
@@ -148,11 +142,10 @@ def bilinear(grid: Floats, row: float, column: float) -> float:
     return upper + s * (lower - upper)
 
 
-def node_places(columns: int, rows: int) -> Floats:
-    """Places (NODES^2, 2) pixel of the nodes of a frame, row by row."""
-    x = np.linspace(-0.5, columns - 0.5, NODES)
-    y = np.linspace(-0.5, rows - 0.5, NODES)
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+def node_places(columns: int, rows: int, nodes: int = NODES) -> Floats:
+    """Places (nodes^2, 2) pixel of nodes that span a frame evenly, row by row."""
+    edges = (np.linspace(-0.5, size - 0.5, nodes) for size in (columns, rows))
+    return np.stack(np.meshgrid(*edges), axis=-1).reshape(-1, 2)
 
 
 def map_weights(columns: int, rows: int, place: Floats, nodes: int) -> Floats:

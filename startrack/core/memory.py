@@ -98,7 +98,9 @@ def _data_limit(limit: int) -> Iterator[None]:
         yield
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    most = _data() + limit
+    # Of private data, as the system counts it for the limit.
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+    most = pages * os.sysconf("SC_PAGE_SIZE") + limit
     if hard != resource.RLIM_INFINITY:
         most = min(most, hard)
     with suppress(ValueError, OSError):
@@ -108,12 +110,6 @@ def _data_limit(limit: int) -> Iterator[None]:
     finally:
         with suppress(ValueError, OSError):
             resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-
-
-def _data() -> int:
-    """Bytes of private data of this process, as the system counts them for the limit."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
-    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def begin_limited() -> None:

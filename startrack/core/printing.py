@@ -115,14 +115,11 @@ def text_of(value: Any, unit: Unit | None = None) -> str:
     if value is None:
         return "none"
     kind: Any = type(value)
-    parts = [getattr(value, name) for name in _units(kind)] if _is_record(value) else []
+    is_record = dataclasses.is_dataclass(value) or hasattr(value, "_fields")
+    parts = [getattr(value, name) for name in _units(kind)] if is_record else []
     if 0 < len(parts) <= FEW and all(isinstance(part, SCALAR) for part in parts):
         return f"{kind.__name__}({', '.join(text_of(part, unit) for part in parts)})"
     return str(kind.__name__)
-
-
-def _is_record(value: Any) -> bool:
-    return dataclasses.is_dataclass(value) or hasattr(value, "_fields")
 
 
 def _few(texts: list[str], values: Collection[Any]) -> str:
