@@ -1,7 +1,5 @@
 """Light and detector -> electrons of stars, of the background and of diffuse light (equation 4)."""
 
-from functools import lru_cache
-
 import numpy as np
 
 from startrack.core import Camera, Floats, Light, kept
@@ -61,23 +59,14 @@ def diffuse_electrons(
     scale = camera.focal_length_px**-2 * detector.exposure
     electrons = np.zeros((detector.rows, detector.columns))
     for diffuse_light in light.diffuse:
+        # Weights (pixels, nodes) of straight lines between evenly spaced nodes.
         down, across = (
-            _linear_weights(nodes, pixels)
-            for nodes, pixels in zip(diffuse_light.fraction.shape, electrons.shape, strict=True)
+            np.maximum(1 - np.abs(np.linspace(0, n - 1, side)[:, None] - np.arange(n)), 0.0)
+            for n, side in zip(diffuse_light.fraction.shape, electrons.shape, strict=True)
         )
-        electrons += (
-            down
-            @ (diffuse_light.fraction * (diffuse_light.spectrum @ per_photon * scale))
-            @ across.T
-        )
+        brightness = diffuse_light.spectrum @ per_photon * scale
+        electrons += down @ (diffuse_light.fraction * brightness) @ across.T
     return electrons
-
-
-@lru_cache(maxsize=8)
-def _linear_weights(nodes: int, pixels: int) -> Floats:
-    """(pixels, nodes) weights of linear interpolation between evenly spaced nodes."""
-    position = np.linspace(0, nodes - 1, pixels)
-    return np.maximum(1 - np.abs(position[:, None] - np.arange(nodes)), 0.0)
 
 
 @kept(4)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,23 +19,22 @@ from startrack.detector.readout import carry, diffuse, read_out
 from startrack.detector.stamp import stamp, stamp_paths
 
 Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
-MotionFunction = Callable[
-    [Floats, Floats], Floats
-]  # starts (p,), steps (j,) -> those of all sums (p, j, 3)
+# Starts (p,), steps (j,) -> those of all sums (p, j, 3).
+MotionFunction = Callable[[Floats, Floats], Floats]
 Places = tuple[Floats, Floats, Floats]
 
 BATCH = 2**18  # positions that are projected at a time; chosen by hand: memory against calls
 MIDDLE = np.zeros(1)
-ITERATIONS = (
-    4  # to find the time of a star's row; each leaves row_delay * rows per second of the error
-)
+# To find the time of a star's row; each leaves row_delay * rows per second of the error.
+ITERATIONS = 4
 
 
 def at_once(
     direction: Floats, path: core.LineOfSight, icrs_to_camera: Rotation, camera: core.Camera
 ) -> Iterator[Places]:
     """Points of the path, some at a time: their weights (m,) and the stars' pixels x, y (m, n)."""
-    attitude = _turns(path) @ icrs_to_camera.as_matrix()
+    # (m, 3, 3) with how the sky turns before the camera.
+    attitude = Rotation.from_rotvec(path.rotation).as_matrix() @ icrs_to_camera.as_matrix()
     together = max(BATCH // max(len(direction), 1), 1)
     for start in range(0, len(attitude), together):
         some = slice(start, start + together)
@@ -44,12 +42,6 @@ def at_once(
         pixel = np.ascontiguousarray(camera.project(towards.reshape(-1, 3)).T)
         x, y = pixel.reshape(2, *towards.shape[:2])
         yield path.weight[some], x, y
-
-
-@lru_cache(maxsize=4)
-def _turns(path: core.LineOfSight) -> Floats:
-    """(m, 3, 3) how the sky turns before the camera."""
-    return Rotation.from_rotvec(path.rotation).as_matrix()
 
 
 def row_by_row(
@@ -177,14 +169,8 @@ def expected(exposure: Exposure) -> Floats:
     )
     # Photons.
     star, sky = arriving(light, camera, detector, exposure.throughput)
-    places = seen(
-        light.direction,
-        exposure.line_of_sight,
-        exposure.icrs_to_camera,
-        camera,
-        detector,
-        exposure.motion_function,
-    )
+    view = exposure.line_of_sight, exposure.icrs_to_camera, camera, detector
+    places = seen(light.direction, *view, exposure.motion_function)
     # Charge.
     electrons = collect.background(detector, sky).copy()
     glow = collect.diffuse_electrons(light, camera, detector, exposure.throughput)

@@ -2,7 +2,7 @@
 
 import math
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -113,13 +113,8 @@ def mean_numbers(electrons: Floats, law: Law) -> Floats:
 
 
 def blank(shape: tuple[int, ...], law: Law) -> Image:
-    """An image without content, of the type of its numbers."""
-    return np.empty(shape, kind_of(law))
-
-
-def kind_of(law: Law) -> np.dtype[Any]:
-    """The smaller of the two types that hold the numbers."""
-    return np.dtype(np.uint16 if law.largest < 2**16 else np.uint32)
+    """An image without content, of the smaller of the two types that hold its numbers."""
+    return np.empty(shape, np.uint16) if law.largest < 2**16 else np.empty(shape, np.uint32)
 
 
 def upper_edge(law: Law, numbers: Floats) -> Floats:

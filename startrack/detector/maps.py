@@ -11,6 +11,11 @@ from startrack.detector.imperfections import Defects, dark_response, photo_respo
 from startrack.detector.parameters import Detector
 
 BYTES = 40  # of a pixel of a map while it is drawn; measured
+# What maps depend on, beside the size of the image and age.
+MAPPED = (
+    *("prnu", "dark_current", "defects", "read_noise_spread"),
+    *("binning", "region", "device_seed"),
+)
 
 
 def response(detector: Detector) -> Floats | None:
@@ -66,28 +71,15 @@ def device_streams(detector: Detector) -> Streams:
 @lru_cache(maxsize=16)
 def _device(detector: Detector) -> Detector:
     """The parameters of the maps, all others at their defaults, so that designs share maps."""
-    age, thermal = detector.age, detector.thermal
-    if age:
-        plain = replace(age, flicker=None, sensitivity_loss=0.0, transfer_loss=0.0)
-        pitch, thermal = (
-            detector.pixel_pitch,
-            thermal and replace(thermal, temperature=thermal.reference, capacitance=0.0),
+    same = {name: getattr(detector, name) for name in MAPPED}
+    pitch = 1.0
+    if detector.age:
+        pitch, thermal = detector.pixel_pitch, detector.thermal
+        same["age"] = replace(detector.age, flicker=None, sensitivity_loss=0.0, transfer_loss=0.0)
+        same["thermal"] = thermal and replace(
+            thermal, temperature=thermal.reference, capacitance=0.0
         )
-    return Detector(
-        detector.columns,
-        detector.rows,
-        pitch if age else 1.0,
-        1.0,
-        prnu=detector.prnu,
-        dark_current=detector.dark_current,
-        defects=detector.defects,
-        read_noise_spread=detector.read_noise_spread,
-        binning=detector.binning,
-        region=detector.region,
-        device_seed=detector.device_seed,
-        age=plain if age else None,
-        thermal=thermal if age else None,
-    )
+    return Detector(detector.columns, detector.rows, pitch, 1.0, **same)
 
 
 @kept(2)
@@ -101,14 +93,8 @@ def _dark(device: Detector) -> Floats:
     streams, defects = device_streams(device), device.defects or Defects()
     array = dark_response(_array(device), device.dark_current, defects, streams)
     if device.age:
-        array = _aged(array, device, streams)
+        array = aged(array, device.age, device.pixel_pitch**2, *device.of_age, streams)
     return _frozen(_binned(device, array))
-
-
-def _aged(array: Floats, device: Detector, streams: Streams) -> Floats:
-    """The map of an array at its age, at the reference temperature of the detector."""
-    assert device.age
-    return aged(array, device.age, device.pixel_pitch**2, *device.of_age, streams)
 
 
 @kept(2)

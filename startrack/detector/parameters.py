@@ -6,17 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 from startrack import core
-from startrack.core import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    Parameters,
-    Range,
-    Refused,
-    Unit,
-    um,
-    whole,
-)
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, um
 from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
 
@@ -42,7 +32,7 @@ def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...
     row       pixel, of the first stage
     downward  whether the charge moves to larger rows
     """
-    whole(1, 2**16, stages=stages)
+    core.whole(1, 2**16, stages=stages)
     step = 1 if downward else -1
     return tuple(Line(row + step * n, delay=float(n)) for n in range(stages))
 
