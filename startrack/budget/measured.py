@@ -17,7 +17,7 @@ from startrack.budget.budget import Line, Sample
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument
-from startrack.detection import Candidates, Detection, calibrated, centroid
+from startrack.detection import Detection, Peaks, calibrated, centroid
 from startrack.detector import electron_rate, frame_of, shot
 from startrack.identification import refit
 from startrack.metrics import indices
@@ -228,7 +228,7 @@ class _Trial:
         """All spots of the record, measured in another frame; lost ones stay as they are."""
         old = self._record.spots
         column, row = (np.rint(place).astype(np.int64) for place in (old.x, old.y))
-        candidates = Candidates(column, row, old.area)
+        candidates = Peaks(column, row, old.area)
         plan = trial.detection_plan(self._case, detection)
         new = centroid(frame, calibrated(frame, plan), candidates, plan)
         if not len(new):

@@ -11,7 +11,7 @@ plan         Settings and PSF -> DetectionPlan: what the detection computes once
 connect      A filtered image and its threshold enter; local maxima leave, several where stars
              touch.
 examine      Peaks -> which of them stand alone as stars do, and which are hot pixels.
-find         Pixels -> Candidates: peaks of the filtered image that look like stars.
+find         Pixels -> Peaks of the filtered image that look like stars.
 gravity      Sample, what every centroid works on -> centre of gravity, of a window that follows
              the star or under a Gaussian weight.
 fit          Windows and a model of a star enter; the most likely positions and fluxes of stars
@@ -28,6 +28,7 @@ expectation  Image of expected numbers and its stars -> how the detection will s
 """
 
 from startrack.detection.box import Box, Taken, box_reach, corner_level, follow, image_mask, take
+from startrack.detection.connect import Peaks
 from startrack.detection.detect import centroid, detect, detect_near, places
 from startrack.detection.expectation import (
     Expectation,
@@ -38,7 +39,7 @@ from startrack.detection.expectation import (
     joined,
     response,
 )
-from startrack.detection.find import Candidates, DetectionInput, levels_at
+from startrack.detection.find import DetectionInput, Ground, levels_at
 from startrack.detection.matched import filtered, highest_between
 from startrack.detection.methods import CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, STREAK, Detection
@@ -51,17 +52,10 @@ from startrack.detection.pixels import (
     pixels,
     subtract_dark,
 )
-from startrack.detection.plan import (
-    DetectionPlan,
-    calibrated,
-    false_alarms,
-    plan_detection,
-    threshold_of,
-)
+from startrack.detection.plan import DetectionPlan, calibrated, false_alarms, plan_detection
 from startrack.detection.star_model import gaussian_psf
 from startrack.detection.streaks import refined, streak_of
 from startrack.detection.within import (
-    Ground,
     detect_within,
     grown_mask,
     margin,

@@ -72,15 +72,11 @@ def sky(filtered: Singles, mesh: int, floor: float) -> Sky:
 
 def with_gain_noise(ground: Sky, model: tuple[Singles, Singles, Singles]) -> Sky:
     """The law that the gain model tells, where the tiles show no more noise than that."""
-    rms, skewness, kurtosis = model
-    kept = ground.rms <= MORE_THAN_MODEL * rms
-    return Sky(
-        ground.mean,
-        np.where(kept, rms, ground.rms),
-        np.where(kept, skewness, ground.skewness),
-        np.where(kept, kurtosis, ground.kurtosis),
-        ground.mesh,
+    kept = ground.rms <= MORE_THAN_MODEL * model[0]
+    rms, skewness, kurtosis = (
+        np.where(kept, by_gain, seen) for by_gain, seen in zip(model, ground[1:4], strict=True)
     )
+    return Sky(ground.mean, rms, skewness, kurtosis, ground.mesh)
 
 
 def _wider(grid: Singles) -> Singles:

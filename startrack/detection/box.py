@@ -19,10 +19,9 @@ from startrack.detection.plan import DetectionPlan
 
 SIZES = (4, 6, 8)
 BACKGROUNDS = ("dynamic", "none")
-# Pixels of the dynamic background: two at each end of the first and the last row of 8 x 8.
-CORNERS = tuple(
-    (row, column) for row in (-4, 3) for column in (-4, -3, 2, 3)
-)  # from the pixel right below the middle
+# Pixels of the dynamic background, from the pixel right below the middle: two at each end of the
+# first and the last row of 8 x 8.
+CORNERS = tuple((row, column) for row in (-4, 3) for column in (-4, -3, 2, 3))
 MIDDLE = slice(2, 6)  # of eight sorted pixels, whose mean is the background: outliers do not count
 ROUNDS = 4  # of moving the image until the star is in its middle
 IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
@@ -95,12 +94,8 @@ class Taken(NamedTuple):
 
     def spots(self) -> core.Spots:
         """Those that were found."""
-        there = self.found
-        size = np.full(int(there.sum()), 1, np.int64)
-        return core.Spots(
-            self.x[there], self.y[there], self.flux[there], self.covariance[there],
-            self.snr[there], size,
-        )  # fmt: skip
+        x, y, flux, covariance, snr = (values[self.found] for values in self[:5])
+        return core.Spots(x, y, flux, covariance, snr, np.ones(len(x), np.int64))
 
 
 class StarImage(NamedTuple):
@@ -135,7 +130,9 @@ def take(
              in its box is measured where it is, without a search
     Returns  Taken; NaN where a box leaves the frame or nothing in it passes the limits
     """
-    image = _corrected(frame, plan)
+    image = np.asarray(frame.image, np.float32)
+    if plan.correction is not None:
+        image = corrected(image, plan.correction, plan.settings.saturation)
     expected = star_image(plan.star.psf, box)
     gain = gain_of(frame, 0.0)
     measured = []
@@ -157,13 +154,6 @@ def follow(frame: core.Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Ta
     """
     place = np.asarray(corner, float) - 0.5
     return take(frame, place, np.ones(len(corner)), 1.0, box, plan, corner)
-
-
-def _corrected(frame: core.Frame, plan: DetectionPlan) -> Singles:
-    image = np.asarray(frame.image, np.float32)
-    if plan.correction is None:
-        return image
-    return corrected(image, plan.correction, plan.settings.saturation)
 
 
 def _taken(measured: list[tuple[float, ...]]) -> Taken:
@@ -213,10 +203,7 @@ def _table(psf: core.Psf, x: float, y: float, half: int) -> Floats:
     """Fractions in 2 half x 2 half pixels of a star (x, y) pixel from the middle of the image."""
     middle = len(psf.table) // 2
     step = np.arange(-half, half) + 0.5
-    at = [
-        np.rint((step - coordinate) * psf.oversampling).astype(int) + middle
-        for coordinate in (y, x)
-    ]
+    at = [np.rint((step - place) * psf.oversampling).astype(int) + middle for place in (y, x)]
     inside = [(coordinate >= 0) & (coordinate < len(psf.table)) for coordinate in at]
     clipped = [np.clip(coordinate, 0, len(psf.table) - 1) for coordinate in at]
     return np.asarray(psf.table[np.ix_(*clipped)] * np.outer(*inside))
@@ -249,9 +236,7 @@ def _search(
     low = np.ceil(at - half_side).astype(int)
     high = np.floor(at + half_side).astype(int) + 1
     half = IMAGE // 2
-    if (low < half).any():
-        return None
-    if high[0] > columns - half or high[1] > rows - half:
+    if (low < half).any() or high[0] > columns - half or high[1] > rows - half:
         return None
     window = image[low[1] - half : high[1] + half, low[0] - half : high[0] + half]
     level = _background(window, box, offset)

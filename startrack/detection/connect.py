@@ -11,7 +11,7 @@ from startrack.detection.background import Sky, between
 
 
 class Peaks(NamedTuple):
-    """(n,) column, row, and size of the connected component that holds it, pixel."""
+    """Where a star may be: (n,) column, row, and size of its connected component, pixel."""
 
     x: Ints
     y: Ints

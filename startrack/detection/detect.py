@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints, Psf, Refused, Spots, kernel, positive
-from startrack.detection.find import Candidates, find
+from startrack.detection.connect import Peaks
+from startrack.detection.find import find
 from startrack.detection.gravity import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, Y
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
@@ -15,7 +16,7 @@ from startrack.detection.plan import DetectionPlan, calibrated, planned
 SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
 
 
-def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, plan: DetectionPlan) -> Spots:
+def centroid(frame: Frame, pixels: Pixels, candidates: Peaks, plan: DetectionPlan) -> Spots:
     """Measure every candidate, and drop those that diverge or lead to the same star.
 
     Returns  Spots, brightest first
@@ -27,7 +28,7 @@ def centroid(frame: Frame, pixels: Pixels, candidates: Candidates, plan: Detecti
 
 
 def places(
-    frame: Frame, pixels: Pixels, candidates: Candidates, plan: DetectionPlan
+    frame: Frame, pixels: Pixels, candidates: Peaks, plan: DetectionPlan
 ) -> tuple[Floats, Floats]:
     """Centroids of every candidate, which must be different stars, in their order.
 
@@ -38,7 +39,7 @@ def places(
     return table[:, [X, Y]], table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
 
 
-def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detection) -> Sample:
+def sample(frame: Frame, pixels: Pixels, candidates: Peaks, settings: Detection) -> Sample:
     """Gather it from the frame, its pixels and the settings."""
     saturation = math.inf if settings.saturation is None else settings.saturation
     # Kernels are compiled anew for arrays of another layout.
@@ -57,16 +58,13 @@ def sample(frame: Frame, pixels: Pixels, candidates: Candidates, settings: Detec
     )
 
 
-def measured(stars: Sample, plan: DetectionPlan) -> Floats:
-    """One row per candidate, as `gravity` describes it."""
-    settings = plan.settings
-    return plan.method.measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
+def measured(stars: Sample, plan: DetectionPlan, stated: bool = True) -> Floats:
+    """One row per candidate, as `gravity` describes it.
 
-
-def placed(stars: Sample, plan: DetectionPlan) -> Floats:
-    """As `measured`; the covariance, and sigma of the flux, may be missing."""
+    stated  whether the covariance and sigma of the flux are needed; else they may be missing
+    """
     settings, method = plan.settings, plan.method
-    measure = method.place or method.measure
+    measure = method.measure if stated or not method.place else method.place
     return measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
 
 
@@ -130,11 +128,7 @@ LEAST_SIDE = 25  # pixel; fewer pixels would not tell their noise
 
 
 def detect_near(
-    frame: Frame,
-    place: Floats,
-    reach: float,
-    settings: Detection | DetectionPlan,
-    psf: Psf | None = None,
+    frame: Frame, place: Floats, reach: float, settings: Detection | DetectionPlan
 ) -> Spots:
     """Find the stars near places where a tracker expects some.
 
@@ -144,7 +138,7 @@ def detect_near(
 
     place     (m, 2) pixel (x, y); places outside the frame find nothing
     reach     pixel, by which a star may lie off its place along either axis
-    settings, psf  as `detect` takes them; the mesh is the window's side
+    settings  as `detect` takes them; the mesh is the window's side
     Returns   Spots, brightest first; one star for two places near it
     Raises    those of `detect`; ValueError where `place` is not (m, 2) or reach not positive.
     """
@@ -152,12 +146,12 @@ def detect_near(
     place = np.asarray(place, float)
     if place.ndim != 2 or place.shape[1] != 2:
         raise Refused(f"place must have the shape (m, 2), got {place.shape}")
-    plan = planned(settings, psf)
+    plan = planned(settings)
     image = calibrated(frame, plan)
     return centroid(frame, image, _near(image, place, reach, plan), plan)
 
 
-def _near(image: Pixels, place: Floats, half_side: float, plan: DetectionPlan) -> Candidates:
+def _near(image: Pixels, place: Floats, half_side: float, plan: DetectionPlan) -> Peaks:
     settings = plan.settings
     rows, columns = image.value.shape
     inside = (place > -0.5).all(axis=1) & (place < [columns - 0.5, rows - 0.5]).all(axis=1)
@@ -170,7 +164,7 @@ def _near(image: Pixels, place: Floats, half_side: float, plan: DetectionPlan) -
     corner = np.clip(centre - half, 0, [columns - side, rows - side])
     if not len(corner):
         nothing = np.empty(0, np.int64)
-        return Candidates(nothing, nothing, nothing)
+        return Peaks(nothing, nothing, nothing)
     dead = None if image.dead is None else _stacked(image.dead, corner, side)
     values = _stacked(image.value, corner, side).reshape(len(corner), -1)
     # So that windows far apart in the frame fit together; some of the pixels tell it.
@@ -183,7 +177,7 @@ def _near(image: Pixels, place: Floats, half_side: float, plan: DetectionPlan) -
     border = settings.window // 2 + settings.edge
     good = (off <= half_side + 1) & (np.minimum(x, columns - 1 - x) >= border)
     good &= np.minimum(y, rows - 1 - y) >= border
-    return Candidates(x[good], y[good], candidates.area[good])
+    return Peaks(x[good], y[good], candidates.area[good])
 
 
 def _stacked(image: NDArray, corner: Ints, side: int) -> NDArray:

@@ -10,9 +10,9 @@ import numpy as np
 
 from startrack.core import Flags, Floats, Frame, Ints, Singles, kernel
 from startrack.detection import matched
-from startrack.detection.detect import measured, placed, sample
+from startrack.detection.connect import Peaks
+from startrack.detection.detect import measured, sample
 from startrack.detection.examine import chance_to_pass, largest_fraction
-from startrack.detection.find import Candidates
 from startrack.detection.gravity import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 from startrack.detection.matched import filtered, highest_between
 from startrack.detection.parameters import Detection
@@ -81,7 +81,7 @@ def expect(
     height = np.where(height > 0, np.sqrt(height**2 + 2 * spread**2), height)
     dark = float(rms[0]) / kernel.noise
     kept = _kept(image, column, row, level, dark, gain, settings)
-    seen = sample(frame, calibrated_image, Candidates(column, row, np.ones_like(row)), settings)
+    seen = sample(frame, calibrated_image, Peaks(column, row, np.ones_like(row)), settings)
     # The ring about a star shows no noise here. So all that a dark pixel has is given as the
     # least noise there is, which the ring then has too.
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), plan)
@@ -183,7 +183,7 @@ def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan)
     """
     nothing: Ints = np.ones(len(x), np.int64)
     # Frames are whole numbers, though their expectation is not.
-    stars = sample(frame, calibrated(frame, plan), Candidates(x, y, nothing), plan.settings)
+    stars = sample(frame, calibrated(frame, plan), Peaks(x, y, nothing), plan.settings)
     stars = stars._replace(floor=1 / math.sqrt(12))
     middle = measured(stars, plan)
     half = half_of(plan)
@@ -194,9 +194,9 @@ def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan)
             pixel = y + j, x + i
             before, step = image[pixel], sigma[pixel].astype(np.float32)
             image[pixel] = before + step
-            above = placed(stars, plan)[:, [X, Y]]
+            above = measured(stars, plan, stated=False)[:, [X, Y]]
             image[pixel] = before - step
-            below = placed(stars, plan)[:, [X, Y]]
+            below = measured(stars, plan, stated=False)[:, [X, Y]]
             image[pixel] = before
             slope[:, :, half + j, half + i] = (above - below) / (2 * step)[:, None]
     covariance = middle[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)

@@ -1,16 +1,18 @@
-"""Pixels -> Candidates: peaks of the filtered image that look like stars."""
+"""Pixels -> Peaks of the filtered image that look like stars."""
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
 from startrack.core import Flags, Floats, Ints, Singles, kernel
 from startrack.detection.background import Sky, sky, with_gain_noise
-from startrack.detection.connect import lit, peaks, split
+from startrack.detection.connect import Peaks, lit, peaks, split
 from startrack.detection.examine import (
     has_dead_pixel,
     is_hot,
@@ -77,32 +79,45 @@ EXAMINED = np.float32(0.75)  # of the threshold
 KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to matter
 
 
-class Candidates(NamedTuple):
-    """Where a star may be: (n,) column, row, and size of its connected component, pixel."""
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What the search of a frame compares its pixels with.
 
-    x: Ints
-    y: Ints
-    area: Ints
+    sky   background and noise
+    far   sigma, how far a star must stand out, on the grid of the Sky
+    look  digital number from which on pixels are looked at, on the grid of the Sky
+    """
+
+    sky: Sky
+    far: Singles
+    look: Singles
+
+    @cached_property
+    def lowest(self) -> Floats:
+        """(down, across) digital number, the least of `look` in each tile."""
+        return cv2.erode(self.look, np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(float)
+
+    @cached_property
+    def noise(self) -> float:
+        """Digital number, of the filtered frame, in most tiles."""
+        return float(np.median(self.sky.rms))
 
 
-def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Candidates:
+def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Peaks:
     """Filter, compare, connect, and keep the peaks that stand alone and are no hot pixels.
 
     Three fast passes go over the whole frame; the slow tests are for the peaks alone.
 
     mesh  pixel, side of the tiles where it is not that of the settings
     """
-    settings, kernel = plan.settings, plan.kernel
-    if core.is_code(settings.search):
+    if core.is_code(plan.settings.search):
         x, y = peaks_by_code(pixels, plan)
-        return Candidates(x, y, np.ones(len(x), np.int64))
+        return Peaks(x, y, np.ones(len(x), np.int64))
     # In the same memory again: new pages take a tenth of a millisecond a megapixel.
     room = plan.workspace.array("filtered frame", pixels.value.shape, np.float32)
-    image = filtered(pixels.value, kernel, room)
-    ground = ground_of(pixels, image, kernel, mesh or settings.mesh)
-    far = threshold_grid(ground, plan.threshold(image.size))
-    bright = lit(image, examination_level(ground, far), ground.mesh)
-    return choose(pixels, image, bright, ground, far, plan)
+    image = filtered(pixels.value, plan.kernel, room)
+    ground = ground_of(pixels, image, plan, mesh)
+    return choose(pixels, image, lit(image, ground.look, ground.sky.mesh), ground, plan)
 
 
 def levels_at(pixels: Pixels, plan: DetectionPlan, x: Ints, y: Ints) -> Floats:
@@ -110,75 +125,46 @@ def levels_at(pixels: Pixels, plan: DetectionPlan, x: Ints, y: Ints) -> Floats:
 
     Where the ring about a place is brighter or less even than its tile, by that of the ring.
     """
-    settings, kernel = plan.settings, plan.kernel
-    image = filtered(pixels.value, kernel)
-    ground = ground_of(pixels, image, kernel, settings.mesh)
-    far = threshold_grid(ground, plan.threshold(image.size))
-    bright = lit(image, examination_level(ground, far), ground.mesh)
-    half, waiting = settings.window // 2, np.zeros(image.shape, np.uint8)
-    border, shot = half + settings.edge, 1 / pixels.gain.electrons_per_dn
-    merged = peaks(image, bright, waiting, settings.min_area, settings.max_area, half, border)
-    own = split(pixels.value, merged, ground, kernel.noise, shot, border)
-    ring, floor = ring_half(settings, kernel), rounding(pixels, kernel)
-    near = np.stack([own.x, own.y])
-    return np.asarray(levels_to_pass(image, x, y, ring, far, ground, floor, near))
+    image, rules = filtered(pixels.value, plan.kernel), _rules(pixels, plan)
+    ground = ground_of(pixels, image, plan)
+    bright, waiting = lit(image, ground.look, ground.sky.mesh), np.zeros(image.shape, np.uint8)
+    merged = peaks(image, bright, waiting, *rules[:4])
+    own = split(pixels.value, merged, ground.sky, rules.noise, rules.shot, rules.border)
+    near, law = np.stack([own.x, own.y]), (ground.far, ground.sky, rules.floor)
+    return np.asarray(levels_to_pass(image, x, y, rules.ring, *law, near))
 
 
-def ground_of(pixels: Pixels, image: Singles, kernel: Kernel, mesh: int) -> Sky:
+def ground_of(
+    pixels: Pixels, image: Singles, plan: DetectionPlan, mesh: int | None = None
+) -> Ground:
     """Background and noise of the filtered image; its noise by the gain model where that holds."""
-    ground = sky(image, mesh, rounding(pixels, kernel))
-    if not pixels.gain.known:
-        return ground
-    return with_gain_noise(ground, noise_from_gain(ground.mean, pixels.gain, pixels.step, kernel))
-
-
-def threshold_grid(ground: Sky, threshold: float) -> Singles:
-    """How many sigma a star must exceed the background by, on the Sky's grid.
-
-    threshold  sigma of normal noise
-    """
-    return equivalent_sigmas(threshold, ground.skewness, ground.kurtosis)
-
-
-def examination_level(ground: Sky, far: Singles) -> Singles:
-    """The level from which on pixels are looked at, on the grid of the Sky, digital number."""
-    return np.asarray(ground.mean + EXAMINED * far * ground.rms, np.float32)
+    law = sky(image, mesh or plan.settings.mesh, rounding(pixels, plan.kernel))
+    if pixels.gain.known:
+        model = noise_from_gain(law.mean, pixels.gain, pixels.step, plan.kernel)
+        law = with_gain_noise(law, model)
+    far = equivalent_sigmas(plan.threshold(image.size), law.skewness, law.kurtosis)
+    return Ground(law, far, np.asarray(law.mean + EXAMINED * far * law.rms, np.float32))
 
 
 def choose(
     pixels: Pixels,
     image: Singles,
     bright: Ints,
-    ground: Sky,
-    far: Singles,
+    ground: Ground,
     plan: DetectionPlan,
     regions: Ints | None = None,
-) -> Candidates:
+) -> Peaks:
     """The peaks among the bright pixels of a filtered image that look like stars.
 
-    bright   (n,) row * columns + column of the pixels above `examination_level`
-    far      as from `threshold_grid`
+    bright   (n,) row * columns + column of the pixels above the ground's `look`
     regions  (w, 4) left, top, right, bottom that peaks must lie in, None for all of the frame
     """
-    settings, kernel = plan.settings, plan.kernel
-    half, sharpest = settings.window // 2, settings.sharpest_sigma
-    rules = _Rules(
-        settings.min_area,
-        settings.max_area,
-        half,
-        half + settings.edge,
-        ring_half(settings, kernel),
-        kernel.noise,
-        1 / pixels.gain.electrons_per_dn,
-        rounding(pixels, kernel),
-        largest_fraction(sharpest) if sharpest > 0 else 0.0,
-        0 if plan.method.skips_dead else 1,
-    )
     waiting = plan.workspace.array("waiting pixels", image.shape, np.uint8)
     if regions is None:
         regions = np.array([[0, 0, image.shape[1], image.shape[0]]])
-    images = pixels.value, pixels.marks, image
-    return Candidates(*_choose(*images, bright, waiting, ground, far, plan.filters, regions, rules))
+    images, law = (pixels.value, pixels.marks, image), (ground.sky, ground.far)
+    rules = _rules(pixels, plan)
+    return Peaks(*_choose(*images, bright, waiting, *law, plan.filters, regions, rules))
 
 
 class _Rules(NamedTuple):
@@ -205,6 +191,23 @@ class _Rules(NamedTuple):
     floor: float
     fraction: float
     beside: int
+
+
+def _rules(pixels: Pixels, plan: DetectionPlan) -> _Rules:
+    settings, kernel = plan.settings, plan.kernel
+    half, sharpest = settings.window // 2, settings.sharpest_sigma
+    return _Rules(
+        settings.min_area,
+        settings.max_area,
+        half,
+        half + settings.edge,
+        ring_half(settings, kernel),
+        kernel.noise,
+        1 / pixels.gain.electrons_per_dn,
+        rounding(pixels, kernel),
+        largest_fraction(sharpest) if sharpest > 0 else 0.0,
+        0 if plan.method.skips_dead else 1,
+    )
 
 
 @kernel

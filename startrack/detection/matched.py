@@ -11,7 +11,6 @@ import scipy
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Psf, Singles, kernel
-from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Gain
 from startrack.detection.star_model import expected
 
@@ -70,13 +69,6 @@ def filtered(image: Singles, kernel: Kernel, out: Singles | None = None) -> Sing
     return np.asarray(result, np.float32)
 
 
-def kernel_of(settings: Detection, psf: Psf) -> Kernel:
-    """The matched filter that the settings name."""
-    if settings.kernel == "psf" or settings.streaked:
-        return psf_kernel(psf)
-    return gaussian_kernel(settings.kernel_sigma)
-
-
 @lru_cache(maxsize=64)
 def gaussian_kernel(sigma: float) -> Kernel:
     """Of a Gaussian star, integrated over pixels; sigma in pixel."""
@@ -108,9 +100,8 @@ def _kernel(shape: Floats) -> Kernel:
 
 
 Grid = NDArray[np.floating[Any]]
-MILD_SKEWNESS = (
-    0.5  # skewness up to which the expansion's second-order terms are small beside the first
-)
+# Skewness up to which the expansion's second-order terms are small beside the first.
+MILD_SKEWNESS = 0.5
 # Kurtosis over skewness^2 is 9/8 for a Gaussian kernel on photons alone, and grows as one over
 # the photons' fraction of the variance. Where the gain is unknown, they may have three fifths.
 KURTOSIS_RATIO = 9 / 8 / 0.6
@@ -205,9 +196,8 @@ def threshold_for(peaks: float) -> float:
     """
     if peaks >= peak_density(LOWEST):
         return LOWEST
-    return float(
-        scipy.optimize.brentq(lambda z: math.log(peak_density(z) / peaks), LOWEST, HIGHEST)
-    )
+    found = scipy.optimize.brentq(lambda z: math.log(peak_density(z) / peaks), LOWEST, HIGHEST)
+    return float(found)
 
 
 def peak_density(z: float) -> float:

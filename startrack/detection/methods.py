@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -208,13 +208,12 @@ def _propagated(name: str, given: CentroidInput, variance: Floats) -> Floats:
     pixel = np.arange(size)
     above[:, pixel, pixel] += step
     above[:, size + pixel, pixel] -= step
-    changed = CentroidInput(
-        above.reshape(-1, side, side),
-        np.repeat(given.noise, 2 * size),
-        np.repeat(given.shot, 2 * size),
-        np.repeat(given.unknown, 2 * size, axis=0),
-        given.kernel_sigma,
-        given.psf,
+    changed = replace(
+        given,
+        signal=above.reshape(-1, side, side),
+        noise=np.repeat(given.noise, 2 * size),
+        shot=np.repeat(given.shot, 2 * size),
+        unknown=np.repeat(given.unknown, 2 * size, axis=0),
     )
     shape = (len(changed.signal), (3, 6))
     answer = returned(GROUP, name, call_code(GROUP, name, changed), shape, finite=False)

@@ -79,11 +79,17 @@ def correction_of(settings: DarkMap, dark: DarkFrames) -> Correction:
 
 
 def corrected(
-    value: Singles, correction: Correction, saturation: float | None, pivot: float = 0.0
+    value: Singles,
+    correction: Correction,
+    saturation: float | None,
+    pivot: float = 0.0,
+    within: tuple[Ints, Singles] | None = None,
 ) -> Singles:
     """An image without its dark signal; saturated pixels keep their numbers.
 
     value, saturation  digital number, the first less the pivot
+    within  windows (w, 4), whose outermost pixels may be wrong, and the image that is written to
+            there; None: all of a new one
     Raises  ValueError where image and map differ in shape.
     """
     if value.shape != correction.offset.shape:
@@ -92,35 +98,15 @@ def corrected(
             f"{value.shape}"
         )
     rows, columns = value.shape
-    out = np.empty_like(value)
-    _correct(value, np.array([[0, 0, columns, rows]]), *_maps(correction, saturation, pivot), out)
-    return out
-
-
-def corrected_within(
-    value: Singles,
-    windows: Ints,
-    level: float,
-    correction: Correction,
-    saturation: float | None,
-    workspace: core.Workspace,
-) -> Singles:
-    """As `corrected` in windows (w, 4), whose outermost pixels may be wrong; a level elsewhere."""
-    out = workspace.canvas("without dark signal", value.shape, level, windows)
-    _correct(value, windows, *_maps(correction, saturation, 0.0), out)
+    windows, out = within or (np.array([[0, 0, columns, rows]]), np.empty_like(value))
+    limit = math.inf if saturation is None else saturation - pivot
+    _correct(value, windows, correction.offset, correction.marks, limit, out)
     return out
 
 
 def correction_image(correction: Correction) -> Singles:
     """What an image loses by the correction, digital number: hot pixels as their neighbours."""
     return -corrected(np.zeros_like(correction.offset), correction, None)
-
-
-def _maps(
-    correction: Correction, saturation: float | None, pivot: float
-) -> tuple[Singles, NDArray[np.uint8], float]:
-    limit = math.inf if saturation is None else saturation - pivot
-    return correction.offset, correction.marks, limit
 
 
 @kernel

@@ -43,7 +43,9 @@ class DetectionPlan:
     @cached_property
     def kernel(self) -> matched.Kernel:
         """Matched filter of a star in the middle of a pixel."""
-        return matched.kernel_of(self.settings, self.star.psf)
+        if self.settings.kernel == "psf" or self.settings.streaked:
+            return matched.psf_kernel(self.star.psf)
+        return matched.gaussian_kernel(self.settings.kernel_sigma)
 
     @cached_property
     def correction(self) -> Correction | None:
@@ -114,9 +116,7 @@ def planned(settings: Detection | DetectionPlan, psf: Psf | None = None) -> Dete
     return settings if isinstance(settings, DetectionPlan) else plan_detection(settings, psf)
 
 
-def false_alarms(
-    settings: Detection | DetectionPlan, columns: int, rows: int, psf: Psf | None = None
-) -> float:
+def false_alarms(settings: Detection | DetectionPlan, columns: int, rows: int) -> float:
     """Expected number of noise peaks that pass the threshold.
 
         n = area Lambda^(1/2) (2 pi)^(-3/2) z exp(-z^2 / 2)
@@ -126,17 +126,10 @@ def false_alarms(
 
     Source: Adler (1981), The geometry of random fields, theorem 6.9.3.
 
-    settings, psf  as `detect` takes them
-    Returns  1, per frame
+    settings  as `detect` takes them
+    Returns   1, per frame
     Accuracy  model: 5 % for thresholds from 4 on where the gain is known, a factor of 2 where the
               noise is estimated from tiles alone.
     """
-    plan, area = planned(settings, psf), columns * rows
+    plan, area = planned(settings), columns * rows
     return area * plan.roughness * matched.peak_density(plan.threshold(area))
-
-
-def threshold_of(
-    settings: Detection | DetectionPlan, columns: int, rows: int, psf: Psf | None = None
-) -> float:
-    """Threshold of the search of a frame, in sigma of normal noise; arguments as `false_alarms`."""
-    return planned(settings, psf).threshold(columns * rows)

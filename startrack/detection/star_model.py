@@ -32,20 +32,6 @@ def gaussian_psf(sigma: float) -> Psf:
     return Psf(np.outer(line, line), samples, 1.0)
 
 
-def window_of(psf: Psf) -> tuple[int, int]:
-    """Half sides (columns, rows) of the window that a fit needs, pixel."""
-    middle = psf.table.shape[0] // 2
-    halves = []
-    for axis in (0, 1):
-        line = np.cumsum(psf.table.sum(axis=axis)) / psf.table.sum()
-        outside = (1 - FRACTION) / 2
-        first, last = np.searchsorted(line, [outside, 1 - outside])
-        widest = max(middle - first, last - middle) / psf.oversampling
-        # Half a pixel for the star's place within its own, and one for the background.
-        halves.append(min(math.ceil(widest + 0.5), LARGEST))
-    return halves[0], halves[1]
-
-
 @kernel
 def expected(
     table: Floats, oversampling: int, x: float, y: float, left: int, top: int, star: Floats
@@ -105,18 +91,6 @@ ROUNDS = 20
 FLATTEST = 0.1  # where the centre of gravity moves less than that with the star, it is not used
 
 
-def s_curve(psf: Psf, half: int) -> Floats:
-    """Centre of gravity, without noise, of a window of 2 half + 1 pixels.
-
-    Source: Alexander and Ng (1991), who name the error of the centre of gravity over the place
-    of the star within its pixel after its shape.
-
-    Returns  (3, 65, 65) along x and along y, pixel, and the fraction of the light within the
-             window; by the star's place [row, column] from -1 to 1 pixel from the window's centre
-    """
-    return _s_curve(psf.table, psf.oversampling, half)
-
-
 @kernel
 def _s_curve(table: Floats, oversampling: int, half: int) -> Floats:
     """Centre of gravity x, y (pixel) and light in a window, (3, SIDE, SIDE) by place."""
@@ -144,7 +118,7 @@ def compensate(table: Floats, curve: Floats) -> None:
     noise grows by the inverse of the slopes. A centre that no star can give stays as it is.
 
     table  (n, COLUMNS) as `gravity` gives it
-    curve  as `s_curve` gives it
+    curve  as `StarModel.s_curve`
     """
     step = 1 / STEPS
     for n in range(len(table)):
@@ -195,13 +169,29 @@ class StarModel:
 
     @cached_property
     def fit_window(self) -> tuple[int, int]:
-        """Half sides (columns, rows) of the window of a PSF fit, pixel."""
-        return window_of(self.psf)
+        """Half sides (columns, rows) of the window that a fit of the PSF needs, pixel."""
+        middle = self.psf.table.shape[0] // 2
+        halves = []
+        for axis in (0, 1):
+            line = np.cumsum(self.psf.table.sum(axis=axis)) / self.psf.table.sum()
+            outside = (1 - FRACTION) / 2
+            first, last = np.searchsorted(line, [outside, 1 - outside])
+            widest = max(middle - first, last - middle) / self.psf.oversampling
+            # Half a pixel for the star's place within its own, and one for the background.
+            halves.append(min(math.ceil(widest + 0.5), LARGEST))
+        return halves[0], halves[1]
 
     @cached_property
     def s_curve(self) -> Floats:
-        """S-curve of the centre of gravity, as the function `s_curve` gives it."""
-        return s_curve(self.psf, self.half)
+        """Centre of gravity, without noise, of a window of 2 half + 1 pixels.
+
+        Source: Alexander and Ng (1991), who name the error of the centre of gravity over the place
+        of the star within its pixel after its shape.
+
+        Returns  (3, 65, 65) along x and along y, pixel, and the fraction of the light within the
+                 window; by the star's place [row, column] from -1 to 1 pixel from its centre
+        """
+        return _s_curve(self.psf.table, self.psf.oversampling, self.half)
 
 
 def smeared(psf: Psf, x: float, y: float) -> Psf:

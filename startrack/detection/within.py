@@ -1,48 +1,25 @@
 """Frame that is known in regions alone, and the Sky of such frames -> Spots of these regions."""
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
 from startrack.core import Floats, Frame, Ints, Psf, Singles, Spots, assign, kernel
-from startrack.detection.background import Sky, between
+from startrack.detection.background import between
 from startrack.detection.connect import any_above
 from startrack.detection.detect import centroid
-from startrack.detection.find import choose, examination_level, ground_of, ring_half, threshold_grid
+from startrack.detection.find import Ground, choose, ground_of, ring_half
 from startrack.detection.matched import Kernel, filtered
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Pixels, corrected_within, gain_of
+from startrack.detection.pixels import Pixels, corrected, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 
 RING = 3  # pixel, from a window to the far side of the ring about it
 
 
-class Ground(NamedTuple):
-    """What the search of a frame compares its pixels with.
-
-    sky     background and noise
-    far     sigma, how far a star must stand out, on the grid of the Sky
-    look    digital number from which on pixels are looked at, on the grid of the Sky
-    lowest  (down, across) digital number, the least of that in each tile
-    noise   digital number, of the filtered frame, in most tiles
-    """
-
-    sky: Sky
-    far: Singles
-    look: Singles
-    lowest: Floats
-    noise: float
-
-
 def measure_ground(frame: Frame, plan: DetectionPlan) -> Ground:
     """Background and noise of a whole frame, as `detect` measures them."""
-    image, kernel = calibrated(frame, plan), plan.kernel
-    sky = ground_of(image, filtered(image.value, kernel), kernel, plan.settings.mesh)
-    far = threshold_grid(sky, plan.threshold(frame.image.size))
-    look = examination_level(sky, far)
-    lowest = cv2.erode(look, np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(float)
-    return Ground(sky, far, look, lowest, float(np.median(sky.rms)))
+    image = calibrated(frame, plan)
+    return ground_of(image, filtered(image.value, plan.kernel), plan)
 
 
 def detect_within(frame: Frame, regions: Ints, ground: Ground, plan: DetectionPlan) -> Spots:
@@ -61,14 +38,12 @@ def detect_within(frame: Frame, regions: Ints, ground: Ground, plan: DetectionPl
     value, dead = np.asarray(frame.image, np.float32), None
     if plan.correction is not None:
         windows = grown_mask(regions, margin(plan), columns, rows)
-        value = corrected_within(
-            *(value, windows, frame.offset, plan.correction),
-            *(plan.settings.saturation, plan.workspace),
-        )
+        out = plan.workspace.canvas("without dark signal", value.shape, frame.offset, windows)
+        value = corrected(value, plan.correction, plan.settings.saturation, within=(windows, out))
         dead = plan.correction.marks
     bright = _filter(value, seen, kernel.whole, image, ground.look, ground.sky.mesh)
     raw = Pixels(value, 0.0, 1.0, dead, gain_of(frame, 0.0))
-    candidates = choose(raw, image, bright, ground.sky, ground.far, plan, regions)
+    candidates = choose(raw, image, bright, ground, plan, regions)
     return centroid(frame, raw, candidates, plan)
 
 

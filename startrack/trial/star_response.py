@@ -13,8 +13,8 @@ from scipy.special import ndtr
 from startrack.core import Floats, Frame, Ints, Psf, Refused, Streams, kept, kernel, require_memory
 from startrack.design import Case, Instrument
 from startrack.detection import (
-    Candidates,
     Detection,
+    Peaks,
     chance_kept,
     filtered,
     highest_between,
@@ -269,7 +269,7 @@ def _measurements(
     for sign in signs:
         frame, middle = _in_cells(case, electrons, sign * ripple, reading)
         column, row = middle.T
-        candidates = Candidates(column, row, np.ones(len(row), np.int64))
+        candidates = Peaks(column, row, np.ones(len(row), np.int64))
         centroid, covariance = places(frame, pixels(frame), candidates, plan)
         centroids.append((centroid - middle).reshape(*electrons.shape[:2], 2))
         covariances.append(covariance.reshape(*electrons.shape[:2], 2, 2))

@@ -13,7 +13,6 @@ from startrack.budget import Budget, Law, UnitBudgets, attitudes
 from startrack.catalog import FAINTEST_G, LIMITS, Selection, Sky, open_sky
 from startrack.core import Camera, Floats, Rows, Stars
 from startrack.design import AXES, Accuracy, Case, Objective, Requirements
-from startrack.detection import threshold_of
 from startrack.detector import electron_rate
 from startrack.metrics import Interpretation, Interval, fraction_interval
 from startrack.montecarlo import Regions
@@ -202,7 +201,7 @@ def limiting_magnitude(case: Case) -> float:
     sharpness /= np.sqrt(1 + length**2 * sharpness)
     signal = star * detector.integration * np.sqrt(sharpness)
     ratio = signal / np.sqrt(noise)
-    threshold = threshold_of(detection_plan(case), detector.columns, detector.rows)
+    threshold = detection_plan(case).threshold(detector.columns * detector.rows)
     return float(np.interp(-np.log(threshold), -np.log(ratio), MAGNITUDES))
 
 

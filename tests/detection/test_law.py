@@ -6,7 +6,7 @@ from scipy.stats import norm, poisson
 
 from startrack.core.streams import Streams
 from startrack.core.values import Frame
-from startrack.detection import Detection, detect, false_alarms, threshold_of
+from startrack.detection import Detection, detect, false_alarms, plan_detection
 from startrack.detection.matched import Kernel, equivalent_sigmas, noise_from_gain
 from startrack.detection.pixels import Gain
 
@@ -71,11 +71,11 @@ def test_the_threshold_of_a_wish():
     plain = Detection(threshold=4.7, kernel_sigma=0.8)
     told = false_alarms(plain, 640, 480)
     same = Detection(false_per_frame=told, kernel_sigma=0.8)
-    assert threshold_of(same, 640, 480) == pytest.approx(4.7, rel=1e-9)
+    assert plan_detection(same).threshold(640 * 480) == pytest.approx(4.7, rel=1e-9)
     assert false_alarms(same, 640, 480) == pytest.approx(told, rel=1e-9)
-    assert threshold_of(plain, 10, 10) == 4.7
+    assert plan_detection(plain).threshold(10 * 10) == 4.7
     # More than noise can make in so small a frame.
-    assert threshold_of(Detection(false_per_frame=1000.0), 8, 8) == 1.5
+    assert plan_detection(Detection(false_per_frame=1000.0)).threshold(8 * 8) == 1.5
 
 
 @pytest.mark.parametrize("wanted", [0.0, -1.0, 1e9])
