@@ -8,18 +8,9 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.attitude.linear import best_rotation, invert, largest_eigenvalue, least_squares
-from startrack.core import (
-    Floats,
-    Ints,
-    Refused,
-    Unit,
-    kernel,
-    printed,
-    rotated,
-    rotation_of,
-    turn_by,
-)
+from startrack.core import Floats, Ints, Refused, kernel, rotated, turn_by
 
 EPS = 2.0**-52
 MOST_STEPS = 100  # two or three are enough, except for stars that contradict each other
@@ -37,7 +28,7 @@ class Observability(IntEnum):
     CONTRADICTORY = 2  # the residuals are so large that other attitudes fit as well
 
 
-@printed
+@core.printed
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """Attitudes at the minimum of Wahba's loss.
@@ -51,7 +42,7 @@ class Alignment:
     """
 
     source_to_target: Rotation
-    covariance: Annotated[Floats, Unit("rad2", "arcsec2")]
+    covariance: Annotated[Floats, core.Unit("rad2", "arcsec2")]
     condition: Floats
     loss: Floats
     observability: Ints
@@ -89,7 +80,7 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
     matrix, covariance = np.empty((many, 3, 3)), np.empty((many, 3, 3))
     condition, loss, status = np.empty(many), np.empty(many), np.empty(many, np.int64)
     _align(b, r, w, matrix, covariance, condition, loss, status)
-    return Alignment(rotation_of(matrix), covariance, condition, loss, status)
+    return Alignment(core.rotation_of(matrix), covariance, condition, loss, status)
 
 
 @kernel

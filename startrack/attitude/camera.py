@@ -96,14 +96,10 @@ def calibrate(
     sigma = settings.sigma(camera)
     free = np.flatnonzero(sigma > 0)
     for _ in range(settings.steps):
-        normal = np.diag(sigma[free] ** -2.0)
+        blocks = [frame.normal(camera, free, settings.floor) for frame in frames]
         right = (start - camera_vector(camera))[free] / sigma[free] ** 2
-        blocks = []
-        for frame in frames:
-            block = frame.normal(camera, free, settings.floor)
-            blocks.append(block)
-            normal += block.schur
-            right += block.right
+        normal = sum((block.schur for block in blocks), np.diag(sigma[free] ** -2.0))
+        right = sum((block.right for block in blocks), right)
         step: Floats = np.linalg.solve(normal, right).astype(np.float64)
         camera = moved_camera(camera, free, step)
         for frame, block in zip(frames, blocks, strict=True):

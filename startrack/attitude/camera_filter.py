@@ -10,23 +10,12 @@ import numpy as np
 
 from startrack import core
 from startrack.attitude.camera import UNKNOWNS, Calibration, MatchedFrame, moved_camera
-from startrack.core import (
-    NON_NEGATIVE,
-    Camera,
-    Floats,
-    Ints,
-    Matches,
-    Parameters,
-    Refused,
-    Spots,
-    Unit,
-    printed,
-)
+from startrack.core import NON_NEGATIVE, Camera, Floats, Matches, Parameters, Spots
 
 FEWEST = 4  # stars of a frame that says something of its camera
 STEPS = 2  # of Gauss-Newton, in a frame
 COUNT = len(UNKNOWNS)
-EVERY: Ints = np.arange(COUNT)
+EVERY: core.Ints = np.arange(COUNT)
 
 
 @dataclass(frozen=True)
@@ -56,7 +45,7 @@ class CameraFilter(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.map == 1:
-            raise Refused("map must be 0 or at least 2, got 1")
+            raise core.Refused("map must be 0 or at least 2, got 1")
 
     def sigma(self, camera: Camera) -> Floats:
         """(16 + 2 map^2,) of UNKNOWNS, their slopes, and x and y of the nodes, at the begin."""
@@ -75,7 +64,7 @@ class CameraFilter(Parameters):
         return walk
 
 
-@printed
+@core.printed
 @dataclass(frozen=True, eq=False)
 class KnownCamera:
     """A camera as it is known after some frames.
@@ -90,7 +79,7 @@ class KnownCamera:
     camera: Camera
     slope: Floats
     covariance: Floats
-    nodes: Annotated[Floats, Unit("pixel")] = field(default_factory=lambda: np.zeros((0, 2)))
+    nodes: Annotated[Floats, core.Unit("pixel")] = field(default_factory=lambda: np.zeros((0, 2)))
 
     def at(self, warmer: float) -> Camera:
         """The camera at a temperature, kelvin above the reference."""

@@ -25,13 +25,8 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
     Accuracy   numerical: rounding only. It takes n^3 / 2 steps: 0.1 ms for 30 stars.
     """
     chosen = np.zeros(len(sigma), np.bool_)
-    _search(
-        np.ascontiguousarray(observed, float),
-        np.ascontiguousarray(reference, float),
-        np.ascontiguousarray(sigma, float),
-        float(gate),
-        chosen,
-    )
+    stars = (np.ascontiguousarray(values, float) for values in (observed, reference, sigma))
+    _search(*stars, float(gate), chosen)
     return chosen
 
 

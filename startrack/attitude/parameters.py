@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Unit
@@ -76,11 +77,5 @@ class Mounting(Parameters):
 
     def camera_to_body(self, phase: float = 0.0) -> Rotation:
         """The rotation at a phase (radian) of the swing."""
-        sine = math.sin(phase)
-        return Rotation.from_rotvec(
-            [
-                self.x + self.swing_x * sine,
-                self.y + self.swing_y * sine,
-                self.z + self.swing_z * sine,
-            ]
-        )
+        swing = np.array([self.swing_x, self.swing_y, self.swing_z]) * math.sin(phase)
+        return Rotation.from_rotvec(np.array([self.x, self.y, self.z]) + swing)

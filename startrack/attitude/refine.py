@@ -6,18 +6,9 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from startrack import core
 from startrack.attitude.linear import invert, least_squares
-from startrack.core import (
-    Camera,
-    Floats,
-    Refused,
-    Unit,
-    kernel,
-    plane_slopes,
-    printed,
-    rotation_of,
-    turn_by,
-)
+from startrack.core import Floats, Unit, kernel, plane_slopes, turn_by
 
 MOST_STEPS = 10  # a limit: the start is close to the minimum
 SMALLEST_STEP = 1e-15  # radian, some eps
@@ -48,7 +39,7 @@ def refine(
     pixel: Floats,
     covariance: Floats,
     direction: Floats,
-    camera: Camera,
+    camera: core.Camera,
     start: Rotation,
     tolerance: float = 0.0,
 ) -> Refinement:
@@ -83,9 +74,9 @@ def refine(
         seen_plane, whitener, direction, tolerance, matrix, inverse, residual, chi_square
     )
     if np.isnan(scale):
-        raise Refused("the stars must lie in at least two directions to fix an attitude")
+        raise core.Refused("the stars must lie in at least two directions to fix an attitude")
     return Refinement(
-        rotation_of(matrix),
+        core.rotation_of(matrix),
         inverse @ inverse.T,
         residual * camera.focal_length_px,
         chi_square,
@@ -166,7 +157,7 @@ def tangent(plane: Floats) -> Floats:
     return design
 
 
-@printed
+@core.printed
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
     """Errors that are alike for near stars, or for all, as far as a tracker knows their law.

@@ -185,8 +185,9 @@ def solve(
     if excess > 1 or (beside is not None and not beside.any()):
         beside = None
     if shared is not None or beside is not None:
-        plane = _plane(matches, best, used)
-        focal = matches.camera.focal_length_px
+        # Where the attitude has the stars.
+        direction = best.icrs_to_camera.apply(matches.direction[used])
+        plane, focal = direction[:, :2] / direction[:, 2:], matches.camera.focal_length_px
         inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)
         gain = attitude_gain(plane, inverse, focal, tolerance)
         if shared is not None:
@@ -224,12 +225,6 @@ def _fit(
     weight = 2 / np.trace(covariance, axis1=1, axis2=2)
     start = svd(matches.camera.unproject(pixel), direction, weight)
     return refine(pixel, covariance, direction, matches.camera, start, tolerance)
-
-
-def _plane(matches: core.Matches, best: Refinement, used: Ints) -> Floats:
-    """Places (n, 2) of the stars in the image plane, where the attitude has them."""
-    direction = best.icrs_to_camera.apply(matches.direction[used])
-    return np.asarray(direction[:, :2] / direction[:, 2:])
 
 
 def _agreeing(pixel: Floats, covariance: Floats, matches: core.Matches, gate: float) -> Ints:

@@ -32,37 +32,6 @@ def parts(b: Array) -> tuple[Array, Array, Array]:
     return trace, b + np.swapaxes(b, -1, -2), vector
 
 
-def davenport_matrix(b: Array) -> Array:
-    """The symmetric matrix K for which q^T K q = trace(R(q)^T B), q = (x, y, z, w).
-
-    Source: Davenport (1968), in Wertz (1978), Spacecraft Attitude Determination and Control,
-    eq. 12-73; the vector has the other sign here, since scipy's quaternions turn vectors.
-    """
-    trace, symmetric, vector = parts(b)
-    k = np.empty((*b.shape[:-2], 4, 4), b.dtype)
-    k[..., :3, :3] = symmetric - trace[..., None, None] * np.eye(3, dtype=b.dtype)
-    k[..., :3, 3] = k[..., 3, :3] = vector
-    k[..., 3, 3] = trace
-    return k
-
-
-def davenport(observed: Array, reference: Array, weight: Array) -> Rotation:
-    """Solve Wahba's problem by the q-method.
-
-        K q = lambda q   for the largest eigenvalue
-
-    Source: Davenport (1968), in Wertz (1978), Spacecraft Attitude Determination and Control, 12.2.
-
-    observed   (..., n, 3) unit vectors in the target's axes
-    reference  (..., n, 3) unit vectors in the source's axes
-    weight     (..., n) inverse variances, on any scale
-    Returns    source_to_target
-    Accuracy   numerical: as `svd`, eps over the gap between the two largest eigenvalues.
-    """
-    _, vectors = np.linalg.eigh(davenport_matrix(products(observed, reference, weight)))
-    return Rotation.from_quat(vectors[..., 3])
-
-
 def svd(observed: Array, reference: Array, weight: Array) -> Rotation:
     """Solve Wahba's problem.
 
@@ -83,6 +52,26 @@ def svd(observed: Array, reference: Array, weight: Array) -> Rotation:
     return rotation_of(u @ vt)
 
 
+def davenport(observed: Array, reference: Array, weight: Array) -> Rotation:
+    """Solve Wahba's problem by the q-method.
+
+        K q = lambda q   for the largest eigenvalue,   q^T K q = trace(R(q)^T B),   q = (x, y, z, w)
+
+    Source: Davenport (1968), in Wertz (1978), Spacecraft Attitude Determination and Control, 12.2;
+    the vector of eq. 12-73 has the other sign here, since scipy's quaternions turn vectors.
+
+    Arguments and result as of `svd`.
+    Accuracy   numerical: as `svd`, eps over the gap between the two largest eigenvalues.
+    """
+    b = products(observed, reference, weight)
+    trace, symmetric, vector = parts(b)
+    k = np.empty((*b.shape[:-2], 4, 4), b.dtype)
+    k[..., :3, :3] = symmetric - trace[..., None, None] * np.eye(3, dtype=b.dtype)
+    k[..., :3, 3] = k[..., 3, :3] = vector
+    k[..., 3, 3] = trace
+    return Rotation.from_quat(np.linalg.eigh(k)[1][..., 3])
+
+
 # No rotation, and 180 deg about each axis: the columns of B that change their sign.
 FLIPS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 HALF_TURNS = np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]])
@@ -101,10 +90,7 @@ def quest(observed: Array, reference: Array, weight: Array) -> Rotation:
 
     Source: Shuster and Oh (1981), J. Guidance and Control 4(1), 70, eqs. 63 to 71.
 
-    observed   (..., n, 3) unit vectors in the target's axes
-    reference  (..., n, 3) unit vectors in the source's axes
-    weight     (..., n) inverse variances, on any scale
-    Returns    source_to_target
+    Arguments and result as of `svd`.
     Accuracy   numerical: worse than `svd`, since the polynomial's coefficients hold the fourth
                powers of the singular values; fields of a few degrees lose half of their digits.
     """
@@ -146,10 +132,7 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
 
     It has no singular attitude. Source: Markley (1993), J. Astronaut. Sci. 41(2), 261.
 
-    observed   (..., n, 3) unit vectors in the target's axes
-    reference  (..., n, 3) unit vectors in the source's axes
-    weight     (..., n) inverse variances, on any scale
-    Returns    source_to_target
+    Arguments and result as of `svd`.
     Accuracy   numerical: as `quest`; narrow fields lose half of their digits. The identity where B
                has no second direction.
     """

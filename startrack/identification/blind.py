@@ -119,16 +119,14 @@ def identify_blind(
     if count < settings.min_matches and not core.is_code(settings.method):
         return too_few(count, tries[0][0], settings)  # and no index is built
     chance = settings.max_false_probability / len(tries)
-    best: core.Matches | None = None
+    unsolved = []
     for camera, focal in tries:
         one_try = replace(settings, focal_tolerance=focal, max_false_probability=chance)
         matches = identify(spots, camera, stars, index_of(camera), one_try)
         if matches.icrs_to_camera is not None:
             return matches
-        if best is None or matches.false_probability < best.false_probability:
-            best = matches
-    assert best is not None
-    return best
+        unsolved.append(matches)
+    return min(unsolved, key=lambda matches: matches.false_probability)
 
 
 # What may be estimated with the attitude, with the standard deviation of its prior: relative focal

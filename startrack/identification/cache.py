@@ -36,9 +36,8 @@ def cache_folder() -> Path:
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "startrack"
     except RuntimeError:  # a user without a home, as in some containers
-        return (
-            Path(tempfile.gettempdir()) / f"startrack-{os.getuid() if hasattr(os, 'getuid') else 0}"
-        )
+        user = os.getuid() if hasattr(os, "getuid") else 0
+        return Path(tempfile.gettempdir()) / f"startrack-{user}"
 
 
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:

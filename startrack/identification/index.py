@@ -10,7 +10,14 @@ from scipy.spatial import cKDTree
 
 from startrack import core
 from startrack.core import Floats, Ints, Refused, deg, kernel, within
-from startrack.identification.grids import SkyGrid, VerificationStars, cone, cubes, sky_grid
+from startrack.identification.grids import (
+    Indices,
+    SkyGrid,
+    VerificationStars,
+    cone,
+    cubes,
+    sky_grid,
+)
 
 MAGNITUDE = 0.4 * np.log(10)  # ln of the flux per magnitude
 
@@ -144,8 +151,6 @@ def separation(a: Floats, b: Floats) -> float:
     return 2 * math.asin(min(chord / 2, 1.0))
 
 
-Indices = NDArray[np.int32]
-
 # Chosen by hand: smaller cells hold fewer triangles to compare, but more of them must be read.
 CELL = 0.02  # edge of a cell of the code: larger than the errors
 CELLS_X = round(0.5 / CELL)  # cells along x, from 0 to 1/2
@@ -206,10 +211,7 @@ class PatternIndex:
     @property
     def size(self) -> int:
         """Bytes that the arrays take."""
-        table, bright = self.table, self.bright
-        grids: list[NDArray[Any]] = [*table.sky[1:], *bright.sky[1:], *self.faint[1:]]
-        rest = [table.triangle, table.start, bright.magnitude, bright.blur]
-        return sum(array.nbytes for array in grids + rest)
+        return core.bytes_of(self)
 
 
 def indexed_field(camera: core.Camera) -> float:

@@ -30,9 +30,8 @@ from startrack.identification.verify import (
 )
 
 # Chosen by hand.
-SIGMAS = (
-    3.5  # tolerance of a code for noise: a larger one takes time, a smaller one loses triangles
-)
+# Tolerance of a code for noise: a larger one takes time, a smaller one loses triangles.
+SIGMAS = 3.5
 # Fraction of matches with the brightest stars below which an accepted hypothesis is checked by
 # `leave_one_out`: a larger one takes time, a smaller one misses fits that a false spot distorted.
 EXPECTED = 0.7

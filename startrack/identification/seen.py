@@ -47,13 +47,7 @@ class Seen(NamedTuple):
     focal: float
 
 
-class Border(NamedTuple):
-    """Edges of the image in the image plane, x / z and y / z."""
-
-    left: float
-    top: float
-    right: float
-    bottom: float
+Border = tuple[float, float, float, float]  # left, top, right, bottom in the image plane
 
 
 def usable(spots: Spots) -> Ints:
@@ -66,20 +60,13 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
     focal = camera.focal_length_px
     x, y = camera.centre
     plane_x, plane_y = (spots.x[chosen] - x) / focal, (spots.y[chosen] - y) / focal
+    left, top = (-0.5 - x) / focal, (-0.5 - y) / focal
+    border = left, top, (camera.columns - 0.5 - x) / focal, (camera.rows - 0.5 - y) / focal
     if camera.distorted:
         direction = camera.unproject(np.column_stack([spots.x[chosen], spots.y[chosen]]))
         plane_x, plane_y = (direction[:, :2] / direction[:, 2:]).T.copy()
+        border = _border(camera)
     flux, snr = (np.asarray(values[chosen], np.float64) for values in (spots.flux, spots.snr))
-    border = (
-        _border(camera)
-        if camera.distorted
-        else Border(
-            (-0.5 - x) / focal,
-            (-0.5 - y) / focal,
-            (camera.columns - 0.5 - x) / focal,
-            (camera.rows - 0.5 - y) / focal,
-        )
-    )
     accuracy = settings.match_radius, settings.focal_tolerance, settings.verify_spots
     return _see(plane_x, plane_y, spots.covariance[chosen], flux, snr, border, focal, *accuracy)
 
@@ -94,7 +81,7 @@ def _border(camera: Camera) -> Border:
     direction = camera.unproject(np.concatenate(edges))
     plane = direction[:, :2] / direction[:, 2:]
     (left, top), (right, bottom) = plane.min(axis=0).tolist(), plane.max(axis=0).tolist()
-    return Border(left, top, right, bottom)
+    return left, top, right, bottom
 
 
 @kernel
