@@ -47,7 +47,12 @@ class Stars:
         return index, self.identifier[index] == identifier
 
     def __getitem__(self, choice: slice | Ints | Flags) -> Stars:
-        return Stars(*(column[choice] for column in vars(self).values()))
+        return Stars(
+            self.identifier[choice],
+            self.direction[choice],
+            self.magnitude_g[choice],
+            self.colour[choice],
+        )
 
 
 @printed
