@@ -156,17 +156,26 @@ def _rules(kind: type) -> tuple[tuple[str, Range, bool, bool], ...]:
     )
 
 
+@cache
+def _floats(kind: type) -> tuple[str, ...]:
+    """Names of the fields that are single numbers of any size."""
+    return tuple(name for name, field in fields_of(kind).items() if field.kind is float)
+
+
 class Parameters:
     """A frozen dataclass that checks its fields, as they are declared, where it is built.
 
-    A name of code by an entry point becomes its module:function. A class with rules between fields
-    has a `__post_init__` of its own, which calls this one first. A class whose fields name files
-    has a field `_files`, which says how they are: what is kept of an object whose file had another
-    content is not that of an equal one.
+    A whole number that is given for a `float` becomes one. A name of code by an entry point becomes
+    its module:function. A class with rules between fields has a `__post_init__` of its own, which
+    calls this one first. A class whose fields name files has a field `_files`, which says how they
+    are: what is kept of an object whose file had another content is not that of an equal one.
     """
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
+        for name in _floats(kind):
+            if type(value := getattr(self, name)) is int and abs(value) < 2**63:
+                object.__setattr__(self, name, float(value))
         for name, limits, integer, several in _rules(kind):
             value = getattr(self, name)
             if value is None:

@@ -59,6 +59,16 @@ def test_the_case_is_computed_anew():
     assert replaced(CASE, f"{DETECTOR}.columns", 300).instrument.camera.columns == 300
 
 
+def test_a_whole_number_for_a_float_leaves_it_one():
+    case = load_design(shipped("designs/noise_only.toml")).case
+    detector = dataclasses.replace(case.instrument.detector, read_noise=3)
+    instrument = dataclasses.replace(case.instrument, detector=detector)
+    case = dataclasses.replace(case, instrument=instrument)
+    changed = replaced(case, "instrument.detector.read_noise", 2.6)
+    assert changed.instrument.detector.read_noise == 2.6
+    assert replaced(case, "instrument.detector.offset", 2.6).instrument.detector.offset == 3
+
+
 @pytest.mark.parametrize(
     ("values", "words"),
     [
