@@ -355,7 +355,8 @@ def _fit_values(
     path: Path, table: calibration.StarTable, fit: calibration.FieldFit, first: tuple[float, float]
 ) -> dict[str, Any]:
     camera, used = fit.camera, fit.used
-    if shown := camera.polynomial and asdict(camera.polynomial):
+    shown = asdict(camera.polynomial) if camera.polynomial else None
+    if shown:
         shown |= {f"{name}_k": shown.pop(name) for name in ("temperature", "reference")}
     angle = calibration.residuals(fit, table, first)[0][used]
     return {

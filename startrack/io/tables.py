@@ -196,8 +196,9 @@ def _read(field: core.Field, value: object, place: str) -> Any:
             )
         return _moderate(value, place) if isinstance(value, float) else value
     if isinstance(kind, type) and issubclass(kind, StrEnum):
-        if value in list(kind):
-            return kind(typing.cast(str, value))
+        for member in kind:
+            if value == member:
+                return member
         raise Refused(f"{place} must be one of {', '.join(kind)}, got {core.shown(value)}")
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         raise Refused(f"{place} must be {NAMES.get(kind, kind.__name__)}, got {core.shown(value)}")

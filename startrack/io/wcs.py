@@ -157,7 +157,7 @@ def write_solution(
     """
     from astropy.io import fits
 
-    written = []
+    written = list[Path]()
 
     def save(kind: str, *parts: Any) -> None:
         header = parts[-1].header

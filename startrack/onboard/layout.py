@@ -83,7 +83,7 @@ class Guide:
         head["cells_x"], head["cells_y"] = self.cells
         head["limit"], head["epoch"] = round(1000 * (self.limit + 100)), round(1e6 * self.epoch)
         for name, value in zip(WORDS[3:], angles, strict=True):
-            head[name] = round(value / UNIT)
+            head[name] = int(np.rint(value / UNIT))
         head["triangles"] = len(self.triangle)
         head["crc32"] = zlib.crc32(head.tobytes()[CHECKED:] + body)
         return head.tobytes() + body
