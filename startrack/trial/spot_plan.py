@@ -138,9 +138,11 @@ def refuse(case: Case) -> None:
 
 def _refuse_crowded(case: Case) -> None:
     """Refuse hot pixels that take the places of stars among the spots, or in a map of them."""
-    pattern, empty = dark_pattern(case), empty_frame(case, sky_electrons(case))
-    if pattern is None or empty is None:
+    pattern = dark_pattern(case)
+    if pattern is None:
         return
+    empty = empty_frame(case, sky_electrons(case))
+    assert empty is not None
     detection = case.tracker.detection
     if empty.spots > CROWDED * detection.max_spots:
         newer = "a newer dark map (dark_map_age)" if detection.dark_map else "a dark map"
