@@ -1,8 +1,8 @@
 """Detection: how spots are distinguished from noise, and how they are measured."""
 
 import math
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
 
 from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, within
 from startrack.detection.methods import CENTROIDS
@@ -90,6 +90,11 @@ class Detection(Parameters):
             )
         if self.dark_map_age is not None and self.dark_map is None:
             raise Refused("dark_map_age must come with a dark_map")
+
+    @property
+    def without_map(self) -> Self:
+        """This detection of a tracker that knows nothing of the dark signal of its pixels."""
+        return replace(self, dark_map=None, dark_map_age=None)
 
     @property
     def smear(self) -> tuple[float, float]:

@@ -235,8 +235,8 @@ def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
         return [float(good.mean()), *[math.nan] * 5]
     off = off[:, good]
     number = (light + size.background) / detector.electrons_per_dn + detector.offset
-    even = replace(settings, dark_map=None, dark_map_age=None)
-    still = (_places(taken_in(to_frame(number, detector), even, corners)) - field.place)[good]
+    still = _places(taken_in(to_frame(number, detector), settings.without_map, corners))
+    still = (still - field.place)[good]
     about = off - np.median(off.reshape(-1, 2), axis=0)
     believed = np.trace(np.array(stated)[:, good], axis1=2, axis2=3).mean() / 2
     variances = (

@@ -181,7 +181,7 @@ def with_uniform_dark(case: Case) -> Case:
         read_noise=math.hypot(detector.read_noise, pattern.spread),
         fill_factor=max(detector.fill_factor * detector.sensitivity, 0.01),
     )
-    mapless = replace(case.tracker.detection, dark_map=None, dark_map_age=None)
+    mapless = case.tracker.detection.without_map
     return replaced_all(case, {"instrument.detector": even, "tracker.detection": mapless})
 
 

@@ -78,8 +78,8 @@ def _flawless(case: Case) -> Case:
     mean, _ = dark_currents(detector)
     age = detector.age and detector.age.undamaged
     even = replace(detector, defects=None, dark_current=mean, age=age)
-    detection = replace(case.tracker.detection, dark_map=None, dark_map_age=None)
-    return replaced_all(case, {"instrument.detector": even, "tracker.detection": detection})
+    mapless = case.tracker.detection.without_map
+    return replaced_all(case, {"instrument.detector": even, "tracker.detection": mapless})
 
 
 def _differing_dark(case: Case) -> bool:
