@@ -207,10 +207,16 @@ def _import(key: str, name: str) -> _Known:
 def _package(module: str) -> str:
     """The distribution of a module and its version; else the version that its package states."""
     top = module.partition(".")[0]
-    for distribution in metadata.packages_distributions().get(top, ()):
+    for distribution in _distributions(tuple(sys.path)).get(top, ()):
         return f"{distribution} {metadata.version(distribution)}"
     version = getattr(sys.modules[top], "__version__", "")
     return f"{top} {version}" if version else ""
+
+
+@cache
+def _distributions(path: tuple[str, ...]) -> Mapping[str, list[str]]:
+    """The distributions of each package on a path, for which the files of all of them are read."""
+    return metadata.packages_distributions()
 
 
 def _digest(package: ModuleType) -> str:
