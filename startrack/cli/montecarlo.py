@@ -15,6 +15,7 @@ from startrack.cli import options as shared
 from startrack.cli.options import Exit, Option, Options, fidelity, positive, wanted, whole
 
 if wanted(__name__):
+    import numpy as np
     from scipy.spatial.transform import Rotation
 
     from startrack import metrics, montecarlo
@@ -128,8 +129,7 @@ def command(options: argparse.Namespace) -> int:
     summary = metrics.summarise(judged, limits)
     shown, verdicts = dict[str, Any](), list[str]()
     if needs and needs.accuracy:
-        attitudes_judged = sampling.attitudes_of(options.seed, judged["trial"].tolist())
-        boresight = attitudes_judged.inv().apply([0.0, 0.0, 1.0])
+        boresight = attitudes[np.isin(outcomes["trial"], judged["trial"])].inv().apply([0, 0, 1])
         summary, shown["required"], verdicts = _required(needs, judged, boresight, summary)
         others = [*(condition.name for condition in conditions[1:]), *refused]
         shown["conditions_not_run"] = others
