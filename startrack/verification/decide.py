@@ -157,7 +157,7 @@ class Claim:
             ]
             inside = region == int(np.nanargmax(value)) if np.isfinite(value).any() else region < 0
             squares, failing = squares[inside], failing / len(REGIONS)
-        finite = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
+        finite = _finite(squares)
         if len(finite) < 2:
             return None
         more = len(outcomes) / len(finite)  # trials for each error that counts
@@ -217,13 +217,18 @@ def claims_of(needs: Requirements) -> list[Claim]:
     return [*errors, Claim(None, needs.min_availability, needs.limits)]
 
 
+def _finite(squares: Floats) -> Floats:
+    """Those (n,) or (n, axes) of attitudes that are not missing; n may be 0."""
+    return squares[np.isfinite(squares).all(axis=tuple(range(1, squares.ndim)))]
+
+
 def _error_bounds(
     accuracy: Accuracy, outcomes: Rows, passing: float, failing: float
 ) -> tuple[float, float]:
     """Lower bound, which fails, and upper bound, which passes; radian."""
     objective = accuracy.objective
     squares = objective.squares(outcomes)
-    finite = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
+    finite = _finite(squares)
     scale = math.sqrt(len(objective.summed) if objective.radial else 1)
     if objective.fraction is None:
         low, high = mean_bounds(finite, failing / 2, passing / 2)

@@ -8,10 +8,11 @@ import numpy as np
 from startrack.cli.main import main
 from startrack.cli.montecarlo import _required
 from startrack.core import arcsec, deg
-from startrack.design import Condition, Design, Requirements, save_design
+from startrack.design import Condition, Design, Fidelity, KeepOut, Requirements, save_design
 from startrack.metrics import summarise
 from startrack.montecarlo import Sampling
 from startrack.trial import OUTCOMES
+from startrack.verification import boresights, claims_of, counted
 
 
 def test_conditions_that_are_not_run_are_named_beside_the_requirement(small, tmp_path, capsys):
@@ -48,6 +49,30 @@ def test_an_rms_that_is_limited_has_one_interval(small, tmp_path, capsys):
     text = capsys.readouterr().out
     assert "too few trials for an upper bound" in text
     assert "inf]" not in text
+
+
+def test_regions_are_those_of_the_trials_that_count(small, tmp_path, capsys):
+    """Where blinded trials are left out; their boresights drawn again, for these trials alone."""
+    needs = dataclasses.replace(
+        small.campaign.requirements, max_across=60 * arcsec, sky="worst",
+        min_keep_out=KeepOut(sun=80 * deg), blinded="left out",
+    )  # fmt: skip
+    scene = dataclasses.replace(
+        small.case.scene, lights=("sun",), date="2026-01-01T00:00:00", days=360.0
+    )
+    case = dataclasses.replace(small.case, scene=scene)
+    path = tmp_path / "design.toml"
+    save_design(path, Design(case, dataclasses.replace(small.campaign, requirements=needs)))
+    arguments = ["montecarlo", str(path), "--trials", "60", "--fidelity", "frame"]
+    main([*arguments, "--workers", "1", "--seed", "3", "--json"])
+    told = json.loads(capsys.readouterr().out)["required"]["across"]
+    outcomes = Sampling(Fidelity.FRAME).trials(case, 3, range(60))
+    judged = counted(needs, case, 3, outcomes)
+    assert 20 < len(judged) < 55
+    [claim] = [one for one in claims_of(needs) if one.name == "across"]
+    bounds = claim.bounds(judged, boresights(3, judged), 0.05, 0.05)
+    assert 1 < bounds.value / arcsec < 60
+    assert told["value_arcsec"] == bounds.value / arcsec
 
 
 def _verdict(needs, x, solved):
@@ -92,3 +117,11 @@ def test_an_rms_in_the_worst_region_is_not_that_of_the_summary():
     before, summary, lines = _verdict(needs, rng.normal(0, 1e-5, 500), np.ones(500, bool))
     assert summary == before
     assert "Hall" not in lines[0]
+
+
+def test_a_region_without_trials_bounds_no_error():
+    """Of twelve regions, five trials leave some empty, and nothing is shown of those."""
+    for level in ("rms", "99.73 %"):
+        needs = Requirements(max_across=60 * arcsec, sky="worst", level=level)
+        _, _, lines = _verdict(needs, np.full(5, 1e-5), np.ones(5, bool))
+        assert lines[0].endswith(": not shown with 95 %")
