@@ -6,7 +6,7 @@ import enum
 from collections.abc import Callable
 from typing import NamedTuple
 
-from startrack.core import Refused
+from startrack import Refused
 
 
 class Verdict(enum.StrEnum):

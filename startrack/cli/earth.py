@@ -37,8 +37,9 @@ GeoTIFF files of any resolution, such as tiles of the Copernicus DEM or of SRTM,
 
 A scene to render also gives a camera (of the catalogue, or in the file), the land and the air;
 catalogs/scenes/hsrs.toml is an example. Heights of both kinds of tiles are above a geoid, whose
-grid is the key `geoid`. Where files overlap, the finest is used. A table [motion] as in a design
-gives the drift and jitter of the camera, one motion for all channels of an image.
+grid is the key `geoid`. Scale, offset and unit (ft, dm) of a file are applied. Where files overlap,
+the finest is used; holes inside them need the key `holes`. A table [motion] as in a design gives
+the drift and jitter of the camera, one motion for all channels of an image.
 """
 
 
@@ -98,7 +99,7 @@ declare = Parts(
                "layer by contributors, from `[knowledge]` of the scene"),
         out("startrack-earth"),
     )),
-    terrain=("print the area of height files, and the table that a scene needs", Options(
+    terrain=("print area and heights of height files, and the table that a scene needs", Options(
         "",
         Option("files FILE", "height files, or a quoted pattern such as 'dem/*.tif'", many="+"),
     )),
@@ -360,27 +361,46 @@ def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
 
 
 def terrain(options: argparse.Namespace) -> int:
-    """Print the area of height files, and the table of a scene file that reads them."""
+    """Print area and heights of height files, and the table of a scene file that reads them."""
     with as_wrong_use(ValueError, OSError):
-        grids = {path: Raster(path).grid for path in find(Path(), tuple(options.files))}
-    for path, grid in grids.items():
+        files = {path: Raster(path, heights=True) for path in find(Path(), tuple(options.files))}
+    for path, raster in files.items():
+        grid, scaling = raster.grid, raster.scaling
+        with as_wrong_use(ValueError, OSError), progress(path.name, grid.rows) as advance:
+            lowest, highest, holes = raster.extremes(advance)
         east = grid.west + (grid.columns - 1) * grid.step_x
         result = {
             "file": str(path),
-            "west_deg": math.degrees(grid.west), "east_deg": math.degrees(east),
-            "south_deg": math.degrees(grid.south), "north_deg": math.degrees(grid.north),
-            "cell_m": grid.step_y * EQUATORIAL, "columns": grid.columns, "rows": grid.rows,
-        }  # fmt: skip
+            "west_deg": math.degrees(grid.west),
+            "east_deg": math.degrees(east),
+            "south_deg": math.degrees(grid.south),
+            "north_deg": math.degrees(grid.north),
+            "cell_m": grid.step_y * EQUATORIAL,
+            "columns": grid.columns,
+            "rows": grid.rows,
+            "height_m": [lowest, highest],
+            "holes": holes,
+            "unit": scaling.unit,
+            "above": scaling.surface,
+        }
+        unit = f"numbers in {scaling.unit}" if scaling.unit else "no unit named: taken as m"
+        if (scaling.scale, scaling.offset) != (1.0, 0.0):
+            unit += f"; {scaling.scale:.6g} m times the numbers, plus {scaling.offset:.6g} m"
         print_result(
-            options, result,
+            options,
+            result,
             f"{path}: {result['columns']} x {result['rows']} cells of {result['cell_m']:.1f} m, "
             f"longitude {result['west_deg']:.4f} to {result['east_deg']:.4f}, "
             f"latitude {result['south_deg']:.4f} to {result['north_deg']:.4f}",
-        )  # fmt: skip
+            f"  heights {lowest:.1f} to {highest:.1f} m ({unit}) above "
+            f"{scaling.surface or 'a surface that the file does not name'}",
+            *([f"  {100 * holes:.3g} % of the pixels have no height"] if holes else []),
+        )
     if not options.json:
-        names = ", ".join(f'"{path}"' for path in grids)
+        names = ", ".join(f'"{path}"' for path in files)
         print(f"\n[terrain]\nfiles = [{names}]")
         print('# geoid = "egm2008.tif"  # the grid of the geoid, if heights are above it')
+        print('# holes = "0 m"  # height of what has no value inside the files')
     return Exit.DONE
 
 

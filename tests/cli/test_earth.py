@@ -141,4 +141,4 @@ def test_terrain_files_are_listed_and_can_be_flown_over(undrawn, tmp_path, capsy
     result = json.loads(capsys.readouterr().out)
     assert result["height_m"][1] <= 1000
     assert main(["earth", "terrain", str(tmp_path / "scene.toml")]) == 2
-    assert "must be a raster file that GDAL reads" in capsys.readouterr().err
+    assert "must be a raster file of GDAL's GTiff" in capsys.readouterr().err

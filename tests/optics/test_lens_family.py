@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -181,5 +181,7 @@ def test_a_family_is_an_ordinary_lens_table():
     optics = Optics(0.035, 1.6, lens_family="double-gauss")
     lens = open_optics(optics)
     assert lens.table.f_number == pytest.approx(1.6)
-    same = open_optics(replace(optics, f_number=2.4))
-    assert same.table is open_lens("double_gauss")
+    same = open_optics(replace(optics, f_number=2.4)).table
+    fast = open_lens("double_gauss")
+    for part in fields(fast):
+        np.testing.assert_array_equal(getattr(same, part.name), getattr(fast, part.name))

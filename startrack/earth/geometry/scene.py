@@ -133,7 +133,9 @@ class Terrain(Parameters):
     fractal: Annotated[Fractal | None, "terrain from a seed, instead of or besides them"] = None
     geoid: Annotated[str | None,
         "raster of undulations, where the heights are above the geoid"] = None  # fmt: skip
-    sea: Annotated[float, Unit("m"), "height where there are no data"] = 0.0
+    sea: Annotated[float, Unit("m"), "height beside all files"] = 0.0
+    holes: Annotated[float | None, Unit("m"),
+        "of holes inside files; without it, holes in what is seen are refused"] = None  # fmt: skip
     lowest: Annotated[float, Unit("m"),
         "above the ellipsoid, between which all heights lie"] = -500.0  # fmt: skip
     highest: Annotated[float, Unit("m"),
@@ -150,14 +152,20 @@ class Terrain(Parameters):
 
     def open(self, folder: Path) -> Pyramid:
         """The terrain; files are relative to the folder of the scene file."""
-        sources: list[Source] = [Raster(path) for path in find(folder, self.files)]
+        sources: list[Source] = [Raster(path, heights=True) for path in find(folder, self.files)]
         if self.fractal:
             sources.append(self.fractal.source())
-        geoid = Raster(folder / self.geoid) if self.geoid else None
+        geoid = Raster(folder / self.geoid, heights=True) if self.geoid else None
         return Pyramid(
-            Mosaic(tuple(sources)), self.sea, geoid, self.lowest, self.highest, self.tiles,
-            self.sharpness,
-        )  # fmt: skip
+            Mosaic(tuple(sources)),
+            sea=self.sea,
+            geoid=geoid,
+            lowest=self.lowest,
+            highest=self.highest,
+            tiles=self.tiles,
+            sharpness=self.sharpness,
+            holes=self.holes,
+        )
 
     def charts(self, folder: Path) -> dict[str, Chart]:
         """The maps by their names."""

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Singles
+from startrack.core import Flags, Floats, Singles
 from startrack.earth.terrain.sources import Source
 from startrack.earth.terrain.surface import FULL_TURN, SEAM, Grid
 from startrack.earth.terrain.tile import CELLS, VERTICES
@@ -110,6 +110,13 @@ class Mosaic:
                 if not np.isnan(part).any():
                     break
         return tile
+
+    def covers(self, longitude: Floats, latitude: Floats) -> Flags:
+        """Which places (n,), in radian, lie within any of the sources."""
+        inside = np.zeros(longitude.shape, np.bool_)
+        for source in self.ordered:
+            inside |= source.covers(longitude, latitude)
+        return inside
 
 
 def _span(grids: list[Grid]) -> tuple[float, float]:

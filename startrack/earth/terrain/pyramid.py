@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from startrack.core import Flags, Singles, finite
+from startrack.core import Flags, Refused, Singles, finite
 from startrack.earth.terrain.constant_height import ConstantHeight
 from startrack.earth.terrain.ellipsoid import EQUATORIAL
 from startrack.earth.terrain.ground import Levels, Rays
@@ -12,8 +12,8 @@ from startrack.earth.terrain.horizon import with_horizon
 from startrack.earth.terrain.march import ABSENT
 from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import Source
-from startrack.earth.terrain.surface import Surface, covered
-from startrack.earth.terrain.tile import CELLS, Cache
+from startrack.earth.terrain.surface import FULL_TURN, Grid, Surface, covered
+from startrack.earth.terrain.tile import CELLS, Cache, Key
 from startrack.earth.terrain.trace import Hits, go_on, no_hits, waiting
 
 
@@ -41,6 +41,8 @@ class Pyramid:
     terrain          the sources of its heights
     sea              metre, height of what no source covers, above the geoid if there is one, else
                      above the ellipsoid
+    holes            metre, height of holes inside the sources, likewise; None refuses those that
+                     rays meet
     geoid            undulations, where the heights are above the geoid; None where they are above
                      the ellipsoid
     lowest, highest  metre above the ellipsoid, between which all heights lie
@@ -56,8 +58,10 @@ class Pyramid:
     highest: float = 9000.0
     tiles: int = 64
     sharpness: float = 1.0
+    holes: float | None = None
     cache: Cache = field(init=False)
     _surfaces: dict[int, Surface] = field(default_factory=dict, init=False)
+    _holes: dict[Key, Flags] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         finite(sea=self.sea, lowest=self.lowest, highest=self.highest, sharpness=self.sharpness)
@@ -70,8 +74,8 @@ class Pyramid:
     def meet(self, rays: Rays) -> tuple[Hits, Levels]:
         """Where rays meet the terrain, each ray on one level.
 
-        Raises    OSError where a tile cannot be read; ValueError where a height lies beyond the
-                  bounds.
+        Raises    OSError where a tile cannot be read; Refused where a height lies beyond the
+                  bounds, and where a ray meets a hole whose height is not given.
         Accuracy  model: a ray keeps the level that follows from its resolution at the sea.
         """
         wet, out = ConstantHeight(self.sea).meet(rays)[0], no_hits(len(rays))
@@ -82,6 +86,8 @@ class Pyramid:
             hits = waiting(len(mine), 0.0)
             while self._fetch(int(own_level), hits):
                 go_on(surface, some.origin, some.direction, hits, True)
+            if self._holes:
+                self._require_heights(int(own_level), hits)
             out.put(mine, beside(surface, wet.of(mine), hits))
         return out, level
 
@@ -136,7 +142,7 @@ class Pyramid:
         if gone:
             self._surface(gone[0]).slot[gone[1:]] = -1
         if not (self.lowest <= lowest and highest <= self.highest):
-            raise ValueError(
+            raise Refused(
                 f"heights must lie in [{self.lowest:g}, {self.highest:g}] metre above the "
                 f"ellipsoid, got {lowest:g} to {highest:g}"
             )
@@ -149,13 +155,53 @@ class Pyramid:
         if window is None:
             return tile
         part = tile[: window.rows, : window.columns]
-        part[np.isnan(part)] = self.sea
+        holes = self._fill(part, window)
+        if self.holes is None and holes.any():
+            self._holes[level, j, i] = holes
         if self.geoid is not None:
             undulation = self.geoid.read(window)
             if np.isnan(undulation).any():
                 raise ValueError("geoid must cover all of the terrain, but has no value at some")
             part += undulation
         return tile
+
+    def _fill(self, part: Singles, window: Grid) -> Flags:
+        """Give heights to what no source has a value for; the (rows, columns) holes in sources."""
+        holes = np.isnan(part)
+        v, u = np.nonzero(holes)
+        if v.size:
+            longitude, latitude = window.west + u * window.step_x, window.north - v * window.step_y
+            holes[v, u] = self.terrain.covers(longitude, latitude)
+            inside = self.sea if self.holes is None else self.holes
+            part[v, u] = np.where(holes[v, u], inside, self.sea)
+        return holes
+
+    def _require_heights(self, level: int, hits: Hits) -> None:
+        """Refuse hits in holes whose height nobody gave."""
+        grid, hit = self.terrain.grid, np.flatnonzero(hits.hit)
+        u = ((hits.place[hit, 0] - grid.west) % FULL_TURN) / grid.step_x / 2.0**level
+        v = (grid.north - hits.place[hit, 1]) / grid.step_y / 2.0**level
+        met = np.zeros(len(hit), np.bool_)
+        for (own_level, j, i), holes in self._holes.items():
+            mine = (v // CELLS == j) & (u // CELLS == i) if own_level == level else met[:0]
+            if mine.any():
+                row = np.minimum((v[mine] - j * CELLS).astype(int), holes.shape[0] - 2)
+                column = np.minimum((u[mine] - i * CELLS).astype(int), holes.shape[1] - 2)
+                met[mine] = (
+                    holes[row, column]
+                    | holes[row, column + 1]
+                    | holes[row + 1, column]
+                    | holes[row + 1, column + 1]
+                )
+        if met.any():
+            longitude, latitude = np.degrees(hits.place[hit[met][0], :2])
+            raise Refused(
+                f"holes must be given (0 m for a sea): {np.count_nonzero(met)} rays meet ground "
+                f"that has no height in the files, the first at longitude {longitude:.4f}, "
+                f"latitude {latitude:.4f} degree; or fill the holes in the files",
+                key="holes",
+                rule="must be given",
+            )
 
     def _surface(self, level: int) -> Surface:
         if level not in self._surfaces:

@@ -1,14 +1,27 @@
 """Sources of heights and maps on a grid: GDAL rasters, arrays, fractal terrain from a seed."""
 
 import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from startrack.core import Floats, Singles, Streams, positive, require_memory, whole, within
+from startrack.core import (
+    Flags,
+    Floats,
+    Refused,
+    Singles,
+    Streams,
+    positive,
+    require_memory,
+    whole,
+    within,
+)
 from startrack.earth.terrain.surface import FULL_TURN, Grid
 from startrack.io import regular_file
 
@@ -16,52 +29,116 @@ GEOGRAPHIC = "EPSG:4326"  # longitude and latitude in degree on WGS84
 FRACTAL_BYTES = 40  # of a height while terrain is made; measured: 36
 # Of a step, to the south-east: a vertex on the edge that two tiles share lies in one of them.
 NUDGE = 1e-7
+PIXELS = 2**22  # that are read at a time for the extremes of a file
+# GDAL's drivers whose data stand in one file; others, such as VRT and WMS, name more of them.
+DRIVERS = ("GTiff", "SRTMHGT", "DTED", "USGSDEM", "GTX")
+# Options of GDAL by which it reads nothing beside the file: no .aux.xml, .ovr, .msk or .tfw.
+ALONE = {
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_PAM_ENABLED": "NO",
+    "GTIFF_REPORT_COMPD_CS": "YES",  # else a vertical coordinate system would be dropped
+    "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
+}
+GRIDS = "PROJ_NETWORK"  # variable by which PROJ would fetch grids of datums
+ELSEWHERE = ("OVERVIEWS", "xml:VRT")  # domains of metadata by which GDAL opens other files
+SURVEY_FOOT = 1200 / 3937  # metre
+# Metre in each unit of height, as GDAL, EPSG and the makers of elevation models name them.
+METRES = {
+    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys(("dm", "decimetre", "decimeter"), 0.1),
+    **dict.fromkeys(("cm", "centimetre", "centimeter"), 0.01),
+    **dict.fromkeys(("km", "kilometre", "kilometer"), 1000.0),
+    **dict.fromkeys(("ft", "foot", "feet", "international foot", "international feet"), 0.3048),
+    **dict.fromkeys(("us survey foot", "us survey feet", "us-ft", "ftus", "usft"), SURVEY_FOOT),
+    **dict.fromkeys(("foot_us", "us_survey_foot"), SURVEY_FOOT),
+}
+
+
+class Scaling(NamedTuple):
+    """Value = scale * number + offset, in metre for heights; of a file's band.
+
+    unit     of the numbers, as the file names it, "" where it does not
+    surface  vertical coordinate system of heights, "" where the file names none
+    """
+
+    scale: float
+    offset: float
+    unit: str
+    surface: str
+
+
+class Extremes(NamedTuple):
+    """Of the values of a file; NaN where it has none. `holes` is the fraction without a value."""
+
+    lowest: float
+    highest: float
+    holes: float
 
 
 @dataclass(frozen=True)
 class Raster:
-    """A map in a file, in whatever coordinates; GDAL warps it and uses its overviews.
+    """A map in a file of one of the DRIVERS, in whatever coordinates; GDAL warps it.
 
-    path   of the file
-    band   1, the first
-    exact  whether values are classes, such as of land cover, between which there is no mean
+    Nothing outside the file is read: no side-car files, and no other file or address that it may
+    name. Its scale and offset are applied. Heights are converted to metre from the unit of the
+    band and of the vertical coordinate system; a band without a unit is taken as metre.
 
-    Raises  ImportError where rasterio is missing; OSError where the file cannot be read; ValueError
-            where it has no georeference or none that PROJ knows.
+    path     of the file
+    band     1, the first
+    exact    whether values are classes, such as of land cover, between which there is no mean
+    heights  whether values are heights or undulations of a geoid
+
+    Raises  ImportError where rasterio is missing; OSError where the file cannot be read; Refused
+            where it has no georeference or none that PROJ knows, and where heights have no unit
+            of length, two units, or point down.
     """
 
     path: Path
     band: int = 1
     exact: bool = False
+    heights: bool = False
 
     def __post_init__(self) -> None:
-        _ = self.grid
+        _ = self.grid, self.scaling
 
     @cached_property
     def grid(self) -> Grid:
         """Pixel centres, of the file itself where its axes are longitude and latitude."""
         rasterio = require_rasterio("to read terrain files")
-        with _open(self.path) as file:
+        with _opened(self.path) as file:
             if file.crs is None or file.transform.is_identity:
-                raise ValueError(f"{self.path} must have a georeference, but has none")
+                raise Refused(f"{self.path} must have a georeference, but has none")
             if not 1 <= self.band <= file.count:
-                raise ValueError(
-                    f"band of {self.path} must lie in [1, {file.count}], got {self.band}"
-                )
+                raise Refused(f"band of {self.path} must lie in [1, {file.count}], got {self.band}")
             try:
                 with rasterio.vrt.WarpedVRT(file, crs=GEOGRAPHIC) as warped:
                     transform, columns, rows = warped.transform, warped.width, warped.height
             except Exception as error:
                 if not type(error).__module__.startswith("rasterio."):
                     raise  # GDAL's own errors are rasterio's, too, but have no public name
-                raise ValueError(
+                raise Refused(
                     f"{self.path} must have a coordinate system that PROJ knows: {error}"
                 ) from None
         step_x, step_y = math.radians(transform.a), math.radians(-transform.e)
-        return Grid(
-            math.radians(transform.c) + step_x / 2, math.radians(transform.f) - step_y / 2,
-            step_x, step_y, min(columns, round(FULL_TURN / step_x)), rows,
-        )  # fmt: skip
+        west = math.radians(transform.c) + step_x / 2
+        north = math.radians(transform.f) - step_y / 2
+        return Grid(west, north, step_x, step_y, min(columns, round(FULL_TURN / step_x)), rows)
+
+    @cached_property
+    def scaling(self) -> Scaling:
+        """What the numbers of the band mean."""
+        with _opened(self.path) as file:
+            scale, offset = file.scales[self.band - 1], file.offsets[self.band - 1]
+            if not (math.isfinite(scale) and scale != 0 and math.isfinite(offset)):
+                raise Refused(
+                    f"scale and offset of {self.path} must be finite, and the scale not 0, got "
+                    f"{scale:g} and {offset:g}"
+                )
+            if not self.heights:
+                return Scaling(scale, offset, file.units[self.band - 1] or "", "")
+            unit, surface = _height_unit(self.path, file.units[self.band - 1], file.crs)
+        metre = METRES[unit.lower()] if unit else 1.0
+        return Scaling(scale * metre, offset * metre, unit, surface)
 
     def read(self, grid: Grid) -> Singles:
         """Bilinear (nearest where exact), with GDAL's smoothing where the steps are coarser."""
@@ -71,7 +148,53 @@ class Raster:
             east = west + (grid.columns - 1) * grid.step_x
             if west <= mine.west + mine.columns * mine.step_x and east >= mine.west - mine.step_x:
                 np.copyto(out, self._warp(grid, west), where=np.isnan(out))
-        return out
+        scale, offset = self.scaling[:2]
+        return out if (scale, offset) == (1.0, 0.0) else (scale * out + offset).astype(np.float32)
+
+    def covers(self, longitude: Floats, latitude: Floats) -> Flags:
+        """Which places lie within the file, by at least a pixel; it may have a hole there."""
+        rasterio = require_rasterio("to read terrain files")
+        inside = np.zeros(longitude.shape, np.bool_)
+        with _opened(self.path) as file:
+            places = np.degrees(longitude).ravel(), np.degrees(latitude).ravel()
+            for turn in (-360.0, 0.0, 360.0):
+                x, y = rasterio.warp.transform(GEOGRAPHIC, file.crs, places[0] + turn, places[1])
+                to_pixel, x, y = ~file.transform, np.asarray(x), np.asarray(y)
+                u = to_pixel.a * x + to_pixel.b * y + to_pixel.c
+                v = to_pixel.d * x + to_pixel.e * y + to_pixel.f
+                within = (u >= 1) & (u <= file.width - 1) & (v >= 1) & (v <= file.height - 1)
+                inside |= within.reshape(longitude.shape)
+        return inside
+
+    def extremes(self, advance: Callable[[int], None] = lambda _: None) -> Extremes:
+        """Lowest and highest value of all pixels, and the fraction of them that has none.
+
+        advance  is called with the number of rows that were read since
+        """
+        lowest, highest, holes = math.inf, -math.inf, 0
+        with _opened(self.path) as file:
+            step = max(1, PIXELS // file.width)
+            for first in range(0, file.height, step):
+                rows = min(step, file.height - first)
+                window = ((first, first + rows), (0, file.width))
+                try:
+                    part = file.read(self.band, window=window, masked=True)
+                except Exception as error:
+                    if not type(error).__module__.startswith("rasterio."):
+                        raise
+                    raise OSError(f"{self.path} must be a whole raster file: {error}") from None
+                known = part.compressed()
+                known = known[np.isfinite(known)]
+                holes += part.size - known.size
+                if known.size:
+                    lowest, highest = min(lowest, known.min()), max(highest, known.max())
+                advance(rows)
+            fraction = holes / (file.width * file.height)
+        if fraction == 1:
+            return Extremes(math.nan, math.nan, fraction)
+        scale, offset = self.scaling[:2]
+        low, high = sorted((scale * float(lowest) + offset, scale * float(highest) + offset))
+        return Extremes(low, high, fraction)
 
     def _warp(self, grid: Grid, west: float) -> Singles:
         rasterio = require_rasterio("to read terrain files")
@@ -80,25 +203,90 @@ class Raster:
         left, top = left + across * (NUDGE - 0.5), top - down * (NUDGE - 0.5)
         transform = rasterio.Affine(across, 0, left, 0, -down, top)
         method = rasterio.enums.Resampling
-        with _open(self.path) as file:
+        with _opened(self.path) as file:
             try:
                 with rasterio.vrt.WarpedVRT(
-                    file, crs=GEOGRAPHIC, transform=transform, width=grid.columns, height=grid.rows,
+                    file,
+                    crs=GEOGRAPHIC,
+                    transform=transform,
+                    width=grid.columns,
+                    height=grid.rows,
                     resampling=method.nearest if self.exact else method.bilinear,
-                    nodata=math.nan, dtype="float32",
-                ) as warped:  # fmt: skip
+                    nodata=math.nan,
+                    dtype="float32",
+                ) as warped:
                     return np.asarray(warped.read(self.band), np.float32)
             except rasterio.errors.RasterioError as error:
                 raise OSError(f"{self.path} must be a whole raster file: {error}") from None
 
 
-def _open(path: Path) -> Any:
+def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str]:
+    """Unit of the heights of a file, "" for none; what they are above, where the file says it.
+
+    Raises  Refused where that is no unit of length, where band and coordinate system disagree, and
+            where the axis points down.
+    """
+    table = system.to_dict(projjson=True)
+    axes = [
+        (axis, part["name"])
+        for part in table.get("components", [table])
+        for axis in part.get("coordinate_system", {}).get("axis", [])
+        if axis["direction"] in ("up", "down")
+    ]
+    surface, vertical = "", ""
+    if axes:
+        axis, surface = axes[0]
+        if axis["direction"] == "down":
+            raise Refused(f"{path} must have heights, got depths: {surface} points down")
+        unit = axis.get("unit", "metre")
+        vertical = unit if isinstance(unit, str) else str(unit["name"])
+    units = [unit.strip() for unit in (band or "", vertical) if unit.strip()]
+    for unit in units:
+        if unit.lower() not in METRES:
+            known = ", ".join(METRES)
+            raise Refused(f"unit of the heights of {path} must be one of {known}, got {unit!r}")
+    if len({METRES[unit.lower()] for unit in units}) > 1:
+        raise Refused(
+            f"heights of {path} must have one unit, got {units[0]!r} of the band and {units[1]!r} "
+            f"of {surface}"
+        )
+    return (units[0] if units else ""), surface
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A raster file while GDAL has it open, without its side-car files and what it may name."""
     rasterio = require_rasterio("to read terrain files")
     regular_file(path, "a raster file")  # GDAL would wait for a FIFO, and read a network
+    real = os.path.realpath(path)  # absolute: GDAL takes a name with a colon for a protocol
+    if real.startswith("/vsi"):
+        raise Refused(f"{path} must not lie in a folder whose name begins with /vsi, as of GDAL")
+    before = os.environ.get(GRIDS)
+    os.environ[GRIDS] = "OFF"
     try:
-        return rasterio.open(path)
-    except rasterio.errors.RasterioIOError as error:
-        raise OSError(f"{path} must be a raster file that GDAL reads: {error}") from None
+        with rasterio.Env(**ALONE), _opened_by_driver(path, real) as file:
+            for domain in ELSEWHERE:
+                if file.tags(ns=domain) or any(
+                    file.tags(band, ns=domain) for band in range(1, file.count + 1)
+                ):
+                    raise Refused(f"{path} must not name other files, but has {domain}")
+            yield file
+    finally:
+        os.environ.pop(GRIDS)
+        if before is not None:
+            os.environ[GRIDS] = before
+
+
+def _opened_by_driver(path: Path, real: str) -> Any:
+    rasterio = require_rasterio("to read terrain files")
+    errors = []
+    for driver in DRIVERS:
+        try:
+            return rasterio.open(real, driver=driver, sharing=False)
+        except rasterio.errors.RasterioIOError as error:
+            errors.append(error)
+    drivers = ", ".join(DRIVERS)
+    raise OSError(f"{path} must be a raster file of GDAL's {drivers}: {errors[0]}")
 
 
 def require_rasterio(purpose: str) -> Any:
@@ -130,6 +318,10 @@ class Source(Protocol):
 
         Returns  (rows, columns); NaN where it has none
         """
+        ...
+
+    def covers(self, longitude: Floats, latitude: Floats) -> Flags:
+        """Which places (radian, of any shape) lie within it; it may have a hole there."""
         ...
 
 
@@ -175,6 +367,13 @@ class Array:
         u -= turn * np.floor((u - (mine.columns - 1) / 2) / turn + 0.5)
         v = _steps(mine.north - grid.north, grid.step_y, grid.rows) / mine.step_y
         return bilinear(values, v[:, None] / scale, u[None] / scale, self.grid.closed)
+
+    def covers(self, longitude: Floats, latitude: Floats) -> Flags:
+        """Which places lie within its grid."""
+        mine = self.grid
+        east = (longitude - mine.west) % FULL_TURN
+        across = east <= mine.cells_across * mine.step_x
+        return across & (latitude <= mine.north) & (latitude >= mine.south)
 
 
 def _steps(first: float, step: float, count: int) -> Floats:

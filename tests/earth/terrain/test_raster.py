@@ -1,11 +1,13 @@
 """Terrain files: the same ground as from memory, and what is wrong with a file in a sentence."""
 
+import socket
+from contextlib import closing
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from startrack.earth.terrain import Array, Mosaic, Pyramid, Raster, survey, up
+from startrack.earth.terrain import Array, Grid, Mosaic, Pyramid, Raster, survey, up
 
 from .scenes import mountains, random_rays
 
@@ -15,7 +17,7 @@ GRID, HEIGHTS = mountains()
 SUN = up(np.array(0.3), np.array(0.5))
 
 
-def write(path, heights, grid=GRID, crs="EPSG:4326", nodata=None, transform=None):
+def write(path, heights, grid=GRID, crs="EPSG:4326", nodata=None, transform=None, unit=None):
     step = np.degrees(grid.step_x), np.degrees(grid.step_y)
     transform = transform or rasterio.Affine(
         step[0], 0, np.degrees(grid.west) - step[0] / 2,
@@ -27,7 +29,27 @@ def write(path, heights, grid=GRID, crs="EPSG:4326", nodata=None, transform=None
         blockxsize=256, blockysize=256,
     ) as file:  # fmt: skip
         file.write(heights, 1)
+        if unit:
+            file.set_band_unit(1, unit)
     return path
+
+
+def flat(path, number, kind="float32", scale=1.0, offset=0.0, **options):
+    """A file of one number, with scale and offset."""
+    heights = np.full((16, 16), number, kind)
+    grid = Grid(0.1, 0.8, 1e-4, 1e-4, 16, 16)
+    with rasterio.open(write(path, heights, grid, **options), "r+") as file:
+        file.scales, file.offsets = (scale,), (offset,)
+    return path
+
+
+def height_of(path):
+    raster = Raster(path, heights=True)
+    (value,) = np.unique(raster.read(Grid(0.1005, 0.7995, 1e-4, 1e-4, 4, 4)))
+    lowest, highest, holes = raster.extremes()
+    assert lowest == highest == pytest.approx(value, rel=1e-6)
+    assert holes == 0
+    return float(value)
 
 
 def test_a_file_is_the_same_ground_as_its_array(tmp_path):
@@ -51,6 +73,117 @@ def test_no_data_is_a_hole_that_the_sea_fills(tmp_path):
     values = raster.read(GRID)
     assert np.isnan(values[82:118, 82:118]).all()
     assert np.isfinite(values[:78]).all()
+
+
+def test_scale_offset_and_unit_of_heights_are_applied(tmp_path):
+    """300 m in numbers of other units; metre in a foot and a US survey foot by NIST SP 811, B.6."""
+    files = [
+        flat(tmp_path / "plain.tif", 300),
+        flat(tmp_path / "named.tif", 300, unit="metre"),
+        flat(tmp_path / "dm.tif", 3000, "int16", 0.1),
+        flat(tmp_path / "offset.tif", 4000, "uint16", 0.1, -100.0),
+        flat(tmp_path / "km.tif", 0.3, unit="km"),
+        flat(tmp_path / "ft.tif", 300 / 0.3048, unit="ft"),
+        flat(tmp_path / "us.tif", 300 * 3937 / 1200, unit="US survey foot"),
+        flat(tmp_path / "navd_ft.tif", 300 / 0.3048, crs="EPSG:4269+8228"),
+        flat(tmp_path / "navd_us.tif", 300 * 3937 / 1200, crs="EPSG:4269+6360"),
+        flat(tmp_path / "egm.tif", 300, crs="EPSG:4326+5773"),
+    ]
+    for path in files:
+        assert height_of(path) == pytest.approx(300, abs=1e-3), path.name
+    assert Raster(files[-1], heights=True).scaling.surface == "EGM96 height"
+    # A map of something else keeps its numbers, in whatever unit.
+    assert Raster(files[5]).read(GRID) is not None
+    assert Raster(files[5]).scaling.scale == 1
+
+
+def test_heights_that_can_be_read_two_ways_are_refused(tmp_path):
+    odd = flat(tmp_path / "odd.tif", 300, unit="fathom")
+    with pytest.raises(
+        ValueError, match=r"unit of the heights of .* must be one of .* got 'fathom"
+    ):
+        Raster(odd, heights=True)
+    both = flat(tmp_path / "both.tif", 300, unit="m", crs="EPSG:4269+6360")
+    with pytest.raises(ValueError, match=r"must have one unit, got 'm' of the band and 'US survey"):
+        Raster(both, heights=True)
+    deep = flat(tmp_path / "deep.tif", 300, crs="EPSG:4326+5715")
+    with pytest.raises(ValueError, match=r"must have heights, got depths: MSL depth points down"):
+        Raster(deep, heights=True)
+
+
+def test_a_hole_is_no_sea(tmp_path):
+    """Refused, or of the height that is given; what is beside the file is the sea."""
+    heights = np.full(HEIGHTS.shape, 700, np.int16)
+    heights[80:120, 80:120] = -32768
+    source = Raster(write(tmp_path / "dem.tif", heights, nodata=-32768))
+    rays = random_rays(GRID, 200, 70, 1200.0, 300.0)
+    with pytest.raises(ValueError, match=r"holes must be given .*: \d+ rays meet ground"):
+        Pyramid(Mosaic((source,))).meet(rays)
+    filled = Pyramid(Mosaic((source,)), holes=650.0)
+    hits, _ = filled.meet(rays)
+    heights_met = hits.place[hits.hit, 2]
+    assert (heights_met > -1).all()
+    inside = source.covers(*hits.place[:, :2].T) & hits.hit
+    assert inside.any()
+    assert (hits.place[inside, 2] > 600).all()
+
+
+def test_nothing_beside_the_file_is_read(tmp_path):
+    """Side-car files with other numbers, overviews and a mask of their own change nothing."""
+    path = flat(tmp_path / "dem.tif", 300)
+    alone = Raster(path, heights=True)
+    expected, grid = alone.read(alone.grid), alone.grid
+    (tmp_path / "dem.tif.aux.xml").write_text(
+        '<PAMDataset><PAMRasterBand band="1"><Scale>7</Scale><UnitType>ft</UnitType>'
+        "<NoDataValue>300</NoDataValue></PAMRasterBand></PAMDataset>"
+    )
+    (tmp_path / "dem.tfw").write_text("1\n0\n0\n-1\n50\n50\n")
+    for name in ("dem.tif.msk", "dem.tif.ovr"):
+        write(tmp_path / name, np.zeros((16, 16), np.uint8))
+    with rasterio.open(path) as file:  # without the options, GDAL reads them
+        assert file.scales == (7.0,)
+    beside = Raster(path, heights=True)
+    assert beside.grid == grid
+    assert beside.scaling == alone.scaling
+    np.testing.assert_array_equal(beside.read(grid), expected)
+    coarse = Grid(grid.west, grid.north, 4e-4, 4e-4, 4, 4)
+    np.testing.assert_array_equal(beside.read(coarse), 300)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<VRTDataset rasterXSize="16" rasterYSize="16"><SRS>EPSG:4326</SRS><GeoTransform>0,1,0,0,0,'
+        '-1</GeoTransform><VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename>'
+        "{}</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>",
+        '<GDAL_WMS><Service name="TMS"><ServerUrl>http://{}/${{z}}/${{x}}/${{y}}.png</ServerUrl>'
+        "</Service><DataWindow><UpperLeftX>-180</UpperLeftX><UpperLeftY>90</UpperLeftY><LowerRightX>"
+        "180</LowerRightX><LowerRightY>-90</LowerRightY><TileLevel>1</TileLevel></DataWindow>"
+        "<Projection>EPSG:4326</Projection><BandsCount>1</BandsCount></GDAL_WMS>",
+        "<WCS_GDAL><ServiceURL>http://{}/wcs?</ServiceURL><CoverageName>dem</CoverageName></WCS_GDAL>",
+    ],
+    ids=["VRT", "WMS", "WCS"],
+)
+def test_files_that_name_others_are_refused(tmp_path, text):
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        server.settimeout(0)
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        other = write(tmp_path / "other.tif", HEIGHTS) if "VRT" in text else address
+        for name in ("dem.tif", "dem.vrt", "dem.xml"):
+            (tmp_path / name).write_text(text.format(other))
+            with pytest.raises(OSError, match=r"must be a raster file of GDAL's GTiff"):
+                Raster(tmp_path / name)
+        with pytest.raises(BlockingIOError):
+            server.accept()
+
+
+def test_overviews_that_stand_in_another_file_are_refused(tmp_path):
+    """GDAL opens whatever the metadata of a TIFF name as its overviews."""
+    path = flat(tmp_path / "dem.tif", 300)
+    with rasterio.open(path, "r+") as file:
+        file.update_tags(ns="OVERVIEWS", OVERVIEW_FILE="/vsicurl/http://127.0.0.1:9/x.tif")
+    with pytest.raises(ValueError, match=r"dem.tif must not name other files, but has OVERVIEWS"):
+        Raster(path)
 
 
 def test_coarser_steps_are_means(tmp_path):
