@@ -106,9 +106,9 @@ from startrack.mission import (
 )
 from startrack.mission import placement as placement_of_heads
 from startrack.mission.engine import at
-from startrack.mission.files import Attitudes, read_aem
 from startrack.mission.fusion import fuse, head_covariance, relative_alignment
 from startrack.mission.instants import path_of
+from startrack.mission.messages import read_aem
 from startrack.mission.parameters import MissionRequirements, Orbit, mounted
 from startrack.mission.rendered import root_of_mean
 from startrack.montecarlo import Serial
@@ -407,8 +407,8 @@ def round_trip(plan: Plan) -> float:
     )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.aem"
-        write_aem(path, Attitudes(epochs, "utc", turn.as_quat()))
-        back = Rotation.from_quat(read_aem(path).quaternion)
+        write_aem(path, epochs, turn)
+        back = Rotation.from_quat(read_aem(path)[0].quaternion)
     return float((turn.inv() * back).magnitude().max())
 
 

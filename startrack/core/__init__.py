@@ -91,6 +91,7 @@ from startrack.core.interpolation import (
     NODES,
     Curve,
     Displacement,
+    Samples,
     bilinear,
     lagrange_weights,
     local_weights,

@@ -35,6 +35,80 @@ def lagrange_weights(nodes: Floats, at: Floats) -> Floats:
     return weight
 
 
+def hermite_weights(nodes: Floats, at: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Weights of values and slopes at nodes (n, k) in their polynomial at places (n,).
+
+        y(t) = sum_k (1 - 2 l_k'(t_k) (t - t_k)) l_k(t)^2 y_k + (t - t_k) l_k(t)^2 y'_k
+
+    with l_k the polynomials of Lagrange.
+
+    Returns  (n, k) each: of the values and of the slopes in y, and of both in its derivative
+    """
+    away = at[:, None] - nodes
+    basis, slope = lagrange_weights(nodes, at), np.zeros(away.shape)
+    at_node = np.zeros(away.shape)
+    for k in range(away.shape[1]):
+        for other in range(away.shape[1]):
+            if other == k:
+                continue
+            apart = nodes[:, k] - nodes[:, other]
+            at_node[:, k] += 1 / apart
+            factor = 1 / apart
+            for third in range(away.shape[1]):
+                if third not in (k, other):
+                    factor = factor * away[:, third] / (nodes[:, k] - nodes[:, third])
+            slope[:, k] += factor
+    square, twice = basis * basis, 2 * basis * slope
+    tilt = 1 - 2 * at_node * away
+    return (
+        tilt * square,
+        away * square,
+        tilt * twice - 2 * at_node * square,
+        square + away * twice,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Values at rising times, between which polynomials go through the nearest of them.
+
+    second   (n,)
+    values   (k, n)
+    degree   of the polynomials; less where there are too few values
+    slopes   (k, n) a second, through which they go, too; None: they do not
+    """
+
+    second: Floats
+    values: Floats
+    degree: int
+    slopes: Floats | None = None
+
+    def at(self, second: Floats) -> tuple[Floats, Floats | None]:
+        """(k, m) at (m,) seconds, and with slopes the derivatives (k, m)."""
+        count = self.degree + 1 if self.slopes is None else (self.degree + 1) // 2
+        points = min(count, len(self.second))
+        nearest = np.searchsorted(self.second, second)
+        if points % 2:  # the nearest in the middle, else one more on either side
+            low, high = (
+                self.second[np.clip(nearest + k, 0, len(self.second) - 1)] for k in (-1, 0)
+            )
+            nearest = nearest - (second - low < high - second)
+        first = np.clip(nearest - points // 2, 0, len(self.second) - points)
+        index = first + np.arange(points)[:, None]
+
+        def total(weight: Floats, values: Floats) -> Floats:
+            return np.einsum("kn,akn->an", np.ascontiguousarray(weight.T), values[:, index])
+
+        nodes = self.second[index].T
+        if self.slopes is None:
+            return total(lagrange_weights(nodes, second), self.values), None
+        value, of_slope, turned, of_turned = hermite_weights(nodes, second)
+        return (
+            total(value, self.values) + total(of_slope, self.slopes),
+            total(turned, self.values) + total(of_turned, self.slopes),
+        )
+
+
 @dataclass(frozen=True)
 class Curve(Parameters):
     """Values in [0, 1] at wavelengths, straight lines between them and zero outside.

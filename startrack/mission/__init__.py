@@ -2,7 +2,8 @@
 
 parameters  Mission: orbit, attitude law, heads, time and requirements, as a mission file gives
             them.
-files       Ephemerides and attitudes as CCSDS messages (OEM, AEM) and SPICE kernels (SPK, CK).
+files       Segments of orbits and attitudes; SPICE kernels of them (SPK, CK).
+messages    CCSDS messages (OEM, AEM) -> segments of orbits and attitudes.
 instants    Mission and instants -> where the spacecraft is, how its law points it, Sun and Moon.
 heads       Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind.
 surrogate   Case and ranges of conditions -> the error of a head in any direction of the sky.

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from startrack import space
-from startrack.core import LIGHT_SPEED, Floats, Refused, installed_tables, lagrange_weights, utc
-from startrack.mission.files import Ephemeris, read_aem, read_ck, read_oem, read_spk, seconds_after
+from startrack.core import LIGHT_SPEED, Floats, Samples, installed_tables, lagrange_weights, utc
+from startrack.mission.files import OrbitSegment, read_ck, read_spk, seconds_after
+from startrack.mission.messages import read_aem, read_oem
 from startrack.mission.parameters import Attitude, Mission, Orbit, Scan
 from startrack.space import cross, dot, times, unit
 
@@ -35,6 +36,7 @@ class Place:
     greenwich    (n,) radian, mean sidereal time
     sun_place, moon_place  metre from the Earth's centre
     earth_speed  metre / second, barycentric
+    after        second, by which these instants follow those that a rate is asked for at
     """
 
     second: Floats
@@ -46,10 +48,12 @@ class Place:
     sun_place: Floats
     moon_place: Floats
     earth_speed: Floats
+    after: float = 0.0
 
     def cut(self, count: int) -> Place:
         """The first of them."""
-        return Place(*(getattr(self, field.name)[..., :count] for field in fields(self)))
+        names = (field.name for field in fields(self) if field.name != "after")
+        return replace(self, **{name: getattr(self, name)[..., :count] for name in names})
 
 
 Law = Callable[[Place], Floats]
@@ -128,26 +132,54 @@ def _target(attitude: Attitude, _begin: str) -> Law:
     return law
 
 
+@dataclass(frozen=True, eq=False)
+class _Filed:
+    """An attitude law by the segments of a file, each interpolated by itself.
+
+    spans    (n, 2) second, first and last at which each may be used
+    samples  of each, quaternions of one sign
+    begin    of the mission, UTC
+    """
+
+    spans: Floats
+    samples: tuple[Samples, ...]
+    begin: str
+
+    def __call__(self, place: Place) -> Floats:
+        asked = place.second - place.after  # whose segment holds, and may go on by as much
+        number = space.segment_of(self.spans, asked, 0.0, "attitude.aem", self.begin)
+        quaternion = np.empty((4, len(asked)))
+        for n in np.unique(number):
+            here = number == n
+            quaternion[:, here] = _attitude_at(self.samples[n], place.second[here])
+        return np.ascontiguousarray(Rotation.from_quat(quaternion.T).as_matrix().transpose(1, 2, 0))
+
+
+def _attitude_at(samples: Samples, second: Floats) -> Floats:
+    """Quaternions (4, m): at constant rates between two, or by polynomials of their numbers."""
+    if samples.degree > 1:
+        return samples.at(second)[0]
+    low = np.clip(np.searchsorted(samples.second, second) - 1, 0, len(samples.second) - 2)
+    first, last = (Rotation.from_quat(samples.values[:, low + k].T) for k in (0, 1))
+    part = (second - samples.second[low]) / (samples.second[low + 1] - samples.second[low])
+    turn = Rotation.from_rotvec(part[:, None] * (last * first.inv()).as_rotvec())
+    return (turn * first).as_quat().T
+
+
 def _file(attitude: Attitude, begin: str) -> Law:
     assert attitude.aem is not None
     path = Path(attitude.aem)
-    file = read_ck(path) if path.suffix == ".bc" else read_aem(path)
-    second = seconds_after(begin, file)
-    if len(second) < 2 or (np.diff(second) <= 0).any():
-        raise Refused("attitude.aem must hold two or more attitudes at rising times")
-    course = Slerp(second, Rotation.from_quat(file.quaternion))
-
-    def law(place: Place) -> Floats:
-        early, late = second[0] - place.second[0], place.second[-1] - second[-1]
-        if max(early, late) > space.BEYOND:
-            raise Refused(
-                f"attitude.aem must hold the mission's time, to {place.second[-1]:g} s after its "
-                f"begin, got {second[0]:g} to {second[-1]:g} s"
-            )
-        at = np.clip(place.second, second[0], second[-1])
-        return np.ascontiguousarray(course(at).as_matrix().transpose(1, 2, 0))
-
-    return law
+    spans, samples = [], []
+    for segment in read_ck(path) if path.suffix == ".bc" else read_aem(path):
+        spans.append([float(seconds_after(begin, time)) for time in segment.usable])
+        # q and -q are one attitude; neighbours get the same sign.
+        sign = np.sign(np.sum(segment.quaternion[1:] * segment.quaternion[:-1], axis=1))
+        signs = np.cumprod(np.append(1.0, np.where(sign == 0, 1.0, sign)))
+        slopes = None if segment.slope is None else (signs[:, None] * segment.slope).T
+        values = (signs[:, None] * segment.quaternion).T
+        second = seconds_after(begin, segment.date)
+        samples.append(Samples(second, values, segment.degree, slopes))
+    return _Filed(np.array(spans), tuple(samples), begin)
 
 
 def _scanned(scan: Scan, second: Floats, body: Floats) -> Floats:
@@ -201,11 +233,15 @@ class SpacecraftMotion:
     def at(self, first: float, step: float, count: int) -> Instants:
         """The instants first, first + step ...
 
+        Raises    Refused where a file has no state or attitude at one of them.
         Accuracy  numerical: 3 mm of the orbit's own propagation for steps below 60 s, rounding
                   above; Sun and Moon 0.1 arcsec; the rate is that between two instants, or over
-                  a second where the step is longer than 20 s.
+                  a second where the step is longer than 20 s or a file has the attitudes.
         """
-        close = step <= LONGEST_RATE_STEP
+        if isinstance(self.path, space.Tabulated):
+            self.path.require(first + step * np.arange(count, dtype=float))
+        # The segments of a file may differ in attitude where they meet.
+        close = step <= LONGEST_RATE_STEP and self.mission.attitude.law != "aem"
         place = self._place(first, step, count + close)
         body = self.law(place)
         if close:
@@ -213,7 +249,8 @@ class SpacecraftMotion:
             rate = _rate(now, later, step)
             place, body = place.cut(count), now
         else:
-            rate = _rate(body, self.law(self._place(first + 1.0, step, count)), 1.0)
+            afterwards = replace(self._place(first + 1.0, step, count), after=1.0)
+            rate = _rate(body, self.law(afterwards), 1.0)
         parallax = [place.sun_place - place.place, place.moon_place - place.place]
         aberration = (place.earth_speed + place.speed) / LIGHT_SPEED
         sun, moon = (unit(unit(line) + aberration) for line in parallax)
@@ -236,7 +273,7 @@ class SpacecraftMotion:
             return np.concatenate(self.path.state(second))
 
         if self.path.inertial:
-            state = states(second)  # interpolated itself, and without values beyond its file
+            state = states(second)  # interpolated itself
             place, speed = state[:3], state[3:]
             fixed = times(axes.transpose(1, 0, 2), place)
         else:
@@ -288,12 +325,15 @@ def path_of(orbit: Orbit, begin: str) -> space.Carrier:
     return space.Kepler(axis, orbit.eccentricity, tilt, node, orbit.perigee, orbit.anomaly, start)
 
 
-def _tabulated(file: Ephemeris, begin: str) -> space.Tabulated:
-    second = seconds_after(begin, file)
-    if len(second) < 2 or (np.diff(second) <= 0).any():
-        raise Refused("orbit.oem must hold two or more states at rising times")
-    points = min(file.degree + 1, len(second))
-    return space.Tabulated(second, file.place.T, file.speed.T, points)
+def _tabulated(segments: Sequence[OrbitSegment], begin: str) -> space.Tabulated:
+    spans, places, speeds = [], [], []
+    for segment in segments:
+        spans.append([float(seconds_after(begin, time)) for time in segment.usable])
+        second, speed = seconds_after(begin, segment.date), segment.speed.T
+        slopes = speed if segment.hermite else None
+        places.append(Samples(second, segment.place.T, segment.degree, slopes))
+        speeds.append(Samples(second, speed, segment.degree))
+    return space.Tabulated(np.array(spans), tuple(places), tuple(speeds), begin)
 
 
 def spread(

@@ -107,8 +107,8 @@ class Attitude(Parameters):
     height: Annotated[float, Unit("m"), Range(-500.0, 9000.0),
         "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
     aem: Annotated[str | None, core.FILE,
-        "file with a CCSDS attitude ephemeris message, of quaternions from ICRF or EME2000 to "
-        "the body; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc; extra "
+        "file with a CCSDS attitude ephemeris message, of quaternions between ICRF or EME2000 and "
+        "SC_BODY; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc; extra "
         "`spice`)"] = None  # fmt: skip
     scan: Annotated[Scan | None, "a rotation on top of the law; None: none"] = None
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Advance, Flags, Floats, Ints, Rows, arcsec, deg
+from startrack.core import Advance, Flags, Floats, Ints, Rows, arcsec, deg, utc
 from startrack.design import Case
 from startrack.io import save_netcdf
 from startrack.mission import files
@@ -246,11 +246,11 @@ def write_kernels(plan: Plan, every: int, orbit: Path, attitude: Path) -> None:
     """
     time = plan.loaded.mission.time
     own = plan.motion.at(0.0, time.step * every, max(-(-time.steps // every), 2))
-    begin = files.to_ephemeris_time((time.begin,), "utc")[0]
-    epoch = files.of_ephemeris_time(begin + own.second)
-    files.write_spk(orbit, files.Ephemeris(epoch, "tdb", own.place.T, own.speed.T))
+    begin = files.to_ephemeris_time(utc(time.begin))
+    date = files.of_ephemeris_time(begin + own.second)
+    files.write_spk(orbit, date, own.place.T, own.speed.T)
     turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
-    files.write_ck(attitude, files.Attitudes(epoch, "tdb", turn.as_quat()))
+    files.write_ck(attitude, date, turn.as_quat())
 
 
 UNITS = {"deg": "degree", "arcsec": "arcsec", "second": "s"}

@@ -49,7 +49,6 @@ from startrack.space.heat import (
     warmth,
 )
 from startrack.space.orbit import (
-    BEYOND,
     Carrier,
     Kepler,
     Sgp4,
@@ -60,6 +59,7 @@ from startrack.space.orbit import (
     propagate,
     require_perigee,
     require_two_lines,
+    segment_of,
     sun_synchronous,
     two_line_record,
 )

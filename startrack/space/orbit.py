@@ -6,15 +6,17 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import Floats, Refused, shown, utc
+from startrack.core import Floats, Refused, Samples, shown, utc
 from startrack.space.bodies import DAY
 from startrack.space.earth import EARTH_RADIUS, GM, J2
 
 LOWEST = 80e3  # metre, of a perigee: below it no orbit lasts
 YEAR = 365.2422 * DAY  # second, tropical
-BEYOND = 60.0  # second, by which a mission may exceed its file, for the rate at its last step
+BEYOND = 20.0  # second, by which the instant after the last may exceed a file, for the rate there
+ROUNDING = 1e-6  # second, of dates as differences
 KEPLER_STEPS = 12  # of Newton's method; 1e-15 for eccentricities up to 0.9
 GM_WGS72 = 398600.8e9  # m^3 / s^2, as SGP4 wants it (Vallado et al. 2006, AIAA 2006-6753)
 EPOCH_1949 = 2433281.5  # Julian date from which SGP4 counts its days
@@ -39,7 +41,11 @@ def require_perigee(altitude: float, eccentricity: float) -> None:
 
 
 def require_two_lines(lines: tuple[str, ...]) -> None:
-    """Raise ValueError where lines are no two-line element set, by length, number and checksum."""
+    """Raise Refused where lines are no two-line element set that SGP4 is for.
+
+    By length, number and checksum of both, the satellite they are of, and their ephemeris type:
+    0 and 2 are SGP4's, where 4 is of SGP4-XP, whose elements SGP4 would fly wrongly.
+    """
     if len(lines) != 2:
         raise Refused(f"tle must be two lines, got {len(lines)}")
     for number, line in enumerate(lines, 1):
@@ -51,6 +57,16 @@ def require_two_lines(lines: tuple[str, ...]) -> None:
         total = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10
         if line[68] != str(total):
             raise Refused(f"line {number} of tle must end in its checksum {total}, got {line!r}")
+    if lines[0][2:7] != lines[1][2:7]:
+        raise Refused(
+            "both lines of tle must be of one satellite, got the numbers "
+            f"{lines[0][2:7]} and {lines[1][2:7]}"
+        )
+    if lines[0][62] not in " 02":
+        raise Refused(
+            "the ephemeris type of tle (column 63 of line 1) must be 0, elements for SGP4, got "
+            f"{lines[0][62]}"
+        )
 
 
 def orbit_direction(node: float, inclination: float, argument: float) -> Floats:
@@ -224,32 +240,61 @@ def node_at(epoch: str, local_time: float) -> float:
     return float((greenwich + (local_time - second) / DAY * math.tau) % math.tau)
 
 
+def segment_of(
+    spans: Floats, second: Floats, beyond: float, what: str, date: str
+) -> NDArray[np.intp]:
+    """(m,) number of the segment of a file that holds at (m,) seconds; the later where two meet.
+
+    spans   (n, 2) second, first and last of each, in their order
+    beyond  second, by which an instant may be outside its segment
+    what    has segments, for the message;  date  from which seconds count
+    Raises  Refused where there is none, with the times between which there is none.
+    """
+    number = np.clip(np.searchsorted(spans[:, 0], second, side="right") - 1, 0, len(spans) - 1)
+    outside = np.maximum(spans[number, 0] - second, second - spans[number, 1])
+    worst = int(outside.argmax())
+    # An instant that is past a segment by less than the allowance, and before the next by as much.
+    if outside[worst] <= beyond + ROUNDING:
+        return number
+    at, here = float(second[worst]), int(number[worst])
+    if at < spans[0, 0] or here == len(spans) - 1:
+        raise Refused(
+            f"{what} must hold the mission's time: it is given from {spans[0, 0]:.9g} to "
+            f"{spans[-1, 1]:.9g} s after {date}, and asked for at {at:.9g} s"
+        )
+    raise Refused(
+        f"{what} must hold the mission's time: it has a gap from {spans[here, 1]:.9g} to "
+        f"{spans[here + 1, 0]:.9g} s after {date}, and is asked for at {at:.9g} s; nothing is "
+        "interpolated over a gap"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """States of a file, interpolated by Lagrange's polynomials of its degree.
+    """States of the segments of a file, interpolated within each.
 
-    second, place, speed   (n,), (3, n) metre, (3, n) metre / second, ICRS axes
+    spans  (n, 2) second, first and last at which each may be used
+    place  of each, metre, ICRS axes, with the speeds as slopes where it is interpolated so
+    speed  of each, metre / second
+    begin  of the mission, UTC
     """
 
-    second: Floats
-    place: Floats
-    speed: Floats
-    points: int
+    spans: Floats
+    place: tuple[Samples, ...]
+    speed: tuple[Samples, ...]
+    begin: str
     inertial = True
 
+    def require(self, second: Floats) -> None:
+        """Raise Refused where the file has no state at one of these instants."""
+        segment_of(self.spans, second, 0.0, "orbit.oem", self.begin)
+
     def state(self, second: Floats) -> tuple[Floats, Floats]:
-        """See `Carrier`; raises ValueError outside the file's times."""
-        first, last = self.second[0], self.second[-1]
-        if second[0] < first - BEYOND or second[-1] > last + BEYOND:
-            raise Refused(
-                f"orbit.oem must hold the mission's time, from {second[0]:g} to {second[-1]:g} s "
-                f"after its begin, got {first:g} to {last:g} s"
-            )
-        near = np.searchsorted(self.second, second) - self.points // 2
-        near = np.clip(near, 0, len(self.second) - self.points)
-        at = near + np.arange(self.points)[:, None]
-        weight = np.ascontiguousarray(core.lagrange_weights(self.second[at].T, second).T)
-        place, speed = (
-            np.einsum("kn,akn->an", weight, values[:, at]) for values in (self.place, self.speed)
-        )
+        """See `Carrier`; raises Refused more than 20 s outside the file's segments."""
+        number = segment_of(self.spans, second, BEYOND, "orbit.oem", self.begin)
+        place, speed = np.empty((2, 3, len(second)))
+        for n in np.unique(number):
+            here = number == n
+            place[:, here], derivative = self.place[n].at(second[here])
+            speed[:, here] = self.speed[n].at(second[here])[0] if derivative is None else derivative
         return place, speed

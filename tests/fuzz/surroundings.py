@@ -150,10 +150,14 @@ def output_case(draw: Draw) -> Case:
 @cache
 def kernels() -> dict[str, bytes]:
     """An orbit and an attitude as SPICE kernels, with the clock of the attitude."""
-    from startrack.mission.files import Attitudes, Ephemeris, write_ck, write_spk
+    from astropy.time import Time
+
+    from startrack.core import installed_tables
+    from startrack.mission.files import write_ck, write_spk
 
     minutes = np.arange(0.0, 90.0, 5.0)
-    epoch = tuple(f"2026-03-20T{12 + int(m) // 60:02d}:{int(m) % 60:02d}:00" for m in minutes)
+    with installed_tables():
+        date = Time("2026-03-20T12:00:00", scale="utc") + minutes / 1440
     angle = 2 * np.pi * minutes / 96.5
     zero = np.zeros_like(angle)
     place = 6.978e6 * np.column_stack([np.cos(angle), np.sin(angle), zero])
@@ -161,8 +165,8 @@ def kernels() -> dict[str, bytes]:
     turned = np.column_stack([zero, zero, np.sin(angle / 2), np.cos(angle / 2)])
     found = {}
     with tempfile.TemporaryDirectory() as folder:
-        write_spk(Path(folder) / "o.bsp", Ephemeris(epoch, "utc", place, speed))
-        write_ck(Path(folder) / "a.bc", Attitudes(epoch, "utc", turned))
+        write_spk(Path(folder) / "o.bsp", date, place, speed)
+        write_ck(Path(folder) / "a.bc", date, turned)
         for name in ("o.bsp", "a.bc", "a.tsc"):
             found[name] = (Path(folder) / name).read_bytes()
     return found

@@ -87,6 +87,17 @@ def test_elements_that_cannot_be():
         TwoLines(FIRST[:-1] + "5", SECOND)
     with pytest.raises(ValueError, match="line 2 of tle must have 69 characters"):
         TwoLines(FIRST, FIRST)
+    other = with_checksum(SECOND[:2] + "54321" + SECOND[7:])
+    with pytest.raises(ValueError, match="both lines of tle must be of one satellite"):
+        TwoLines(FIRST, other)
+    assert FIRST[62] == "0"
+    with pytest.raises(ValueError, match=r"ephemeris type of tle .* must be 0, .* got 4"):
+        TwoLines(with_checksum(FIRST[:62] + "4" + FIRST[63:]), SECOND)
+
+
+def with_checksum(line):
+    total = sum(int(c) if c.isdecimal() else c == "-" for c in line[:68])
+    return f"{line[:68]}{total % 10}"
 
 
 def test_the_epoch_keeps_its_microseconds():
