@@ -84,11 +84,17 @@ def as_wrong_use(*kinds: type[Exception], path: Path | None = None) -> Iterator[
         raise WrongUse(f"{path}: {error}" if path else str(error)) from None
 
 
+LEAST_MEMORY = 2**29  # byte of one process
+
+
 def memory_of(options: argparse.Namespace, limit: int) -> int:
     """Bytes that each process of a command may take: its share of the limit.
 
     limit  byte, without --memory
+    Raises  WrongUse where that is too little for any process.
     """
+    if not options.memory and limit < LEAST_MEMORY:
+        raise WrongUse(f"STARTRACK_MEMORY must be at least {LEAST_MEMORY} (512M), got {limit}")
     workers = getattr(options, "workers", 1)
     # Shares below 1 GiB are no use: a process with its libraries takes a third of that.
     return max((options.memory or limit) // workers, min(options.memory or limit, GIB))
@@ -101,7 +107,7 @@ def memory_size(text: str) -> int:
     digits = text[:-1] if factor > 1 else text
     whole_number = digits.isascii() and digits.isdecimal() and len(digits) < 16
     size = int(digits) * factor if whole_number else 0
-    if size < 2**29:
+    if size < LEAST_MEMORY:
         raise argparse.ArgumentTypeError(
             f"must be at least 512M, as a number with K, M, G or T, got {text!r}"
         )

@@ -14,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
+import stat
 import time
 import warnings
 from collections.abc import Callable
@@ -35,6 +36,7 @@ config: Any = numba.config  # its names are made when it is read
 COUNTING = "_nrt"  # numba's option to count references to arrays
 DIGEST = 32  # byte, of the hash at the end of a file of compiled code
 FAILED = "kernels take twice as long to compile, because this version of numba has changed"
+OTHERS = stat.S_IWGRP | stat.S_IWOTH
 KERNELS = list["KernelDispatcher"]()
 REPORTS = list[Callable[[float], None]]()  # called with the seconds that compiling has lasted
 
@@ -72,10 +74,13 @@ class _File(IndexDataCacheFile):
     def _save_index(self, overloads: Any) -> None:
         self._named = self._index_name
         super()._save_index(overloads)
+        close_to_others(os.path.dirname(self._index_path))
+        close_to_others(self._index_path)
 
     def _save_data(self, name: str, data: Any) -> None:
         self._named = name
         super()._save_data(name, data)
+        close_to_others(self._data_path(name))
 
     def _load_index(self) -> Any:
         try:
@@ -97,10 +102,20 @@ class _File(IndexDataCacheFile):
             raise OSError(f"{name} is damaged")
 
 
+def close_to_others(path: str) -> None:
+    """Let no other user write to a file or folder, whatever the umask is."""
+    os.chmod(path, os.stat(path).st_mode & ~OTHERS)
+
+
 def regular(path: str) -> str:
-    """The path of a regular file, which opening does not wait for; raises OSError of all else."""
-    if not os.path.isfile(path):
-        raise OSError(f"{path} must be a regular file")
+    """The path of a regular file that nobody else can write to; raises OSError of all else.
+
+    Opening another kind could wait for ever, and loading what another user wrote would run it.
+    """
+    status = os.stat(path)
+    own = not hasattr(os, "geteuid") or status.st_uid in (os.geteuid(), 0)
+    if not stat.S_ISREG(status.st_mode) or not own or status.st_mode & OTHERS:
+        raise OSError(f"{path} must be a regular file that no other user can write to")
     return path
 
 

@@ -30,6 +30,9 @@ WITHOUT_KERNELS = {
 config: Any = numba.config  # its names are made when it is read
 NAME = "kernels-"  # begins the name of a folder of compiled code
 PRIVATE = 0o700  # mode of a folder
+READABLE = 0o755  # mode of a folder beside the package, whatever the umask is
+CODE = (".nbi", ".nbc")  # ends the names of numba's files
+OTHERS = stat.S_IWGRP | stat.S_IWOTH
 KEPT = 4  # folders, those used last; chosen by hand
 READY = "ready"  # file of a folder that holds all that one trial and its identification need
 FAILED = "kernels take twice as long to compile, because this version of numba has changed"
@@ -106,7 +109,7 @@ def kernel_folder() -> Path | None:
             tempfile.TemporaryFile(dir=folder).close()
         except OSError:
             continue
-        if trusted(folder):
+        if all_trusted(folder):
             return folder
     return None
 
@@ -126,7 +129,8 @@ def _made(folder: Path, private: bool) -> bool:
         if private:
             private_folder(folder)
         else:
-            folder.mkdir(parents=True)
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=READABLE)
         used = {other.stat().st_mtime: other for other in folder.parent.glob(f"{NAME}*")}
         for moment in sorted(used)[:-KEPT]:
             shutil.rmtree(used[moment], ignore_errors=True)
@@ -164,7 +168,8 @@ def compiling_reports(report: Callable[[float], None]) -> Iterator[None]:
 def trusted(path: str | os.PathLike[str]) -> bool:
     """Whether a file or folder is of this user or of the system, and no other can write to it.
 
-    An installation by the administrator is the system's: whoever runs it trusts its code already.
+    "Other" includes the group. An installation by the administrator is the system's: whoever runs
+    it trusts its code already.
     """
     if not hasattr(os, "geteuid"):  # Windows: the user's folders are closed to others
         return True
@@ -172,7 +177,25 @@ def trusted(path: str | os.PathLike[str]) -> bool:
         status = os.stat(path)
     except OSError:
         return False
-    return status.st_uid in (os.geteuid(), 0) and not status.st_mode & stat.S_IWOTH
+    return status.st_uid in (os.geteuid(), 0) and not status.st_mode & OTHERS
+
+
+def all_trusted(folder: Path) -> bool:
+    """Whether a folder and all compiled code in it is trusted.
+
+    What others can write to is removed, and compiled anew.
+    """
+    if not trusted(folder):
+        return False
+    for place, folders, files in os.walk(folder):
+        for name in (*folders, *(name for name in files if name.endswith(CODE))):
+            path = os.path.join(place, name)
+            if not trusted(path):
+                with suppress(OSError):
+                    shutil.rmtree(path) if name in folders else os.unlink(path)
+                if os.path.lexists(path):
+                    return False
+    return True
 
 
 def private_folder(path: Path) -> bool:

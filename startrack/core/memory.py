@@ -42,9 +42,18 @@ def machine_memory() -> int:
 
 
 def memory_limit() -> int:
-    """Bytes that this process may take: STARTRACK_MEMORY, else half of the machine's memory."""
+    """Bytes that this process may take: STARTRACK_MEMORY, else half of the machine's memory.
+
+    Raises  Refused where STARTRACK_MEMORY is no number.
+    """
     given = os.environ.get(VARIABLE, "")
-    return int(given) if given.isdecimal() and len(given) < 20 else machine_memory() // 2
+    if not given:
+        return machine_memory() // 2
+    if not (given.isascii() and given.isdecimal() and len(given) < 20):
+        raise Refused(
+            f"{VARIABLE} must be a whole number of bytes, got {given[:40]!r}", lasting=False
+        )
+    return int(given)
 
 
 def require_memory(size: float, what: str) -> None:

@@ -131,7 +131,10 @@ def fraction(text: str) -> float | None:
     0.35
     """
     match = PERCENT.fullmatch(text) if len(text) <= LONGEST else None
-    value = float(Decimal(match[1]).scaleb(-2)) if match else math.inf
+    try:
+        value = float(Decimal(match[1]).scaleb(-2)) if match else math.inf
+    except DecimalException:  # an exponent of many digits
+        return None
     return value if math.isfinite(value) else None
 
 

@@ -27,6 +27,7 @@ RAW_TYPES = ("uint8", "uint16", "uint16be", "float32")
 VIDEOS = (".mkv", ".avi", ".mp4", ".mov")
 # Where each begins with what, so that no playlist opens other files.
 VIDEO_MAGIC = ((0, b"\x1a\x45\xdf\xa3"), (8, b"AVI "), (4, b"ftyp"))
+FFMPEG_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 VIDEO_GREY = (b"Y800", b"Y1\x00\x10")  # FFmpeg's names of 8 and 16 bits
 SER_HEADER = struct.Struct("<14s7i40s40s40s2q")
 SER_MAGIC = b"LUCAM-RECORDER"
@@ -228,7 +229,16 @@ def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
     if not any(head[at:].startswith(magic) for at, magic in VIDEO_MAGIC):
         raise ValueError(f"{path} must be a Matroska, AVI, MP4 or MOV video")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the errors of the callers say it
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    # FFmpeg tells formats by their content: those that name other files or addresses, such as
+    # playlists and session descriptions, are none that it may take, and no protocol but of files.
+    before = os.environ.get(FFMPEG_OPTIONS)
+    os.environ[FFMPEG_OPTIONS] = "protocol_whitelist;file|format_whitelist;matroska,avi,mov"
+    try:
+        video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    finally:
+        os.environ.pop(FFMPEG_OPTIONS)
+        if before is not None:
+            os.environ[FFMPEG_OPTIONS] = before
     try:
         if not video.isOpened():
             raise ValueError(f"{path} must hold a frame 0 that can be decoded")

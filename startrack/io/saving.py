@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import os
+import secrets
 import shutil
 import socket
 import stat
@@ -51,13 +52,24 @@ def whole(path: Path) -> Iterator[Path]:
         return
     path = Path(os.path.realpath(path))
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The suffix stays last, because writers of pictures tell the format by it.
-    draft = path.with_name(f".{path.stem}{DRAFT}{os.getpid()}{path.suffix}")
+    draft = _new_draft(path)
     try:
         yield draft
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _new_draft(path: Path) -> Path:
+    """An empty file beside a path, of a name that nobody could foresee, made without links.
+
+    In a folder that others can write to, a link of a known name would lead the draft elsewhere.
+    """
+    # The suffix stays last, because writers of pictures tell the format by it.
+    draft = path.with_name(f".{path.stem}{DRAFT}{secrets.token_hex(8)}{path.suffix}")
+    # O_EXCL also refuses a link, wherever it leads.
+    os.close(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    return draft
 
 
 def _is_stream(path: Path) -> bool:

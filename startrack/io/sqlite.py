@@ -3,7 +3,7 @@
 import hashlib
 import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from startrack.io.saving import forget_owner, note_owner, owner
 # Runs one statement with its values, in a transaction.
 Execute = Callable[..., sqlite3.Cursor]
 # The table of `Database.keep` and `kept`.
+STEPS = 100_000  # of SQLite's machine between two looks at signals: some milliseconds
 ROWS = """
 CREATE TABLE IF NOT EXISTS rows (
     key BLOB NOT NULL, number INTEGER NOT NULL, data BLOB NOT NULL, checksum BLOB NOT NULL,
@@ -68,6 +69,10 @@ class Database:
                 except FileNotFoundError as error:
                     raise ValueError(str(error)) from None
             self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
+            # The file may be from anybody: what its schema calls is not trusted. A long query of a
+            # damaged file lets Python look at signals, whose exception ends it.
+            self._base.execute("PRAGMA trusted_schema = OFF")
+            self._base.set_progress_handler(_look_at_signals, STEPS)
             # Text that is none is looked at by those who read it.
             self._base.text_factory = lambda data: data.decode("utf-8", "replace")
             try:
@@ -104,12 +109,29 @@ class Database:
         (application,) = self._base.execute("PRAGMA application_id").fetchone()
         if application != self.kind.application:
             raise ValueError(f"{self.path} must be a {self.kind.what}, but is another database")
+        self._refuse_code()
         (version,) = self._base.execute("PRAGMA user_version").fetchone()
         if version != self.kind.version:
             raise ValueError(
                 f"{self.path} must be a {self.kind.what} of format {self.kind.version}, got format "
                 f"{version}; begin another file"
             )
+
+    def _refuse_code(self) -> None:
+        """Refuse what runs by itself when tables are read or written: views, triggers and others.
+
+        The tables must be as this kind of file has them, without columns or rules of others.
+        """
+        query = "SELECT type, name, sql FROM sqlite_master"
+        with closing(sqlite3.connect(":memory:")) as model:
+            model.executescript(self.kind.tables)
+            known = set(model.execute(query))
+        for kind, name, text in self._base.execute(query):
+            if (kind, name, text) not in known:
+                raise ValueError(
+                    f"{self.path} must be a {self.kind.what} with its own tables alone, but has "
+                    f"the {kind} {str(name)[:80]!r} of another making"
+                )
 
     @contextmanager
     def transaction(self, begin: str = "BEGIN") -> Iterator[Execute]:
@@ -163,6 +185,8 @@ class Database:
             yield
         except sqlite3.DatabaseError as error:
             code = getattr(error, "sqlite_errorname", "")
+            if code == "SQLITE_INTERRUPT":  # what the handler of a signal raised became this
+                raise KeyboardInterrupt from None
             if code.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
                 other = owner(self.path) if self.path else ""
                 raise OSError(f"{self.path} is in use by another process{other}") from None
@@ -177,6 +201,11 @@ class Database:
             raise OSError(
                 f"{self.path} cannot be written: {error}; what it held is whole"
             ) from None
+
+
+def _look_at_signals() -> int:
+    """Do nothing: Python runs handlers of signals at this call; what they raise ends a query."""
+    return 0
 
 
 def _checksum(key: bytes, number: Any, data: Any) -> bytes:

@@ -229,6 +229,7 @@ def _join(place: str, key: str) -> str:
     return f"{place}.{key}" if place else key
 
 
+MOST_FILES = 256  # that a file is made of, each as often as it is named; chosen by hand
 DEEPEST = 16  # files below each other; chosen by hand
 KEY = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*")
 PLACE = re.compile(r"[^\s:]+")
@@ -339,7 +340,7 @@ def read_layers(
     Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
              itself by way of others, or a change is none.
     """
-    layers = _read_layers(path, what, joined, ())
+    layers = _read_layers(path, what, joined, (), [])
     for change in changes:
         key, _, text = change.partition("=")
         if "=" in change and not text.strip() and KEY.fullmatch(key.strip()):
@@ -360,12 +361,25 @@ def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> lis
     return [entry for entry in below if name(entry) not in named] + above
 
 
-def _read_layers(path: Path, what: str, joined: Joined, above: tuple[Path, ...]) -> Layers:
+def _read_layers(
+    path: Path, what: str, joined: Joined, above: tuple[Path, ...], done: list[Path]
+) -> Layers:
+    """The layers of a file and of those that it names.
+
+    above  files that lead to it
+    done   files that were read until now; each is counted as often as it is named
+    """
     real = Path(os.path.realpath(path))  # `resolve` has no OSError for a loop
     if real in above:
         raise Refused(f"{above[0]}: base and include must not lead back to {path}")
     if len(above) == DEEPEST:
         raise Refused(f"{above[0]} must have at most {DEEPEST} files below each other")
+    done.append(real)
+    if len(done) > MOST_FILES:
+        top = above[0] if above else path
+        raise Refused(
+            f"{top} must be made of at most {MOST_FILES} files, named by base and include"
+        )
     own = read_table(path, what)
     below, more = own.pop("base", None), own.pop("include", [])
     if below is not None and not isinstance(below, str):
@@ -374,7 +388,7 @@ def _read_layers(path: Path, what: str, joined: Joined, above: tuple[Path, ...])
         raise Refused(f"{path}: include must be a list of names of files, got {core.shown(more)}")
     layers = Layers()
     for key, name in [("base", below)] * (below is not None) + [("include", name) for name in more]:
-        read = _read_layers(_found(path, key, str(name)), what, joined, (*above, real))
+        read = _read_layers(_found(path, key, str(name)), what, joined, (*above, real), done)
         layers.lay(read.table, read.origin, joined=joined)
     layers.lay(own, str(path), joined=joined)
     return layers

@@ -91,7 +91,7 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
     with base.transaction() as execute:
         stores.write_about(execute, about)
         for session in sorted({session for part in parts for session in part.sessions}):
-            execute("INSERT INTO sessions VALUES (?, ?)", session)
+            stores.write_session(execute, session)
         for table in _blocks(parts, repeated):
             first, data = int(table["trial"][0]), table.tobytes()
             done.append(range(first, first + len(table)))

@@ -30,6 +30,7 @@ from startrack.trial import OUTCOMES
 
 LARGEST_TRIAL = 1024  # byte
 ABOUT = -1  # in place of a block, in the table of checksums: the table `about`
+SESSION = -(2**62)  # likewise: of session n, at SESSION - n
 FAILED = -2  # likewise: of a failure that begins with trial n, at FAILED - n
 FULL = math.pi * (1 + 1e-9)  # radian
 HUGE = 1e100
@@ -134,7 +135,7 @@ class Store:
             self._must_match(case, self.seed if seed is None else seed, sampling)
             session = (datetime.now(UTC).isoformat(timespec="seconds"), json.dumps(origin()))
             with self._database.transaction() as execute:
-                execute("INSERT INTO sessions VALUES (?, ?)", session)
+                write_session(execute, session)
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
@@ -237,9 +238,18 @@ class Store:
 
     def sessions(self) -> list[tuple[str, Mapping[str, str]]]:
         """When this store was worked on (UTC), and by which software and machine."""
-        rows = self._database.read("SELECT began, origin FROM sessions ORDER BY rowid")
+        query = "SELECT rowid, began, origin FROM sessions ORDER BY rowid"
+        sums, made = self._sums(), list[tuple[str, Mapping[str, str]]]()
         with self._damage():
-            return [(str(began), dict(json.loads(text))) for began, text in rows]
+            for row, began, text in self._database.read(query):
+                digest = sums.get(SESSION - row)  # None: of an earlier version
+                if digest is not None and digest != _checksum_of((began, text)):
+                    raise ValueError(f"session {row} is not as it was written")
+                origin = {str(name): str(value) for name, value in json.loads(text).items()}
+                made.append((str(began), origin))
+        if not made:
+            raise ValueError(f"{self.path} is damaged: it lacks the session that began it")
+        return made
 
     def outcomes(self, trials: int | None = None) -> Rows:
         """What is kept of the first `trials` trials (None: of all), in order of trial.
@@ -367,6 +377,12 @@ def _checksum_of(value: Sequence[Any]) -> bytes:
     return checksum(json.dumps(value).encode())
 
 
+def write_session(execute: Execute, session: Sequence[Any]) -> None:
+    """Write when and by what a store was worked on, with a checksum."""
+    row = execute("INSERT INTO sessions VALUES (?, ?)", session).lastrowid or 0
+    execute("INSERT INTO checksums VALUES (?, ?)", (SESSION - row, _checksum_of(session)))
+
+
 def write_failure(execute: Execute, row: Sequence[Any]) -> None:
     """Write a block that failed, with a checksum.
 
@@ -382,8 +398,9 @@ def _forget_failures(execute: Execute, numbers: range) -> None:
     within = "DELETE FROM failures WHERE first < ? AND first + trials > ?"
     execute(within, (numbers.stop, numbers.start))
     execute(
-        "DELETE FROM checksums WHERE first <= ? AND ? - first NOT IN (SELECT first FROM failures)",
-        (FAILED, FAILED),
+        "DELETE FROM checksums WHERE first <= ? AND first > ? "
+        "AND ? - first NOT IN (SELECT first FROM failures)",
+        (FAILED, SESSION, FAILED),
     )
 
 

@@ -208,7 +208,7 @@ def _fidelities(case: Case, seed: int, depth: Depth, advance: Advance) -> Sectio
 
 def _inputs(store: Store) -> Section:
     sessions, made_by = store.sessions(), ["startrack", "numpy", "system", "cores"]
-    rows = [[began, *(made[name] for name in made_by)] for began, made in sessions]
+    rows = [[began, *(made.get(name, "?") for name in made_by)] for began, made in sessions]
     failures = "".join(
         code(f"Trials {numbers.start} to {numbers.stop - 1} failed", report)
         for numbers, report in store.failures()

@@ -159,7 +159,9 @@ def test_where_nothing_can_be_written_kernels_work_all_the_same(compiled, tmp_pa
     assert result(tmp_path, HOME=home, XDG_CACHE_HOME=home) == (705.0, 0)
 
 
-@pytest.mark.parametrize("change", ["cut", "flipped", "index", "another's", "anyone's"])
+@pytest.mark.parametrize(
+    "change", ["cut", "flipped", "index", "another's", "anyone's", "group's", "a file of the group"]
+)
 def test_a_damaged_or_foreign_cache_is_made_anew(folder, tmp_path, change):
     assert result(folder)[0] == 705.0
     kept = max((folder / "__pycache__").glob("kernels-*"), key=lambda path: path.stat().st_mtime)
@@ -172,8 +174,10 @@ def test_a_damaged_or_foreign_cache_is_made_anew(folder, tmp_path, change):
         elif change == "flipped":
             middle = len(data) // 2
             file.write_bytes(data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :])
-    if change == "anyone's":
-        kept.chmod(0o777)
+        elif change == "a file of the group":
+            file.chmod(0o664)
+    if change in ("anyone's", "group's"):
+        kept.chmod(0o777 if change == "anyone's" else 0o775)
     elif change == "another's":
         if os.geteuid():
             pytest.skip("only root can give a folder away")
@@ -183,6 +187,20 @@ def test_a_damaged_or_foreign_cache_is_made_anew(folder, tmp_path, change):
     if change == "another's":
         os.chown(kept, os.geteuid(), os.getegid())
     assert result(folder) == (705.0, 1)
+
+
+def test_code_is_closed_to_others_whatever_the_umask_is(folder):
+    before = os.umask(0o002)
+    try:
+        edit(folder, "FACTOR = 3.0", "FACTOR = 4.0")
+        assert result(folder) == (706.0, 0)
+        assert result(folder) == (706.0, 1)
+    finally:
+        os.umask(before)
+    kept = max((folder / "__pycache__").glob("kernels-*"), key=lambda path: path.stat().st_mtime)
+    files = [kept, *kept.rglob("*.nbi"), *kept.rglob("*.nbc")]
+    assert len(files) > 2
+    assert not any(path.stat().st_mode & 0o022 for path in files)
 
 
 @pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from startrack.cli.options import memory_of, memory_size
+from startrack.cli.options import WrongUse, memory_of, memory_size
 from startrack.core.memory import GIB, limited_memory, memory_limit, require_memory
 
 
@@ -52,3 +52,16 @@ def test_a_frame_too_large_for_the_memory_is_refused_before_it_is_made(monkeypat
     case = dataclasses.replace(small.case, instrument=instrument)
     with pytest.raises(ValueError, match=r"would need .* GiB of memory, more than the limit of 1"):
         run_random_trial(case, 1, 0)
+
+
+def test_a_limit_that_is_no_number_is_refused(monkeypatch):
+    for value in ("4G", "-1", "1e9", "1" * 40):
+        monkeypatch.setenv("STARTRACK_MEMORY", value)
+        with pytest.raises(ValueError, match=r"STARTRACK_MEMORY must be a whole number of bytes"):
+            memory_limit()
+
+
+def test_a_limit_that_no_process_can_do_with_is_refused():
+    with pytest.raises(WrongUse, match=r"STARTRACK_MEMORY must be at least 536870912 .*, got 1"):
+        memory_of(SimpleNamespace(memory=0), 1)
+    assert memory_of(SimpleNamespace(memory=0), 8 * GIB) == 8 * GIB

@@ -18,7 +18,8 @@ def stars():
 
 
 @pytest.mark.parametrize(
-    "change", ["none", "cut", "flipped", "anyone's", "another's", "open", "fifo", "folder"]
+    "change",
+    ["none", "cut", "flipped", "anyone's", "group's", "another's", "open", "fifo", "folder"],
 )
 def test_a_damaged_or_foreign_index_is_made_anew(tmp_path, stars, monkeypatch, change):
     folder = tmp_path / "new"
@@ -33,6 +34,8 @@ def test_a_damaged_or_foreign_index_is_made_anew(tmp_path, stars, monkeypatch, c
         file.write_bytes(data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :])
     elif change == "anyone's":
         file.chmod(0o666)
+    elif change == "group's":
+        file.chmod(0o660)
     elif change == "open":
         folder.chmod(0o777)
     elif change in ("fifo", "folder"):

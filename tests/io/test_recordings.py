@@ -167,3 +167,14 @@ def test_bad_layouts_and_frames_are_refused(tmp_path):
     files = FrameFiles(tmp_path, "night", "png", START)
     with pytest.raises(ValueError, match="whole numbers from 0 to 65535"):
         files.add(Frame(np.full((4, 6), 0.5), 0.1), 0.0, pointing(0, 0, 0))
+
+
+def test_no_format_that_names_addresses_is_taken_for_a_video(tmp_path):
+    """FFmpeg would take this for a session description, whose streams come over the network."""
+    path = tmp_path / "a.mkv"
+    session = (
+        b"\nc=IN IP4 127.0.0.1\r\nt=0 0\r\nm=video 5004 RTP/AVP 96\r\na=rtpmap:96 H264/90000\r\n"
+    )
+    path.write_bytes(b"\x1a\x45\xdf\xa3" + session)
+    with pytest.raises(ValueError, match=r"must hold a frame 0 that can be decoded"):
+        read_image(path)

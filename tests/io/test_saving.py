@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Frame
 from startrack.io import FrameFiles, claimed_folder, save_figure, save_text
-from startrack.io.saving import NAME, note_owner, owner
+from startrack.io.saving import NAME, note_owner, owner, whole
 
 
 @pytest.mark.parametrize("name", ["no\udcfftext", r"$\frac{", "a $b$", "star\x07"])
@@ -114,6 +114,35 @@ def test_a_file_takes_the_place_of_files_only(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "a", "b", "fifo.txt", "link-2x1-uint8.raw", "link.csv", "link.txt", "true.txt",
     ]  # fmt: skip
+
+
+def test_drafts_have_new_names_and_follow_no_links(tmp_path, monkeypatch):
+    """A link of the draft's name, which somebody foresaw, leads nowhere."""
+    path, victim = tmp_path / "frame.fits", tmp_path / "victim"
+    victim.write_text("precious")
+    names = set()
+    for _ in range(5):
+        with whole(path) as draft:
+            names.add(draft.name)
+            assert draft.suffix == ".fits"
+            draft.write_text("new")
+    assert len(names) == 5
+    monkeypatch.setattr("secrets.token_hex", lambda _: "known")
+    with whole(path) as draft:
+        foreseen = draft
+    foreseen.symlink_to(victim)
+    with pytest.raises(FileExistsError), whole(path):
+        pytest.fail("opened what stands there")
+    assert victim.read_text() == "precious"
+
+
+def test_a_new_file_has_the_rights_that_the_umask_leaves(tmp_path):
+    before = os.umask(0o027)
+    try:
+        save_text(tmp_path / "a.txt", "text")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
 
 
 def test_what_a_process_has_open_goes_on_where_it_is(tmp_path):

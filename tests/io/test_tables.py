@@ -247,3 +247,13 @@ def test_files_below_each_other_are_limited(written):
     path = written(**files, **{f"f{DEEPEST}": "a = 1"}).parent / "f0.toml"
     with pytest.raises(ValueError, match=f"at most {DEEPEST} files"):
         table(path)
+
+
+def test_files_that_a_design_is_made_of_are_limited(tmp_path):
+    """Ten files that each name the next ten times would be read 10^9 times."""
+    for number in range(9):
+        below = ", ".join([f'"{number + 1}.toml"'] * 10)
+        (tmp_path / f"{number}.toml").write_text(f"include = [{below}]")
+    (tmp_path / "9.toml").write_text("")
+    with pytest.raises(ValueError, match=r"0.toml must be made of at most 256 files"):
+        read_layers(tmp_path / "0.toml", "a design file")

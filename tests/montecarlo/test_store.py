@@ -47,6 +47,18 @@ def test_what_is_kept_comes_back(path, case, outcomes):
     assert os.listdir(path.parent) == [path.name]  # the log is folded in
 
 
+def test_a_damaged_session_is_said(path, case):
+    Store(path, case, 3).close()
+    with contextlib.closing(sqlite3.connect(path)) as base, base:
+        base.execute("UPDATE sessions SET origin = '{}'")
+    with Store(path) as store, pytest.raises(ValueError, match="session 1 is not as it was"):
+        store.sessions()
+    with contextlib.closing(sqlite3.connect(path)) as base, base:
+        base.execute("DELETE FROM sessions")
+    with Store(path) as store, pytest.raises(ValueError, match="lacks the session that began it"):
+        store.sessions()
+
+
 def test_a_trial_is_kept_once(path, case, outcomes):
     with Store(path, case, 3) as store:
         store.keep(0, outcomes(10))

@@ -170,7 +170,8 @@ class Pyramid:
         holes = np.isnan(part)
         v, u = np.nonzero(holes)
         if v.size:
-            longitude, latitude = window.west + u * window.step_x, window.north - v * window.step_y
+            longitude = np.asarray(window.west + u * window.step_x, float)
+            latitude = np.asarray(window.north - v * window.step_y, float)
             holes[v, u] = self.terrain.covers(longitude, latitude)
             inside = self.sea if self.holes is None else self.holes
             part[v, u] = np.where(holes[v, u], inside, self.sea)
