@@ -109,7 +109,7 @@ def in_boxes(case: Case) -> Measured:
     stated, temporal, method, total = (
         part[finite] ** 2 for part in (stars.stated, stars.temporal, stars.method, stars.total)
     )
-    electrons = size.star * 10 ** (-0.4 * magnitude)
+    electrons = size.excess * size.star * 10 ** (-0.4 * magnitude)
     light = electrons / (electrons + size.pixel**2 * box.size**2)
     variance = {
         trial.SHOT: light * temporal,

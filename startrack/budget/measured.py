@@ -1,6 +1,5 @@
 """Case -> Budget by trials, with each cause switched off; the standard's indices by sequences."""
 
-import math
 from concurrent.futures import Executor
 from dataclasses import replace
 from enum import Enum
@@ -18,7 +17,7 @@ from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument
 from startrack.detection import Detection, Peaks, calibrated, centroid
-from startrack.detector import electron_rate, frame_of, shot
+from startrack.detector import electron_rate, frame_of, multiplied, shot
 from startrack.identification import refit
 from startrack.metrics import indices
 from startrack.scene import illuminate
@@ -187,13 +186,12 @@ class _Trial:
             case Content.REAL:
                 return frame_of(electrons, detector, self._streams)
             case Content.SHOT:
+                caught = multiplied(shot(electrons, self._streams), detector, self._streams)
                 return trial.noise_free_frame(
-                    shot(electrons, self._streams), detector, size.noise, size.noise
+                    caught / detector.em_gain, detector, size.noise, size.noise
                 )
             case Content.READ:
-                frame = trial.noise_free_frame(
-                    electrons, detector, math.sqrt(size.background), size.noise
-                )
+                frame = trial.noise_free_frame(electrons, detector, size.shot, size.noise)
                 noise = trial.pixel_noise(detector, self._streams) / detector.electrons_per_dn
                 return replace(frame, image=np.rint(frame.image + noise).astype(np.float32))
         return trial.noise_free_frame(electrons, detector, size.pixel, size.noise)

@@ -123,5 +123,5 @@ def _variance(frame: Frame, model: Floats) -> Floats:
     """Variance of each pixel, digital number squared; 1 where the frame has no gain."""
     if not (frame.electrons_per_dn > 0 and frame.read_noise > 0):
         return np.ones_like(model)
-    light = np.maximum(model - frame.offset, 0) / frame.electrons_per_dn
+    light = np.maximum(model - frame.offset, 0) / frame.noise_gain
     return light + (frame.read_noise / frame.electrons_per_dn) ** 2

@@ -97,7 +97,9 @@ from startrack.core.interpolation import (
     local_weights,
     map_displacement,
     map_weights,
+    means_around,
     node_places,
+    quadrature,
 )
 from startrack.core.interpret import instead_of, interpreted
 from startrack.core.kernel import (

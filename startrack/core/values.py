@@ -228,6 +228,7 @@ class Frame:
     offset            digital number of an empty pixel
     read_noise        electron rms
     time              second since 2000-01-01 UTC without leap seconds, as the file is stamped
+    excess_noise      1, variance of the detected light over its mean, of a multiplication register
     """
 
     image: NDArray[np.number]
@@ -236,6 +237,15 @@ class Frame:
     offset: float = 0.0
     read_noise: float = float("nan")
     time: float = float("nan")
+    excess_noise: float = 1.0
+
+    @property
+    def noise_gain(self) -> float:
+        """Digital number of light over its variance, 1 / digital number.
+
+        Electron per digital number where no register multiplies the electrons.
+        """
+        return self.electrons_per_dn / self.excess_noise
 
     @property
     def _rows(self) -> list[tuple[str, str]]:

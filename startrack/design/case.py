@@ -35,7 +35,7 @@ from startrack.optics import (
     open_psf_file,
     transmittance_of,
 )
-from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons
+from startrack.scene import SUN, WAVELENGTH, Scene, blackbody_photons, in_bins, outside_bins
 
 PLACES = ("ground", "orbit", "recursive")
 ORDERS = (1, 3, 5, 7)
@@ -118,6 +118,9 @@ class Temperatures(Parameters):
     lens: Annotated[float, Unit("K", "degC", absolute=True), Range(1, 1000),
         "of the lens, whose table then gives focal length, focus and distortion"
     ] = ROOM  # fmt: skip
+
+
+MOST_OUTSIDE = 0.02  # of the light of a sunlike star, that may have no bin of wavelength
 
 
 @lru_cache(maxsize=16)
@@ -254,14 +257,29 @@ class Instrument(Parameters):
         Returns      (n, k) in the bins of WAVELENGTH
         Raises       ValueError where none is.
         """
-        throughput = self.optics.area * self.optics.transmission(WAVELENGTH)
-        spectra = blackbody_photons(WAVELENGTH, temperature) * throughput
-        spectra = spectra * self.detector.quantum_efficiency(WAVELENGTH)
+        spectra = blackbody_photons(WAVELENGTH, temperature) * self.optics.area * self.response
         if not spectra.any():
             raise Refused(
                 "transmission and quantum_efficiency must overlap between 320 and 1100 nm"
             )
         return spectra
+
+    @property
+    def response(self) -> Floats:
+        """Transmission times quantum efficiency, electron / photon, its mean in each bin.
+
+        Returns  (k,) in the bins of WAVELENGTH
+        Raises   Refused where a part of the light that matters has no bin.
+        """
+        curves = self.optics.transmission, self.detector.quantum_efficiency
+        outside = outside_bins(*curves)
+        if outside > MOST_OUTSIDE:
+            raise Refused(
+                "transmission and quantum_efficiency must lie between 320 and 1100 nm, where the "
+                f"spectra of stars are modelled, got {100 * outside:.0f} % of a sunlike star's "
+                "light outside"
+            )
+        return in_bins(*curves)
 
 
 @dataclass(frozen=True)

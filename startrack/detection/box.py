@@ -305,7 +305,7 @@ def _measure(
     far = np.sign(moment) * np.maximum(np.rint(np.abs(moment)), 1.0)
     step = np.where(np.abs(moment) > box.moves, far, 0.0)
     place = np.array([column, row]) - 0.5 + moment - expected.moment
-    noise = gain.read_noise**2 + np.maximum(raw - gain.offset, 0) / gain.electrons_per_dn
+    noise = gain.read_noise**2 + np.maximum(raw - gain.offset, 0) / gain.light
     noise = np.where(np.isfinite(noise), noise, level) * mask
     away = np.arange(box.size) - (box.size - 1) / 2
     dx, dy = np.meshgrid(away - moment[0], away - moment[1])

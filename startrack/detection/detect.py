@@ -51,7 +51,7 @@ def sample(frame: Frame, pixels: Pixels, candidates: Peaks, settings: Detection)
         y,
         settings.window // 2,
         pixels.step / math.sqrt(12),
-        frame.electrons_per_dn,
+        frame.noise_gain,
         frame.offset - pixels.pivot,
         frame.read_noise / frame.electrons_per_dn,
         saturation - pixels.pivot,

@@ -76,7 +76,7 @@ def expect(
     height = _heights(image, column, row, level, plan.filters) / rms
     # The star's own photons add to the noise of what the filter makes of it.
     light = _light(image, column, row, level, kernel.whole)
-    spread = np.sqrt(1 + light / gain.electrons_per_dn / rms**2)
+    spread = np.sqrt(1 + light / gain.light / rms**2)
     # The search takes the highest of all places about the peak, which are two more to fit.
     height = np.where(height > 0, np.sqrt(height**2 + 2 * spread**2), height)
     dark = float(rms[0]) / kernel.noise
@@ -106,7 +106,7 @@ def _kept(
     """`Expectation.kept` of peaks; `dark` is the noise of an empty pixel, digital number."""
     if not settings.sharpest_sigma > 0:
         return np.ones(len(x))
-    shot, fraction = 1 / gain.electrons_per_dn, largest_fraction(settings.sharpest_sigma)
+    shot, fraction = 1 / gain.light, largest_fraction(settings.sharpest_sigma)
     return chance_to_pass(image, x, y, level, dark, shot, fraction)
 
 

@@ -34,7 +34,7 @@ class DetectionInput:
 
     value             (rows, columns) digital number above the empty pixel, as the tracker believes
     dead              (rows, columns) whether a pixel is known to be dead
-    electrons_per_dn  NaN where unknown
+    electrons_per_dn  NaN where unknown; over the excess noise of a multiplication register
     read_noise        digital number rms; NaN where unknown
     psf               the star's image that the tracker assumes
     border            pixel that a peak must stay from the border of the frame
@@ -61,9 +61,7 @@ def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
     rows, columns = pixels.value.shape
     dead = np.zeros((rows, columns), bool) if pixels.dead is None else pixels.dead > 0
     value = np.asarray(pixels.value - np.nan_to_num(gain.offset), np.float32)
-    given = DetectionInput(
-        value, dead, gain.electrons_per_dn, gain.read_noise, plan.star.psf, border
-    )
+    given = DetectionInput(value, dead, gain.light, gain.read_noise, plan.star.psf, border)
     answer = core.call_code(GROUP, name, given)
     places = core.returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))
     inside = ((places >= 0) & (places < [columns, rows])).all()
@@ -203,7 +201,7 @@ def _rules(pixels: Pixels, plan: DetectionPlan) -> _Rules:
         half + settings.edge,
         ring_half(settings, kernel),
         kernel.noise,
-        1 / pixels.gain.electrons_per_dn,
+        1 / pixels.gain.light,
         rounding(pixels, kernel),
         largest_fraction(sharpest) if sharpest > 0 else 0.0,
         0 if plan.method.skips_dead else 1,

@@ -27,7 +27,7 @@ class Sample(NamedTuple):
     x, y              (n,) pixel, peaks
     half              pixel, half side of the window
     floor             least noise of a pixel
-    electrons_per_dn  NaN where unknown
+    light             digital number of light over its variance; NaN where unknown
     offset            of an empty pixel
     read_noise        NaN where unknown
     saturation        from which on a pixel's light is unknown
@@ -39,7 +39,7 @@ class Sample(NamedTuple):
     y: Ints
     half: int
     floor: float
-    electrons_per_dn: float
+    light: float
     offset: float
     read_noise: float
     saturation: float
@@ -58,7 +58,7 @@ def pixel_noise(sample: Sample, background: float, spread: float) -> tuple[float
     spread   of the pixels around
     Returns  digital number; digital number
     """
-    shot, noise, light = 1 / sample.electrons_per_dn, spread, background - sample.offset
+    shot, noise, light = 1 / sample.light, spread, background - sample.offset
     if np.isnan(shot):
         shot = noise**2 / max(light, noise, 1e-30)
     elif not np.isnan(sample.read_noise):

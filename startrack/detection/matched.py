@@ -116,17 +116,19 @@ def noise_from_gain(
         rms^2 = v K2,   skewness = l K3 / (v K2)^1.5,   kurtosis = l K4 / (v K2)^2,
         v = l + read_noise^2 + step^2 / 12,   Kn = sum(kernel^n),   l in electron
 
+    with l over the excess noise behind a multiplication register.
+
     Source: the cumulants of a sum of independent variables add.
 
     level    digital number, background
     step     digital number between two neighbouring values
     Returns  rms in digital number, skewness, excess kurtosis
     """
-    light = np.maximum(level - gain.offset, 0) * gain.electrons_per_dn
+    light = np.maximum(level - gain.offset, 0) * gain.light
     squares, cubes, fourths = kernel.cumulants
-    variance = light + (gain.read_noise**2 + step**2 / 12) * gain.electrons_per_dn**2
+    variance = light + (gain.read_noise**2 + step**2 / 12) * gain.light**2
     variance = np.maximum(squares * variance, 1e-30)
-    rms = np.sqrt(variance) / gain.electrons_per_dn
+    rms = np.sqrt(variance) / gain.light
     return rms, light * cubes / variance**1.5, light * fourths / variance**2
 
 

@@ -146,11 +146,12 @@ EPSILON = float(np.finfo(np.float32).eps)
 class Gain(NamedTuple):
     """What is known of the law of a pixel's numbers; NaN where unknown.
 
+    light       digital number of light over its variance, as `Frame.noise_gain`
     offset      digital number of an empty pixel, less the pivot
     read_noise  digital number rms
     """
 
-    electrons_per_dn: float
+    light: float
     offset: float
     read_noise: float
 
@@ -217,8 +218,8 @@ def pixels(frame: core.Frame) -> Pixels:
 
 def gain_of(frame: core.Frame, pivot: float) -> Gain:
     """What a frame knows of its pixels."""
-    electrons = frame.electrons_per_dn
-    return Gain(electrons, frame.offset - pivot, frame.read_noise / electrons)
+    read_noise = frame.read_noise / frame.electrons_per_dn
+    return Gain(frame.noise_gain, frame.offset - pivot, read_noise)
 
 
 def _narrow(image: NDArray[np.number]) -> tuple[Singles, float]:

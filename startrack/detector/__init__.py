@@ -46,6 +46,7 @@ from startrack.detector.readout import (
     PIXEL_EFFECTS,
     EffectInput,
     diffuse,
+    multiplied,
     read_out,
     require_independent_pixels,
     settle,

@@ -16,20 +16,20 @@ STAR_WINGS = 0.6
 def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple[Floats, Floats]:
     """Electrons per second of each star, and of the background per solid angle.
 
-        rate = sum_k photon_irradiance_k throughput_k QE(lambda_k) fill_factor
+        rate = sum_k photon_irradiance_k throughput_k fill_factor
 
     Source: Krutz et al. (2011), eq. (4), for a point source.
 
-    throughput  (k,) square metre, aperture times transmission
+    throughput  (k,) electron m^2 / photon, aperture times transmission times quantum efficiency
     Returns     (n,) electron / s; electron / s / sr
     """
-    per_photon = efficiency(light, detector, throughput)
+    per_photon = efficiency(detector, throughput)
     return light.photon_irradiance @ per_photon, light.background @ per_photon
 
 
-def efficiency(light: Light, detector: Detector, throughput: Floats) -> Floats:
-    """(k,) electron m^2 / photon in each spectral bin."""
-    per_photon = detector.quantum_efficiency(light.wavelength) * detector.fill_factor * throughput
+def efficiency(detector: Detector, throughput: Floats) -> Floats:
+    """(k,) electron m^2 / photon in each spectral bin, of the light on a whole pixel."""
+    per_photon = detector.fill_factor * throughput
     return per_photon * detector.sensitivity if detector.age else per_photon
 
 
@@ -38,7 +38,7 @@ def mean_wavelength(light: Light, detector: Detector, throughput: Floats) -> Flo
 
     A star without any has that of an even spectrum.
     """
-    per_photon = efficiency(light, detector, throughput)
+    per_photon = efficiency(detector, throughput)
     even = float(per_photon @ light.wavelength / max(per_photon.sum(), 1e-300))
     rate = light.photon_irradiance @ per_photon
     total = light.photon_irradiance @ (per_photon * light.wavelength)
@@ -50,12 +50,12 @@ def diffuse_electrons(
 ) -> Floats | None:
     """Expected electrons (rows, columns) of diffuse light; None where there is none.
 
-    throughput  (k,) square metre, aperture times transmission
+    throughput  (k,) electron m^2 / photon, as `electron_rate`
     Accuracy    model: the solid angle of a pixel is that on the boresight.
     """
     if not light.diffuse:
         return None
-    per_photon = efficiency(light, detector, throughput)
+    per_photon = efficiency(detector, throughput)
     scale = camera.focal_length_px**-2 * detector.exposure
     electrons = np.zeros((detector.rows, detector.columns))
     for diffuse_light in light.diffuse:

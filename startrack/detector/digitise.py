@@ -40,6 +40,8 @@ from startrack.detector.law import (
     tables_for,
 )
 
+SHOT = "shot noise"  # the stream of caught electrons
+
 
 def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | None = None) -> Image:
     """The digital image of expected electrons.
@@ -60,11 +62,11 @@ def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | Non
     return image
 
 
-def shot(electrons: Floats, streams: Streams) -> Floats:
-    """Poisson numbers of electrons (rows, columns); accuracy as `digitise`."""
+def shot(electrons: Floats, streams: Streams, cause: str = SHOT) -> Floats:
+    """Poisson numbers of electrons (rows, columns) by a cause's stream; accuracy as `digitise`."""
     caught = np.empty(electrons.shape)
-    tables = tables_for(electrons, COUNT)
-    _digitise(caught, read_only(electrons), draws_of(COUNT, tables, streams))
+    draws = draws_of(COUNT, tables_for(electrons, COUNT), streams)
+    _digitise(caught, read_only(electrons), draws._replace(shot=streams.key(cause)))
     return caught
 
 
@@ -102,7 +104,7 @@ class Draws(NamedTuple):
 def draws_of(law: Law, tables: Tables, streams: Streams) -> Draws:
     """The draws of a law and its tables, by the streams of a trial."""
     read = streams.key("read noise") if law.noise else np.uint64(0)
-    return Draws(streams.key("shot noise"), read, law, tables)
+    return Draws(streams.key(SHOT), read, law, tables)
 
 
 @kernel

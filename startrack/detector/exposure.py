@@ -92,7 +92,8 @@ class Exposure:
     line_of_sight    its motion in the exposure
     icrs_to_camera   attitude at the middle of the exposure (of the middle row)
     camera           the true one
-    throughput       (k,) square metre in each spectral bin, area of the aperture times transmission
+    throughput       (k,) electron m^2 / photon in each spectral bin, area of the aperture times
+                     transmission times quantum efficiency
     motion_function  motion of the camera at any time; needed by a rolling shutter
     residual_charge  (rows, columns) electron, the expected electrons of the frame before, of which
                      the detector adds its fraction `lag`; None: none, as in a first frame
@@ -143,7 +144,12 @@ def frame_of(
 def to_frame(image: NDArray[np.number], detector: Detector) -> core.Frame:
     """An image with what its detector knows of its numbers."""
     return core.Frame(
-        image, detector.exposure, detector.electrons_per_dn, float(detector.offset), detector.noise
+        image,
+        detector.exposure,
+        detector.electrons_per_dn,
+        float(detector.offset),
+        detector.noise,
+        excess_noise=detector.excess_noise,
     )
 
 
@@ -259,7 +265,8 @@ def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
     total /= frames
     total.flags.writeable = False
     step = detector.electrons_per_dn
-    noise = math.hypot(math.sqrt(float(np.median(electrons))), detector.noise) / step
+    shot_noise = math.sqrt(detector.excess_noise * float(np.median(electrons)))
+    noise = math.hypot(shot_noise, detector.noise) / step
     return total, math.hypot(noise, 1 / math.sqrt(12))
 
 

@@ -172,6 +172,8 @@ class Detector(Parameters):
     ] = False  # fmt: skip
     em_gain: Annotated[float, Range(1, 1e5),
         "gain of the multiplication register of an EMCCD"] = 1.0  # fmt: skip
+    em_stages: Annotated[int, Range(100, 10000),
+        "stages of that register, each with a little gain"] = 536  # fmt: skip
     # Beyond these limits, more light would give less signal.
     nonlinearity: Annotated[float, Range(-0.49, 0.49),
         "fraction by which the signal of a full pixel is too small"] = 0.0  # fmt: skip
@@ -329,6 +331,17 @@ class Detector(Parameters):
         if self.pattern:
             after = math.hypot(after, self.pattern.row, self.pattern.column)
         return math.hypot(after, self.reset_noise) / self.em_gain
+
+    @property
+    def excess_noise(self) -> float:
+        """Variance of the detected electrons over their mean, at the register's input: F^2.
+
+            F^2 = 1 / g + 2 (g - 1) g^(-1 / N) / g,   gain g of N stages
+
+        Source: Robbins and Hadwen (2003), IEEE Trans. Electron Devices 50, 1227, eq. (9).
+        """
+        gain = self.em_gain
+        return 1 / gain + 2 * (gain - 1) / gain * gain ** (-1 / self.em_stages)
 
     @property
     def reset_noise(self) -> float:

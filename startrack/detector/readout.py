@@ -84,24 +84,30 @@ def _run(wells, excess, full_well):  # type: ignore[no-untyped-def]
         running -= taken
 
 
-def multiply(charge: Floats, gain: float, fraction: Floats) -> Floats:
-    """Electrons after the multiplication register: gamma distribution of shape n and scale `gain`.
+def multiplied(charge: Floats, detector: Detector, streams: Streams) -> Floats:
+    """Electrons after the multiplication register, of whole electrons before it.
 
-        p(x | n) = x^(n - 1) exp(-x / gain) / (gain^n (n - 1)!),   n >= 1
+        x = n + Poisson(Gamma(r n, t)),   r t = g - 1,   1 + t = g (2 g^(-1 / N) - 1)
 
-    The variance of the shot noise is doubled.
+    which for N stages without end is the sum of n geometric numbers, the exact law of a register
+    that doubles electrons at a constant rate (Yule's process).
 
-    Source: Basden, Haniff and Mackay (2003), MNRAS 345, 985.
+    Source: mean and variance for N stages: Robbins and Hadwen (2003), IEEE Trans. Electron Devices
+    50, 1227, eq. (9); the shape for high gain: Basden, Haniff and Mackay (2003), MNRAS 345, 985.
 
-    charge    (...) electron
-    gain      1
-    fraction  (...) uniform numbers in (0, 1)
-    Accuracy  model: a register of many stages with little gain each; no clock-induced charge.
+    charge    (rows, columns) electron
+    Accuracy  model: mean and variance are exact, and no electron is lost; skewness within 1 % of
+              that of N stages. No clock-induced charge.
     """
-    out = np.zeros_like(charge)
-    some = charge > 0
-    out[some] = gain * special.gammaincinv(charge[some], fraction[some])
-    return out
+    gain = detector.em_gain
+    if gain == 1:
+        return charge
+    scale = gain * (2 * gain ** (-1 / detector.em_stages) - 1) - 1
+    shape = (gain - 1) / scale
+    more, some = np.zeros_like(charge), charge > 0
+    fraction = streams("multiplication").random(charge.shape)
+    more[some] = scale * special.gammaincinv(shape * charge[some], fraction[some])
+    return charge + shot(more, streams, "multiplied electrons")
 
 
 def settle(level: Floats, rest: float) -> Floats:
@@ -281,9 +287,7 @@ def _charge(electrons: Floats, detector: Detector, streams: Streams) -> Floats:
 def _signal(charge: Floats, law: Law, detector: Detector, streams: Streams) -> Floats:
     """Signal at the input of the converter, electron."""
     shape = charge.shape
-    if detector.em_gain > 1:
-        fraction = streams("multiplication").random(shape)
-        charge = multiply(charge, detector.em_gain, fraction)
+    charge = multiplied(charge, detector, streams)
     level = nonlinear_signal(charge, law.full_well, law.nonlinearity)
     if detector.reset_noise:
         level += detector.reset_noise * normals(shape, streams, "reset noise")

@@ -29,7 +29,7 @@ class LineExposure:
     camera          the true one; lines lie at its rows
     count           rows of the image
     detector        as many rows as there are lines; `exposure` is that of one line
-    throughput      (k,) square metre in each spectral bin
+    throughput      (k,) electron m^2 / photon in each spectral bin
     """
 
     light: Light

@@ -19,7 +19,14 @@ from startrack.scene.ephemeris import BODIES, body_angles, date_of, orbital_velo
 from startrack.scene.illuminate import LightInput, Sight, illuminate
 from startrack.scene.limb import Limb
 from startrack.scene.parameters import DARK, LIGHTS, Orbit, Scene
-from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, blackbody_photons
+from startrack.scene.photometry import (
+    SUN,
+    SUN_G_MINUS_V,
+    WAVELENGTH,
+    blackbody_photons,
+    in_bins,
+    outside_bins,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = ["LightInput", "Orbit", "Scene", "Sight", "illuminate"]

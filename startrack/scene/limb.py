@@ -151,7 +151,8 @@ def airglow(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
     line     (n, 3) unit vectors, ICRS axes
     Yields   (k,) photon / s / m^2 / sr in each bin and (n,) 1, of which the products add up
     Accuracy  model: a factor of two from night to night; the same by day, when the limb is much
-              brighter; no structure; the Earth is a sphere.
+              brighter; no structure; the Earth is a sphere; a line is spread over 10 nm to each
+              side, so that a filter narrower than that passes a part of it.
     """
     for shell in SHELLS:
         outer, inner = (_path(earth, line, height) for height in (shell.high, shell.low))
@@ -165,7 +166,7 @@ def spectrum(shell: Shell) -> Floats:
     if shell.bands:
         rayleigh += (CONTINUUM + np.interp(WAVELENGTH, OH_AT, OH)) * (BIN / nm)
     for wavelength, strength in shell.lines:
-        rayleigh[np.argmin(np.abs(WAVELENGTH - wavelength))] += strength
+        rayleigh += strength * np.maximum(1 - np.abs(WAVELENGTH - wavelength) / BIN, 0.0)
     return rayleigh * RAYLEIGH
 
 

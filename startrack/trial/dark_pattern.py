@@ -60,7 +60,8 @@ def dark_residual(detector: Detector, dark_map: detection.DarkMap | None) -> flo
     defects, step = detector.defects or Defects(), detector.electrons_per_dn
     usual = replace(detector, defects=replace(defects, hot=0.0))
     mean, unmapped = dark_electrons(usual)
-    noise = math.hypot(math.sqrt(mean), detector.noise, step / math.sqrt(12))
+    shot = math.sqrt(detector.excess_noise * mean)
+    noise = math.hypot(shot, detector.noise, step / math.sqrt(12))
     if dark_map.subtracted:
         error = noise / math.sqrt(dark_map.frames)
         rounding = dark_map.step * step / math.sqrt(12)  # of a map that spans several steps

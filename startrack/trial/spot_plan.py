@@ -179,7 +179,8 @@ def limits_of(case: Case) -> Limits:
     stars, flux = open_sky(case.catalog).stars, electrons_of(case)
     background = sky_electrons(case) + detector.dark_rate * detector.exposure
     rounding = detector.electrons_per_dn / math.sqrt(12)
-    noise = math.hypot(math.sqrt(background), detector.noise, rounding)
+    shot = math.sqrt(detector.excess_noise * background)
+    noise = math.hypot(shot, detector.noise, rounding)
     detection = detection_plan(case)
     noise *= float(np.linalg.norm(detection.kernel.whole.astype(float)))
     threshold = detection.threshold(detector.columns * detector.rows)

@@ -32,6 +32,7 @@ from startrack.detector import (
     read_noise,
     settle,
     stamp,
+    to_frame,
     with_adc_inl,
 )
 from startrack.motion import blur, slew
@@ -60,13 +61,8 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     if detector.settling:
         level = settle(level, detector.settling)
     gain, offset = detector.electrons_per_dn, float(detector.offset)
-    return Frame(
-        _numbers(level, ripple, gain, offset, detector.adc_inl, largest),
-        detector.exposure,
-        gain,
-        offset,
-        noise,
-    )
+    image = _numbers(level, ripple, gain, offset, detector.adc_inl, largest)
+    return replace(to_frame(image, detector), read_noise=noise)
 
 
 @kernel
@@ -129,17 +125,24 @@ class Scale(NamedTuple):
     background  in a pixel, of the sky's light and dark current
     noise       rms of a pixel without light, with that of the quantisation
     largest     in a pixel, within full-well capacity and range of the converter
+    excess      1, variance of the detected light over its mean
     """
 
     star: float
     background: float
     noise: float
     largest: float
+    excess: float
+
+    @property
+    def shot(self) -> float:
+        """Electron rms of the background's light and dark current."""
+        return math.sqrt(self.excess * self.background)
 
     @property
     def pixel(self) -> float:
         """Electron rms of an empty pixel."""
-        return math.hypot(self.noise, math.sqrt(self.background))
+        return math.hypot(self.noise, self.shot)
 
 
 @lru_cache(maxsize=16)
@@ -156,6 +159,7 @@ def scale(case: Case) -> Scale:
         min(
             detector.full_well, (2**detector.bits - 1 - detector.offset) * detector.electrons_per_dn
         ),
+        detector.excess_noise,
     )
 
 
@@ -261,7 +265,7 @@ def _measurements(
     """What `measure` averages, of cells (g, n, side, side): places (g, n, 2) and covariances."""
     size, detection = scale(case), case.tracker.detection
     noise = 0.0 if reading is Reading.SHOT_NOISE else size.noise
-    ripple = math.hypot(noise, math.sqrt(size.background))
+    ripple = math.hypot(noise, size.shot)
     plan = detection_plan(case, _of_all_stars(detection))
     # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
     signs = (1, -1) if plan.method.skips_dead and both_signs else (1,)

@@ -190,7 +190,7 @@ def limiting_magnitude(case: Case) -> float:
     stars = Stars(np.zeros(many, np.int64), np.zeros((many, 3)), MAGNITUDES, unknown)
     light = illuminate(case.scene, stars)
     star, sky = electron_rate(light, detector, throughput(case.instrument))
-    noise = (sky * pixel + detector.dark_rate) * detector.integration
+    noise = (sky * pixel + detector.dark_rate) * detector.integration * detector.excess_noise
     noise += detector.noise**2 + detector.electrons_per_dn**2 / 12
     # Sum of squares of the pixels' fractions, averaged over the smear.
     psf = psf_of(case.instrument)

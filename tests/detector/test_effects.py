@@ -13,7 +13,7 @@ from startrack.core.streams import Streams
 from startrack.detector import Defects, Detector, Hits, Pattern, RegionOfInterest, Thermal, read_out
 from startrack.detector.imperfections import tracks
 from startrack.detector.maps import dark, read_noise, response
-from startrack.detector.readout import bloom, carry, diffuse, multiply, settle
+from startrack.detector.readout import bloom, carry, diffuse, settle
 from startrack.io.tables import from_table, to_table
 
 PLAIN = Detector(200, 100, 5e-6, 0.1, full_well=65535.0, bits=16, offset=1000)
@@ -143,21 +143,6 @@ def test_two_overfull_pixels_fill_what_lies_between():
     wanted = [60, 100, 100, 100, 100, 100, 90, 0]
     np.testing.assert_allclose(bloom(charge, 100.0)[:, 0], wanted, rtol=1e-12)
     np.testing.assert_array_equal(charge, before)
-
-
-def test_a_gain_register_doubles_the_variance():
-    charge = np.random.default_rng(0).poisson(30.0, 200_000).astype(float)
-    out = multiply(charge, 300.0, np.random.default_rng(1).random(charge.shape))
-    assert out.mean() == pytest.approx(30 * 300, rel=5e-3)
-    assert out.var() == pytest.approx(2 * 30 * 300**2, rel=2e-2)
-    one = multiply(np.ones(50_000), 300.0, np.random.default_rng(2).random(50_000))
-    assert stats.kstest(one, "expon", (0, 300)).pvalue > 1e-4
-
-
-def test_a_register_of_any_charge_draws_from_scipys_gamma():
-    charge, fraction = np.array([0.0, 1, 2, 7, 500]), np.array([0.3, 0.9, 0.1, 0.5, 0.99])
-    wanted = [0, *stats.gamma.ppf(fraction[1:], charge[1:], scale=300.0)]
-    np.testing.assert_allclose(multiply(charge, 300.0, fraction), wanted, rtol=1e-9)
 
 
 def test_settling_is_a_geometric_tail():

@@ -5,7 +5,6 @@ import pytest
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Curve
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.core.values import Light, LineOfSight, Psf
@@ -48,10 +47,9 @@ def render(pixels, electrons, sigma=0.7, path=REST, sky=0.0, **changes):
 
 
 def test_electrons_are_the_integral_over_the_band():
-    curve = Curve((400e-9, 600e-9, 800e-9), (0.2, 0.6, 0.4))
     source = Light(np.zeros((1, 3)), WAVELENGTH, np.array([[3.0, 5.0]]), np.array([7.0, 11.0]))
     star, sky = electron_rate(
-        source, detector(quantum_efficiency=curve, fill_factor=0.5), np.array([10.0, 100.0])
+        source, detector(fill_factor=0.5), np.array([10.0 * 0.4, 100.0 * 0.5])
     )
     assert star[0] == pytest.approx(0.5 * (3 * 10 * 0.4 + 5 * 100 * 0.5))
     assert sky == pytest.approx(0.5 * (7 * 10 * 0.4 + 11 * 100 * 0.5))

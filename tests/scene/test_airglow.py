@@ -67,7 +67,11 @@ def test_within_a_shell_what_is_ahead_counts():
 def test_lines_and_continuum_have_their_rayleighs():
     low = spectrum(SHELLS[0]) / RAYLEIGH
     green = np.argmin(abs(WAVELENGTH - 557.7 * nm))
-    assert low[green] == pytest.approx(250 + 25)
+    # The line lies between two bins, with 25 of the continuum in each.
+    assert low[green : green + 2].sum() == pytest.approx(250 + 2 * 25)
+    assert low[green : green + 2] @ WAVELENGTH[green : green + 2] == pytest.approx(
+        250 * 557.7 * nm + 25 * WAVELENGTH[green : green + 2].sum()
+    )
     assert spectrum(SHELLS[1]).sum() == pytest.approx(60 * RAYLEIGH)
     # The night sky from the ground is V 21.6 (Patat 2003), half of it airglow: 22.4 +- 0.7.
     visual = (505 * nm < WAVELENGTH) & (595 * nm > WAVELENGTH)

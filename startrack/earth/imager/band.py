@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from startrack import core
 from startrack.core import Floats, printed, um
 from startrack.earth import atmosphere
 from startrack.earth.atmosphere import BandTable
@@ -14,7 +15,7 @@ from startrack.io import shipped
 
 INFRARED = 3 * um  # a band beyond is infrared: thermal radiance exceeds scattered light there
 TABLES = "molecules", "rural-23km", "rural-5km"  # shipped
-PARTS = 16  # of a wavelength step of a table, for the mean response; chosen by hand
+OUTER = 0.2 * um, 60 * um  # between which a channel detects light
 LEAST = 0.98  # of a band's response that a table must cover; chosen by hand
 
 
@@ -22,7 +23,8 @@ LEAST = 0.98  # of a band's response that a table must cover; chosen by hand
 class Band(NamedTuple):
     """One channel, and the air in its band.
 
-    wavelength, weight  (f,) metre; (f,) 1, response to an even spectrum of energy, of sum one
+    wavelength, weight  (f,) metre; (f,) 1, response to an even spectrum of energy, of sum one, at
+                        places for integrals over the band, all where there is a response
     electrons           electron / joule, their mean over the band times its width: electrons per
                         second and etendue of an even spectral radiance of one, electron metre /
                         joule
@@ -50,16 +52,21 @@ def band_of(
               summer
     altitude  metre above the ground
     Raises    ValueError where no shipped table has this air, or covers this band.
+    Accuracy  numerical: the response's integrals are exact between the nodes of its curves; the
+              light is the mean of each cell of the table, 1 to 20 nm wide.
     """
     every, middle = _answers(channel)
     table = _table(air, middle > INFRARED)
     step = np.gradient(table.spectrum)
-    response = _in_cells(channel, table.spectrum)
-    if response @ step < LEAST * every.sum():
+    edges = atmosphere.edges_of(table.spectrum)
+    place, part, cell = core.quadrature(edges, channel.curves)
+    part = part * channel.photoelectrons(place)
+    response = np.bincount(cell, part, len(step)) / np.diff(edges)
+    if response @ step < LEAST * every:
         low, high = table.spectrum[[0, -1]] / um
         raise ValueError(
             f"channel {channel.name}: the band must lie in the air's table, {low:.2f} to "
-            f"{high:.2f} um, got {100 * response @ step / every.sum():.0f} % of it"
+            f"{high:.2f} um, got {100 * response @ step / every:.0f} % of it"
         )
     electrons = float(response @ step)
     flat = (response / electrons)[None]
@@ -69,9 +76,10 @@ def band_of(
         bands = atmosphere.infrared_bands(table, flat, altitude, sun_distance)
         sun = atmosphere.sun_spectrum(table.spectrum)
     warm = atmosphere.heat_of(table.spectrum, flat) if middle > INFRARED / 2 else None
-    weight = flat[0] * step
-    irradiance = float(weight @ sun) / sun_distance**2
-    return Band(table.spectrum, weight, electrons, bands, warm, irradiance)
+    irradiance = float((flat[0] * step) @ sun) / sun_distance**2
+    used = part > 0
+    weight = part[used] / part.sum()
+    return Band(place[used], weight, electrons, bands, warm, irradiance)
 
 
 def terms_in_band(
@@ -98,23 +106,16 @@ def mean_wavelength(channel: Channel) -> float:
     return _answers(channel)[1]
 
 
-def _answers(channel: Channel) -> tuple[Floats, float]:
-    """The response in fine intervals of wavelength (f,), and its mean wavelength, metre."""
-    fine = np.geomspace(0.2, 60, 20001) * um
-    every = channel.photoelectrons(fine) * np.gradient(fine)
-    if not every.any():
+def _answers(channel: Channel) -> tuple[float, float]:
+    """Integral of the response over wavelength, and its mean wavelength, metre."""
+    place, part, _ = core.quadrature(np.array(OUTER), channel.curves)
+    part = part * channel.photoelectrons(place)
+    if not part.any():
         raise ValueError(
             f"channel {channel.name}: band, transmission and quantum_efficiency must overlap "
             "between 0.2 and 60 um"
         )
-    return every, float(every @ fine / every.sum())
-
-
-def _in_cells(channel: Channel, spectrum: Floats) -> Floats:
-    """The mean of a channel's response between the wavelengths of a table; edges count in part."""
-    edges = atmosphere.edges_of(spectrum)
-    inside = edges[:-1, None] + np.diff(edges)[:, None] * (np.arange(PARTS) + 0.5) / PARTS
-    return channel.photoelectrons(inside).mean(1)
+    return float(part.sum()), float(part @ place / part.sum())
 
 
 @lru_cache(maxsize=4)

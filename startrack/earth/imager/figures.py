@@ -250,7 +250,10 @@ def _noise(detector: Detector, electrons: float, dark: float) -> float:
     """Electron rms: shot noise, read noise, quantisation, PRNU."""
     step = detector.electrons_per_dn
     return math.sqrt(
-        electrons + dark + detector.noise**2 + step**2 / 12 + (detector.prnu * electrons) ** 2
+        detector.excess_noise * (electrons + dark)
+        + detector.noise**2
+        + step**2 / 12
+        + (detector.prnu * electrons) ** 2
     )
 
 

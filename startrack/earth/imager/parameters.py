@@ -23,7 +23,6 @@ from startrack.io import Layers, from_table, read_table, regular_file, shipped
 from startrack.motion import Motion
 from startrack.optics import Optics, with_blur_as_length
 
-FINE = 4001  # wavelengths over a response, for its mean
 UNKNOWN = {
     "optics": ("principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3"),
     "detector": ("region", "row_delay", "crosstalk", "lag"),
@@ -121,12 +120,19 @@ class Channel(Parameters):
     def photoelectrons(self, wavelength: Floats) -> Floats:
         """Electron per joule at the lens, (f,): the brackets of equation (4), tau and QE."""
         if self.response is not None:
-            nodes = np.array(self.response.wavelength)
-            fine = np.linspace(nodes[0], nodes[-1], FINE)
-            relative = self.response(fine)
-            mean = np.array([relative @ fine / relative.sum()])
+            ends = np.array(self.response.wavelength)[[0, -1]]
+            place, weight, _ = core.quadrature(ends, self.curves)
+            relative = weight * self.response(place)
+            mean = np.array([relative @ place / relative.sum()])
             return float(self._flat(mean)[0]) * self.response(wavelength)
         return self.band(wavelength) * self._flat(wavelength)
+
+    @property
+    def curves(self) -> tuple[core.Curve, ...]:
+        """Those over wavelength of which `photoelectrons` is the product."""
+        if self.response is not None:
+            return (self.response,)
+        return self.band, self.optics.transmission, self.detector.quantum_efficiency
 
     def _flat(self, wavelength: Floats) -> Floats:
         """The same without filter."""

@@ -281,3 +281,14 @@ def test_what_a_channel_must_not_say(tmp_path):
     (tmp_path / "camera.toml").write_text("shared = 3\n[[channels]]\nname = 'a'")
     with pytest.raises(ValueError, match="shared must be a table, got 3"):
         load_imager("camera.toml", tmp_path)
+
+
+@pytest.mark.parametrize("ends", [(655.05, 655.15), (650.2, 651.0), (600.0, 607.3)])
+def test_a_filter_narrower_than_the_table_passes_its_integral(ends):
+    """A rectangle of 0.8 between two wavelengths, by hand: 0.8 QE (b^2 - a^2) / (2 h c)."""
+    a, b = (end * nm for end in ends)
+    band = band_of(flat(response=None, band=Curve((a, b), (0.8, 0.8))), None, 700e3, 1.0)
+    hc = 6.62607015e-34 * 299792458.0
+    assert band.electrons == pytest.approx(0.8 * 0.5 * (b**2 - a**2) / 2 / hc, rel=1e-9)
+    middle = 2 / 3 * (b**3 - a**3) / (b**2 - a**2)
+    assert band.weight @ band.wavelength == pytest.approx(middle, rel=1e-9)
