@@ -96,8 +96,8 @@ def multiplied(charge: Floats, detector: Detector, streams: Streams) -> Floats:
     50, 1227, eq. (9); the shape for high gain: Basden, Haniff and Mackay (2003), MNRAS 345, 985.
 
     charge    (rows, columns) electron
-    Accuracy  model: mean and variance are exact, and no electron is lost; skewness within 1 % of
-              that of N stages. No clock-induced charge.
+    Accuracy  model: mean and variance are exact, and no electron is lost; the third cumulant
+              within 0.6 % for 500 stages, 7 % for 100. No clock-induced charge.
     """
     gain = detector.em_gain
     if gain == 1:
