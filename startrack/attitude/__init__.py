@@ -32,8 +32,8 @@ from startrack.attitude.camera import (
 from startrack.attitude.camera_filter import CameraFilter, after_frame, attitude_doubt, first_camera
 from startrack.attitude.follow import Gyroscope, Lasting, State, correct, predict, start
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
-from startrack.attitude.refine import SharedErrors, attitude_gain, independent, refine
-from startrack.attitude.solve import FEWEST, AttitudeInput, scale_unknown, solve
+from startrack.attitude.refine import SharedErrors, attitude_gain, independent, refine, refine_all
+from startrack.attitude.solve import FEWEST, AttitudeInput, solve
 from startrack.attitude.wahba import davenport, foam, quest, svd
 
 # Public; the other imports serve other rooms.

@@ -1,14 +1,14 @@
 """Gauss-Newton on residuals in the image plane; covariance of an attitude, with shared errors."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.attitude.linear import invert, least_squares
-from startrack.core import Floats, Unit, kernel, plane_slopes, turn_by
+from startrack.core import Flags, Floats, Unit, kernel, plane_slopes, turn_by
 
 MOST_STEPS = 10  # a limit: the start is close to the minimum
 SMALLEST_STEP = 1e-15  # radian, some eps
@@ -82,6 +82,66 @@ def refine(
         chi_square,
         scale,
     )
+
+
+class Refinements(NamedTuple):
+    """The minima of m sets of stars, as `Refinement` has one.
+
+    source_to_target  m rotations
+    covariance        (m, 3, 3) radian^2; infinite where not observed
+    chi_square        (m,) 1, sum over the stars
+    observed          (m,) whether the stars fix the attitude
+    """
+
+    source_to_target: Rotation
+    covariance: Floats
+    chi_square: Floats
+    observed: Flags
+
+
+def refine_all(
+    plane: Floats, inverse: Floats, direction: Floats, focal: float, start: Floats,
+    tolerance: float = 0.0,
+) -> Refinements:  # fmt: skip
+    """`refine` for m sets of up to n stars each.
+
+    plane      (m, n, 2) measured places in the undistorted image plane
+    inverse    (m, n, 2, 2) 1 / pixel^2, inverse covariances; zero for missing stars
+    direction  (m, n, 3) unit vectors, ICRS axes, in front of the camera
+    focal      pixel
+    start      (m, 3, 3) icrs_to_camera near the minima
+    tolerance  as of `refine`
+    """
+    many = len(plane)
+    # An upper triangle whose square is the inverse covariance.
+    yy = np.sqrt(inverse[..., 1, 1])
+    xy = inverse[..., 0, 1] / np.where(yy > 0, yy, 1.0)
+    xx = np.sqrt(np.maximum(inverse[..., 0, 0] - xy**2, 0.0))
+    whitener = focal * np.stack([xx, xy, yy], axis=-1)
+    matrix, covariance, chi_square = start.copy(), np.empty((many, 3, 3)), np.empty(many)
+    _refine_all(plane, whitener, direction, tolerance, matrix, covariance, chi_square)
+    observed = np.isfinite(chi_square)
+    return Refinements(core.rotation_of(matrix), covariance, chi_square, observed)
+
+
+@kernel
+def _refine_all(plane, whitener, direction, tolerance, matrix, covariance, chi_square):  # type: ignore[no-untyped-def]
+    """Write attitudes, covariances and the sums of chi-square; not finite where not observed."""
+    count = plane.shape[1]
+    inverse, residual, of_star = np.empty((3, 3)), np.empty((count, 2)), np.empty(count)
+    for k in range(len(plane)):
+        args = plane[k], whitener[k], direction[k], tolerance, matrix[k]
+        if np.isnan(_refine(*args, inverse, residual, of_star)):
+            covariance[k] = chi_square[k] = np.inf
+            continue
+        chi_square[k] = 0.0
+        for n in range(count):
+            chi_square[k] += of_star[n]
+        for i in range(3):
+            for j in range(3):
+                covariance[k, i, j] = 0.0
+                for n in range(3):
+                    covariance[k, i, j] += inverse[i, n] * inverse[j, n]
 
 
 @kernel

@@ -11,7 +11,7 @@ from startrack.attitude.consensus import consensus
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, SharedErrors, attitude_gain, independent, refine
 from startrack.attitude.wahba import svd
-from startrack.core import Estimate, Floats, Ints, Refused, kernel
+from startrack.core import Estimate, Floats, Ints, Refused
 
 GROUP = "attitudes"
 EXACT = 1e-6  # largest element of R R^T - 1 of what is taken for a rotation matrix
@@ -84,44 +84,6 @@ def _propagated(name: str, given: AttitudeInput, attitude: Rotation) -> Floats:
             turn = (Rotation.from_matrix(estimate[:3]) * attitude.inv()).as_rotvec()
             total += np.outer(turn, turn)
     return total
-
-
-def scale_unknown(covariance: Floats, seen: Floats, weight: Floats, tolerance: float) -> Floats:
-    """Covariance of an attitude where the focal length is estimated with it.
-
-        C' = C + (C c)(C c)^T / (d - c^T C c)
-        c = sum w z (-y, x, 0),   d = 1 / tolerance^2 + sum w z^2 (x^2 + y^2)
-
-    the attitude's block of the inverse of the joint information of attitude and scale, with C the
-    covariance for a known scale: a larger scale moves a star (x, y, z) away from the boresight.
-
-    covariance  (m, 3, 3) radian^2, about the camera's axes, for a known scale
-    seen        (m, n, 3) unit vectors, camera axes
-    weight      (m, n) radian^-2
-    tolerance   1, prior standard deviation of the scale about one
-    Returns     (m, 3, 3) radian^2
-    Accuracy    model: to first order.
-    """
-    enlarged = np.empty_like(covariance)
-    _enlarge(covariance, seen, weight, tolerance**-2, enlarged)
-    return enlarged
-
-
-@kernel
-def _enlarge(covariance, seen, weight, prior, enlarged):  # type: ignore[no-untyped-def]
-    """Star by star, so that stars without weight change no digit."""
-    for m in range(len(covariance)):
-        cross_x, cross_y, left = 0.0, 0.0, prior
-        for n in range(weight.shape[1]):
-            x, y, z = seen[m, n]
-            w = weight[m, n] * z
-            cross_x, cross_y = cross_x - w * y, cross_y + w * x
-            left += w * z * (x * x + y * y)
-        mixed = covariance[m, :, 0] * cross_x + covariance[m, :, 1] * cross_y
-        left -= cross_x * mixed[0] + cross_y * mixed[1]
-        for i in range(3):
-            for j in range(3):
-                enlarged[m, i, j] = covariance[m, i, j] + mixed[i] * mixed[j] / left
 
 
 def solve(

@@ -8,14 +8,7 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import (
-    Alignment,
-    Observability,
-    align,
-    attitude_gain,
-    independent,
-    scale_unknown,
-)
+from startrack.attitude import attitude_gain, independent, refine_all
 from startrack.core import Flags, Floats, Ints, Rows, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
@@ -25,49 +18,67 @@ from startrack.trial.spot_plan import Plan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 from startrack.trial.systematic import shared_errors
 
+UNIT = np.eye(2)
 SURPRISE = 1e-3  # probability below which noise alone does not explain the residuals; as `solve`
+
+
+class Fitted(NamedTuple):
+    """Attitudes of m trials.
+
+    icrs_to_camera  m rotations
+    covariance      (m, 3, 3) radian^2, that the tracker states
+    observed        (m,) whether the stars fix the attitude
+    """
+
+    icrs_to_camera: Rotation
+    covariance: Floats
+    observed: Flags
 
 
 def fitted(
     case: Case, matrix: Floats, seen: Floats, reference: Floats, noise: Floats, hot: Floats,
     there: Flags,
-) -> tuple[Alignment, Floats]:  # fmt: skip
-    """Attitudes of m trials with up to n stars each, and the covariances that the tracker states.
+) -> Fitted:  # fmt: skip
+    """Attitudes of m trials with up to n stars each, as `solve` finds them.
 
     matrix     (m, 3, 3) true icrs_to_camera, at which the identification predicts its stars
-    seen       (m, n, 2) pixel;  reference  (m, n, 3) directions
-    noise, hot (m, n) pixel^2; the latter as `hot_variance`
+    seen       (m, n, 2) pixel;  reference  (m, n, 3) directions, in front of the camera
+    noise      (m, n, 2, 2) pixel^2;  hot  (m, n) pixel^2, as `hot_variance`
     there      (m, n) which of the n exist
     """
     camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
     if tolerance:
         towards = _turned(matrix, reference)
         predicted = camera.project(towards.reshape(-1, 3)).reshape(seen.shape)
+        per_axis = np.trace(noise, axis1=2, axis2=3) / 2
         scale = 1 + np.clip(
-            _scales(seen, predicted, noise, there, tolerance), -tolerance, tolerance
+            _scales(seen, predicted, per_axis, there, tolerance), -tolerance, tolerance
         )
         seen = camera.centre + (seen - camera.centre) / scale[:, None, None]
     observed = camera.unproject(seen.reshape(-1, 2)).reshape(reference.shape)
-    weight = np.where(there, camera.focal_length_px**2 / noise, 0.0)
-    alignment = align(observed, reference, weight)
+    plane, focal = observed[..., :2] / observed[..., 2:], camera.focal_length_px
+    inverse = there[..., None, None] * _inverse(noise)
+    best = refine_all(plane, inverse, reference, focal, matrix, tolerance)
     # As the tracker's solver does with residuals that the noise does not explain.
     freedom = np.maximum(2 * there.sum(axis=1) - (4 if tolerance else 3), 1)
-    chance = special.chdtrc(freedom, 2 * alignment.loss)
-    excess = np.where(chance < SURPRISE, 2 * alignment.loss / freedom, 1.0)
-    covariance = alignment.covariance
-    if tolerance:
-        covariance = scale_unknown(covariance, observed, weight, tolerance)
-    covariance = covariance * excess[:, None, None]
+    chance = special.chdtrc(freedom, best.chi_square)
+    excess = np.where(chance < SURPRISE, best.chi_square / freedom, 1.0)
+    covariance = best.covariance * excess[:, None, None]
     shared = shared_errors(case)
     if shared is not None or hot.any():
-        enough = alignment.observability == Observability.OBSERVED
-        inverse = (there / noise)[enough, :, None, None] * np.eye(2)
-        plane = observed[enough, :, :2] / observed[enough, :, 2:]
-        gain = attitude_gain(plane, inverse, camera.focal_length_px, tolerance)
+        enough = best.observed
+        gain = attitude_gain(plane[enough], inverse[enough], focal, tolerance)
         if shared is not None:
             covariance[enough] += shared.added(gain, seen[enough])
         covariance[enough] += independent(gain, (hot * (excess == 1)[:, None])[enough])
-    return alignment, covariance
+    return Fitted(best.source_to_target, covariance, best.observed)
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """Of symmetric matrices (..., 2, 2), whose digits do not depend on how many there are."""
+    xx, xy, yy = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
+    adjugate = np.stack([yy, -xy, -xy, xx], axis=-1).reshape(matrix.shape)
+    return np.asarray(adjugate / (xx * yy - xy * xy)[..., None, None])
 
 
 @kernel
@@ -160,14 +171,14 @@ class Drawn(NamedTuple):
 
     pixel     (m, n, 2) x and y of the centroids
     star      (m, n) index into the field of the plan
-    variance  (m, n) pixel^2 per axis, of the noise
+    noise     (m, n, 2, 2) pixel^2, covariances of the noise
     matched   (m,) how many of the n are there
     spots     (m,) how many spots, false ones among them
     """
 
     pixel: Floats
     star: Ints
-    variance: Floats
+    noise: Floats
     matched: Ints
     spots: Ints
 
@@ -186,8 +197,8 @@ def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: 
     keys = trial_keys(seed, np.array(numbers, np.uint64))
     most = case.tracker.detection.max_spots
     matched, spots = np.empty((2, many), np.int64)
-    pixel, variance = np.empty((many, most, 2)), np.empty((many, most))
-    drawn = Drawn(pixel, np.empty((many, most), np.int64), variance, matched, spots)
+    pixel, noise = np.empty((many, most, 2)), np.empty((many, most, 2, 2))
+    drawn = Drawn(pixel, np.empty((many, most), np.int64), noise, matched, spots)
     _draw(matrix, keys, plan, drawn)
     own = case.time_tag_error or case.instrument.mounting.swings
     if own or (jitters and case.tracker.reference == "mean"):
@@ -203,16 +214,17 @@ def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: 
         used = max(int(matched[part[-1]]), 1)
         there = np.arange(used) < matched[part, None]
         stars = np.where(there, drawn.star[part, :used], 0)
-        reference = plan.field.believed[stars]
-        noise = np.where(there, drawn.variance[part, :used], 1.0) + plan.field.systematic[stars]
+        # What is missing lies on the boresight, where it does no harm.
+        reference = np.where(there[..., None], plan.field.believed[stars], matrix[part, None, 2])
+        of_stars = drawn.noise[part, :used] + plan.field.systematic[stars][..., None, None] * UNIT
+        noise = np.where(there[..., None, None], of_stars, UNIT)
         hot = np.where(there, plan.field.hot[stars], 0.0)
         seen = np.where(there[..., None], drawn.pixel[part, :used], 0.0)
-        alignment, covariance = fitted(case, matrix[part], seen, reference, noise, hot, there)
-        solved = (matched[part] >= case.tracker.identification.min_matches) & (
-            alignment.observability == Observability.OBSERVED
-        )
+        best = fitted(case, matrix[part], seen, reference, noise, hot, there)
+        enough = matched[part] >= case.tracker.identification.min_matches
+        solved = enough & best.observed
         judged[part] = judge_all(
-            alignment.source_to_target, covariance, truth[part], matched[part], spots[part], solved
+            best.icrs_to_camera, best.covariance, truth[part], matched[part], spots[part], solved
         )
     return judged
 
@@ -231,9 +243,12 @@ def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) 
             stretch = field.stretch[i] / (1 + field.stretch[i])
             dx = seen.dx - stretch * (seen.x + seen.dx - view.centre_x)
             dy = seen.dy - stretch * (seen.y + seen.dy - view.centre_y)
-            spread = (seen.xx * seen.xx + seen.yx * seen.yx + seen.yy * seen.yy) / 2
-            limit = gate * gate * 2 * (spread + field.systematic[i] + through.slack)
-            if not field.known[i] or dx * dx + dy * dy > limit:
+            xx, xy = seen.xx * seen.xx, seen.xx * seen.yx
+            yy = seen.yx * seen.yx + seen.yy * seen.yy
+            wide = field.systematic[i] + through.slack
+            determinant = (xx + wide) * (yy + wide) - xy * xy
+            square = (yy + wide) * dx * dx - 2 * xy * dx * dy + (xx + wide) * dy * dy
+            if not field.known[i] or square > gate * gate * determinant:
                 others += 1
                 continue
             at = count
@@ -244,6 +259,8 @@ def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) 
             else:
                 count += 1
             drawn.pixel[n, at, 0], drawn.pixel[n, at, 1] = seen.x + dx, seen.y + dy
-            drawn.star[n, at], drawn.variance[n, at], flux[at] = i, spread, field.flux[i]
+            drawn.star[n, at], flux[at] = i, field.flux[i]
+            drawn.noise[n, at, 0, 0], drawn.noise[n, at, 1, 1] = xx, yy
+            drawn.noise[n, at, 0, 1] = drawn.noise[n, at, 1, 0] = xy
         drawn.matched[n] = count
         drawn.spots[n] = min(count + others + false_spots(keys[n], false), most)

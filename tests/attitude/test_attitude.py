@@ -4,7 +4,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import SolverSettings, refine, solve
-from startrack.attitude.solve import scale_unknown
+from startrack.attitude.refine import refine_all
 from startrack.core.camera import Camera
 from startrack.core.values import Matches, Spots, Status
 
@@ -250,19 +250,35 @@ def test_a_fitted_scale_enlarges_the_covariance_by_the_joint_information():
     np.testing.assert_allclose(got, np.linalg.inv(information)[:3, :3], rtol=1e-6)
 
 
-def test_the_part_of_the_scale_is_the_same_for_unit_vectors():
-    """`scale_unknown` for unit vectors, and the same in the image plane."""
-    attitude, pixel, direction = sky(9, 4)
-    covariance = np.tile(np.eye(2) * 0.01, (9, 1, 1))
-    held, free = (
-        refine(pixel, covariance, direction, CAMERA, attitude, tolerance).covariance
-        for tolerance in (0.0, 1e-3)
+@pytest.mark.parametrize("tolerance", [0.0, 1e-3])
+def test_many_sets_of_stars_are_refined_as_each_alone(tolerance):
+    """Errors that are long along one axis, and sets of 5 of 9 stars among them."""
+    rng, sets = np.random.default_rng(3), [sky(9, seed) for seed in range(6)]
+    root = np.array([[0.3, 0.0], [0.1, 0.05]]) * rng.uniform(0.5, 2.0, (9, 1, 1))
+    covariance = root @ root.swapaxes(1, 2)
+    pixel = np.array([p for _, p, _ in sets]) + np.einsum(
+        "nij,mnj->mni", root, rng.standard_normal((6, 9, 2))
     )
-    weight = np.full((1, 9), CAMERA.focal_length_px**2 / 0.01)
-    got = scale_unknown(held[None], CAMERA.unproject(pixel)[None], weight, 1e-3)
-    assert free[1, 1] > 1.2 * held[1, 1]
-    # Noise of equal size in the plane is not so on the sphere: 1 % in this field.
-    np.testing.assert_allclose(got[0], free, rtol=0.02, atol=0.02 * free[0, 0])
+    there = np.arange(9) < np.where(np.arange(6) % 2, 5, 9)[:, None]
+    seen = CAMERA.unproject(pixel.reshape(-1, 2)).reshape(6, 9, 3)
+    plane = seen[..., :2] / seen[..., 2:]
+    inverse = there[..., None, None] * np.linalg.inv(covariance)
+    direction = np.array([d for _, _, d in sets])
+    start = np.array([a.as_matrix() for a, _, _ in sets])
+    got = refine_all(plane, inverse, direction, CAMERA.focal_length_px, start, tolerance)
+    for k, (attitude, _, _) in enumerate(sets):
+        some = there[k]
+        alone = refine(pixel[k][some], covariance[some], direction[k][some], CAMERA, attitude,
+                       tolerance)  # fmt: skip
+        apart = got.source_to_target[k] * alone.icrs_to_camera.inv()
+        assert apart.magnitude() < 1e-12
+        np.testing.assert_allclose(got.covariance[k], alone.covariance, rtol=1e-9)
+        assert got.chi_square[k] == pytest.approx(alone.chi_square.sum(), rel=1e-9)
+    assert got.observed.all()
+    one_star = refine_all(
+        plane, inverse * (np.arange(9) < 1)[:, None, None], direction, 1e3, start, tolerance
+    )
+    assert not one_star.observed.any()
 
 
 def test_errors_with_a_fitted_scale_are_as_stated():
