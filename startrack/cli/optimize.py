@@ -19,7 +19,8 @@ declare = Options(
     "Varies the variables of [campaign] under its requirements, and compares the best design with "
     "the start on fresh trials. Writes best.toml (a design for any other command), comparison.md, "
     "convergence.png, evaluations.csv, result.json, and ledger.sqlite, from which the same "
-    "command continues after an interruption. The status is 3 if a requirement is not met.",
+    "command continues after an interruption. Where no design is better than the start, the start "
+    "stays, and the text says what stands in the way. The status is 3 if a requirement is not met.",
     *study("optimize"),
 )  # fmt: skip
 
@@ -56,6 +57,7 @@ def optimum_values(optimum: optimise.Optimum, campaign: Campaign) -> dict[str, A
         "lacking": optimum.lacking, "caveats": optimise.optimum_caveats(optimum, campaign),
         "evaluations": len(optimum.evaluations), "trials": optimum.trials,
         "feasible": optimum.feasible, "ending": optimum.ending,
+        "start_stays": optimum.candidate is not None,
         **({"units": optimise.units_values(units)} if units else {}), **landscape_values(optimum),
     }  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import product
 from typing import Annotated, NamedTuple
@@ -201,6 +201,8 @@ MOST_BRANCHES = 256
 DETECTOR = "instrument.detector"
 EXPOSURE = "instrument.detector.exposure"
 KEPT = "exposure", "age"  # of a detector, where another product takes its place: the mission's
+# How a detector is operated: kept likewise, where the design does not leave it to the default.
+OPERATED = "frame_rate", "binning", "row_delay"
 OF_DEVICE = ("depleted",)  # of the age
 
 
@@ -210,7 +212,8 @@ class Choice:
 
     name: Annotated[str,
         'path in the case; "instrument.detector" for a product of the catalogue, whose values '
-        "take the place of all but the exposure and the age (whose `depleted` is the product's)"
+        "take the place of all but exposure, frame rate, binning, row delay and age (whose "
+        "`depleted` is the product's)"
     ]  # fmt: skip
     values: Annotated[tuple[float | str, ...],
         "numbers, texts with a unit where the parameter has one, or names"]  # fmt: skip
@@ -253,6 +256,12 @@ def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
         table = to_table(case)
         detector = table["instrument"]["detector"]
         own = {name: detector[name] for name in KEPT if name in detector}
+        defaults = {field.name: field.default for field in fields(case.instrument.detector)}
+        own |= {
+            name: detector[name]
+            for name in OPERATED
+            if getattr(case.instrument.detector, name) != defaults[name]
+        }
         for name in OF_DEVICE:
             own.get("age", {}).pop(name, None)
         # A product may refuse the exposure of the case, but not the one that is chosen with it.

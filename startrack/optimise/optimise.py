@@ -13,13 +13,14 @@ from startrack.core import Advance, Refused, Rows, Unit, printed
 from startrack.design import Campaign
 from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise import steps
-from startrack.optimise.evaluate import Evaluation, evaluate, try_out
+from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed, try_out
 from startrack.optimise.explore import Explorer, Landscape, landscape_of
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.steps import Stage
 from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
 from startrack.trial import OUTCOMES
+from startrack.verification import margins as margins_of
 
 # Designs at most that are judged on fresh frames, until one meets the requirements there. Chosen by
 # hand: each costs the fresh trials of the campaign.
@@ -28,8 +29,26 @@ FINALISTS = 4
 
 @printed
 @dataclass(frozen=True)
+class Candidate:
+    """The best design of a search that is no better than the start, on fresh trials.
+
+    design   it
+    factor   error of the start over its error
+    margins  of the requirements, as of `Optimum`
+    """
+
+    design: design.Case
+    factor: Interval
+    margins: dict[str, float]
+
+
+@printed
+@dataclass(frozen=True)
 class Optimum:
     """How an optimisation ended.
+
+    Where no design is better than the start, the start stays: it is `best`, the factor is 1, and
+    the design that the search found is `candidate`.
 
     space         design space of the best; of the winning branch where there were choices
     branch        label of the winning branch, or empty
@@ -45,6 +64,7 @@ class Optimum:
     trials        number that were done, per fidelity, before an interruption too
     units         start and best over fresh units; None: they are judged as designed
     landscape     what forecasts say of the space; None where no design is possible
+    candidate     None where the best is better than the start
     """
 
     space: design.DesignSpace
@@ -62,6 +82,7 @@ class Optimum:
     trials: dict[str, int]
     units: ComparedUnits | None = None
     landscape: Landscape | None = None
+    candidate: Candidate | None = None
 
     @property
     def feasible(self) -> bool:
@@ -71,8 +92,13 @@ class Optimum:
     @property
     def lacking(self) -> dict[str, float]:
         """The margins that are not met, the least violated first."""
-        short = {name: margin for name, margin in self.margins.items() if not margin >= 0}
-        return dict(sorted(short.items(), key=lambda pair: -pair[1]))
+        return lacking(self.margins)
+
+
+def lacking(margins: Mapping[str, float]) -> dict[str, float]:
+    """The margins that are not met, the least violated first."""
+    short = {name: margin for name, margin in margins.items() if not margin >= 0}
+    return dict(sorted(short.items(), key=lambda pair: -pair[1]))
 
 
 # Of the time, until forecasts and until trials of the search have ended: on the nanosatellite.
@@ -176,11 +202,57 @@ def optimize(
         factor = objective.ratio_of_means(before, after, weights, runner.seed)
         optimism = objective.ratio_of_means(after, tuned, weights, runner.seed, paired=False)
     fresh = [summarise(trials[design.NOMINAL], needs.limits) for trials in (first, second)]
-    return Optimum(
-        space, label, case, winner, tuple(tried), (fresh[0], fresh[1]), factor, best.error,
-        optimism, availability, best.margins | margins, ending,
-        {fidelity.value: count for fidelity, count in runner.tried.items()}, units, landscape,
-    )  # fmt: skip
+    found = Optimum(
+        space=space,
+        branch=label,
+        start=case,
+        best=winner,
+        evaluations=tuple(tried),
+        fresh=(fresh[0], fresh[1]),
+        factor=factor,
+        tuning_error=best.error,
+        optimism=optimism,
+        availability=availability,
+        margins=best.margins | margins,
+        ending=ending,
+        trials={fidelity.value: count for fidelity, count in runner.tried.items()},
+        units=units,
+        landscape=landscape,
+    )
+    if found.feasible and not found.factor.value < 1:
+        return found
+    shown, availability = _shown(campaign.judged(case), campaign, runner, first, progress.fresh)
+    return _better(found, margins_of(needs, case) | shown, availability)
+
+
+def _better(found: Optimum, margins: dict[str, float], availability: Interval) -> Optimum:
+    """What a search found, or the start where that is better on fresh trials.
+
+    A design that meets all requirements is better than one that does not; of two that do, the one
+    of the smaller error; of two that do not, the one of the smaller score of the search.
+
+    margins, availability  of the start
+    """
+    met = not lacking(margins)
+    ahead = math.log(found.factor.value) if found.factor.value > 0 else math.nan
+    ahead += PENALTY * (missed(margins) - missed(found.margins))
+    if not met and (found.feasible or not ahead <= 0):
+        return found
+    unknown = Interval(math.nan, math.nan, math.nan)
+    return replace(
+        found,
+        branch="",
+        best=found.start,
+        fresh=(found.fresh[0], found.fresh[0]),
+        factor=Interval(1.0, 1.0, 1.0),
+        tuning_error=math.nan,
+        optimism=unknown,
+        availability=availability,
+        margins=margins,
+        units=None,
+        landscape=None,
+        candidate=Candidate(found.best, found.factor, found.margins),
+    )
 
 
 def _search(

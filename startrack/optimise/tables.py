@@ -16,7 +16,7 @@ from startrack.metrics import Interval, bracketed, markdown
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.forecast import budget_of, without_units
-from startrack.optimise.optimise import Optimum
+from startrack.optimise.optimise import Optimum, lacking
 from startrack.optimise.tolerance import Tolerance
 from startrack.optimise.units import ComparedUnits
 from startrack.verification import margins as margins_of
@@ -83,6 +83,8 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     space = optimum.space
     before, after = space.text(optimum.start), space.text(optimum.best)
     lines = [f"Best design: {optimum.fresh[1].doubt}.", ""] if optimum.fresh[1].doubt else []
+    if optimum.candidate:
+        lines += [kept_start(optimum), ""]
     start, best = optimum.fresh
     pair, needs, shown_as = (optimum.start, optimum.best), campaign.requirements, space.labels()
     spans = span_texts(optimum)
@@ -117,12 +119,14 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         fresh = f"{optimum.units.count} fresh units, the same of both designs"
         what, later = units_text(optimum.units.over, campaign), "fresh units show"
         tuned = "level that the search expected was"
+    compared = (
+        f"Better by a factor of {bracketed(factor, '.2f')} in the {what}, on {fresh}. The {tuned} "
+        f"{tuning:.{_digits(tuning)}f} arcsec; {later} {bracketed(optimism, '.3f')} of that. "
+    )
     lines += [
         "",
-        f"Better by a factor of {bracketed(factor, '.2f')} in the {what}, on {fresh}. {designs} "
-        f"designs were evaluated, {campaign.trials} to {campaign.most_trials} trials each. The "
-        f"{tuned} {tuning:.{_digits(tuning)}f} arcsec; {later} "
-        f"{bracketed(optimism, '.3f')} of that. {trials} trials "
+        f"{'' if optimum.candidate else compared}{designs} designs were evaluated, "
+        f"{campaign.trials} to {campaign.most_trials} trials each. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
         "the frames have a false attitude. Brackets and bounds hold with 95 % confidence.",
@@ -153,6 +157,26 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
         lines += ["", f"NOT MET, the least violated first: {short}."]
     return "\n".join(lines)
+
+
+def kept_start(optimum: Optimum) -> str:
+    """That no design is better than the start, and what stands in the way."""
+    assert optimum.candidate is not None
+    factor, lacks = optimum.candidate.factor, lacking(optimum.candidate.margins)
+    short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in lacks.items())
+    misses = f" and misses {short}" if lacks else ""
+    times = Interval(
+        *(1 / bound if bound else math.nan for bound in (factor.value, factor.high, factor.low))
+    )
+    names = optimum.space.labels()
+    values = ", ".join(
+        f"{names[name]} {value}"
+        for name, value in optimum.space.text(optimum.candidate.design).items()
+    )
+    return (
+        "No design that was found is better than the start, which stays. The best of the search "
+        f"({values}) has {bracketed(times, '.2f')} times the error of the start{misses}."
+    )
 
 
 def units_text(over: OverUnits, campaign: Campaign) -> str:

@@ -31,6 +31,24 @@ def test_a_detector_is_chosen_by_product():
     assert one.case.instrument.optics == CASE.instrument.optics
 
 
+def test_a_chosen_product_is_operated_as_the_one_in_its_place():
+    """What it costs does not change by leaving out how often and how it is read."""
+    operated = replaced(CASE, "instrument.detector.row_delay", 20e-6)
+    operated = replaced(operated, "instrument.detector.frame_rate", 5.0)
+    (one,) = branches(operated, (Choice("instrument.detector", ("cmv4000",)),))
+    detector = one.case.instrument.detector
+    assert (detector.row_delay, detector.frame_rate) == (20e-6, 5.0)
+    assert detector.update_rate == 5
+    (rate,) = branches(
+        operated,
+        (
+            Choice("instrument.detector", ("cmv4000",)),
+            Choice("instrument.detector.frame_rate", ("4 Hz",)),
+        ),
+    )
+    assert rate.case.instrument.detector.frame_rate == 4
+
+
 def test_a_chosen_product_is_as_old_as_the_one_in_its_place():
     """In silicon of its own depth."""
     aged = replaced(CASE, "instrument.detector.age", Age(time=1e8, fluence=1e8, depleted=3e-6))

@@ -52,6 +52,29 @@ def test_the_best_is_better_on_fresh_trials(optimum):
     assert start.trials == best.trials == 60
 
 
+def test_a_worse_design_is_never_the_best(small, campaign):
+    """The only choice has so much read noise that every design is worse than the start."""
+    noisy = Choice("instrument.detector.read_noise", ("60 electron",))
+    worse = dataclasses.replace(
+        campaign,
+        variables=campaign.variables[2:],
+        choices=(noisy,),
+        evaluations=2,
+        analytic_evaluations=2,
+        fresh_trials=30,
+    )
+    kept = optimize(small.case, worse, TrialRunner(5))
+    assert kept.best == small.case
+    assert kept.candidate is not None
+    assert kept.candidate.design.instrument.detector.read_noise == 60
+    assert kept.candidate.factor.value < 1
+    assert kept.factor.value == 1
+    assert "availability" in kept.margins
+    text = comparison(kept, worse)
+    assert text.startswith("No design that was found is better than the start, which stays.")
+    assert "Better by a factor" not in text
+
+
 def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small, campaign):
     last = [one for one in optimum.evaluations if one.trials == campaign.most_trials]
     best = min((one for one in last if one.feasible), key=lambda one: one.score)
