@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from startrack.catalog import csv_table, fits_table, table_numbers, votable
+from startrack.catalog import HOURS, angle_texts, csv_table, fits_table, table_numbers, votable
 from startrack.core import ZERO_CELSIUS, Floats, Refused, Unit, arcsec, deg, parse, printed, shown
 from startrack.io import read_bytes, unpacked
 
@@ -39,6 +39,7 @@ ARCSEC = ("yag", "zag")  # of Chandra, always in arcseconds
 UNITS = {
     "arcsec": arcsec, "as": arcsec, "arcmin": 60 * arcsec, "mas": arcsec / 1000, "deg": deg,
     "degree": deg, "degrees": deg, "rad": 1.0, "radian": 1.0, "mrad": 1e-3, "urad": 1e-6,
+    **dict.fromkeys((HOURS, "hr", "hour", "hours", "hourangle", "hms"), 15 * deg),
 }  # fmt: skip
 CELSIUS = ("c", "degc", "deg_c", "celsius")
 KELVIN = ("k", "kelvin")
@@ -48,6 +49,7 @@ SUFFIX = re.compile(
 )
 BINARY_TABLE = re.compile(rb"XTENSION= 'BINTABLE'")
 HEADER = 80 * 36  # byte, of a block of a FITS file
+LEAST_SPREAD = 0.05  # of the logarithms of scales between stars; a lens' distortion makes less
 WARMEST_CELSIUS = 150.0  # a temperature without unit that is higher is in kelvin
 
 
@@ -123,9 +125,13 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
     bare = {_bare(name)[0]: name for name in reversed(columns)}
     used: dict[str, str] = {}
     kind, chosen = _directions(path, names, bare)
-    direction = _vectors(kind, [_angle(path, columns, name, kind) for name in chosen])
+    angles = [_angle(path, columns, name, kind, n == 0) for n, name in enumerate(chosen)]
+    direction = _vectors(kind, angles)
     pixels = _pixels(path, names.pixels, bare, set(map(_alone, chosen)))
     pixel = np.column_stack([columns[_alone(name)].value for name in pixels])
+    ra = columns[_alone(chosen[0])]
+    if kind == "radec" and not ra.sexagesimal and not _unit(ra, chosen[0]):
+        _refuse_hours(path, chosen[0], angles, pixel)
     kelvin = _optional(names.temperature, bare, TEMPERATURES, path, "temperature")
     weight = _optional(names.weight, bare, (*WEIGHTS, *SIGMAS), path, "weight")
     for use, name in (
@@ -146,8 +152,11 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
 
 
 class _Column(NamedTuple):
+    """Numbers of a column; whether they were degrees (or hours), minutes and seconds."""
+
     value: Floats
     unit: str
+    sexagesimal: bool = False
 
 
 def _columns(path: Path) -> dict[str, _Column]:
@@ -168,11 +177,14 @@ def _columns(path: Path) -> dict[str, _Column]:
         table = votable(path)
     else:  # one star with a number that was cut is an outlier
         table = csv_table(path, ended=False)
-    return {
-        column: _Column(table_numbers(path, table, column), str(table[column].unit or ""))
-        for column in table.colnames
-        if table[column].dtype.kind in "iuf"
-    }
+    columns = {}
+    for name in table.colnames:
+        unit, kind = str(table[name].unit or ""), table[name].dtype.kind
+        if kind in "iuf":
+            columns[name] = _Column(table_numbers(path, table, name), unit)
+        elif kind in "US" and (angles := angle_texts(path, name, map(str, table[name]))):
+            columns[name] = _Column(angles[0], angles[1] or unit, True)
+    return columns
 
 
 def _bare(name: str) -> tuple[str, str]:
@@ -255,12 +267,22 @@ def _unit(column: _Column, name: str) -> str:
     return (name.partition(":")[2].strip() or column.unit or _bare(_alone(name))[1]).strip()
 
 
-def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str) -> Floats:
-    """A column of angles in radian, or a component of a vector as it is."""
+def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str, first: bool) -> Floats:
+    """A column of angles in radian, or a component of a vector as it is.
+
+    first  of the two, which alone may be in hours, where it is a right ascension
+    """
     column = columns[_alone(name)]
     if kind == "vectors":
         return column.value
-    unit = _unit(column, name)
+    unit, hours = _unit(column, name), first and kind == "radec"
+    if column.sexagesimal and not unit:
+        unit = HOURS if hours else "deg"
+    if not hours and UNITS.get(unit.lower()) == UNITS[HOURS]:
+        raise Refused(
+            f"{path}: the column {_alone(name)} must be in degree, or another unit of angles, got "
+            f"{unit}; only right ascensions are in hours"
+        )
     if not unit and _alone(name) in ARCSEC:
         unit = "arcsec"
     if not unit and kind == "radec":
@@ -276,6 +298,30 @@ def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str) -> 
         return column.value * parse(f"1 {unit}", "rad")
     except ValueError as error:
         raise Refused(f"{path}: the column {_alone(name)} {error}") from None
+
+
+def _refuse_hours(path: Path, name: str, angles: Sequence[Floats], pixel: Floats) -> None:
+    """Refuse right ascensions without a unit that fit the pixels as hours and not as degrees.
+
+    The angle between two stars is nearly proportional to their distance in the image.
+    """
+    ra, dec = angles
+    seen = ra[np.isfinite(ra)]
+    if len(seen) < 4 or seen.min() < 0 or seen.max() > 24 * deg:
+        return
+    distance = np.linalg.norm(np.diff(pixel, axis=0), axis=1)
+    spread = []
+    for factor in (1, 15):
+        chord = np.linalg.norm(np.diff(_vectors("radec", (factor * ra, dec)), axis=0), axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):  # of equal or missing places
+            ratio = np.log(chord / distance)
+        spread.append(float(np.std(ratio[np.isfinite(ratio)])))
+    if spread[0] > LEAST_SPREAD and spread[1] < spread[0] / 2:
+        raise Refused(
+            f"{path}: the column {_alone(name)} must have a unit, in its name ({_alone(name)}_deg, "
+            f"{_alone(name)}_hours) or by the option ({_alone(name)}:h): its values, up to "
+            f"{seen.max() / deg:.4g}, fit the pixels as hours and not as degrees"
+        )
 
 
 def _vectors(kind: str, values: Sequence[Floats]) -> Floats:

@@ -14,7 +14,7 @@ from startrack.catalog.apparent import Observer, apparent, earth_observer
 from startrack.catalog.catalog import Catalog
 from startrack.catalog.readers import read
 from startrack.catalog.sky import FAINTEST_G, LIMITS, Selection, Sky, belt, open_sky
-from startrack.catalog.tables import csv_table, fits_table, votable
+from startrack.catalog.tables import HOURS, angle_texts, csv_table, fits_table, votable
 from startrack.catalog.tables import numbers as table_numbers
 
 # Public; the other imports serve other rooms.

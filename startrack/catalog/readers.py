@@ -192,7 +192,22 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     if len(epochs) != 1:
         raise Refused(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
     place, motion = (values["ra"], values["dec"]), (pm_ra, pm_dec, parallax)
+    if table[mapped["ra"].lower()].unit is None:
+        _refuse_hours(path, mapped["ra"], place)
     return assemble(path, float(epochs[0]), identifier, place, motion, light)
+
+
+def _refuse_hours(path: Path, name: str, place: tuple[Floats, Floats]) -> None:
+    """Refuse right ascensions without a unit that are rather in hours than in degree.
+
+    No field of the sky is 24 degrees wide and twice as high by chance.
+    """
+    ra, dec = (column[np.isfinite(column)] for column in place)
+    if len(ra) >= 3 and ra.min() >= 0 and 3 < ra.max() <= 24 and np.ptp(dec) > 2 * 24:
+        raise Refused(
+            f"{path}: {name} must be in degree, or have a unit, got values from {ra.min():g} to "
+            f"{ra.max():g}, as of hours, for declinations from {dec.min():g} to {dec.max():g}"
+        )
 
 
 def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
@@ -204,10 +219,20 @@ def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
             pass
     if name.lower() not in table.colnames:
         raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
-    values, wanted = tables.numbers(path, table, name.lower()), MAPPED[quantity]
-    given = table[name.lower()].unit
+    wanted, given = MAPPED[quantity], table[name.lower()].unit
+    texts = None
+    if quantity in ("ra", "dec") and table[name.lower()].dtype.kind in "US":
+        texts = tables.angle_texts(path, name, map(str, table[name.lower()]))
+    if texts is not None:
+        hours = quantity == "ra" and texts[1] != "deg" and given in (None, "hourangle", "h")
+        if not hours and texts[1] == tables.HOURS:
+            raise Refused(f"{path}: {name} must be in degree, got hours")
+        return texts[0] * (15 if hours else 1)
+    values = tables.numbers(path, table, name.lower())
     if given is None or not wanted:
         return values
+    if quantity == "ra" and str(given) == "h":  # an hour of time, as many tables have it
+        return values * 15
     try:
         return np.asarray(values * given.to(wanted), float)
     except Exception:  # astropy's own, and those of units that it does not know

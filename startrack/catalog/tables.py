@@ -12,9 +12,16 @@ from typing import Any
 import numpy as np
 
 from startrack.core import Floats, Ints, Refused, require_memory, shown
-from startrack.io import read_bytes, require_fits, unpacked
-
-NEEDED = 5  # bytes of memory for a byte of text; Tycho-2 takes 2.5 GB for 0.5 GB
+from startrack.io import (
+    TEXT_NEEDED,
+    content,
+    csv_table,
+    first_line,
+    in_lower_case,
+    read_bytes,
+    require_fits,
+    unpacked,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,65 +138,6 @@ def text_lines(path: Path, record: int) -> list[str]:
     return lines
 
 
-def content(path: Path) -> str:
-    """The text of a file, plain or gzipped.
-
-    Raises  ValueError for a file that is empty, cut, or not text.
-    """
-    data = unpacked(path, read_bytes(path, "a star catalogue"), NEEDED)
-    require_memory(len(data) * NEEDED, f"{path}, a star catalogue of {len(data)} bytes,")
-    if not data.strip():
-        raise Refused(f"{path} must hold stars, got an empty file")
-    if b"\0" in data:
-        raise Refused(f"{path} must be text, got a zero byte at {data.index(0)}")
-    return data.decode("latin-1")
-
-
-def csv_table(path: Path, ended: bool = True) -> Any:
-    """Read a CSV file, plain or gzipped, or an ECSV file.
-
-    ended   whether the last line must have an end, without which the file may have been cut
-    Raises  ValueError for a file that is empty, cut, or whose rows differ in length.
-    """
-    from astropy.io import ascii
-
-    text = content(path)
-    if ended and not text.endswith("\n"):
-        raise Refused(
-            f"{path}, line {len(text.splitlines())}: the last line must end, got "
-            f"{text.splitlines()[-1][-20:]!r} and no end of line: the file is cut"
-        )
-    # Not "csv", which would fill up rows that are too short.
-    kind = "ecsv" if text.startswith("# %ECSV") else "basic"
-    options = {"delimiter": ",", "fill_values": [("", "0"), ("null", "0")]}
-    try:
-        table = ascii.read(text, format=kind, guess=False, **(options if kind == "basic" else {}))
-    except MemoryError:
-        raise
-    except Exception as error:  # of the parts of its parsers, which each raise their own
-        raise Refused(
-            f"{path} must be a table of comma-separated rows, got: {_first_line(error)}"
-        ) from None
-    return in_lower_case(path, table)
-
-
-def in_lower_case(path: Path, table: Any) -> Any:
-    """The table with the names of its columns in lower case.
-
-    Raises  ValueError where two have one name.
-    """
-    names = [name.lower() for name in table.colnames]
-    for name in names:
-        if names.count(name) > 1:
-            raise Refused(f"{path} must have one column {shown(name)}, got {names.count(name)}")
-    table.rename_columns(table.colnames, names)
-    return table
-
-
-def _first_line(error: Exception) -> str:
-    return next(iter(str(error).strip().splitlines()), type(error).__name__)
-
-
 def require_columns(path: Path, there: Iterable[str], needed: Iterable[str]) -> None:
     """Raise ValueError where a file lacks a column."""
     there = list(there)
@@ -259,6 +207,44 @@ def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) ->
     return values
 
 
+SEXAGESIMAL = re.compile(
+    r"(?P<sign>[-+\u2212]?)(?P<whole>\d{1,3})(?P<first>[:hd\u00b0\s])\s*(?P<minutes>\d{1,2})"
+    r"(?:[:m\u2032'\s]\s*(?P<seconds>\d{1,2}(?:\.\d*)?)(?:s|\u2033|\"|'')?|m|\u2032|'|)"
+)
+HOURS = "h"  # the unit of right ascensions in hours
+
+
+def angle_texts(path: Path, name: str, texts: Iterable[str]) -> tuple[Floats, str] | None:
+    """A column of angles such as 05:14:32.3, 5h14m32.3s, -8d12'06" or "05 14 32.3".
+
+    Returns  the numbers with minutes and seconds as fractions, NaN for an empty field, and the unit
+             that letters say: HOURS, "deg", or "" without letters; None where a field is none
+    Raises   Refused where minutes or seconds are 60 or more, or units differ from row to row.
+    """
+    values, units = [], set[str]()
+    for row, text in enumerate(texts, 1):
+        text = text.strip()
+        if not text or text == "--":
+            values.append(math.nan)
+            continue
+        match = SEXAGESIMAL.fullmatch(text)
+        if not match:
+            return None
+        minutes, seconds = float(match["minutes"]), float(match["seconds"] or 0)
+        if minutes >= 60 or seconds >= 60:
+            raise Refused(
+                f"{path}, row {row}: {name} must have minutes and seconds below 60, got {text!r}"
+            )
+        size = int(match["whole"]) + minutes / 60 + seconds / 3600
+        values.append(-size if match["sign"] in ("-", "\u2212") else size)
+        units.add({"h": HOURS, "d": "deg", "\u00b0": "deg"}.get(match["first"], ""))
+    if not units:
+        return None
+    if len(units) > 1:
+        raise Refused(f"{path}: {name} must have one unit in all rows, got hours and degrees")
+    return np.array(values, float), units.pop()
+
+
 def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
     """The first table of a FITS file, checked against its checksums if it has some.
 
@@ -267,11 +253,14 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
     Raises   ValueError for a file that is cut, damaged, or has no table.
     """
     from astropy.io import fits
-    from astropy.utils.exceptions import AstropyWarning
+    from astropy.utils.exceptions import AstropyUserWarning, AstropyWarning
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", AstropyWarning)  # astropy only warns of a cut file
+            # Letters and cards that are not as the standard has them hinder nobody; astropy only
+            # warns of a cut or damaged file, too.
+            warnings.simplefilter("ignore", AstropyUserWarning)
+            warnings.filterwarnings("error", ".*(truncated|verification failed)", AstropyWarning)
             data = unpacked(path, read_bytes(path, "a star catalogue"), 2)
             require_fits(path, data)
             with fits.open(io.BytesIO(data), checksum=True, memmap=False) as file:
@@ -286,7 +275,7 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
     except (MemoryError, FileNotFoundError):
         raise
     except Exception as error:  # astropy and numpy each raise their own
-        raise Refused(f"{path} must be a whole FITS table, got: {_first_line(error)}") from None
+        raise Refused(f"{path} must be a whole FITS table, got: {first_line(error)}") from None
     return header, columns
 
 
@@ -307,12 +296,12 @@ def votable(path: Path) -> Any:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", VOWarning)  # the archives' own files are not perfect
             data = read_bytes(path, "a star catalogue")
-            require_memory(len(data) * NEEDED, f"{path}, a VOTable of {len(data)} bytes,")
+            require_memory(len(data) * TEXT_NEEDED, f"{path}, a VOTable of {len(data)} bytes,")
             table = parse(io.BytesIO(data)).get_first_table().to_table()
     except (MemoryError, FileNotFoundError):
         raise
     except Exception as error:  # expat, astropy and numpy each raise their own
-        raise Refused(f"{path} must be a whole VOTable, got: {_first_line(error)}") from None
+        raise Refused(f"{path} must be a whole VOTable, got: {first_line(error)}") from None
     said = NROWS.search(data)  # astropy does not hold the file to it
     if said and int(said[1]) != len(table):
         raise Refused(f"{path} must have the {int(said[1])} rows it says, got {len(table)}")
@@ -325,11 +314,18 @@ def any_table(path: Path) -> Any:
     Raises  ValueError for a file that is none, or cut.
     """
     from astropy.table import Table
+    from astropy.units import Unit
 
     with path.open("rb") as file:
         start = file.read(200)
     if start.startswith(b"SIMPLE"):
-        return Table(fits_table(path)[1])
+        header, columns = fits_table(path)
+        table = Table(columns)
+        for number in range(1, int(header["TFIELDS"]) + 1):
+            name, unit = header.get(f"TTYPE{number}", ""), header.get(f"TUNIT{number}")
+            if unit and str(name).lower() in columns:
+                table[str(name).lower()].unit = Unit(str(unit), parse_strict="silent")
+        return table
     if start.lstrip().startswith(b"<"):
         return votable(path)
     return csv_table(path)

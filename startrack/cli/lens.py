@@ -192,10 +192,11 @@ def _trace(options: argparse.Namespace) -> int:
         raise WrongUse("--field must be given with a prescription")
     path, tracing = options.files[0], _tracing(options)
     out = options.out or path.with_suffix(".fits").name
+    with shared.as_wrong_use(ValueError):
+        lens = optics.read_prescription(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the tracer and of what it compiles
-        with shared.as_wrong_use(ValueError):
-            lens = optics.read_prescription(path)
+        # Numba says of the tracer's functions that its own check is pedantic; they compile.
+        warnings.filterwarnings("ignore", r"variable '.*' is not in scope")
         with (
             progress("tracing", _nodes(tracing)) as advance,
             shared.as_wrong_use(ValueError, path=path),
@@ -211,6 +212,7 @@ def _trace(options: argparse.Namespace) -> int:
                 optics.save_ghosts(Path(out), surfaces)
         left = float((rest / table.wavelength[:, None]).max())
         result = summary(table) | {"table": str(out), "terms_leave_waves": left}
+        result |= _understood(path)
         if options.check:
             between = _between(tracing)
             with progress("checking", _nodes(between)) as advance:
@@ -218,6 +220,18 @@ def _trace(options: argparse.Namespace) -> int:
             result |= interpolation_error(table, dense)
     print_result(options, result, _text(result))
     return Exit.DONE
+
+
+def _understood(path: Path) -> dict[str, Any]:
+    """The unit of length and the glasses of a prescription, for the reader to compare."""
+    if path.suffix.lower() == ".json":
+        return {}
+    prescription = optics.parse_prescription(path)
+    glasses = [
+        f"{glass.name} ({glass.maker})" if glass.maker else f"model {glass.name}"
+        for glass in prescription.glasses.values()
+    ]
+    return {"unit": prescription.unit, "glasses": glasses}
 
 
 def _tracing(options: argparse.Namespace) -> optics.Tracing:
@@ -368,6 +382,10 @@ def _text(result: dict[str, Any]) -> str:
             f"waves rms, {result['interpolation_place_um']:.2g} um in place, "
             f"{result['interpolation_area']:.2g} in area"
         )
+    if "glasses" in result:
+        converted = "" if result["unit"] == "mm" else ", converted to mm"
+        lines.append(f"lengths of the prescription in {result['unit']}{converted}")
+        lines.append(f"glasses by maker: {', '.join(result['glasses']) or 'none'}")
     if "table" in result:
         lines.append(f"wrote {result['table']}")
     return "\n".join(lines)

@@ -209,6 +209,7 @@ def installed_tables() -> Iterator[None]:
         warnings.catch_warnings(),
     ):
         warnings.filterwarnings("ignore", message=".*dubious year.*")  # leap seconds to come
+        # Nothing is fetched: what is installed is used beyond its end, with less than a second.
         warnings.filterwarnings("ignore", message=".*(polar motions|IERS).*")
         warnings.filterwarnings("ignore", category=iers.IERSStaleWarning)
         yield

@@ -102,7 +102,8 @@ class Objective:
         """Radian, over the last axis of squares (two for a level per axis); NaN without any."""
         axes = len(AXES[self.axes])
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # that an axis is all NaN
+            # That an axis is all NaN, of which the mean is NaN, as it should be.
+            warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN", RuntimeWarning)
             if self.fraction is None:
                 return np.sqrt((axes if self.radial else 1) * np.nanmean(squares, axis=-1))
             # That for NaN takes the rows one by one; that of no value at all is NaN, too.

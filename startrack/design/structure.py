@@ -1,7 +1,6 @@
 """Structure and lens of a head, temperatures -> how its boresight and its focal length move."""
 
 import cmath
-import csv
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from startrack import core
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit
 from startrack.design.variation import ABSOLUTE, RELATIVE, Scope, Variation
-from startrack.io import read_bytes, regular_file
+from startrack.io import csv_table, regular_file
 from startrack.optics import Optics
 from startrack.space import Heat, warmth
 
@@ -408,10 +407,10 @@ def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float
     content  digest of the file, so that a changed one is read again
     Raises  ValueError where the file has other columns, or a part has less than three nodes.
     """
-    text = read_bytes(Path(path), "a table of displacements").decode("utf-8", "replace")
-    rows = list(csv.DictReader(text.splitlines()))
-    if not rows or not set(COLUMNS) <= rows[0].keys():
+    table = csv_table(Path(path), ended=False, what="a table of displacements")
+    if not set(COLUMNS) <= set(table.colnames):
         raise Refused(f"{path}: a table of displacements must have columns {', '.join(COLUMNS)}")
+    rows = [dict(zip(table.colnames, map(str, row), strict=True)) for row in table]
     displacements = {}
     for load in dict.fromkeys(row["load"] for row in rows):
         if load not in LOADS:

@@ -6,11 +6,15 @@ saving        Files that are written whole or not at all, and folders that one p
               writes to; the message to others names it.
 sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
               sentences.
+text          Bytes of a text file from any program -> text; CSV of any locale -> columns.
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its
               place; a file, the files below it, and single values -> one table.
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
               reader; a solved image as FITS files of astrometry.net, and by the names of tetra3.
 recordings    SER, raw and video files -> images; Bayer mosaics -> images of one colour or of all.
+tiff          Bytes of a TIFF -> its pixels.
+pictures      Bytes of a PNG, JPEG or HEIC -> its pixels.
+fits_image    Bytes of a FITS file -> its image, exposure, gain, offset and time.
 images        Image files to frames, and frames to FITS with their WCS and their truth.
 interchange   Tables of results -> pandas, xarray and astropy, with the units of their columns;
               rows of texts in columns.
@@ -50,6 +54,15 @@ from startrack.io.tables import (
     refuse_unknown,
     to_table,
     written,
+)
+from startrack.io.text import (
+    TEXT_NEEDED,
+    content,
+    csv_table,
+    decoded,
+    first_line,
+    in_lower_case,
+    with_points,
 )
 from startrack.io.wcs import (
     camera_to_wcs,

@@ -1,22 +1,20 @@
 """Image files to frames, and frames to FITS with their WCS and their truth."""
 
-import importlib
 import io
 import math
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Frame, Refused, Stars, require_memory
-from startrack.io import recordings
-from startrack.io.reading import picture_size, read_bytes, require_fits, unpacked
+from startrack.io import recordings, tiff
+from startrack.io.fits_image import read_fits
+from startrack.io.pictures import is_heif, is_picture, open_heif, open_picture, read_picture, turned
+from startrack.io.reading import read_bytes
 from startrack.io.recordings import Layout
 from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header
@@ -25,11 +23,8 @@ FITS = {".fits", ".fit", ".fts"}
 # Tags of EXIF, and the diagonal (mm) of the film that its 35 mm equivalent is for.
 EXIF_IFD, FOCAL_LENGTH, FOCAL_35MM, EXIF_WIDTH, EXIF_HEIGHT = 0x8769, 0x920A, 0xA405, 0xA002, 0xA003
 PLANE_RESOLUTION, PLANE_UNIT, FULL_FRAME = 0xA20E, 0xA210, math.hypot(36, 24)
-HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"mif1", b"msf1"}
-DATES = "DATE-OBS", "DATE-BEG", "DATE-AVG"
-# Days of 2000-01-01T00:00 by each keyword.
-JULIAN = {"MJD-OBS": 51544.0, "MJD-BEG": 51544.0, "MJD-AVG": 51544.0, "JD": 2451544.5}
-DAY = 86400.0  # second
+# Pixels of a mosaic whose mean one pixel is, by what the mosaic becomes.
+AVERAGED = {"superpixel": 4, "red": 1, "green": 2, "blue": 1}
 SEARCHED = 24  # bytes that the detection takes for each pixel of an image; measured: 20 at most
 
 
@@ -38,11 +33,11 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
 
     Of a colour image the largest of the three channels is taken, because a star is bright in
     at least one. A mosaic of colours, which the layout or the header (BAYERPAT of FITS, ColorID of
-    SER) names, becomes an image of half the size. What the file does not say of its detector stays
-    NaN.
+    SER) names, becomes an image of half the size. A photograph is turned as its orientation says.
+    What the file does not say of its detector, or what its noise contradicts, is NaN.
 
     layout  what the file may not say of itself
-    Raises  ValueError, in one sentence with the path, where the file is missing, empty, cut, no
+    Raises  Refused, in one sentence with the path, where the file is missing, empty, cut, no
             image, or holds no finite number.
     """
     path, layout = Path(path), layout or Layout()
@@ -54,20 +49,15 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
             return Frame(layout.one_image(path, recordings.read_video(path, layout.plane), None))
         data = read_bytes(path, "a file")
     except FileNotFoundError as error:
-        raise ValueError(str(error)) from None
+        raise Refused(str(error)) from None
     if not data:
-        raise ValueError(f"{path} must hold an image, but it is empty")
+        raise Refused(f"{path} must hold an image, but it is empty")
     if FITS & {suffix.lower() for suffix in path.suffixes}:
-        frame = _read_fits(path, data, layout)
+        frame = _read_cube(path, data, layout)
     else:
-        if layout.plane:
-            raise ValueError(
-                f"{path} must be a FITS cube, a SER or a video to have the plane {layout.plane}"
-            )
-        mosaic = layout.bayer not in (None, "none")
-        frame = Frame(layout.one_image(path, _read_picture(path, data, mosaic), None))
+        frame = _read_picture(path, data, layout)
     if frame.image.size == 0 or not np.isfinite(frame.image).any():
-        raise ValueError(f"{path} must hold finite pixel values, but it has none")
+        raise Refused(f"{path} must hold finite pixel values, but it has none")
     return frame
 
 
@@ -105,11 +95,13 @@ def field_hint(path: Path, shape: tuple[int, ...]) -> float | None:
 
     try:
         data = path.read_bytes()
-        if _is_heif(data):
+        if is_heif(data):
             exif = Image.Exif()
-            exif.load(_open_heif(path, data).info.get("exif") or b"")
+            exif.load(open_heif(path, data).info.get("exif") or b"")
+        elif is_picture(data):
+            exif = open_picture(path, data).getexif()
         else:
-            with Image.open(io.BytesIO(data)) as image:
+            with Image.open(io.BytesIO(data), formats=["TIFF"]) as image:
                 exif = image.getexif()
         tags = exif.get_ifd(EXIF_IFD)
     except Exception:  # no picture that Pillow knows, or damaged tags: no hint
@@ -212,136 +204,48 @@ def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ign
     )
 
 
-def _read_fits(path: Path, data: bytes, layout: Layout) -> Frame:
-    from astropy.io import fits
-
-    data = unpacked(path, data, 2)
-    require_fits(path, data)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # a cut file is only a warning to astropy
-            # From memory: astropy leaves a cut file open when it gives up.
-            with fits.open(io.BytesIO(data)) as units:
-                unit = next(
-                    unit for unit in units if unit.is_image and unit.header.get("NAXIS", 0) >= 2
-                )
-                _require_fits_memory(path, unit.header)
-                image, header = np.asarray(unit.data), unit.header
-                numbers = [_number(header, key) for key in ("EXPTIME", "GAIN", "RDNOISE")]
-                offset = _number(header, "PEDESTAL", 0.0)
-                said, time = _pattern(header), _time(header)
-    except StopIteration:
-        raise ValueError(f"{path} must hold an image of two axes, but it has none") from None
-    except (MemoryError, Refused):
-        raise
-    except Exception as error:  # astropy, zlib and CFITSIO each raise their own
-        reason = " ".join(str(error).split()) or type(error).__name__
-        missing = f"it has no {reason}" if isinstance(error, KeyError) else reason
-        raise ValueError(f"{path} must be a whole FITS file: {missing}") from None
-    image = np.squeeze(image)
+def _read_cube(path: Path, data: bytes, layout: Layout) -> Frame:
+    """The image of a FITS file; of a cube one plane, or the largest value of all."""
+    found = read_fits(path, data, require_image_memory)
+    image, pattern = found.image, found.pattern
     if image.ndim == 3:
         planes = len(image)
         if (layout.plane or 0) >= planes:
-            raise ValueError(f"{path}: plane must lie in [0, {planes - 1}], got {layout.plane}")
+            raise Refused(f"{path}: plane must lie in [0, {planes - 1}], got {layout.plane}")
         if layout.plane is None:
-            image, said = image.max(axis=0), None  # planes of colours are no mosaic
+            image, pattern = image.max(axis=0), None  # planes of colours are no mosaic
         else:
             image = image[layout.plane]
     elif layout.plane:
-        raise ValueError(f"{path} must be a cube to have the plane {layout.plane}")
+        raise Refused(f"{path} must be a cube to have the plane {layout.plane}")
     if image.ndim != 2:
-        raise ValueError(f"{path} must hold an image of two axes, got shape {image.shape}")
-    image = layout.one_image(path, image.astype(image.dtype.newbyteorder("=")), said)
-    return Frame(image, numbers[0], numbers[1], offset, numbers[2], time)
+        raise Refused(f"{path} must hold an image of two axes, got shape {image.shape}")
+    made = layout.one_image(path, image, pattern)
+    # A mean of n pixels has an n-th of the variance, as if n times as many electrons were counted.
+    averaged = AVERAGED[layout.colour] if made is not image else 1
+    gain, noise = averaged * found.gain, math.sqrt(averaged) * found.read_noise
+    return Frame(made, found.exposure, gain, found.offset, noise, found.time)
 
 
-def _time(header) -> float:  # type: ignore[no-untyped-def]
-    """Second since 2000 by the first of the date's keywords; NaN without one, or without an hour.
-
-    Source: FITS standard 4.0, section 9.5; TIME-OBS is of before 2000.
-    """
-    for key in DATES:
-        date = str(header.get(key, "")).strip().removesuffix("Z")
-        if "T" not in date:
-            date = f"{date}T{str(header.get('TIME-OBS', '')).strip()}"
-        try:
-            since = datetime.fromisoformat(date) - recordings.YEAR_2000
-        except (ValueError, TypeError):  # no such date; one with a zone
-            continue
-        return since.total_seconds()
-    days = [_number(header, key) - zero for key, zero in JULIAN.items()]
-    return DAY * next((day for day in days if math.isfinite(day)), math.nan)
-
-
-def _pattern(header) -> str | None:  # type: ignore[no-untyped-def]
-    """The Bayer pattern of a header, shifted by the offsets of the image in the detector."""
-    said = header.get("BAYERPAT") or header.get("COLORTYP")
-    if not isinstance(said, str) or len(said.strip()) != 4:
-        return None
-    pattern = said.strip().upper()
-    shift_x, shift_y = (_number(header, key, 0.0) % 2 >= 1 for key in ("XBAYROFF", "YBAYROFF"))
-    rows = [pattern[:2], pattern[2:]][:: -1 if shift_y else 1]
-    return "".join(row[:: -1 if shift_x else 1] for row in rows)
-
-
-def _require_fits_memory(path: Path, header) -> None:  # type: ignore[no-untyped-def]
-    axes = [header.get(f"NAXIS{n}", 0) for n in range(1, header["NAXIS"] + 1)]
-    sizes = [size if isinstance(size, int) and size >= 0 else 0 for size in axes]
-    bits = header.get("BITPIX", 8)
-    pixel = abs(bits) // 8 if isinstance(bits, int) else 8
-    require_image_memory(path, sizes[0], math.prod(sizes[1:]), pixel)
-
-
-def _number(header, key: str, otherwise: float = float("nan")) -> float:  # type: ignore[no-untyped-def]
-    value = header.get(key, otherwise)
-    return float(value) if isinstance(value, int | float) else otherwise
-
-
-def _is_heif(data: bytes) -> bool:
-    """Whether this is a file of the High Efficiency Image Format, as phones write them.
-
-    Source: ISO/IEC 23008-12, section 10.2, brands.
-    """
-    return data[4:8] == b"ftyp" and data[8:12] in HEIF_BRANDS
-
-
-def _open_heif(path: Path, data: bytes) -> Any:
-    """The file as pillow-heif opens it, not yet decoded."""
-    try:
-        heif = importlib.import_module("pillow_heif")
-    except ImportError:
-        raise ValueError(
-            f"{path} is an image of HEIC, for which pillow-heif must be installed: python -m pip "
-            "install pillow-heif"
-        ) from None
-    try:
-        return heif.open_heif(io.BytesIO(data))
-    except Exception as error:  # libheif raises its own
-        raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
-
-
-def _read_picture(path: Path, data: bytes, mosaic: bool = False) -> np.ndarray:
-    """The pixels; a mosaic that was saved in three equal channels is one of these."""
-    if _is_heif(data):
-        heif = _open_heif(path, data)
-        columns, rows = heif.size
-        require_image_memory(path, columns, rows, 3)
-        try:
-            colours = np.asarray(heif)
-        except Exception as error:
-            raise ValueError(f"{path} must be a whole HEIC image: {error}") from None
-        return colours if colours.ndim == 2 else colours[:, :, :3].max(axis=2)
-    size = picture_size(data)
-    if size is None:
-        raise ValueError(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
-    require_image_memory(path, *size)
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(f"{path} must be readable as an image: {reason}") from None
-    if image is None:
-        raise ValueError(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
-    if mosaic and image.ndim == 3 and (image[:, :, :3] != image[:, :, :1]).any():
-        raise ValueError(f"{path} must have one channel to be a mosaic of colours, got three")
-    return image if image.ndim == 2 else image[:, :, :3].max(axis=2)
+def _read_picture(path: Path, data: bytes, layout: Layout) -> Frame:
+    """The image of a TIFF, PNG, JPEG or HEIC; of colours the largest of the three."""
+    if data[:4] in tiff.MAGIC:
+        found = tiff.read_tiff(path, data, layout.plane, require_image_memory)
+    elif is_picture(data):
+        if layout.plane:
+            raise Refused(
+                f"{path} must be a FITS cube, a TIFF, a SER or a video to have the plane "
+                f"{layout.plane}"
+            )
+        found = read_picture(path, data, require_image_memory)
+    else:
+        raise Refused(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
+    image, pattern = found.image, layout.bayer or found.pattern
+    if pattern not in (None, "none"):
+        if found.orientation != 1:
+            raise Refused(f"{path} must not be turned to be a mosaic, got {found.orientation}")
+        if image.ndim == 3 and (image != image[:, :, :1]).any():
+            raise Refused(f"{path} must have one channel to be a mosaic of colours, got three")
+    image = image.max(axis=2) if image.ndim == 3 else image
+    image = turned(image, found.orientation)
+    return Frame(layout.one_image(path, image, found.pattern))

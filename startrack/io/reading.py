@@ -9,15 +9,14 @@ import io
 import os
 import re
 import stat
-import struct
 import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from startrack.core import SHIPPED, require_memory
+from startrack.core import SHIPPED, Refused, require_memory
 
 
 def shipped(name: str) -> Path:
@@ -54,15 +53,15 @@ def regular_file(path: Path, what: str = "a file") -> Path:
     except (FileNotFoundError, NotADirectoryError):
         raise FileNotFoundError(f"{path} must be {what}, but there is none") from None
     except ValueError as error:  # a zero byte in the name
-        raise ValueError(f"{str(path)!r} must be the name of a file: {error}") from None
+        raise Refused(f"{str(path)!r} must be the name of a file: {error}") from None
     except OSError as error:
         if error.errno == errno.ELOOP:
-            raise ValueError(f"{path} must be {what}, but its links lead in a circle") from None
+            raise Refused(f"{path} must be {what}, but its links lead in a circle") from None
         raise
     if not stat.S_ISREG(kind):
-        raise ValueError(f"{path} must be {what}, but is {kind_of(kind)}")
+        raise Refused(f"{path} must be {what}, but is {kind_of(kind)}")
     if os.path.realpath(path).startswith(MADE):  # reading some of them waits, or takes words away
-        raise ValueError(f"{path} must be {what}, but is made by the system")
+        raise Refused(f"{path} must be {what}, but is made by the system")
     return path
 
 
@@ -84,12 +83,12 @@ def read_bytes(path: Path, what: str = "a file", most: int | None = None) -> byt
     """
     size = os.stat(regular_file(path, what)).st_size
     if most is not None and size > most:
-        raise ValueError(f"{path} must be {what} of at most {most} bytes, got {size}")
+        raise Refused(f"{path} must be {what} of at most {most} bytes, got {size}")
     require_memory(size, f"{path}, {what},")
     with open(path, "rb") as file:
         data = file.read(size + 1)
     if len(data) > size:  # it grows, or the system does not tell its size, as in /proc
-        raise ValueError(f"{path} must be {what} of {size} bytes, but has more")
+        raise Refused(f"{path} must be {what} of {size} bytes, but has more")
     return data
 
 
@@ -110,86 +109,14 @@ def unpacked(path: Path, data: bytes, times: int = 1) -> bytes:
                 piece = stream.decompress(data, PIECE)
                 data = stream.unconsumed_tail
                 if not piece and not data and not stream.eof:
-                    raise ValueError(f"{path} must be a whole gzip file, got one that is cut")
+                    raise Refused(f"{path} must be a whole gzip file, got one that is cut")
                 pieces.append(piece)
                 size += len(piece)
                 require_memory(size * times, f"{path}, unpacked,")
             data = stream.unused_data.lstrip(b"\0")  # a file may have several parts, and padding
     except zlib.error as error:
-        raise ValueError(f"{path} must be a whole gzip file, got: {error}") from None
+        raise Refused(f"{path} must be a whole gzip file, got: {error}") from None
     return b"".join(pieces)
-
-
-TIFF_WIDTH, TIFF_LENGTH, TIFF_BITS, TIFF_SAMPLES = 256, 257, 258, 277
-TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
-PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
-# Start of frame, in all of its variants; 0xC4, 0xC8 and 0xCC are others.
-JPEG_FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-
-
-class PictureSize(NamedTuple):
-    """Size of a picture as its header has it; bytes of one pixel, with all its channels."""
-
-    columns: int
-    rows: int
-    pixel: int
-
-
-def picture_size(data: bytes) -> PictureSize | None:
-    """What the header says; None where it is cut or of another format.
-
-    Source: PNG, ISO/IEC 15948, 11.2.2; JPEG, ITU-T T.81, B.2.2; TIFF 6.0, section 2, and BigTIFF.
-    """
-    try:
-        if data[:8] == b"\x89PNG\r\n\x1a\n" and data[12:16] == b"IHDR":
-            columns, rows, bits, colour = struct.unpack_from(">IIBB", data, 16)
-            return PictureSize(columns, rows, PNG_CHANNELS.get(colour, 4) * max(bits // 8, 1))
-        if data[:2] == b"\xff\xd8":
-            return _jpeg(data)
-        if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-            return _tiff(data)
-    except (struct.error, IndexError):
-        pass
-    return None
-
-
-def _jpeg(data: bytes) -> PictureSize | None:
-    at = 2
-    while at < len(data):
-        if data[at] != 0xFF:
-            return None
-        marker = data[at + 1]
-        if marker == 0xFF:  # filling
-            at += 1
-            continue
-        if marker in JPEG_FRAMES:
-            rows, columns, channels = struct.unpack_from(">HHB", data, at + 5)
-            return PictureSize(columns, rows, channels)
-        alone = marker == 0x01 or 0xD0 <= marker <= 0xD8
-        at += 2 if alone else 2 + struct.unpack_from(">H", data, at + 2)[0]
-    return None
-
-
-def _tiff(data: bytes) -> PictureSize | None:
-    order = "<" if data[:1] == b"I" else ">"
-    big = data[2:4] in (b"+\0", b"\0+")
-    (at,) = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)
-    (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, at)
-    at += 8 if big else 2
-    tags: dict[int, tuple[int, ...]] = {}
-    for _ in range(min(count, 4096)):
-        tag, kind, number = struct.unpack_from(order + ("HHQ" if big else "HHI"), data, at)
-        code = TIFF_TYPES.get(kind)
-        if code and tag in (TIFF_WIDTH, TIFF_LENGTH, TIFF_BITS, TIFF_SAMPLES) and 0 < number < 256:
-            form, place = f"{order}{number}{code}", at + (12 if big else 8)
-            if struct.calcsize(form) > (8 if big else 4):
-                (place,) = struct.unpack_from(order + ("Q" if big else "I"), data, place)
-            tags[tag] = struct.unpack_from(form, data, place)
-        at += 20 if big else 12
-    if TIFF_WIDTH not in tags or TIFF_LENGTH not in tags:
-        return None
-    bits, samples = tags.get(TIFF_BITS, (1,)), tags.get(TIFF_SAMPLES, (1,))[0]
-    return PictureSize(tags[TIFF_WIDTH][0], tags[TIFF_LENGTH][0], samples * -(-max(bits) // 8))
 
 
 CARD, MOST = 80, 999  # byte of a card; axes and columns, FITS 4.0
@@ -203,11 +130,11 @@ def require_fits(path: Path, data: bytes) -> None:
     Raises  ValueError where the bytes are no FITS file, too.
     """
     if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
-        raise ValueError(f"{path} must be a whole FITS file, which begins with SIMPLE")
+        raise Refused(f"{path} must be a whole FITS file, which begins with SIMPLE")
     for start in _counts(data):
         count = COUNT.match(data, start)
         if count and start % CARD == 0 and int(count[2][:9]) > MOST:
-            raise ValueError(
+            raise Refused(
                 f"{path} must be a whole FITS file, with {count[1].decode()} at most {MOST}, got "
                 f"{count[2][:9].decode()}"
             )
@@ -242,9 +169,9 @@ def open_checked(path: Path, keyword: str, form: int, what: str) -> Iterator[Any
             with fits.open(io.BytesIO(data), checksum=True, memmap=False) as parts:
                 version = parts[0].header.get(keyword, "none")
                 if version != form:
-                    raise ValueError(f"{path} must be {what} of format {form}, got {version}")
+                    raise Refused(f"{path} must be {what} of format {form}, got {version}")
                 yield parts
     except FileNotFoundError:
         raise
     except (OSError, AstropyUserWarning, KeyError, AttributeError, TypeError) as error:
-        raise ValueError(f"{path} must be {what}, whole, got: {error}") from error
+        raise Refused(f"{path} must be {what}, whole, got: {error}") from error

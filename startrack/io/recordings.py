@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Parameters, Range, Singles, one_of, require_memory, whole
+from startrack.core import Parameters, Range, Refused, Singles, one_of, require_memory, whole
 from startrack.io.reading import regular_file
 
 PATTERNS = ("RGGB", "GRBG", "GBRG", "BGGR")
@@ -69,7 +69,7 @@ class Layout(Parameters):
         if pattern in (None, "none"):
             return image
         if pattern not in PATTERNS:
-            raise ValueError(
+            raise Refused(
                 f"{path}: Bayer pattern must be one of {', '.join(PATTERNS)}, got {pattern!r}"
             )
         return debayer(image, pattern, self.colour)
@@ -85,7 +85,7 @@ def debayer(image: NDArray[Any], pattern: str, colour: str) -> Singles:
     one_of(COLOURS, colour=colour)
     rows, columns = (size // 2 * 2 for size in image.shape)
     if min(rows, columns) < 2:
-        raise ValueError(f"a mosaic must have two rows and columns, got shape {image.shape}")
+        raise Refused(f"a mosaic must have two rows and columns, got shape {image.shape}")
     cells = [image[k // 2 : rows : 2, k % 2 : columns : 2] for k in range(4)]
     letters = "RGB" if colour == "superpixel" else colour[0].upper()
     chosen = [cell for cell, letter in zip(cells, pattern, strict=True) if letter in letters]
@@ -101,7 +101,7 @@ def _raw_shape(text: str) -> tuple[int, int, str]:
     columns, _, rows = size.partition("x")
     kind = kind or "uint16"
     if kind not in RAW_TYPES or not (columns.isdecimal() and rows.isdecimal()):
-        raise ValueError(
+        raise Refused(
             f"raw must be COLUMNSxROWS:TYPE with a type of {', '.join(RAW_TYPES)}, such as "
             f"1024x768:uint16, got {text!r}"
         )
@@ -131,7 +131,7 @@ def _recording(path: Path, layout: Layout) -> _Recording:
     form = np.dtype(kind.removesuffix("be")).newbyteorder(">" if kind.endswith("be") else "<")
     size, total = rows * columns * form.itemsize, os.stat(regular_file(path, "an image")).st_size
     if total == 0 or total % size:
-        raise ValueError(
+        raise Refused(
             f"{path} must hold whole frames of {size} bytes for {layout.raw}, got {total} bytes"
         )
     return _Recording(None, form, (rows, columns), total // size, 0)
@@ -145,20 +145,20 @@ def _ser_header(path: Path) -> _Recording:
     with path.open("rb") as file:
         head = file.read(SER_HEADER.size)
     if len(head) < SER_HEADER.size or not head.startswith(SER_MAGIC):
-        raise ValueError(f"{path} must be a whole SER file")
+        raise Refused(f"{path} must be a whole SER file")
     _, _, kind, big, columns, rows, depth, count, *_ = SER_HEADER.unpack(head)
     if not (0 < columns <= 2**16 and 0 < rows <= 2**16 and 1 <= depth <= 16 and count > 0):
-        raise ValueError(
+        raise Refused(
             f"{path} must hold frames of 1 to 16 bits, got {count} of {columns} x {rows} "
             f"pixels of {depth} bits"
         )
     if kind != 0 and kind not in SER_PATTERNS and kind not in SER_RGB:
-        raise ValueError(f"{path}: colour must be mono, Bayer or RGB, got number {kind}")
+        raise Refused(f"{path}: colour must be mono, Bayer or RGB, got number {kind}")
     form = np.dtype("u1" if depth <= 8 else ">u2" if big else "<u2")
     shape = (rows, columns, 3) if kind in SER_RGB else (rows, columns)
     header = _Recording(SER_PATTERNS.get(kind), form, shape, count, SER_HEADER.size)
     if total < SER_HEADER.size + count * header.size:
-        raise ValueError(f"{path} must hold {count} frames of {header.size} bytes, but it is cut")
+        raise Refused(f"{path} must hold {count} frames of {header.size} bytes, but it is cut")
     return header
 
 
@@ -169,7 +169,7 @@ def read_recording(path: Path, layout: Layout) -> tuple[NDArray[Any], str | None
     """
     header, at = _recording(path, layout), layout.plane or 0
     if at >= header.frames:
-        raise ValueError(f"{path}: plane must lie in [0, {header.frames - 1}], got {layout.plane}")
+        raise Refused(f"{path}: plane must lie in [0, {header.frames - 1}], got {layout.plane}")
     require_memory(header.size, f"{path}, an image of shape {header.shape},")
     with path.open("rb") as file:
         file.seek(header.start + at * header.size)
@@ -177,7 +177,7 @@ def read_recording(path: Path, layout: Layout) -> tuple[NDArray[Any], str | None
         file.seek(header.start + header.frames * header.size + 8 * at)
         stamp = file.read(8)
     if len(data) < header.size:
-        raise ValueError(f"{path} must hold all of its frames, but it is cut")
+        raise Refused(f"{path} must hold all of its frames, but it is cut")
     ticks = struct.unpack("<q", stamp)[0] if len(stamp) == 8 else 0
     since = ticks - int((YEAR_2000 - YEAR_1).total_seconds()) * SER_TICKS
     image = np.frombuffer(data, header.form).reshape(header.shape)
@@ -209,7 +209,7 @@ def read_video(path: Path, plane: int | None) -> NDArray[Any]:
         grabbed = all(video.grab() for _ in range((plane or 0) + 1))
         image = _retrieved(video) if grabbed else None
     if image is None:
-        raise ValueError(f"{path} must hold a frame {plane or 0} that can be decoded")
+        raise Refused(f"{path} must hold a frame {plane or 0} that can be decoded")
     return image
 
 
@@ -227,7 +227,7 @@ def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
     with regular_file(path).open("rb") as file:
         head = file.read(12)
     if not any(head[at:].startswith(magic) for at, magic in VIDEO_MAGIC):
-        raise ValueError(f"{path} must be a Matroska, AVI, MP4 or MOV video")
+        raise Refused(f"{path} must be a Matroska, AVI, MP4 or MOV video")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # the errors of the callers say it
     # FFmpeg tells formats by their content: those that name other files or addresses, such as
     # playlists and session descriptions, are none that it may take, and no protocol but of files.
@@ -241,7 +241,7 @@ def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
             os.environ[FFMPEG_OPTIONS] = before
     try:
         if not video.isOpened():
-            raise ValueError(f"{path} must hold a frame 0 that can be decoded")
+            raise Refused(f"{path} must hold a frame 0 that can be decoded")
         sides = cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH
         rows, columns = (int(video.get(side)) for side in sides)
         require_memory(12.0 * rows * columns, f"{path}, a video of {columns} x {rows} pixels,")
@@ -249,7 +249,7 @@ def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
         video.set(cv2.CAP_PROP_CONVERT_RGB, 0 if form[:4] in VIDEO_GREY else 1)
         yield video
     except cv2.error:
-        raise ValueError(f"{path} must hold frames that can be decoded") from None
+        raise Refused(f"{path} must hold frames that can be decoded") from None
     finally:
         video.release()
 

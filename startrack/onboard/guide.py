@@ -10,7 +10,17 @@ import numpy as np
 
 from startrack import core
 from startrack.catalog import LIMITS, Selection, Sky, csv_table, open_sky, table_numbers
-from startrack.core import NON_NEGATIVE, Flags, Floats, Ints, Parameters, Range, deg, within
+from startrack.core import (
+    NON_NEGATIVE,
+    Flags,
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Refused,
+    deg,
+    within,
+)
 from startrack.design import Case
 from startrack.identification import local_rank, merged
 from startrack.io import shipped
@@ -74,10 +84,10 @@ def read_variables(path: Path | None = None) -> list[Variable]:
     table = csv_table(path)
     for name in ("ra", "dec"):
         if name not in table.colnames:
-            raise ValueError(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
+            raise Refused(f"{path} must have the column {name}, got {', '.join(table.colnames)}")
     ra, dec = (np.radians(table_numbers(path, table, name)) for name in ("ra", "dec"))
     if not np.isfinite(ra + dec).all():
-        raise ValueError(f"{path} must have ra and dec in each row")
+        raise Refused(f"{path} must have ra and dec in each row")
     x, y, z = np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)
     names = [str(name) for name in table["name"]] if "name" in table.colnames else [""] * len(table)
     return [Variable(*star) for star in zip(zip(x, y, z, strict=True), names, strict=True)]

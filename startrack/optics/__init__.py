@@ -18,7 +18,8 @@ field_images  Images at places and wavelengths -> the FieldPsf of a frame, and t
 zemax_text    Text that Zemax saves -> a PsfFile of Huygens PSFs, a LensTable of wavefront maps.
 lens_psf      Optics with a lens table -> the camera that fits it, and the FieldPsf of a detector.
 surfaces      Surfaces: radii, spaces, glasses and clear apertures of a lens, beside its table.
-ray_trace     Prescription of a lens -> its LensTable, by rays of the program optiland (extra
+prescription  File of Zemax, CODE V or optiland -> the lens of optiland, in millimetre.
+ray_trace     That lens -> its LensTable, by rays of the program optiland (extra
               `lens`).
 ghosts        Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse
               light.
@@ -46,10 +47,11 @@ from startrack.optics.lens_table import LensTable, lens_path, load_lens, open_le
 from startrack.optics.measured_psf import brightest, file_of, lone_stars, reconstruct
 from startrack.optics.parameters import Optics, with_blur_as_length
 from startrack.optics.pixel_psf import PsfInput, over_field, pixel_psf
+from startrack.optics.prescription import parse_prescription, read_prescription
 from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, save_psf_file
 from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pupil_grid, zernike
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, quality
-from startrack.optics.ray_trace import Tracing, read_prescription, surfaces_of, trace_lens
+from startrack.optics.ray_trace import Tracing, surfaces_of, trace_lens
 from startrack.optics.residual import Residual
 from startrack.optics.surfaces import Surfaces, save_surfaces
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages

@@ -27,7 +27,6 @@ DEGREE = 9  # of the polynomials from the pupil to the beam before the lens
 BEYOND, OUTSIDE = 1.1, 0.02  # rays just outside an aperture keep the fit smooth: how far, weight
 SMALLEST = 1e-6  # relative singular value of a fit, below which the rays do not decide its terms
 BARREL = 23.6e-6  # 1 / kelvin, expansion of aluminium
-READERS = {".zmx": "load_zemax_file", ".seq": "load_codev_file", ".json": "load_optiland_file"}
 EXPANSION = re.compile(r"thermal_expansion:.*?coefficient:\s*([-+0-9.eE]+)", re.DOTALL)
 
 
@@ -49,39 +48,6 @@ class Tracing:
     terms: int = 37
     vacuum: bool = False
     barrel: float = BARREL
-
-
-def read_prescription(path: Path) -> Any:
-    """The tracer's lens of a Zemax .zmx, CODE V .seq or optiland .json file.
-
-    Raises  ValueError where the file cannot be read; ImportError without the extra `lens`.
-    """
-    tracer = _tracer()
-    path = Path(path)
-    if path.suffix.lower() not in READERS:
-        raise Refused(
-            f"{path} must be a prescription that ends with {', '.join(READERS)}, got "
-            f"{path.suffix or 'no suffix'}"
-        )
-    if not path.is_file():
-        raise Refused(f"{path} must be a prescription, but there is no such file")
-    try:
-        return getattr(tracer, READERS[path.suffix.lower()])(str(path))
-    # The reader raises whatever its parser meets in a file that it does not understand.
-    except Exception as error:
-        what = str(error) or type(error).__name__
-        raise Refused(f"{path} must be a prescription, and the tracer says: {what}") from None
-
-
-def _tracer() -> Any:
-    try:
-        from optiland import fileio
-    except ImportError as error:
-        raise ImportError(
-            "a prescription is traced by optiland; install it with: pip install 'startrack[lens]' "
-            f"({error})"
-        ) from None
-    return fileio
 
 
 def trace_lens(

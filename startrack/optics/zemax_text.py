@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats, Refused, positive
-from startrack.io import read_bytes
+from startrack.io import decoded, read_bytes, with_points
 from startrack.optics.lens_table import LensTable
 from startrack.optics.psf_file import LARGEST, SMALLEST, PsfFile
 from startrack.optics.pupil import even_terms, zernike
@@ -19,10 +19,17 @@ MOST_BYTES = 100_000_000
 ROOM = 293.15  # kelvin
 BAND = (300e-9, 1100e-9)  # metre, for which one wavelength stands
 WIDE = 0.1  # radian, to which one field angle stands
-NUMBER = r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
-WAVE = re.compile(rf"({NUMBER})\s*\S{{1,2}}m\s+at\s+({NUMBER}),\s*({NUMBER})\s*\(deg\)")
-SPACING = re.compile(rf"[Dd]ata spacing is\s+({NUMBER})")
-CENTRE = re.compile(rf"[Cc]enter coordinates\s*:?\s*({NUMBER}),?\s+({NUMBER})\s*[Mm]illimeters")
+NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?"
+MICRO = r"(?:u|[^\sA-Za-z]{1,2})m|[Mm]icrons?|[Mm]icrometers?"  # in any encoding
+PLAIN = re.compile(r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?")
+# One wavelength or a range, at a field of one or two angles.
+WAVE = re.compile(
+    rf"({NUMBER})(?:\s*(?:to|-)\s*({NUMBER}))?\s*(?:{MICRO})\s+at\s+({NUMBER})(?:[,;]?\s+({NUMBER}))?"
+    r"\s*\((\w+)\)"
+)
+SPACING = re.compile(rf"[Dd]ata spacing is\s+({NUMBER})\s*([^\s.,;]*)")
+CENTRE = re.compile(rf"[Cc]enter coordinates\s*:?\s*({NUMBER})[,;]?\s+({NUMBER})\s*(\w+)")
+MILLIMETRES = {"millimeters": 1e-3, "centimeters": 1e-2, "inches": 25.4e-3, "meters": 1.0}
 POINT = re.compile(r"[Cc]enter point is:?\s*(?:row\s*)?(\d+),\s*(?:col(?:umn)?\s*)?(\d+)")
 
 
@@ -32,6 +39,7 @@ class _Page(NamedTuple):
     data     (n, n), the middle at n // 2
     spacing  metre, of a PSF; 0: a wavefront in waves, NaN outside of the pupil
     place    metre from the axis of the middle; None where the page does not say it
+    band     metre, first and last wavelength; of which `wavelength` is the middle
     """
 
     wavelength: float
@@ -39,6 +47,7 @@ class _Page(NamedTuple):
     data: Floats
     spacing: float
     place: float | None
+    band: tuple[float, float]
 
 
 def holds_wavefronts(paths: Sequence[Path]) -> bool:
@@ -58,6 +67,8 @@ def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
     spacings = {page.spacing for page in pages}
     if len(spacings) > 1 or len({page.data.shape for page in pages}) > 1:
         raise Refused("all pages must have one spacing and size")
+    if len(waves) > 1 and any(page.band[0] != page.band[1] for page in pages):
+        raise Refused("pages must be of one wavelength each, or all of one range of wavelengths")
     image = np.array([[of[w, a].data for a in angles] for w in waves])
     places = [[of[w, a].place for a in angles] for w in waves]
     placed = all(place is not None for row in places for place in row) and len(angles) > 1
@@ -143,22 +154,25 @@ def _pages(paths: Sequence[Path]) -> list[_Page]:
 
 
 def _page(path: Path) -> _Page:
-    raw = read_bytes(path, "text saved by Zemax", MOST_BYTES)
-    wide = raw[:2] in (b"\xff\xfe", b"\xfe\xff")
-    text = raw.decode("utf-16" if wide else "utf-8", errors="replace")
+    text = decoded(read_bytes(path, "text saved by Zemax", MOST_BYTES), path)
     wave = WAVE.search(text)
     is_psf, is_map = "Huygens PSF" in text[:2000], "avefront" in text[:2000]
     if not wave or is_psf == is_map:
         raise Refused(
-            f"{path} must be a Huygens PSF or a wavefront map of one wavelength, saved by Zemax as "
-            "text, with its field in degree"
+            f"{path} must be a Huygens PSF or a wavefront map, saved by Zemax as text, with its "
+            "wavelength, or range of wavelengths, and its field"
         )
-    across, along = float(wave[2]), float(wave[3])
+    if wave[5] != "deg":
+        raise Refused(f"{path} must have its field in degree (deg), got {wave[5]}")
+    first, last = _number(wave[1]), _number(wave[2] or wave[1])
+    # A field of one angle is that along y, as a lens of revolution has it.
+    across, along = (_number(wave[3]), _number(wave[4])) if wave[4] else (0.0, _number(wave[3]))
     if across or along < 0:
         raise Refused(
             f"{path} must have a field (0, y) with y not negative, got ({across:g}, {along:g})"
         )
-    rows = [line.split() for line in text.splitlines() if _is_row(line)]
+    rows = [[with_points(word) for word in line.split()] for line in text.splitlines()]
+    rows = [row for row in rows if len(row) >= SMALLEST and all(map(PLAIN.fullmatch, row))]
     side = max((len(row) for row in rows), default=0)
     rows = [row for row in rows if len(row) == side]
     if len(rows) != side or not SMALLEST <= side <= LARGEST:
@@ -170,19 +184,27 @@ def _page(path: Path) -> _Page:
     point = POINT.search(text)
     row, column = (int(point[1]), int(point[2])) if point else (side // 2 + 1, side // 2 + 1)
     data = _about(data[::-1].T, column - 1, side - row)
-    angle, wavelength = math.radians(along), float(wave[1]) * 1e-6
+    angle, band = math.radians(along), (first * 1e-6, last * 1e-6)
+    wavelength = (band[0] + band[1]) / 2
     if is_map:
-        return _Page(wavelength, angle, np.where(data == 0, np.nan, data), 0.0, None)
+        if first != last:
+            raise Refused(f"{path} must be a wavefront map of one wavelength, got a range")
+        return _Page(wavelength, angle, np.where(data == 0, np.nan, data), 0.0, None, band)
     spacing, centre = SPACING.search(text), CENTRE.search(text)
     if not spacing:
         raise Refused(f"{path} must say its data spacing")
-    place = float(centre[2]) * 1e-3 if centre else None
-    return _Page(wavelength, angle, data, float(spacing[1]) * 1e-6, place)
+    if spacing[2] and not re.fullmatch(MICRO, spacing[2]):
+        raise Refused(f"{path} must have its data spacing in micrometre, got {spacing[2]}")
+    place = None
+    if centre:
+        if centre[3].lower() not in MILLIMETRES:
+            raise Refused(f"{path} must have its centre in millimetre, got {centre[3]}")
+        place = _number(centre[2]) * MILLIMETRES[centre[3].lower()]
+    return _Page(wavelength, angle, data, _number(spacing[1]) * 1e-6, place, band)
 
 
-def _is_row(line: str) -> bool:
-    parts = line.split()
-    return len(parts) >= SMALLEST and all(re.fullmatch(NUMBER, part) for part in parts)
+def _number(text: str) -> float:
+    return float(with_points(text))
 
 
 def _about(data: Floats, row: int, column: int) -> Floats:

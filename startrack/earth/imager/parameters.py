@@ -19,7 +19,7 @@ from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import Orbit
 from startrack.earth.imager.clouds import CloudLayer
 from startrack.earth.imager.land import Land
-from startrack.io import Layers, from_table, read_table, regular_file, shipped
+from startrack.io import Layers, content, from_table, read_table, regular_file, shipped, with_points
 from startrack.motion import Motion
 from startrack.optics import Optics, with_blur_as_length
 
@@ -393,8 +393,10 @@ class SpectrumFile(Parameters):
         path = folder / self.file
         regular_file(path, "a table of a spectrum")
         curve = {}
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-            words = re.split(r"[,;\s]+", line.strip())[:2]
+        for line in content(path, "a table of a spectrum").splitlines():
+            # A comma with something else between the columns is a decimal comma.
+            between = r"[;\s]+" if re.search(r"[;\t]|\d\s+[-+\d]", line.strip()) else r"[,\s]+"
+            words = [with_points(word.strip(",")) for word in re.split(between, line.strip())[:2]]
             try:
                 wavelength, value = (float(word) for word in words)
             except ValueError:

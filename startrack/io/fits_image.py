@@ -1,0 +1,249 @@
+"""Bytes of a FITS file of any program -> its image, and what the header says of the detector."""
+
+import io
+import math
+import re
+import warnings
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Refused
+from startrack.io.reading import require_fits, unpacked
+from startrack.io.recordings import YEAR_2000
+from startrack.io.text import first_line
+
+DATES = "DATE-OBS", "DATE-BEG", "DATE-AVG"
+# Days of 2000-01-01T00:00 by each keyword.
+JULIAN = {"MJD-OBS": 51544.0, "MJD-BEG": 51544.0, "MJD-AVG": 51544.0, "JD": 2451544.5}
+DAY = 86400.0  # second
+EXPOSURES = "EXPTIME", "EXPOSURE"
+MILLISECOND = re.compile(r"\[ms\]|\bms\b|milli-?sec", re.IGNORECASE)
+MICROSECOND = re.compile(r"\[us\]|\bus\b|micro-?sec|\u00b5s", re.IGNORECASE)
+# What the comment of a gain says where it is electrons for a number, and not the camera's setting.
+ELECTRONS = re.compile(
+    r"(e-?|elec\w*|photo-?e\w*)\s*(/|per)\s*(adu|dn|count|unit|lsb)", re.IGNORECASE
+)
+# Programs and cameras that write their setting as GAIN, and electrons for a number as EGAIN.
+SETTINGS = re.compile(
+    r"zwo|\basi|sharpcap|n\.?i\.?n\.?a|firecapture|qhy|player ?one|toup|altair|svbony|ogma|"
+    r"moravian|indi\b|ekos|kstars|astroberry|ascom|voyager|maxim",
+    re.IGNORECASE,
+)
+PROGRAMS = "INSTRUME", "SWCREATE", "CREATOR", "PROGRAM", "SOFTWARE", "CAMERA", "ORIGIN"
+READ_NOISE, UNEVEN = 20.0, 0.02  # electron and 1: more than most cameras have
+CONTRADICTS = 2.0  # times the noise: no gain is known worse
+LEAST_SIDE = 16  # pixels, of an image in which noise can be measured
+
+
+class FitsImage(NamedTuple):
+    """An image (rows, columns) or cube (planes, rows, columns), and what its header says.
+
+    exposure, gain, offset, read_noise  as a `Frame` has them; NaN where they are not known
+    pattern                             of a mosaic; None where the header has none
+    time                                second since 2000; NaN where the header has none
+    """
+
+    image: NDArray[Any]
+    exposure: float
+    gain: float
+    offset: float
+    read_noise: float
+    pattern: str | None
+    time: float
+
+
+def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> FitsImage:
+    """The first image of a FITS file, compressed or not, with BSCALE, BZERO and BLANK applied.
+
+    What astropy warns of (letters beyond ASCII, a header or data without its padding, a card that
+    is not as the standard has it) does not hinder, as long as all pixels are there.
+
+    require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
+    Raises   Refused where the file is no FITS file, cut, damaged, or has no image of two axes.
+    """
+    from astropy.io import fits
+    from astropy.utils.exceptions import AstropyUserWarning
+
+    data = unpacked(path, data, 2)
+    require_fits(path, data)
+    try:
+        with warnings.catch_warnings():
+            # Of what hinders nobody; that all pixels are there is checked below.
+            warnings.simplefilter("ignore", AstropyUserWarning)
+            # From memory: astropy leaves a cut file open when it gives up.
+            with fits.open(io.BytesIO(data)) as units:
+                images = [
+                    unit for unit in units if unit.is_image and unit.header.get("NAXIS", 0) >= 2
+                ]
+                if not images:
+                    raise Refused(f"{path} must hold an image of two axes, but it has none")
+                unit, header = images[0], images[0].header.copy()
+                _require_memory(path, header, require)
+                if not isinstance(unit, fits.CompImageHDU):
+                    _require_whole(path, unit, len(data))
+                image = _with_blanks(np.asarray(unit.data), header)
+    except (MemoryError, Refused):
+        raise
+    except Exception as error:  # astropy, zlib and CFITSIO each raise their own
+        missing = f"it has no {error}" if isinstance(error, KeyError) else first_line(error)
+        raise Refused(f"{path} must be a whole FITS file: {missing}") from None
+    if len(images) > 1:
+        names = ", ".join(part.name or "the first" for part in images[:9])
+        warnings.warn(
+            f"{path} holds {len(images)} images ({names}); the first of them is read", stacklevel=3
+        )
+    image = np.squeeze(image) if image.ndim > 2 else image
+    offset = _number(header, "PEDESTAL", 0.0)
+    # MaxIm DL writes what is to be added, which is below zero.
+    offset = -offset if offset < 0 else offset
+    noise = _number(header, "RDNOISE")
+    gain = _gain(path, header, image, offset, noise)
+    return FitsImage(
+        image.astype(image.dtype.newbyteorder("=")), _exposure(path, header), gain, offset, noise,
+        _pattern(header), _time(header),
+    )  # fmt: skip
+
+
+def _require_memory(path: Path, header: Any, require: Callable[..., None]) -> None:
+    axes = [header.get(f"NAXIS{n}", 0) for n in range(1, header["NAXIS"] + 1)]
+    sizes = [size if isinstance(size, int) and size >= 0 else 0 for size in axes]
+    bits = header.get("BITPIX", 8)
+    pixel = abs(bits) // 8 if isinstance(bits, int) else 8
+    require(path, sizes[0], math.prod(sizes[1:]), pixel)
+
+
+def _require_whole(path: Path, unit: Any, size: int) -> None:
+    """All pixels must be there; the padding after them need not."""
+    place = unit.fileinfo()["datLoc"]
+    if place + unit.size > size:
+        raise Refused(
+            f"{path} must be a whole FITS file: {unit.size} bytes of pixels, but it is cut after "
+            f"{max(size - place, 0)}"
+        )
+
+
+def _with_blanks(image: NDArray[Any], header: Any) -> NDArray[Any]:
+    """NaN where unsigned integers are BLANK, which astropy leaves as they are."""
+    blank = header.get("BLANK", header.get("ZBLANK"))
+    if image.dtype.kind != "u" or not isinstance(blank, int) or header.get("BITPIX", 8) <= 8:
+        return image
+    is_blank = image == np.uint64(max(blank + int(header.get("BZERO", 0)), 0))
+    if not is_blank.any():
+        return image
+    floats = image.astype(np.float32 if image.dtype.itemsize <= 2 else np.float64)
+    floats[is_blank] = np.nan
+    return floats
+
+
+def _number(header: Any, key: str, otherwise: float = math.nan) -> float:
+    value = header.get(key, otherwise)
+    return float(value) if isinstance(value, int | float) else otherwise
+
+
+def _comment(header: Any, key: str) -> str:
+    return str(header.comments[key]) if key in header else ""
+
+
+def _exposure(path: Path, header: Any) -> float:
+    """Second, by EXPTIME or EXPOSURE, whose comment may say another unit; NaN without them."""
+    values = []
+    for key in EXPOSURES:
+        comment = _comment(header, key)
+        unit = 1e-3 if MILLISECOND.search(comment) else 1.0
+        unit = 1e-6 if MICROSECOND.search(comment) else unit
+        values.append(_number(header, key) * unit)
+    given = [value for value in values if value >= 0]
+    if len(given) == 2 and abs(given[0] - given[1]) > 0.01 * max(given):
+        warnings.warn(
+            f"{path}: EXPTIME is {given[0]:g} s and EXPOSURE is {given[1]:g} s, so that neither is "
+            "taken",
+            stacklevel=4,
+        )
+        return math.nan
+    return given[0] if given else math.nan
+
+
+def _gain(path: Path, header: Any, image: NDArray[Any], offset: float, read_noise: float) -> float:
+    """Electron for a number, where the header says it and the noise of the image allows it.
+
+    EGAIN is that of most cameras' programs, of which GAIN is a setting, in tenths of a decibel or
+    in units of its maker. GAIN of other files is taken where its comment says electrons, or where
+    the noise of the image agrees with it.
+
+    Source: SBIG, FITS extensions (SBFITSEXT) 1.0, EGAIN; ZWO, ASI cameras' manual, section on gain
+    (0.1 dB a step).
+    """
+    key = "EGAIN" if _number(header, "EGAIN") > 0 else "GAIN"
+    gain = _number(header, key)
+    if not (gain > 0 and math.isfinite(gain)):
+        return math.nan
+    said = key == "EGAIN" or bool(ELECTRONS.search(_comment(header, key)))
+    if not said and any(SETTINGS.search(str(header.get(name, ""))) for name in PROGRAMS):
+        return math.nan
+    level, noise = _background(image)
+    if not noise > 0:  # no noise to compare with
+        return gain
+    signal = max(level - offset, 0.0)
+    least = signal / gain
+    most = least + (max(read_noise, READ_NOISE) if read_noise >= 0 else READ_NOISE) ** 2 / gain**2
+    most += (UNEVEN * signal) ** 2 + 1
+    low, high = math.sqrt(least) / CONTRADICTS, math.sqrt(most) * CONTRADICTS
+    if low <= noise <= high:
+        return gain
+    warnings.warn(
+        f"{path}: {key} = {gain:g} electrons for a number would give the background, "
+        f"{signal:.4g} above an offset of {offset:g}, a noise from {math.sqrt(least):.3g} to "
+        f"{math.sqrt(most):.3g}, but it has {noise:.3g}: the gain is taken for unknown (GAIN may "
+        "be a setting of the camera, PEDESTAL be missing, or the image be a mean of others)",
+        stacklevel=4,
+    )
+    return math.nan
+
+
+def _background(image: NDArray[Any]) -> tuple[float, float]:
+    """Level and noise of most of an image, by second differences of pixels two columns apart.
+
+    Two, as the pixels of a mosaic have the same colour then; second, as a slope has none. NaN of an
+    image that is too small, or a cube.
+    """
+    if image.ndim != 2 or min(image.shape) < LEAST_SIDE:
+        return math.nan, math.nan
+    step = max(1, image.shape[0] // 1000)
+    rows = image[::step].astype(np.float64)
+    change = rows[:, 4:] - 2 * rows[:, 2:-2] + rows[:, :-4]
+    noise = 1.4826 * float(np.nanmedian(np.abs(change))) / math.sqrt(6)
+    return float(np.nanmedian(rows)), noise
+
+
+def _time(header: Any) -> float:
+    """Second since 2000 by the first of the date's keywords; NaN without one, or without an hour.
+
+    Source: FITS standard 4.0, section 9.5; TIME-OBS is of before 2000.
+    """
+    for key in DATES:
+        date = str(header.get(key, "")).strip().removesuffix("Z")
+        if "T" not in date:
+            date = f"{date}T{str(header.get('TIME-OBS', '')).strip()}"
+        try:
+            since = datetime.fromisoformat(date) - YEAR_2000
+        except (ValueError, TypeError):  # no such date; one with a zone
+            continue
+        return since.total_seconds()
+    days = [_number(header, key) - zero for key, zero in JULIAN.items()]
+    return DAY * next((day for day in days if math.isfinite(day)), math.nan)
+
+
+def _pattern(header: Any) -> str | None:
+    """The Bayer pattern of a header, shifted by the offsets of the image in the detector."""
+    said = header.get("BAYERPAT") or header.get("COLORTYP")
+    if not isinstance(said, str) or len(said.strip()) != 4:
+        return None
+    pattern = said.strip().upper()
+    shift_x, shift_y = (_number(header, key, 0.0) % 2 >= 1 for key in ("XBAYROFF", "YBAYROFF"))
+    rows = [pattern[:2], pattern[2:]][:: -1 if shift_y else 1]
+    return "".join(row[:: -1 if shift_x else 1] for row in rows)

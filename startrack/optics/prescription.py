@@ -1,0 +1,376 @@
+"""File of Zemax, CODE V or optiland -> the lens of the program optiland, in millimetre.
+
+The file is read here as far as it can be misread: its letters, its unit of length, its glasses. The
+tracer sees a plain copy in which each glass is named by its maker and name, or by index and Abbe
+number.
+"""
+
+import difflib
+import re
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from startrack.core import Refused, shown
+from startrack.io import decoded, first_line, read_bytes, with_points
+
+MOST_BYTES = 20_000_000
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
+ZEMAX_UNITS = {"MM": "mm", "CM": "cm", "IN": "in", "METER": "m", "METERS": "m", "M": "m"}
+CODE_V_UNITS = {"M": "mm", "MM": "mm", "C": "cm", "CM": "cm", "I": "in", "IN": "in"}
+# Makers by the names of their catalogues; LZOS makes the glasses of the Russian standard GOST 3514.
+MAKERS = {
+    "schott": "schott", "ohara": "ohara", "hoya": "hoya", "cdgm": "cdgm", "hikari": "hikari",
+    "nikon": "hikari", "nikon-hikari": "hikari", "sumita": "sumita", "lzos": "lzos", "gost": "lzos",
+    "rpo": "lightpath", "lightpath": "lightpath", "ami": "ami", "amtir": "ami",
+    "vitron": "vitron", "corning": "corning", "nsg": "nsg", "barberini": "barberini",
+}  # fmt: skip
+# Materials that have no maker, by name: entry and page of refractiveindex.info, as the tracer has
+# it, and where the dispersion was published.
+SYNONYMS = {
+    **dict.fromkeys(
+        ("F_SILICA", "SILICA", "FUSED_SILICA", "FUSEDSILICA", "SIO2"),
+        ("SiO2", "Malitson"),  # Malitson (1965), J. Opt. Soc. Am. 55, 1205
+    ),
+    "CAF2": ("CaF2", "Malitson"),  # Malitson (1963), Appl. Opt. 2, 1103
+    "BAF2": ("BaF2", "Malitson"),  # Malitson (1964), J. Opt. Soc. Am. 54, 628
+    "LIF": ("LiF", "Li"),  # Li (1976), J. Phys. Chem. Ref. Data 5, 329
+}
+NUMBER_OF_GLASS = re.compile(r"(\d{3})(\d{3})")
+PRECISE_NUMBER = re.compile(r"(\d{3,7})\.(\d{3,7})")
+MODEL = "1"  # kind of glass of a GLAS line
+# Of Zemax: what blocks light in a shape that the tracer leaves out.
+SHAPES = {"SQAP", "SQOB", "ELAP", "ELOB", "SPID", "UDAD", "UDAO", "UDOB", "COBS", "CLOB"}
+# Of CODE V: what is said of the whole lens, and of a surface, without effect on light or read by
+# the tracer.
+LENS_WORDS = {
+    "RDM", "LEN", "TITLE", "TIT", "INI", "DIM", "EPD", "FNO", "NA", "NAO", "WL", "WTW", "REF",
+    "CWL", "XAN", "YAN", "XOB", "YOB", "XIM", "YIM", "WTF", "VUX", "VLX", "VUY", "VLY", "TEM",
+    "PRE", "GO", "NEW",
+}  # fmt: skip
+SURFACE_WORDS = {
+    "STO", "SLB", "K", "XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "CIR", "THC", "CCY", "PIM",
+    "SPH", "CON", "ASP", "A", "B", "C", "D", "E", "F", "G", "H", "J", "KC", "AC", "BC", "CC",
+    "DC",
+}  # fmt: skip
+ZERO_ONLY = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE"}  # of which a lens of revolution has none
+
+
+class Glass(NamedTuple):
+    """What is behind a surface: a glass of a catalogue, or a model by two numbers.
+
+    name, maker    as the tracer's catalogue has them; maker is "" of a model
+    index, abbe    1, at 587.6 nm; of a model
+    """
+
+    name: str
+    maker: str = ""
+    index: float = 0.0
+    abbe: float = 0.0
+
+
+class Prescription(NamedTuple):
+    """A file as it was understood.
+
+    text     for the tracer, with numbers of `unit` and a stand-in for each glass
+    suffix   of the kind of file
+    unit     of length: "mm", "cm", "in" or "m"
+    glasses  by the number of the surface before them
+    """
+
+    text: str
+    suffix: str
+    unit: str
+    glasses: dict[int, Glass]
+
+
+def parse_prescription(path: Path) -> Prescription:
+    """Read a Zemax .zmx or CODE V .seq file: its text, unit and glasses.
+
+    A glass is the one of its name from the makers that the file names (GCAT, or the end of
+    CODE V's N-BK7_SCHOTT), capitals aside; of CODE V's names, hyphens aside, as that program writes
+    none. Without makers, there must be one maker alone who has it.
+
+    Raises  Refused where a glass is in none of these catalogues, with the nearest names, or in
+            several; where the unit of length is none of mm, cm, in, m; and where the file has what
+            the tracer would leave out (apertures that are not round, private glasses).
+            ImportError without the extra `lens`.
+    """
+    path = Path(path)
+    text = decoded(read_bytes(path, "a prescription", MOST_BYTES), path)
+    parse = {".zmx": _parse_zemax, ".seq": _parse_code_v}[path.suffix.lower()]
+    return parse(path, text)
+
+
+def _parse_zemax(path: Path, text: str) -> Prescription:
+    lines = [[with_points(word) for word in line.split()] for line in text.splitlines()]
+    unit, makers, glasses, surface, made = "mm", list[str](), dict[int, Glass](), -1, list[str]()
+    for words in lines:
+        if words[:1] == ["GCAT"]:
+            makers = words[1:]
+    if not any(words[:1] == ["SURF"] for words in lines):
+        raise Refused(f"{path} must be a Zemax prescription with surfaces (SURF), got none")
+    for words in lines:
+        word = words[0] if words else ""
+        if word == "UNIT" and len(words) > 1:
+            unit = _unit(path, words[1], ZEMAX_UNITS)
+        elif word == "SURF":
+            surface += 1
+        elif word == "TYPE" and words[1:2] == ["COORDBRK"]:
+            surface -= 1  # the tracer has no surface of it
+        elif word in SHAPES:
+            raise Refused(f"{path} must have circular apertures alone, got {word}")
+        elif word == "IGNR" and words[1:2] == ["1"]:
+            raise Refused(f"{path} must have no ignored surfaces (IGNR)")
+        elif word == "GLAS" and len(words) > 1 and words[1].upper() != "MIRROR":
+            glasses[surface] = _zemax_glass(path, words, makers)
+            words = ["GLAS", "___BLANK", "1", "0", "1.5", "60", "0", "0", "0", "0", "0", "0"]
+        made.append(" ".join(words))
+    return Prescription("\n".join(made) + "\n", ".zmx", unit, glasses)
+
+
+def _zemax_glass(path: Path, words: Sequence[str], makers: Sequence[str]) -> Glass:
+    """The glass of a line GLAS name kind pickup index abbe ..., whose numbers count in a model."""
+    kind = words[2] if len(words) > 2 else "0"
+    if kind == MODEL or words[1] == "___BLANK":
+        try:
+            return _model(path, float(words[4]), float(words[5]))
+        except (IndexError, ValueError):
+            raise Refused(
+                f"{path} must have an index and an Abbe number in a model glass, got "
+                f"{shown(' '.join(words))}"
+            ) from None
+    return find_glass(path, words[1], makers)
+
+
+def _parse_code_v(path: Path, text: str) -> Prescription:
+    unit, glasses, surface, made = "mm", dict[int, Glass](), -1, list[str]()
+    radii = False
+    for words in _code_v_lines(text):
+        word = words[0].upper()
+        if word in ("SO", "S", "SI"):
+            surface += 1
+            if (word == "SO") != (surface == 0):
+                raise Refused(f"{path} must begin with one object surface (SO), got {word}")
+            if not radii:
+                raise Refused(
+                    f"{path} must say by RDM whether surfaces have radii or curvatures, before "
+                    "the first of them"
+                )
+            if len(words) > 3 and words[3].upper() not in ("AIR", "REFL"):
+                glasses[surface] = _code_v_glass(path, words[3].strip("'\""))
+                words = [*words[:3], "1.5:60"]
+        elif word == "DIM" and len(words) > 1:
+            unit = _unit(path, words[1].upper(), CODE_V_UNITS)
+        elif word == "RDM":
+            radii = True
+            words = ["RDM", *(["N"] if words[1:2] and words[1].upper() in ("N", "NO") else [])]
+        elif word == "PRV":
+            raise Refused(f"{path} must have glasses of makers alone, got private ones (PRV)")
+        elif word == "CIR" and {"OBS", "HOL"} & {other.upper() for other in words}:
+            raise Refused(f"{path} must have clear circular apertures alone, got {' '.join(words)}")
+        elif word in ZERO_ONLY and any(float(number) for number in words[1:2]):
+            raise Refused(f"{path} must be a lens of revolution, got {' '.join(words)}")
+        elif word not in (SURFACE_WORDS if surface >= 0 else LENS_WORDS) and word not in LENS_WORDS:
+            raise Refused(
+                f"{path} must have commands that are understood, got {shown(' '.join(words))}"
+            )
+        made.append(" ".join(words))
+    if surface < 1:
+        raise Refused(f"{path} must be a CODE V prescription with surfaces (SO, S, SI), got none")
+    return Prescription("\n".join(made) + "\n", ".seq", unit, glasses)
+
+
+def _code_v_lines(text: str) -> Iterator[list[str]]:
+    """The commands of a file: lines that end with & go on, ; separates, ! begins a comment.
+
+    Not within quotes, which the commands of titles and labels have.
+    """
+    for line in re.sub(r"&[ \t]*\n", " ", text.replace("\r\n", "\n")).splitlines():
+        pieces = re.findall(r"'[^']*'|\"[^\"]*\"|[;!]|[^;!'\"]+|['\"]", line)
+        command = ""
+        for piece in (*pieces, ";"):
+            if piece not in (";", "!"):
+                command += piece
+                continue
+            if words := command.split():
+                yield words
+            command = ""
+            if piece == "!":
+                break
+
+
+def _code_v_glass(path: Path, name: str) -> Glass:
+    """The glass of N-BK7_SCHOTT, NBK7_SCHOTT, NBK7, 1.5168:64.17, 517642 or 516800.641700."""
+    if ":" in name:
+        index, _, abbe = name.partition(":")
+        try:
+            return _model(path, float(index), float(abbe))
+        except ValueError:
+            raise Refused(f"{path} must have a glass of two numbers, got {shown(name)}") from None
+    if match := PRECISE_NUMBER.fullmatch(name):
+        abbe = float(f"{match[2][:2]}.{match[2][2:]}")
+        return _model(path, 1 + float(f"0.{match[1]}"), abbe)
+    found, _, maker = name.rpartition("_")
+    if found and maker.lower() in MAKERS:
+        return find_glass(path, found, [maker], hyphens=False)
+    return find_glass(path, name, [], hyphens=False)
+
+
+def find_glass(path: Path, name: str, makers: Sequence[str], hyphens: bool = True) -> Glass:
+    """The glass of that name, in the catalogues of these makers.
+
+    path     of the file, for the message
+    makers   as the file has them; none: all
+    hyphens  whether they count
+    Raises   Refused where none or several have it.
+    """
+    if match := NUMBER_OF_GLASS.fullmatch(name):
+        return _model(path, 1 + int(match[1]) / 1000, int(match[2]) / 10)
+
+    def same(text: str) -> str:
+        return text.upper() if hyphens else text.upper().replace("-", "")
+
+    catalogues = _catalogues()
+    wanted = [MAKERS[maker.lower()] for maker in makers if maker.lower() in MAKERS]
+    looked = list(dict.fromkeys(wanted)) if makers else list(catalogues)
+    found = [
+        Glass(glass, maker)
+        for maker in looked
+        for glass in catalogues.get(maker, ())
+        if same(glass) == same(name)
+    ]
+    synonym = SYNONYMS.get(name.upper())
+    if makers:  # Zemax, too, takes the first of the catalogues that has it
+        found = found[:1]
+    elif found and synonym:
+        found.append(Glass(synonym[1], synonym[0]))
+    if not found and synonym:
+        found = [Glass(synonym[1], synonym[0])]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise Refused(
+            f"{path} must say the maker of the glass {name}, which {', '.join(_of(found))} have"
+        )
+    raise Refused(
+        f"{path} must have glasses that are known, got {shown(name)}"
+        + (f" of the catalogues {', '.join(makers)}" if makers else "")
+        + _nearest(name, catalogues)
+        + "; a model glass of index and Abbe number may take its place"
+    )
+
+
+def _of(glasses: Sequence[Glass]) -> list[str]:
+    return [f"{glass.maker} ({glass.name})" for glass in glasses]
+
+
+def _nearest(name: str, catalogues: dict[str, list[str]]) -> str:
+    """A sentence of the names that are most like one, of all makers."""
+    makers: dict[str, list[str]] = {}
+    for maker, glasses in catalogues.items():
+        for glass in glasses:
+            makers.setdefault(glass.upper(), []).append(maker)
+    for synonym in SYNONYMS:
+        makers.setdefault(synonym, []).append("no maker")
+    near = difflib.get_close_matches(name.upper(), makers, n=5, cutoff=0.5)
+    if name.upper() in makers:
+        near = [name.upper(), *(other for other in near if other != name.upper())]
+    if not near:
+        return ""
+    return "; nearest are " + ", ".join(f"{other} ({', '.join(makers[other])})" for other in near)
+
+
+def _catalogues() -> dict[str, list[str]]:
+    """Names of glasses by maker, as the tracer has them."""
+    _tracer()
+    from optiland.materials import MaterialCatalog
+
+    return {maker: MaterialCatalog(maker).list() for maker in sorted(set(MAKERS.values()))}
+
+
+def _model(path: Path, index: float, abbe: float) -> Glass:
+    if not (1 <= index < 5 and 5 < abbe < 200):
+        raise Refused(
+            f"{path} must have model glasses of an index in [1, 5) and an Abbe number in (5, 200), "
+            f"got {index:g} and {abbe:g}"
+        )
+    return Glass(f"{index:g}:{abbe:g}", "", index, abbe)
+
+
+def _unit(path: Path, word: str, units: dict[str, str]) -> str:
+    if word.upper() not in units:
+        raise Refused(
+            f"{path} must have a unit of length of {', '.join(MILLIMETRES)}, got {shown(word)}"
+        )
+    return units[word.upper()]
+
+
+def read_prescription(path: Path) -> Any:
+    """The tracer's lens of a Zemax .zmx, CODE V .seq or optiland .json file, in millimetre.
+
+    Raises  Refused where the file cannot be read, or as `parse_prescription`; ImportError without
+            the extra `lens`.
+    """
+    tracer = _tracer()
+    from optiland.materials import OptilandMaterialWarning
+
+    path = Path(path)
+    readers: dict[str, Callable[[str], Any]] = {
+        ".zmx": tracer.load_zemax_file, ".seq": tracer.load_codev_file,
+        ".json": tracer.load_optiland_file,
+    }  # fmt: skip
+    suffix = path.suffix.lower()
+    if suffix not in readers:
+        raise Refused(
+            f"{path} must be a prescription that ends with {', '.join(readers)}, got "
+            f"{path.suffix or 'no suffix'}"
+        )
+    if not path.is_file():
+        raise Refused(f"{path} must be a prescription, but there is no such file")
+    prescription = None if suffix == ".json" else parse_prescription(path)
+    try:
+        with warnings.catch_warnings():
+            # That it took a glass of another name or maker is no warning but an error.
+            warnings.simplefilter("error", OptilandMaterialWarning)
+            # Of files that name no catalogue: what it takes then is in the warning above.
+            warnings.filterwarnings("ignore", "Material .* has no 'catalog'", DeprecationWarning)
+            if prescription is None:
+                return readers[suffix](str(path))
+            with tempfile.TemporaryDirectory() as folder:
+                plain = Path(folder) / f"lens{suffix}"
+                plain.write_text(prescription.text, encoding="utf-8")
+                lens = readers[suffix](str(plain))
+            for surface, glass in prescription.glasses.items():
+                lens.updater.set_material(_material(glass), surface)
+            if prescription.unit != "mm":
+                lens.updater.scale_system(MILLIMETRES[prescription.unit])
+            return lens
+    except Refused:
+        raise
+    # The reader raises whatever its parser meets in a file that it does not understand.
+    except Exception as error:
+        raise Refused(
+            f"{path} must be a prescription, and the tracer says: {first_line(error)}"
+        ) from None
+
+
+def _material(glass: Glass) -> Any:
+    from optiland.materials import AbbeMaterial, MatchPolicy, Material
+
+    if not glass.maker:
+        return AbbeMaterial(glass.index, glass.abbe, model="buchdahl")
+    return Material(glass.name, catalog=glass.maker, match_policy=MatchPolicy.STRICT)
+
+
+def _tracer() -> Any:
+    try:
+        from optiland import fileio
+    except ImportError as error:
+        raise ImportError(
+            "a prescription is traced by optiland; install it with: pip install 'startrack[lens]' "
+            f"({error})"
+        ) from None
+    return fileio
