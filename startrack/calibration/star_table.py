@@ -177,13 +177,16 @@ def _columns(path: Path) -> dict[str, _Column]:
         table = votable(path)
     else:  # one star with a number that was cut is an outlier
         table = csv_table(path, ended=False)
+    from astropy.units import hourangle
+
     columns = {}
     for name in table.colnames:
-        unit, kind = str(table[name].unit or ""), table[name].dtype.kind
+        unit, kind = table[name].unit, table[name].dtype.kind
+        said = HOURS if unit == hourangle else str(unit or "")  # VOTable calls it "15 deg"
         if kind in "iuf":
-            columns[name] = _Column(table_numbers(path, table, name), unit)
+            columns[name] = _Column(table_numbers(path, table, name), said)
         elif kind in "US" and (angles := angle_texts(path, name, map(str, table[name]))):
-            columns[name] = _Column(angles[0], angles[1] or unit, True)
+            columns[name] = _Column(angles[0], angles[1] or said, True)
     return columns
 
 

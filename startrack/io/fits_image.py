@@ -191,7 +191,7 @@ def _gain(path: Path, header: Any, image: NDArray[Any], offset: float, read_nois
     signal = max(level - offset, 0.0)
     least = signal / gain
     most = least + (max(read_noise, READ_NOISE) if read_noise >= 0 else READ_NOISE) ** 2 / gain**2
-    most += (UNEVEN * signal) ** 2 + 1
+    most += 1 / 12 + ((UNEVEN * signal) ** 2 if said else 0.0)  # what may be a setting must fit
     low, high = math.sqrt(least) / CONTRADICTS, math.sqrt(most) * CONTRADICTS
     if low <= noise <= high:
         return gain

@@ -72,17 +72,19 @@ def read_picture(path: Path, data: bytes, require: Callable[[Path, int, int, int
     """The pixels of a PNG, JPEG or HEIC, 16 bits as 16 bits.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
-    Raises   Refused where the file is cut, damaged, or of colours of print (CMYK).
+    Raises   Refused where the file is cut, damaged, or of other colours than grey, RGB, a palette and CMYK.
     """
     if is_heif(data):
         return _read_heif(path, data, require)
     wide = False
     if data.startswith(PNG) and len(data) > PNG_COLOUR:  # the size is known before the rest is
         wide = data[PNG_BITS] == 16 and data[PNG_COLOUR] != GREY_PNG
-        require(path, *struct.unpack_from(">II", data, PNG_SIZE), 8 if wide else 2)
+        columns, rows = struct.unpack_from(">II", data, PNG_SIZE)
+        require(path, columns, rows, 8 if wide else 2)
     picture = open_picture(path, data)
-    require(path, *picture.size, 8 if wide else 4)
-    if picture.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "I;16", "I"):
+    columns, rows = picture.size
+    require(path, columns, rows, 8 if wide else 4)
+    if picture.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "I;16", "I", "CMYK"):
         raise Refused(f"{path} must be an image of grey or RGB, got {picture.mode}")
     try:
         orientation = int(picture.getexif().get(ORIENTATION, 1))
@@ -90,12 +92,13 @@ def read_picture(path: Path, data: bytes, require: Callable[[Path, int, int, int
         orientation = 1
     try:
         if wide:  # which Pillow would make 8 bits of
-            picture.verify()
+            open_picture(path, data).verify()
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
             if image is None:
                 raise ValueError("its pixels cannot be decoded")
         else:
-            image = np.asarray(picture.convert("RGB") if picture.mode[0] == "P" else picture)
+            paint = picture.mode in ("P", "PA", "CMYK")
+            image = np.asarray(picture.convert("RGB") if paint else picture)
     except MemoryError:
         raise
     except Exception as error:  # Pillow, its decoders and OpenCV each raise their own
@@ -133,7 +136,8 @@ def open_heif(path: Path, data: bytes) -> Any:
 def _read_heif(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> Pixels:
     """Its decoder has turned the image already."""
     heif = open_heif(path, data)
-    require(path, *heif.size, 3)
+    columns, rows = heif.size
+    require(path, columns, rows, 3)
     try:
         colours = np.asarray(heif)
     except Exception as error:

@@ -38,12 +38,10 @@ def read_tiff(
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
             page = _page(path, file, plane)
-            size = [
-                max(side, tile) for side, tile in (
-                    (page.imagewidth, page.tilewidth), (page.imagelength, page.tilelength),
-                )
-            ]  # fmt: skip
-            require(path, *size, page.samplesperpixel * -(-int(page.bitspersample) // 8))
+            columns = max(page.imagewidth, page.tilewidth)
+            rows = max(page.imagelength, page.tilelength)
+            pixel = page.samplesperpixel * -(-int(page.bitspersample) // 8)
+            require(path, columns, rows, pixel)
             _refuse_layout(path, page, len(data))
             image = _decoded(path, page, data)
             return Pixels(_light(path, page, image), _orientation(page), _pattern(path, page))

@@ -62,12 +62,12 @@ class Glass(NamedTuple):
     """What is behind a surface: a glass of a catalogue, or a model by two numbers.
 
     name, maker    as the tracer's catalogue has them; maker is "" of a model
-    index, abbe    1, at 587.6 nm; of a model
+    n_d, abbe      1, at 587.6 nm; of a model
     """
 
     name: str
     maker: str = ""
-    index: float = 0.0
+    n_d: float = 0.0
     abbe: float = 0.0
 
 
@@ -205,14 +205,14 @@ def _code_v_lines(text: str) -> Iterator[list[str]]:
 def _code_v_glass(path: Path, name: str) -> Glass:
     """The glass of N-BK7_SCHOTT, NBK7_SCHOTT, NBK7, 1.5168:64.17, 517642 or 516800.641700."""
     if ":" in name:
-        index, _, abbe = name.partition(":")
+        first, _, second = name.partition(":")
         try:
-            return _model(path, float(index), float(abbe))
+            return _model(path, float(first), float(second))
         except ValueError:
             raise Refused(f"{path} must have a glass of two numbers, got {shown(name)}") from None
     if match := PRECISE_NUMBER.fullmatch(name):
-        abbe = float(f"{match[2][:2]}.{match[2][2:]}")
-        return _model(path, 1 + float(f"0.{match[1]}"), abbe)
+        index, abbe = float(f"1.{match[1]}"), float(f"{match[2][:2]}.{match[2][2:]}")
+        return _model(path, index, abbe)
     found, _, maker = name.rpartition("_")
     if found and maker.lower() in MAKERS:
         return find_glass(path, found, [maker], hyphens=False)
@@ -361,7 +361,7 @@ def _material(glass: Glass) -> Any:
     from optiland.materials import AbbeMaterial, MatchPolicy, Material
 
     if not glass.maker:
-        return AbbeMaterial(glass.index, glass.abbe, model="buchdahl")
+        return AbbeMaterial(glass.n_d, glass.abbe, model="buchdahl")
     return Material(glass.name, catalog=glass.maker, match_policy=MatchPolicy.STRICT)
 
 
