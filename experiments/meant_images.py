@@ -20,10 +20,9 @@ import numpy as np
 from meant_check import Check, checked
 from numpy.typing import NDArray
 
-from startrack import read_image
+from startrack import Layout, read_image
 from startrack.calibration import read_star_table
 from startrack.catalog import read as read_catalog
-from startrack.io import Layout
 from startrack.optics import psfs_of_pages, read_prescription
 
 Compare = Callable[[], str | None]
@@ -39,9 +38,14 @@ def checks(folder: Path, quick: bool) -> Iterator[Check]:
     quick  every eighth alone
     """
     made = itertools.chain(
-        tiffs(folder), pictures(folder), fits_images(folder), gains(folder), tables(folder),
-        lenses(folder), pages(folder),
-    )  # fmt: skip
+        tiffs(folder),
+        pictures(folder),
+        fits_images(folder),
+        gains(folder),
+        tables(folder),
+        lenses(folder),
+        pages(folder),
+    )
     for number, (kind, name, compare) in enumerate(made):
         if not quick or number % EVERY == 0:
             with warnings.catch_warnings():
@@ -72,9 +76,12 @@ def light(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def image_of(
-    path: Path, write: Callable[[Path], Any], wanted: NDArray[Any],
-    layout: Layout | None = None, tolerance: float = 0.0,
-) -> Compare:  # fmt: skip
+    path: Path,
+    write: Callable[[Path], Any],
+    wanted: NDArray[Any],
+    layout: Layout | None = None,
+    tolerance: float = 0.0,
+) -> Compare:
     """Whether the image that is read is the one that was written, in value and in kind."""
 
     def compare() -> str | None:
@@ -115,9 +122,14 @@ def tiffs(folder: Path) -> Iterator[Case]:
         data = np.moveaxis(image, 2, 0) if planar == "separate" else image
         for tile, big in itertools.product((None, (16, 32)), (False, True)):
             yield case(
-                f"{kind} RGB {planar}, tile {tile}, big {big}", data, light(image),
-                photometric="rgb", planarconfig=planar, tile=tile, bigtiff=big,
-            )  # fmt: skip
+                f"{kind} RGB {planar}, tile {tile}, big {big}",
+                data,
+                light(image),
+                photometric="rgb",
+                planarconfig=planar,
+                tile=tile,
+                bigtiff=big,
+            )
     for squeeze, kind in itertools.product(
         ("lzw", "zlib", "packbits", "lzma", "zstd"), ("u1", "u2", "f4")
     ):
@@ -128,23 +140,34 @@ def tiffs(folder: Path) -> Iterator[Case]:
                 image = stars(kind, channels)
                 yield case(
                     f"{kind} {squeeze}, predictor {predictor}, {channels} channels",
-                    image if channels == 3 else image[..., 0], light(image), compression=squeeze,
-                    predictor=predictor, rowsperstrip=7,
+                    image if channels == 3 else image[..., 0],
+                    light(image),
+                    compression=squeeze,
+                    predictor=predictor,
+                    rowsperstrip=7,
                     photometric="rgb" if channels == 3 else "minisblack",
-                )  # fmt: skip
+                )
     for kind, planar in itertools.product(("u1", "u2"), ("contig", "separate")):
         image = stars(kind, 4)
         data = np.moveaxis(image, 2, 0) if planar == "separate" else image
         yield case(
-            f"{kind} RGB with alpha {planar}", data, light(image[..., :3]), photometric="rgb",
-            planarconfig=planar, extrasamples=["unassalpha"],
-        )  # fmt: skip
+            f"{kind} RGB with alpha {planar}",
+            data,
+            light(image[..., :3]),
+            photometric="rgb",
+            planarconfig=planar,
+            extrasamples=["unassalpha"],
+        )
     for kind, extra in itertools.product(("u1", "u2"), ("unassalpha", "assocalpha")):
         image = stars(kind, 2)
         yield case(
-            f"{kind} grey with {extra}", image, image[..., 0], photometric="minisblack",
-            planarconfig="contig", extrasamples=[extra],
-        )  # fmt: skip
+            f"{kind} grey with {extra}",
+            image,
+            image[..., 0],
+            photometric="minisblack",
+            planarconfig="contig",
+            extrasamples=[extra],
+        )
     for kind in ("u1", "u2"):
         image = stars(kind)[..., 0]
         yield case(
@@ -153,9 +176,12 @@ def tiffs(folder: Path) -> Iterator[Case]:
     for planes in (2, 3, 5):
         image = np.moveaxis(stars("u2", planes), 2, 0)
         yield case(
-            f"u2 {planes} bands without a name", image, light(np.moveaxis(image, 0, 2)),
-            photometric="minisblack", planarconfig="separate",
-        )  # fmt: skip
+            f"u2 {planes} bands without a name",
+            image,
+            light(np.moveaxis(image, 0, 2)),
+            photometric="minisblack",
+            planarconfig="separate",
+        )
     image = stars("u1")[..., 0]
     colours = (np.arange(256)[None] * np.array([[257], [100], [20]])).astype("u2")
     yield case("palette", image, image, photometric="palette", colormap=colours)
@@ -169,9 +195,12 @@ def tiffs(folder: Path) -> Iterator[Case]:
     yield case("three pages, the first", stack, stack[0], photometric="minisblack")
     for n in range(3):
         yield case(
-            f"three pages, plane {n}", stack, stack[n], photometric="minisblack",
+            f"three pages, plane {n}",
+            stack,
+            stack[n],
+            photometric="minisblack",
             layout=Layout(plane=n),
-        )  # fmt: skip
+        )
     yield case("ImageJ", stack[0], stack[0], imagej=True)
     yield case("OME", stack[0], stack[0], ome=True)
     yield (
@@ -181,11 +210,15 @@ def tiffs(folder: Path) -> Iterator[Case]:
     )
     yield "TIFF", "cut in its pixels", _must_refuse(folder / "cut.tif", stars("u2")[..., 0])
     for name, mode, options in (
-        ("Pillow LZW", "L", {"compression": "tiff_lzw"}), ("Pillow deflate", "L",
-        {"compression": "tiff_adobe_deflate"}), ("Pillow group 4", "1", {"compression": "group4"}),
-        ("Pillow RGB", "RGB", {}), ("Pillow RGBA", "RGBA", {}), ("Pillow 16 bits", "I;16", {}),
-        ("Pillow float", "F", {}), ("Pillow JPEG", "L", {"compression": "jpeg", "quality": 100}),
-    ):  # fmt: skip
+        ("Pillow LZW", "L", {"compression": "tiff_lzw"}),
+        ("Pillow deflate", "L", {"compression": "tiff_adobe_deflate"}),
+        ("Pillow group 4", "1", {"compression": "group4"}),
+        ("Pillow RGB", "RGB", {}),
+        ("Pillow RGBA", "RGBA", {}),
+        ("Pillow 16 bits", "I;16", {}),
+        ("Pillow float", "F", {}),
+        ("Pillow JPEG", "L", {"compression": "jpeg", "quality": 100}),
+    ):
         yield _pillow_tiff(folder / f"p{next(number)}.tif", name, mode, options)
 
 
@@ -368,9 +401,16 @@ def fits_images(folder: Path) -> Iterator[Case]:
             image,
         )
     image = stars("f4")[..., 0]
-    yield case("f4 gzip without loss", lambda path: fits.HDUList(
-        [fits.PrimaryHDU(), fits.CompImageHDU(image, compression_type="GZIP_2",
-         quantize_level=0)]).writeto(path), image)  # fmt: skip
+    yield case(
+        "f4 gzip without loss",
+        lambda path: fits.HDUList(
+            [
+                fits.PrimaryHDU(),
+                fits.CompImageHDU(image, compression_type="GZIP_2", quantize_level=0),
+            ]
+        ).writeto(path),
+        image,
+    )
     yield case("gzipped file", lambda path: fits.writeto(path, image), image, end=".gz")
     numbers = stars("i2")[..., 0]
     for scale, zero in ((0.5, 100.0), (-1.0, 20.0), (1.0, 32768.0), (3.0, 0.0)):
@@ -390,8 +430,13 @@ def fits_images(folder: Path) -> Iterator[Case]:
         value = int(image[5, 6])
         wanted = np.where(image == value, np.nan, image.astype(float)) if blank else image
 
-        def blanked(path: Path, image: Any = image, card: Any = value - zero if blank else None,
-                    kind: str = kind, zero: int = zero) -> None:  # fmt: skip
+        def blanked(
+            path: Path,
+            image: Any = image,
+            card: Any = value - zero if blank else None,
+            kind: str = kind,
+            zero: int = zero,
+        ) -> None:
             header = fits.PrimaryHDU(image).header
             if zero:
                 header["BSCALE"], header["BZERO"] = 1, zero
@@ -406,14 +451,25 @@ def fits_images(folder: Path) -> Iterator[Case]:
     yield case("cube, its largest", lambda path: fits.writeto(path, cube), cube.max(axis=0))
     for n in range(3):
         yield case(
-            f"cube, plane {n}", lambda path: fits.writeto(path, cube), cube[n],
+            f"cube, plane {n}",
+            lambda path: fits.writeto(path, cube),
+            cube[n],
             layout=Layout(plane=n),
-        )  # fmt: skip
+        )
     yield case("cube of one plane", lambda path: fits.writeto(path, cube[:1]), cube[0])
     yield case("four axes", lambda path: fits.writeto(path, cube[None]), cube.max(axis=0))
-    yield case("three images", lambda path: fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(
-        cube[0], name="SCI"), fits.ImageHDU(cube[1], name="ERR"), fits.ImageHDU(cube[2],
-        name="DQ")]).writeto(path), cube[0])  # fmt: skip
+    yield case(
+        "three images",
+        lambda path: fits.HDUList(
+            [
+                fits.PrimaryHDU(),
+                fits.ImageHDU(cube[0], name="SCI"),
+                fits.ImageHDU(cube[1], name="ERR"),
+                fits.ImageHDU(cube[2], name="DQ"),
+            ]
+        ).writeto(path),
+        cube[0],
+    )
     image = stars("u2")[..., 0]
     plain = io.BytesIO()
     unit = fits.PrimaryHDU(image)
@@ -479,8 +535,9 @@ def gains(folder: Path) -> Iterator[Case]:
         ("a gain in words", {"GAIN": "high"}, unknown),
     ):
 
-        def compare(cards: dict[str, Any] = cards, wanted: float = wanted, name: str = name,
-                    ) -> str | None:  # fmt: skip
+        def compare(
+            cards: dict[str, Any] = cards, wanted: float = wanted, name: str = name
+        ) -> str | None:
             unit = fits.PrimaryHDU(image)
             for key, value in cards.items():
                 unit.header[key] = value
@@ -492,15 +549,18 @@ def gains(folder: Path) -> Iterator[Case]:
 
         yield "FITS gain", name, compare
     for name, cards, wanted in (
-        ("EXPTIME", {"EXPTIME": 0.25}, 0.25), ("EXPOSURE", {"EXPOSURE": 0.25}, 0.25),
+        ("EXPTIME", {"EXPTIME": 0.25}, 0.25),
+        ("EXPOSURE", {"EXPOSURE": 0.25}, 0.25),
         ("EXPTIME in ms", {"EXPTIME": (250.0, "[ms] exposure")}, 0.25),
         ("EXPOSURE in ms", {"EXPOSURE": (250, "exposure in milliseconds")}, 0.25),
         ("both, equal", {"EXPTIME": 0.25, "EXPOSURE": 0.25}, 0.25),
-        ("both, different", {"EXPTIME": 0.25, "EXPOSURE": 2.0}, unknown), ("neither", {}, unknown),
-    ):  # fmt: skip
+        ("both, different", {"EXPTIME": 0.25, "EXPOSURE": 2.0}, unknown),
+        ("neither", {}, unknown),
+    ):
 
-        def exposed(cards: dict[str, Any] = cards, wanted: float = wanted, name: str = name,
-                    ) -> str | None:  # fmt: skip
+        def exposed(
+            cards: dict[str, Any] = cards, wanted: float = wanted, name: str = name
+        ) -> str | None:
             unit = fits.PrimaryHDU(image)
             for key, value in cards.items():
                 unit.header[key] = value
@@ -524,10 +584,13 @@ def tables(folder: Path) -> Iterator[Case]:
     ra, dec = random.uniform(2, 12, 40), random.uniform(-7, 7, 40)
     x, y = 600 + 3000 * np.tan(np.radians(ra - 7)), 500 + 3000 * np.tan(np.radians(dec))
     frame = pandas.DataFrame({"ra": ra, "dec": dec, "x": x, "y": y})
-    vector = np.column_stack([
-        np.cos(np.radians(dec)) * np.cos(np.radians(ra)),
-        np.cos(np.radians(dec)) * np.sin(np.radians(ra)), np.sin(np.radians(dec)),
-    ])  # fmt: skip
+    vector = np.column_stack(
+        [
+            np.cos(np.radians(dec)) * np.cos(np.radians(ra)),
+            np.cos(np.radians(dec)) * np.sin(np.radians(ra)),
+            np.sin(np.radians(dec)),
+        ]
+    )
 
     def case(name: str, write: Callable[[Path], Any], end: str = "csv") -> Case:
         path = folder / f"stars {name.replace('/', ' ')}.{end}"
@@ -555,8 +618,10 @@ def tables(folder: Path) -> Iterator[Case]:
     for end in ("\r\n", "\r"):
         yield case(f"lines end with {end!r}", as_csv(lineterminator=end))
     yield case("quoted numbers", as_csv(quoting=csv.QUOTE_ALL))
-    yield case("sep= of a spreadsheet", lambda path: path.write_text(
-        "sep=;\r\n" + frame.to_csv(index=False, sep=";", decimal=",")))  # fmt: skip
+    yield case(
+        "sep= of a spreadsheet",
+        lambda path: path.write_text("sep=;\r\n" + frame.to_csv(index=False, sep=";", decimal=",")),
+    )
     yield case("gzipped", as_csv(compression="gzip"), "csv.gz")
     named = frame.assign(name="a star, of two words")
     yield case("names with commas", as_csv(data=named))
@@ -567,8 +632,9 @@ def tables(folder: Path) -> Iterator[Case]:
     yield case("hours by short name", as_csv(data=hours.rename(columns={"ra": "ra_h"})))
     yield case("degrees by name", as_csv(data=frame.rename(columns={"ra": "ra_deg"})))
     radian = frame.assign(ra=np.radians(ra), dec=np.radians(dec))
-    yield case("radian by name", as_csv(
-        data=radian.rename(columns={"ra": "ra_rad", "dec": "dec_rad"})))  # fmt: skip
+    yield case(
+        "radian by name", as_csv(data=radian.rename(columns={"ra": "ra_rad", "dec": "dec_rad"}))
+    )
     for separator in (":", " ", "fromunit"):
         angles = {
             "ra": Angle(ra, "deg").to_string(unit="hourangle", sep=separator, precision=5),
@@ -579,8 +645,9 @@ def tables(folder: Path) -> Iterator[Case]:
         "ra_deg": Angle(ra, "deg").to_string(sep=":", precision=5),
         "dec_deg": Angle(dec, "deg").to_string(sep=":", precision=5),
     }
-    yield case("sexagesimal in degree", as_csv(
-        data=frame.drop(columns=["ra", "dec"]).assign(**degree)))  # fmt: skip
+    yield case(
+        "sexagesimal in degree", as_csv(data=frame.drop(columns=["ra", "dec"]).assign(**degree))
+    )
     for unit, end in itertools.product(("deg", "rad", "hourangle"), ("ecsv", "fits", "vot")):
         if (unit, end) == ("hourangle", "fits"):
             continue  # no unit of FITS
@@ -595,10 +662,13 @@ def tables(folder: Path) -> Iterator[Case]:
 
         yield case(f"{end} in {unit}", write, end)
     many = np.random.default_rng(5)
-    place = pandas.DataFrame({
-        "RAJ": many.uniform(0, 360, 200), "DEJ": many.uniform(-80, 80, 200),
-        "G": many.uniform(3, 8, 200),
-    })  # fmt: skip
+    place = pandas.DataFrame(
+        {
+            "RAJ": many.uniform(0, 360, 200),
+            "DEJ": many.uniform(-80, 80, 200),
+            "G": many.uniform(3, 8, 200),
+        }
+    )
 
     def catalogue(name: str, write: Callable[[Path], Any], end: str = "csv") -> Case:
         path = folder / f"catalogue {name}.{end}"
@@ -615,8 +685,9 @@ def tables(folder: Path) -> Iterator[Case]:
 
     yield catalogue("degrees", lambda path: place.to_csv(path, index=False))
     yield catalogue("mark", lambda path: place.to_csv(path, index=False, encoding="utf-8-sig"))
-    yield catalogue("semicolons and commas", lambda path: place.to_csv(
-        path, index=False, sep=";", decimal=","))  # fmt: skip
+    yield catalogue(
+        "semicolons and commas", lambda path: place.to_csv(path, index=False, sep=";", decimal=",")
+    )
     in_hours = place.assign(RAJ=place["RAJ"] / 15)
     yield catalogue("hours without a unit", lambda path: in_hours.to_csv(path, index=False))
     for unit, end in (("rad", "fits"), ("deg", "fits"), ("hourangle", "ecsv"), ("rad", "ecsv")):
@@ -629,10 +700,18 @@ def tables(folder: Path) -> Iterator[Case]:
         yield catalogue(f"{unit} in {end}", write_units, end)
 
 
-NODES = (("N-BK7", "schott", 1.5168), ("S-BSL7", "ohara", 1.51633), ("H-K9L", "cdgm", 1.5168),
-         ("K8", "lzos", 1.5163), ("F2", "schott", 1.62004), ("TF3", "lzos", 1.7174),
-         ("TF3", "cdgm", 1.61242), ("F_SILICA", "misc", 1.45846), ("CAF2", "misc", 1.43384),
-         ("E-FD2", "hoya", 1.64769))  # fmt: skip
+NODES = (
+    ("N-BK7", "schott", 1.5168),
+    ("S-BSL7", "ohara", 1.51633),
+    ("H-K9L", "cdgm", 1.5168),
+    ("K8", "lzos", 1.5163),
+    ("F2", "schott", 1.62004),
+    ("TF3", "lzos", 1.7174),
+    ("TF3", "cdgm", 1.61242),
+    ("F_SILICA", "misc", 1.45846),
+    ("CAF2", "misc", 1.43384),
+    ("E-FD2", "hoya", 1.64769),
+)
 LENGTHS = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0}
 ENCODINGS = ("utf-16", "utf-16-le", "utf-8", "utf-8-sig", "latin-1")
 
@@ -647,15 +726,37 @@ def lenses(folder: Path) -> Iterator[Case]:
 
     def zemax(glass: str, maker: str, unit: float = 1.0, name: str = "MM", more: str = "") -> str:
         lines = [
-            "VERS 140124 258 36214", "MODE SEQ", "NAME single", f"UNIT {name} X W X CM MR CPMM",
-            f"ENPD {25 / unit!r}", *([f"GCAT {maker.upper()}"] if maker else []),
-            "FTYP 0 0 1 1 0 0 0", "XFLN 0", "YFLN 0", "WAVM 1 0.587562 1", "PWAV 1",
-            "SURF 0", "  TYPE STANDARD", "  CURV 0.0", "  DISZ INFINITY",
-            "SURF 1", "  STOP", "  TYPE STANDARD", f"  CURV {unit / 60!r}", f"  DISZ {6 / unit!r}",
-            f"  GLAS {glass}", *([more] if more else []),
-            "SURF 2", "  TYPE STANDARD", f"  CURV {-unit / 80!r}", f"  DISZ {60 / unit!r}",
-            "SURF 3", "  TYPE STANDARD", "  CURV 0.0", "  DISZ 0",
-        ]  # fmt: skip
+            "VERS 140124 258 36214",
+            "MODE SEQ",
+            "NAME single",
+            f"UNIT {name} X W X CM MR CPMM",
+            f"ENPD {25 / unit!r}",
+            *([f"GCAT {maker.upper()}"] if maker else []),
+            "FTYP 0 0 1 1 0 0 0",
+            "XFLN 0",
+            "YFLN 0",
+            "WAVM 1 0.587562 1",
+            "PWAV 1",
+            "SURF 0",
+            "  TYPE STANDARD",
+            "  CURV 0.0",
+            "  DISZ INFINITY",
+            "SURF 1",
+            "  STOP",
+            "  TYPE STANDARD",
+            f"  CURV {unit / 60!r}",
+            f"  DISZ {6 / unit!r}",
+            f"  GLAS {glass}",
+            *([more] if more else []),
+            "SURF 2",
+            "  TYPE STANDARD",
+            f"  CURV {-unit / 80!r}",
+            f"  DISZ {60 / unit!r}",
+            "SURF 3",
+            "  TYPE STANDARD",
+            "  CURV 0.0",
+            "  DISZ 0",
+        ]
         return "\n".join(lines) + "\n"
 
     def code_v(glass: str, unit: float = 1.0, letter: str = "M", rdm: str = "RDM;LEN") -> str:
@@ -697,9 +798,15 @@ def lenses(folder: Path) -> Iterator[Case]:
     yield case("six digits", zemax("600500" + filler, "schott"), 1.6)
     nothing = math.nan  # must be refused: no focal length is right
     for glass, maker in (
-        ("MYGLASS", "schott"), ("N-BK77", "schott"), ("K8", "schott"), ("BK", "schott"),
-        ("F2", ""), ("N-BK7", "madeup"), ("S-BSL7", "schott"), ("1234567", "schott"),
-    ):  # fmt: skip
+        ("MYGLASS", "schott"),
+        ("N-BK77", "schott"),
+        ("K8", "schott"),
+        ("BK", "schott"),
+        ("F2", ""),
+        ("N-BK7", "madeup"),
+        ("S-BSL7", "schott"),
+        ("1234567", "schott"),
+    ):
         yield case(f"no {glass} of {maker or 'anybody'}", zemax(glass + filler, maker), nothing)
     yield case("unit that is none", zemax("N-BK7" + filler, "schott", 1.0, "FURLONG"), nothing)
     square = zemax("N-BK7" + filler, "schott", more="  SQAP 5 5")
@@ -709,20 +816,26 @@ def lenses(folder: Path) -> Iterator[Case]:
     ):
         yield case(f"{letter} {glass}", code_v(glass, length, letter), 1.5168, "seq")
     for glass, index in (
-        ("1.6:50", 1.6), ("516800.641700", 1.5168), ("517642", 1.517), ("NLAK12_SCHOTT", 1.6779),
-        ("SBSL7_OHARA", 1.51633), ("HK9L_CDGM", 1.5168), ("K8_LZOS", 1.5163),
-    ):  # fmt: skip
+        ("1.6:50", 1.6),
+        ("516800.641700", 1.5168),
+        ("517642", 1.517),
+        ("NLAK12_SCHOTT", 1.6779),
+        ("SBSL7_OHARA", 1.51633),
+        ("HK9L_CDGM", 1.5168),
+        ("K8_LZOS", 1.5163),
+    ):
         yield case(f"glass {glass}", code_v(glass), index, "seq")
     yield case("curvatures", code_v("NBK7_SCHOTT", rdm="RDM NO"), 1.5168, "seq")
     private = "PRV\nPWL 587.6\n'MINE' 1.6\nEND\nWL 587.6"
     for name, text in {
-        "no maker's": code_v("MYGLASS"), "two makers'": code_v("F2"),
+        "no maker's": code_v("MYGLASS"),
+        "two makers'": code_v("F2"),
         "private": code_v("MINE").replace("WL 587.6", private),
         "no word on radii": code_v("NBK7_SCHOTT", rdm="LEN"),
         "a cylinder": code_v("NBK7_SCHOTT").replace("  STO\n", "  STO\n  CYL\n"),
         "an obstruction": code_v("NBK7_SCHOTT").replace("  STO\n", "  STO\n  CIR OBS 3\n"),
         "a tilt": code_v("NBK7_SCHOTT").replace("  STO\n", "  STO\n  ADE 3.0\n"),
-    }.items():  # fmt: skip
+    }.items():
         yield case(name, text, nothing, "seq")
     yield from _saved_lenses(folder)
 
@@ -734,16 +847,21 @@ def _saved_lenses(folder: Path) -> Iterator[Case]:
     from optiland.optic import Optic
 
     for suffix, save in (
-        ("zmx", save_zemax_file), ("seq", save_codev_file), ("json", save_optiland_file),
-    ):  # fmt: skip
+        ("zmx", save_zemax_file),
+        ("seq", save_codev_file),
+        ("json", save_optiland_file),
+    ):
 
         def compare(suffix: str = suffix, save: Any = save) -> str | None:
             lens = Optic()
             lens.surfaces.add(index=0, thickness=math.inf)
             lens.surfaces.add(
-                index=1, radius=60.0, thickness=6.0, is_stop=True,
+                index=1,
+                radius=60.0,
+                thickness=6.0,
+                is_stop=True,
                 material=Material("N-LAK12", catalog="schott"),
-            )  # fmt: skip
+            )
             lens.surfaces.add(index=2, radius=-80.0, thickness=50.0)
             lens.surfaces.add(index=3)
             lens.set_aperture(aperture_type="EPD", value=20.0)
@@ -752,8 +870,9 @@ def _saved_lenses(folder: Path) -> Iterator[Case]:
             lens.wavelengths.add(value=0.6, is_primary=True)
             path = folder / f"saved.{suffix}"
             save(lens, str(path))
-            got, wanted = (float(np.squeeze(one.paraxial.f2())) for one in (
-                read_prescription(path), lens))  # fmt: skip
+            got, wanted = (
+                float(np.squeeze(one.paraxial.f2())) for one in (read_prescription(path), lens)
+            )
             return None if abs(got / wanted - 1) < 1e-6 else f"{got:.5f} mm, not {wanted:.5f} mm"
 
         yield "lens", f"saved as {suffix}", compare
@@ -800,9 +919,10 @@ def pages(folder: Path) -> Iterator[Case]:
         ("utf-16", "utf-16-le", "utf-16-be", "utf-8", "utf-8-sig", "latin-1"), (False, True)
     ):
         for wave, field, middle in (
-            ("0.5500", "0.0000, 0.0000", 0.55e-6), ("0.5500", "0.0000", 0.55e-6),
+            ("0.5500", "0.0000, 0.0000", 0.55e-6),
+            ("0.5500", "0.0000", 0.55e-6),
             ("0.4500 to 0.6500", "0.0000, 0.0000", 0.55e-6),
-        ):  # fmt: skip
+        ):
             content = text(wave, field)
             if european:
                 content = content.replace(".", ",")

@@ -35,7 +35,7 @@ SETTINGS = re.compile(
     re.IGNORECASE,
 )
 PROGRAMS = "INSTRUME", "SWCREATE", "CREATOR", "PROGRAM", "SOFTWARE", "CAMERA", "ORIGIN"
-READ_NOISE, UNEVEN = 20.0, 0.02  # electron and 1: more than most cameras have
+READ_NOISE, UNEVEN = 20.0, 0.005  # electron and 1: of many cameras
 CONTRADICTS = 2.0  # times the noise: no gain is known worse
 LEAST_SIDE = 16  # pixels, of an image in which noise can be measured
 
@@ -104,9 +104,14 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     noise = _number(header, "RDNOISE")
     gain = _gain(path, header, image, offset, noise)
     return FitsImage(
-        image.astype(image.dtype.newbyteorder("=")), _exposure(path, header), gain, offset, noise,
-        _pattern(header), _time(header),
-    )  # fmt: skip
+        image.astype(image.dtype.newbyteorder("=")),
+        _exposure(path, header),
+        gain,
+        offset,
+        noise,
+        _pattern(header),
+        _time(header),
+    )
 
 
 def _require_memory(path: Path, header: Any, require: Callable[..., None]) -> None:

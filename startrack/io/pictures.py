@@ -72,7 +72,7 @@ def read_picture(path: Path, data: bytes, require: Callable[[Path, int, int, int
     """The pixels of a PNG, JPEG or HEIC, 16 bits as 16 bits.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
-    Raises   Refused where the file is cut, damaged, or of other colours than grey, RGB, a palette and CMYK.
+    Raises   Refused where the file is cut, damaged, or of colours that are none of a camera.
     """
     if is_heif(data):
         return _read_heif(path, data, require)

@@ -15,9 +15,10 @@ from startrack.io.reading import read_bytes, unpacked
 
 TEXT_NEEDED = 5  # bytes of memory for a byte of text; Tycho-2 takes 2.5 GB for 0.5 GB
 MARKS = (
-    (codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
     (codecs.BOM_UTF16_BE, "utf-16-be"),
-)  # fmt: skip
+)
 LOOKED_AT = 2000  # bytes, for zeros
 DELIMITERS = ",;\t"
 EXPONENT = r"(?:[eEdD][-+]?\d+)?"

@@ -72,9 +72,13 @@ def _refuse_layout(path: Path, page: Any, size: int) -> None:
 
     PHOTOMETRIC = tifffile.PHOTOMETRIC
     kinds = {
-        PHOTOMETRIC.MINISWHITE, PHOTOMETRIC.MINISBLACK, PHOTOMETRIC.RGB, PHOTOMETRIC.PALETTE,
-        PHOTOMETRIC.CFA, PHOTOMETRIC.LINEAR_RAW,
-    }  # fmt: skip
+        PHOTOMETRIC.MINISWHITE,
+        PHOTOMETRIC.MINISBLACK,
+        PHOTOMETRIC.RGB,
+        PHOTOMETRIC.PALETTE,
+        PHOTOMETRIC.CFA,
+        PHOTOMETRIC.LINEAR_RAW,
+    }
     jpeg = page.compression in (tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG)
     if page.photometric not in kinds and not (page.photometric == PHOTOMETRIC.YCBCR and jpeg):
         raise Refused(
@@ -117,9 +121,10 @@ def _by_opencv(path: Path, page: Any, data: bytes) -> NDArray[Any]:
     plain = (
         page.photometric in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB)
         and (page.samplesperpixel == 1 or page.planarconfig == tifffile.PLANARCONFIG.CONTIG)
-        and page.samplesperpixel in (1, 3) and page.dtype in (np.uint8, np.uint16)
+        and page.samplesperpixel in (1, 3)
+        and page.dtype in (np.uint8, np.uint16)
         and page.index == 0
-    )  # fmt: skip
+    )
     image = None
     if plain:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

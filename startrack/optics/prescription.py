@@ -22,11 +22,25 @@ ZEMAX_UNITS = {"MM": "mm", "CM": "cm", "IN": "in", "METER": "m", "METERS": "m", 
 CODE_V_UNITS = {"M": "mm", "MM": "mm", "C": "cm", "CM": "cm", "I": "in", "IN": "in"}
 # Makers by the names of their catalogues; LZOS makes the glasses of the Russian standard GOST 3514.
 MAKERS = {
-    "schott": "schott", "ohara": "ohara", "hoya": "hoya", "cdgm": "cdgm", "hikari": "hikari",
-    "nikon": "hikari", "nikon-hikari": "hikari", "sumita": "sumita", "lzos": "lzos", "gost": "lzos",
-    "rpo": "lightpath", "lightpath": "lightpath", "ami": "ami", "amtir": "ami",
-    "vitron": "vitron", "corning": "corning", "nsg": "nsg", "barberini": "barberini",
-}  # fmt: skip
+    "schott": "schott",
+    "ohara": "ohara",
+    "hoya": "hoya",
+    "cdgm": "cdgm",
+    "hikari": "hikari",
+    "nikon": "hikari",
+    "nikon-hikari": "hikari",
+    "sumita": "sumita",
+    "lzos": "lzos",
+    "gost": "lzos",
+    "rpo": "lightpath",
+    "lightpath": "lightpath",
+    "ami": "ami",
+    "amtir": "ami",
+    "vitron": "vitron",
+    "corning": "corning",
+    "nsg": "nsg",
+    "barberini": "barberini",
+}
 # Materials that have no maker, by name: entry and page of refractiveindex.info, as the tracer has
 # it, and where the dispersion was published.
 SYNONYMS = {
@@ -46,15 +60,68 @@ SHAPES = {"SQAP", "SQOB", "ELAP", "ELOB", "SPID", "UDAD", "UDAO", "UDOB", "COBS"
 # Of CODE V: what is said of the whole lens, and of a surface, without effect on light or read by
 # the tracer.
 LENS_WORDS = {
-    "RDM", "LEN", "TITLE", "TIT", "INI", "DIM", "EPD", "FNO", "NA", "NAO", "WL", "WTW", "REF",
-    "CWL", "XAN", "YAN", "XOB", "YOB", "XIM", "YIM", "WTF", "VUX", "VLX", "VUY", "VLY", "TEM",
-    "PRE", "GO", "NEW",
-}  # fmt: skip
+    "RDM",
+    "LEN",
+    "TITLE",
+    "TIT",
+    "INI",
+    "DIM",
+    "EPD",
+    "FNO",
+    "NA",
+    "NAO",
+    "WL",
+    "WTW",
+    "REF",
+    "CWL",
+    "XAN",
+    "YAN",
+    "XOB",
+    "YOB",
+    "XIM",
+    "YIM",
+    "WTF",
+    "VUX",
+    "VLX",
+    "VUY",
+    "VLY",
+    "TEM",
+    "PRE",
+    "GO",
+    "NEW",
+}
 SURFACE_WORDS = {
-    "STO", "SLB", "K", "XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "CIR", "THC", "CCY", "PIM",
-    "SPH", "CON", "ASP", "A", "B", "C", "D", "E", "F", "G", "H", "J", "KC", "AC", "BC", "CC",
+    "STO",
+    "SLB",
+    "K",
+    "XDE",
+    "YDE",
+    "ZDE",
+    "ADE",
+    "BDE",
+    "CDE",
+    "CIR",
+    "THC",
+    "CCY",
+    "PIM",
+    "SPH",
+    "CON",
+    "ASP",
+    "A",
+    "B",
+    "C",
+    "D",
+    "E",
+    "F",
+    "G",
+    "H",
+    "J",
+    "KC",
+    "AC",
+    "BC",
+    "CC",
     "DC",
-}  # fmt: skip
+}
 ZERO_ONLY = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE"}  # of which a lens of revolution has none
 
 
@@ -319,9 +386,10 @@ def read_prescription(path: Path) -> Any:
 
     path = Path(path)
     readers: dict[str, Callable[[str], Any]] = {
-        ".zmx": tracer.load_zemax_file, ".seq": tracer.load_codev_file,
+        ".zmx": tracer.load_zemax_file,
+        ".seq": tracer.load_codev_file,
         ".json": tracer.load_optiland_file,
-    }  # fmt: skip
+    }
     suffix = path.suffix.lower()
     if suffix not in readers:
         raise Refused(

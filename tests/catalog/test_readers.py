@@ -6,10 +6,12 @@ import gzip
 import numpy as np
 import pytest
 from astropy import units
+from astropy.coordinates import Angle
 from astropy.table import Table
 
 from startrack.catalog import Catalog, Selection, open_sky, read
 from startrack.catalog.readers import recognise_format
+from startrack.core import Refused
 from startrack.core.units import arcsec
 from startrack.io import shipped
 
@@ -238,3 +240,21 @@ def test_bad_columns_are_refused(tmp_path, columns, message):
     path.write_text("RA,DE,G\n1,2,3\n")
     with pytest.raises(ValueError, match=message):
         open_sky(Selection(str(path), columns=columns))
+
+
+def test_units_of_a_fits_table_count_and_hours_without_one_are_refused(tmp_path):
+    rng = np.random.default_rng(8)
+    ra, dec = rng.uniform(0, 360, 60), rng.uniform(-80, 80, 60)
+    columns = ("ra=A", "dec=D", "magnitude_g=G", "epoch=2016.0")
+    table = Table({"A": np.radians(ra) * units.rad, "D": dec * units.deg, "G": np.full(60, 5.0)})
+    table.write(tmp_path / "radian.fits")
+    wanted = read(tmp_path / "radian.fits", columns=columns)
+    np.testing.assert_allclose(wanted.right_ascension, np.radians(ra), atol=1e-12)
+    hours = Table({"A": ra / 15, "D": dec, "G": np.full(60, 5.0)})
+    hours.write(tmp_path / "hours.csv", format="csv")
+    with pytest.raises(Refused, match=r"A must be in degree, or have a unit, .*as of hours"):
+        read(tmp_path / "hours.csv", columns=columns)
+    texts = Angle(ra, "deg").to_string(unit="hourangle", sep=":", precision=7)
+    Table({"A": texts, "D": dec, "G": np.full(60, 5.0)}).write(tmp_path / "t.csv", format="csv")
+    found = read(tmp_path / "t.csv", columns=columns)
+    np.testing.assert_allclose(found.right_ascension, np.radians(ra), atol=1e-11)

@@ -10,11 +10,12 @@ import pytest
 from startrack import Fidelity, Instrument, load_design, run_random_trial, run_trials, shipped
 from startrack.budget import analytic
 from startrack.cli.main import main
-from startrack.core import Camera
+from startrack.core import Camera, Refused
 from startrack.metrics import summarise
 from startrack.optics import Optics, PsfFile, load_lens, load_psf_file, open_optics, save_psf_file
 from startrack.optics.field_images import Band
 from startrack.optics.lens_psf import _Plan, _stars
+from startrack.optics.zemax_text import psfs_of_pages
 from startrack.trial.images import field_psf_of
 
 FOCAL, F_NUMBER = 0.0350, 2.8
@@ -143,6 +144,55 @@ def test_huygens_pages_become_images_whose_tail_points_off_the_axis(tmp_path, en
     assert (np.ones(33) @ found.image[0, 1]).argmax() == 20
     assert main(["lens", "import", pages[0], str(tmp_path / "none.txt")]) == 2
     assert main(["lens", "show", str(out)]) == 0
+
+
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"]
+)
+@pytest.mark.parametrize(
+    ("wave", "field"),
+    [("0.6000", "0.0000, 0.0000"), ("0.6000", "0.0000"), ("0.5000 to 0.7000", "0.0000, 0.0000")],
+)
+@pytest.mark.parametrize("european", [False, True])
+def test_pages_of_any_locale_are_the_same(tmp_path, encoding, wave, field, european):
+    down, across = np.indices((17, 17)) - 8.0
+    data = np.exp(-(across**2) / 8 - (down - 1) ** 2 / 4)
+    path = tmp_path / "a.txt"
+    page(path, data, 0.6, 0.0, "Huygens PSF", extra="Data spacing is 0.500 µm.\n")
+    text = path.read_text(encoding="utf-8").replace("0.6000", wave)
+    text = text.replace("0.0000, 0.0000 (deg)", f"{field} (deg)")
+    text = text.replace(".", ",") if european else text
+    path.write_bytes(text.encode(encoding))
+    found = psfs_of_pages([path], "a page")
+    assert found.wavelength == pytest.approx([0.6e-6])
+    assert found.spacing == pytest.approx(0.5e-6)
+    assert found.image[0, 0] == pytest.approx(data.T, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("(deg)", "(mm)"), r"field in degree \(deg\), got mm"),
+        (("0.500 µm", "0.500 mm"), "data spacing in micrometre, got mm"),
+        (("0.6000 µm", "600.0 nm"), "with its wavelength"),
+    ],
+)
+def test_pages_in_other_units_are_refused(tmp_path, change, words):
+    path = tmp_path / "a.txt"
+    page(path, np.eye(17), 0.6, 0.0, "Huygens PSF", extra="Data spacing is 0.500 µm.\n")
+    path.write_text(path.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
+    with pytest.raises(Refused, match=words):
+        psfs_of_pages([path], "a page")
+
+
+def test_a_range_of_wavelengths_stands_alone(tmp_path):
+    paths = [tmp_path / "a.txt", tmp_path / "b.txt"]
+    for path, wave in zip(paths, ("0.5000 to 0.7000", "0.8000"), strict=True):
+        page(path, np.eye(17), 0.6, 0.0, "Huygens PSF", extra="Data spacing is 0.500 µm.\n")
+        text = path.read_text(encoding="utf-8").replace("0.6000", wave)
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(Refused, match="all of one range of wavelengths"):
+        psfs_of_pages(paths, "pages")
 
 
 def test_wavefront_pages_become_a_lens_table_with_their_image(tmp_path):
