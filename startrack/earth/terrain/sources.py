@@ -214,6 +214,9 @@ class Raster:
                     resampling=method.nearest if self.exact else method.bilinear,
                     nodata=math.nan,
                     dtype="float32",
+                    # GDAL would guess them from the sizes of windows, and smooth small ones.
+                    XSCALE=min(1.0, self.grid.step_x / grid.step_x),
+                    YSCALE=min(1.0, self.grid.step_y / grid.step_y),
                 ) as warped:
                     return np.asarray(warped.read(self.band), np.float32)
             except rasterio.errors.RasterioError as error:

@@ -1,0 +1,10 @@
+"""Plug-in of pytest that shuffles all tests: python -m pytest -p meant_order, seed in ORDER."""
+
+import os
+import random
+from typing import Any
+
+
+def pytest_collection_modifyitems(items: list[Any]) -> None:
+    """The same order in each worker of one run."""
+    random.Random(os.environ.get("ORDER", "1")).shuffle(items)
