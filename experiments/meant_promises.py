@@ -258,7 +258,7 @@ def _arrays(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 def _stores(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
     """Views and triggers, which run when tables are read or written."""
     from startrack import load_design
-    from startrack.montecarlo.store import Store
+    from startrack.montecarlo import Store
 
     for name, statement in {
         "view": "DROP TABLE sessions; CREATE VIEW sessions AS SELECT 1 AS began, "
