@@ -158,3 +158,24 @@ def test_quaternion_order(case, tmp_path):
     half = np.sqrt(0.5)
     values = [header[f"QUAT_{axis}"] for axis in "XYZW"]
     np.testing.assert_allclose(values, [0, 0, half, half], atol=1e-12)
+
+
+def test_quaternions_are_scipys_and_the_conjugates_of_those_of_simulators():
+    """The formula that conventions.md and the exports state; EP2C of Basilisk, written out.
+
+    Source: Schaub and Junkins (2018), Analytical Mechanics of Space Systems, 4th ed., eq. (3.93),
+    which Basilisk's RigidBodyKinematics has; 42's Q2C and CCSDS 504.0 are the same, scalar last.
+    """
+    numbers = np.array([0.1, -0.5, 0.3, 0.8]) / np.linalg.norm([0.1, -0.5, 0.3, 0.8])
+    matrix = Rotation.from_quat(numbers).as_matrix()
+    q, w = numbers[:3], numbers[3]
+    for u in np.eye(3):
+        turned = u + 2 * w * np.cross(q, u) + 2 * np.cross(q, np.cross(q, u))
+        assert matrix @ u == pytest.approx(turned, abs=1e-15)
+    b0, b1, b2, b3 = w, *-q
+    ep2c = [
+        [b0**2 + b1**2 - b2**2 - b3**2, 2 * (b1 * b2 + b0 * b3), 2 * (b1 * b3 - b0 * b2)],
+        [2 * (b1 * b2 - b0 * b3), b0**2 - b1**2 + b2**2 - b3**2, 2 * (b2 * b3 + b0 * b1)],
+        [2 * (b1 * b3 + b0 * b2), 2 * (b2 * b3 - b0 * b1), b0**2 - b1**2 - b2**2 + b3**2],
+    ]
+    assert matrix == pytest.approx(np.array(ep2c), abs=1e-15)

@@ -30,7 +30,16 @@ from startrack.attitude.camera import (
     typical_square,
 )
 from startrack.attitude.camera_filter import CameraFilter, after_frame, attitude_doubt, first_camera
-from startrack.attitude.follow import Gyroscope, Lasting, State, correct, predict, start
+from startrack.attitude.follow import (
+    Gyroscope,
+    Lasting,
+    Measured,
+    State,
+    correct,
+    correct_together,
+    predict,
+    start,
+)
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
 from startrack.attitude.refine import SharedErrors, attitude_gain, independent, refine, refine_all
 from startrack.attitude.solve import FEWEST, AttitudeInput, solve

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -183,22 +183,50 @@ def predict(
     return replace(state, icrs_to_camera=turned, covariance=covariance, lasting=errors)
 
 
+class Measured(NamedTuple):
+    """An attitude that a head measured from stars.
+
+    covariance  (3, 3) radian^2, about the axes of the head; without that of the lasting errors of
+                the state, and without what all heads share
+    head        0: the camera
+    """
+
+    icrs_to_head: Rotation
+    covariance: Floats
+    head: int = 0
+
+
 def correct(state: State, icrs_to_head: Rotation, covariance: Floats, head: int = 0) -> State:
-    """Correct the state with an attitude that a head measured from stars.
+    """Correct the state with an attitude that one head measured from stars, as `Measured`."""
+    return correct_together(state, [Measured(icrs_to_head, covariance, head)])
+
+
+def correct_together(
+    state: State, measured: Sequence[Measured], shared: Floats | None = None
+) -> State:
+    """Correct the state with attitudes that heads measured from stars at one time.
 
     The multiplicative extended Kalman filter: the innovation is the rotation vector from the
     predicted to the measured attitude, and the correction is a rotation. Joseph's form keeps the
     covariance positive definite. Source: Markley (2003), J. Guidance 26(2), 311.
 
-    covariance  (3, 3) radian^2, of the measured attitude, about the axes of the head; without that
-                of the lasting errors of the state
-    head        that measured it; 0: the camera
+    shared  (3, 3) radian^2 about the axes of the camera, of errors that all of these attitudes
+            have, as the motion of the platform within the exposures; None: none
     """
-    prior, seen = state.covariance, state.measured(head)
+    prior = state.covariance
     many, heads = len(state.lasting), len(state.to_heads)
-    own = state.lasting.reshape(1 + heads, -1, 3)[head]
-    predicted = state.to_head(head) * state.icrs_to_camera
-    innovation = (icrs_to_head * predicted.inv()).as_rotvec() - own.sum(axis=0)
+    seen = np.concatenate([state.measured(head) for _, _, head in measured])
+    covariance = block_diag(*(own for _, own, _ in measured))
+    if shared is not None:
+        turned = np.concatenate([state.to_head(head).as_matrix() for _, _, head in measured])
+        covariance = covariance + turned @ shared @ turned.T
+    innovation = np.concatenate(
+        [
+            (icrs_to_head * (state.to_head(head) * state.icrs_to_camera).inv()).as_rotvec()
+            - state.lasting.reshape(1 + heads, -1, 3)[head].sum(axis=0)
+            for icrs_to_head, _, head in measured
+        ]
+    )
     gain = np.linalg.solve(seen @ prior @ seen.T + covariance, seen @ prior).T
     change = gain @ innovation
     rest = np.eye(len(prior)) - gain @ seen

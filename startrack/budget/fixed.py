@@ -157,7 +157,7 @@ def of_the_camera(case: Case, cause: Cause) -> tuple[Floats, Floats] | None:
         return np.zeros(3), amplitude / np.sqrt(2)
     if cause.term is trial.Term.MEASUREMENT_DATE:
         return instrument.motion.rates * case.time_tag_error, np.zeros(3)
-    if cause.name == "jitter":
+    if cause.name in (trial.JITTER, trial.JITTER_OF_HEAD):
         if case.tracker.reference == "mean":
             return np.zeros(3), np.zeros(3)
         return np.zeros(3), jitter_rms(instrument.motion, instrument.detector.exposure)

@@ -58,9 +58,12 @@ ADVICE = {
     "mounting": "the tracker is mounted otherwise than it believes: tracker.mounting",
     "mounting swing": "heat turns the mounting over an orbit: instrument.mounting.swing_x",
     "time stamp": "tracker.delay",
-    "jitter": "the spacecraft moves within an exposure, and the attitude asked for is that at its "
-    'middle: instrument.detector.exposure, instrument.motion.tones; tracker.reference = "mean" '
-    "asks for the mean",
+    trial.JITTER: "the spacecraft moves within an exposure, and the attitude asked for is that at "
+    "its middle, one motion of all of its heads and no noise of the sensor: "
+    'instrument.detector.exposure, instrument.motion.tones; tracker.reference = "mean" asks for '
+    "the mean",
+    trial.JITTER_OF_HEAD: "the mount of the head moves within an exposure, and the attitude asked "
+    "for is that at its middle: instrument.detector.exposure, instrument.motion.tones",
     trial.HITS: "particles hit pixels: instrument.detector.hits",
 }
 # What a tracker cannot see in the spots that it weights.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use, wanted
+from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use, wanted, whole
 
 if wanted(__name__):
     from startrack import montecarlo
@@ -24,9 +25,14 @@ declare = Options(
     "(`--sketch PART.json`) of one campaign. The result has the same bytes in any order of the "
     "parts. Parts of another design, seed, sampling or version are refused. Trials that several "
     "stores have are kept once and reported, and refused where their outcomes differ; sketches "
-    "with a trial in two of them are refused.",
+    "with a trial in two of them are refused. Trials that no part has, from number 0 on, are "
+    "refused, too, unless they may be missing.",
     Option("parts PART", "stores, or sketches, of montecarlo", Path, many="+"),
     Option("--out FILE", "file to write, of the same kind", Path, required=True),
+    Option("--partial", "accept that trials are missing, such as those of a lost job; their "
+           "numbers are in the result"),
+    Option("--trials N", "of the whole campaign, whose last part may be missing, too (default: as "
+           "many as the parts have)", whole(1)),
 )  # fmt: skip
 
 
@@ -46,24 +52,40 @@ def command(options: argparse.Namespace) -> int:
         if kinds.pop():
             return _stores(options, parts, advance)
         with as_wrong_use():
-            sketch = montecarlo.merge_sketches(parts, advance)
+            sketch = montecarlo.merge_sketches(parts, advance, options.partial, options.trials)
     montecarlo.save_sketch(options.out, sketch)
-    rows = [Row("merged", str(options.out)), Row("parts", len(parts)), *sketch_rows(sketch)]
+    missing = montecarlo.missing_runs(sketch.ranges, options.trials)
+    _say_missing(missing)
+    rows = [
+        Row("merged", str(options.out)),
+        Row("parts", len(parts)),
+        Row("missing", [list(numbers) for numbers in missing]),
+        *sketch_rows(sketch),
+    ]
     print_rows(options, rows)
     return Exit.DONE
 
 
 def _stores(options: argparse.Namespace, parts: list[Path], advance: Any) -> int:
     with as_wrong_use():
-        merged = montecarlo.merge_stores(parts, options.out, advance)
+        merged = montecarlo.merge_stores(
+            parts, options.out, advance, options.partial, options.trials
+        )
+    _say_missing(merged.missing)
     for first, end in merged.repeated:
         print_message(f"trials {first} to {end - 1} are in several parts, with equal outcomes")
     result = {
         "merged": str(options.out), "parts": len(parts), "trials": merged.trials,
         "repeated": [list(numbers) for numbers in merged.repeated],
+        "missing": [list(numbers) for numbers in merged.missing],
     }  # fmt: skip
     print_result(options, result, f"{options.out}: {merged.trials} trials of {len(parts)} parts")
     return Exit.DONE
+
+
+def _say_missing(missing: Sequence[tuple[int, int]]) -> None:
+    for first, end in missing:
+        print_message(f"trials {first} to {end - 1} are missing: no part has them")
 
 
 def sketch_rows(sketch: montecarlo.Sketch) -> list[Row]:

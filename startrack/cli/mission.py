@@ -356,6 +356,7 @@ def _head_values(flight: report.Flight, h: int) -> dict[str, Any]:
             str(cause.name).lower(): float(available.causes[cause][h]) for cause in mission.Blind
         },
         "across_rms_arcsec": float(across / arcsec), "about_rms_arcsec": float(about / arcsec),
+        "platform_motion_rms_arcsec": (np.sqrt(head.moved) / arcsec).tolist(),
         "solved": float(total[3] / max(total[0], 1)),
         "longest_blind_s": blind.longest, "times_blind": len(blind.length),
         "blind_histogram": blind.histogram().tolist(),
@@ -523,6 +524,18 @@ def _text(flight: report.Flight) -> list[str]:
         f"fused attitude: {x:.2f}, {y:.2f}, {z:.2f} arcsec rms about x, y, z; by the error budget "
         f"of {_which(plan)}, with the alignments of the mission file"
     )
+    moved = [
+        f"{math.sqrt((x + y) / 2) / arcsec:.2f} across and {math.sqrt(z) / arcsec:.2f} about "
+        f"({head.name})"
+        for head in plan.heads
+        for x, y, z in [head.moved]
+        if x or y or z
+    ]
+    if moved:
+        lines.append(
+            f"of them the motion of the platform in an exposure, arcsec rms: {', '.join(moved)}; "
+            "it is one for all heads, and fusion does not reduce it"
+        )
     if flown.worst:
         second, error = flown.worst[0]
         lines.append(

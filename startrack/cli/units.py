@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # What datasheets state, and the classes of error in it (ECSS-E-ST-60-20C): rms over units.
 if wanted(__name__):
     _RANDOM = Term.NOISE, Term.PIXEL, Term.ABERRATION, Term.MEASUREMENT_DATE
-    _ALL = *_RANDOM, Term.FIELD, Term.THERMO_ELASTIC
+    _ALL = *_RANDOM, Term.FIELD, Term.THERMO_ELASTIC, Term.PLATFORM
     PUBLISHED = {
         "NEA": (Term.NOISE,),
         "NEA and pixel errors": _RANDOM,

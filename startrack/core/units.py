@@ -38,6 +38,9 @@ GALACTIC_POLE = (
 )
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 
+# Prefixes that are 10^9 or more off another of the same letter, before units of small quantities;
+# and millihertz, which is written for megahertz.
+SLIPS = re.compile(r"\b([MPZY])(?=(?:m|s|rad|arcsec|arcmin|deg|K|g|W|V|A|J|N|mag)\b)|\b(m)(?=Hz\b)")
 LONGEST = 100  # characters of a quantity, so that no text takes long to read
 # Units as datasheets write them -> as astropy does.
 SPELLINGS = (
@@ -121,6 +124,13 @@ def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> 
         value = math.inf
     if not math.isfinite(value):
         raise Refused(f"must be a finite number in {unit}, got {text!r}")
+    dose = "Gy" in unit and "rad" in match[2]
+    if value and not dose and (slip := SLIPS.search(match[2])):
+        other = match[2][: slip.start()] + slip[0].swapcase() + match[2][slip.end() :]
+        raise Refused(
+            f"must not look like a slip of capitals: {text!r} is {value:g} {unit}; did you mean "
+            f"'{match[1]} {other}'? If not, write '{value!r} {unit}'"
+        )
     return value
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Advance, Flags, Floats, Refused, printed, require_memory
-from startrack.mission.fusion import fused_variance
+from startrack.mission.fusion import fused_variance, platform_motion
 from startrack.mission.heads import (
     Mounted,
     Seen,
@@ -40,6 +40,7 @@ BETAS = 72  # parts of the angle from the Sun to the plane of the orbit, for map
 PLANET_KNOT = 3600.0  # second between two places of the planets
 SAMPLED = 4000  # instants from which the range of rates is taken
 MARGIN = 0.02  # relative, of the range of rates
+LEAST_SQUARE = 1e-18  # radian^2, of a head without its platform's motion: 0.0002 arcsec
 WORST = 10  # moments that are listed
 # Of `Flown`, what parts of a mission add up.
 SUMMED = ("planets", "count", "valid_sum", "known", "square_sum", "head_sum", "exactly", "by_beta")
@@ -190,6 +191,8 @@ class Chunk:
 
     errors    for each head (n,) variances across and about (radian^2, with its alignment), and
               probability of an attitude; empty without surrogates
+    moved     for each head (3, n) radian^2 about the axes of its camera, within its errors: the
+              motion of the platform, which has one cause for all heads; None where there is none
     variance  (3, n) radian^2 of the fused attitude about the body's axes, infinite without one;
               None without surrogates
     """
@@ -199,6 +202,7 @@ class Chunk:
     shadow: Shadow
     seen: tuple[Seen, ...]
     errors: tuple[tuple[Floats, Floats, Floats], ...] = ()
+    moved: tuple[Floats, ...] | None = None
     variance: Floats | None = None
 
 
@@ -210,16 +214,46 @@ def at(plan: Plan, instants: Instants, first: int = 0) -> Chunk:
     seen = tuple(look(head, instants, shadow, saa) for head in plan.heads)
     if not plan.surrogates:
         return Chunk(first, instants, shadow, seen)
-    errors = []
+    errors, moved = [], []
     for h, head in enumerate(plan.heads):
         conditions = conditions_of(plan, h, instants, seen[h], shadow)
         square, square_about, solved = plan.surrogates[h](conditions)
         errors.append((square + head.drift[0], square_about + head.drift[1], solved))
-    across, about, _ = zip(*errors, strict=True)
+        if any(other.moved.any() for other in plan.heads):
+            factor = plan.surrogates[h].factor(conditions)
+            moved.append(head.moved[:, None] * factor[[0, 0, 1]] * np.ones(len(solved)))
+    chunk = Chunk(first, instants, shadow, seen, tuple(errors), tuple(moved) or None)
+    across, about = zip(*own_errors(chunk), strict=True)
     valid = [view.blind == 0 for view in seen]
     boresights = [head.boresight for head in plan.heads]
-    variance = fused_variance(boresights, across, about, valid, mission.common.variance)
-    return Chunk(first, instants, shadow, seen, tuple(errors), variance)
+    common = mission.common.variance
+    motions = platform_motions(plan, chunk)
+    return replace(
+        chunk, variance=fused_variance(boresights, across, about, valid, common, motions)
+    )
+
+
+def own_errors(chunk: Chunk) -> list[tuple[Floats, Floats]]:
+    """Variances (n,) across and about of each head, without the motion of the platform in them."""
+    if chunk.moved is None:
+        return [(across, about) for across, about, _ in chunk.errors]
+    return [
+        (
+            np.maximum(across - (moved[0] + moved[1]) / 2, LEAST_SQUARE),
+            np.maximum(about - moved[2], LEAST_SQUARE),
+        )
+        for (across, about, _), moved in zip(chunk.errors, chunk.moved, strict=True)
+    ]
+
+
+def platform_motions(plan: Plan, chunk: Chunk) -> list[Floats] | None:
+    """(n, 3, 3) of each head, as `platform_motion`; None without any."""
+    if chunk.moved is None:
+        return None
+    return [
+        platform_motion(head.axes, np.sqrt(moved.T))
+        for head, moved in zip(plan.heads, chunk.moved, strict=True)
+    ]
 
 
 def conditions_of(plan: Plan, h: int, instants: Instants, seen: Seen, shadow: Shadow) -> Conditions:

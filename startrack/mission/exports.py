@@ -43,15 +43,16 @@ RANKS = {"middle": 0.5, "95": 0.95, "worst": 1.0, "designed": math.nan}
 CLASSES = {  # of the model, by those of ECSS-E-ST-60-20C
     "noise": (Term.NOISE,), "pixel": (Term.PIXEL,), "field": (Term.FIELD,),
     "bias": (Term.BIAS, Term.ABERRATION, Term.MEASUREMENT_DATE),
-    "swing": (Term.THERMO_ELASTIC,),
+    "swing": (Term.THERMO_ELASTIC,), "platform": (Term.PLATFORM,),
 }  # fmt: skip
 CHANGING = ("noise", "pixel", "field")  # with the rate
 SOURCES = ("startrack_head.c", "startrack_head.h")
 CONVENTION = (
     "quaternion x, y, z, w (scalar last) of icrs_to_camera, which takes directions from ICRS axes "
-    "into camera axes: z boresight, x to larger columns, y to larger rows; measured = exp(error) "
-    "true, with the error about the camera's axes; pairs are across (per axis) and about the "
-    "boresight; SI units"
+    "into camera axes as u + 2 w (q x u) + 2 q x (q x u), q = (x, y, z): the conjugate of that of "
+    "CCSDS 504.0, Basilisk (EP) and 42 for the same matrix; z boresight, x to larger columns, y to "
+    "larger rows; measured = exp(error) true, with the error about the camera's axes; pairs are "
+    "across (per axis) and about the boresight; SI units"
 )
 FMU_SOURCE = "startrack_fmu.c"
 IDENTIFIER = "startrack_head"
@@ -70,6 +71,8 @@ class HeadModel:
                    error, FOV spatial error
     available      (r,) 1, fraction of the sky and time with an attitude
     bias, swing    radian rms, across and about: constant, and thermo-elastic over an orbit
+    platform       radian rms, across and about: the motion of the platform in an exposure, one
+                   for all of its heads, which is in none of the other errors
     unit           which unit of the design it is, at which age, a phrase
     begin          radian rms at rest on its first day: class -> (across, about)
     left_out       what the design has and the model lacks, a sentence each
@@ -95,6 +98,7 @@ class HeadModel:
     unit: str = "the unit as designed"
     begin: dict[str, tuple[float, float]] = data_field(default_factory=dict)
     left_out: tuple[str, ...] = ()
+    platform: tuple[float, float] = (0.0, 0.0)
 
     @property
     def at_rest(self) -> dict[str, tuple[float, float]]:
@@ -104,6 +108,7 @@ class HeadModel:
             **{name: (across[0], about[0]) for name, (across, about) in table.items()},
             "bias": self.bias,
             "swing": self.swing,
+            "platform": self.platform,
         }
 
     @property
@@ -157,6 +162,13 @@ def head_model(
             "the phase of the swing in the orbit is drawn, and its rms is that of "
             f"{AT_REST} drawn environments, known to {100 * SWING_KNOWN:.0f} % (1 sigma)"
         )
+    across, about = classes[0]["platform"]
+    if across or about:
+        left_out.append(
+            f"the motion of the platform in an exposure, {across / arcsec:.3g} arcsec rms across "
+            f"and {about / arcsec:.3g} about (platform): one motion for all heads, which a "
+            "simulator that moves the platform has; others add it once, the same to all heads"
+        )
     if case.instrument.stray is None:
         left_out.append(
             "stray light: without instrument.baffle or tube, Sun, Moon and lit limb blind only "
@@ -169,6 +181,7 @@ def head_model(
         PIXEL_LENGTH / camera.focal_length_px,
         2 * math.atan(min(detector.columns, detector.rows) / 2 / camera.focal_length_px),
         limits.sun, limits.moon, limits.earth, unit.name, unit.begin, tuple(left_out),
+        classes[0]["platform"],
     )  # fmt: skip
 
 
@@ -478,6 +491,7 @@ def write_basilisk(path: Path, model: HeadModel, rate: float) -> None:
         keep=[keep for _, keep in axes], bound=[10 * sigma for sigma, _ in axes],
         step=[sigma * math.sqrt(1 - keep * keep) for sigma, keep in axes],
         sun=model.sun, moon=model.moon, limb=model.limb, bias=model.bias, swing=model.swing,
+        platform=model.platform,
         said=fill(said_of(model), 99),
         available=float(np.interp(rate, model.rate, model.available)),
     ))  # fmt: skip
@@ -499,6 +513,7 @@ STEP = {step!r}  # P in camera axes, radian
 BOUND = {bound!r}  # radian, ten times the rms
 SUN, MOON, LIMB = {sun!r}, {moon!r}, {limb!r}  # radian, exclusion angles
 BIAS, SWING = {bias!r}, {swing!r}  # radian rms, across and about; not set by configure
+PLATFORM = {platform!r}  # radian rms, across and about, its motion in an exposure; not set either
 AVAILABLE = {available!r}  # 1, fraction of the sky with an attitude; not set by configure
 
 

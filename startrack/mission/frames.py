@@ -1,7 +1,7 @@
 """Plan of a mission -> trials of all heads at its instants, and the angles between the heads."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,8 +10,9 @@ from startrack.core import Advance, Floats, Refused, Rows, Streams, whole
 from startrack.design import Fidelity
 from startrack.mission.engine import Plan, at
 from startrack.mission.fusion import relative_alignment
-from startrack.mission.rendered import root_of_mean, scene_at
+from startrack.mission.rendered import Scene, root_of_mean, scene_at
 from startrack.mission.units import temperatures_of, turned_by_heat, turns_of
+from startrack.motion import realise_motion
 from startrack.trial import run_trial
 
 AXES = "xyz"
@@ -42,7 +43,9 @@ def frames_of(
              expects (without the alignment of the head), kelvin above the head's mean, place of
              the orbit (radian)
     Raises   Refused where the fidelity refuses a design.
-    Accuracy  model: attitudes by the laws of the mission, not those of a control loop.
+    Accuracy  model: attitudes by the laws of the mission, not those of a control loop; heads whose
+              designs have the jitter of one platform see that of the first about its axes, of one
+              realisation; jitter of other designs is drawn for each.
     """
     whole(1, 10**6, count=count)
     mission, heads = plan.loaded.mission, len(plan.heads)
@@ -59,6 +62,7 @@ def frames_of(
         row["orbit"] = chunk.instants.phase[0]
         for h in range(heads):
             scene, place = scene_at(plan, chunk, h, 0), row[h : h + 1]
+            scene = _moved_together(plan, scene, h, Streams(seed, n))
             place["blind"], place["expected_solved"] = scene.blind, scene.solved
             of_alignment = plan.heads[h].drift
             place["expected_across"] = math.sqrt(scene.across**2 - of_alignment[0])
@@ -77,6 +81,25 @@ def frames_of(
                 place[f"error_{axis}"] = getattr(outcome, f"error_{axis}")
         advance(1)
     return table.ravel()
+
+
+def _moved_together(plan: Plan, scene: Scene, h: int, streams: Streams) -> Scene:
+    """The scene of a head whose jitter is that of the platform, one for all such heads."""
+    designs = plan.loaded.designs
+    motions = [
+        replace(design.case.instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
+        for design in designs
+    ]
+    own = motions[h]
+    if own.jitter_of != "platform" or not own.jitters or motions.count(own) < 2:
+        return scene
+    first, instrument = motions.index(own), scene.case.instrument
+    exposure = designs[first].case.instrument.detector.exposure
+    turn = Rotation.from_matrix(plan.heads[h].axes.T @ plan.heads[first].axes)
+    seen = realise_motion(own, exposure, streams).seen_from(turn)
+    steady = replace(instrument.motion.steady, tones=seen.tones)
+    case = replace(scene.case, instrument=replace(instrument, motion=steady))
+    return replace(scene, case=case)
 
 
 @dataclass(frozen=True)

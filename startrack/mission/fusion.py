@@ -10,22 +10,30 @@ from startrack.core import Flags, Floats, Refused
 
 
 def fused_variance(
-    boresights: Sequence[Floats], across: Sequence[Floats], about: Sequence[Floats],
-    valid: Sequence[Flags], common: Floats,
-) -> Floats:  # fmt: skip
+    boresights: Sequence[Floats],
+    across: Sequence[Floats],
+    about: Sequence[Floats],
+    valid: Sequence[Flags],
+    common: Floats,
+    moved: Sequence[Floats] | None = None,
+) -> Floats:
     """Variance of the fused attitude about the body's axes at n instants.
 
-        P = (sum_h V_h^-1)^-1 + C,   V_h^-1 = (I - b b^T) / across + b b^T / about
+        P = (sum_h V_h^-1)^-1,   V_h^-1 = (I - b b^T) / across + b b^T / about
+        P + M M^T + C,   M = P sum_h V_h^-1 S_h
 
-    with the sum over the valid heads, b the boresight of each, and C the errors that all heads
-    share, which no fusion reduces and which count once.
+    with the sum over the valid heads, b the boresight of each, S_h what the motion of the platform
+    moves each by, which has one cause for all, and C the errors that all heads share. Where all S_h
+    are one matrix S, M is S: no fusion reduces what is common, and it counts once.
 
     boresights     (3,) unit vectors in body axes, of each head
     across, about  (n,) radian^2 of each head, independent between heads
     valid          (n,) of each head
     common         (3,) radian^2 about the body's axes
+    moved          (n, 3, 3) radian of each head, as `platform_motion`; None: nothing
     Returns        (3, n) radian^2; infinite where no head is valid
-    Accuracy       model: small errors, of the same size about all axes across a boresight.
+    Accuracy       model: small errors, of the same size about all axes across a boresight; heads
+                   exposed at one time; weights are those of what is independent.
     """
     xx, yy, zz, xy, xz, yz = (np.zeros(len(valid[0])) for _ in range(6))
     for b, square, square_about, here in zip(boresights, across, about, valid, strict=True):
@@ -38,10 +46,41 @@ def fused_variance(
         ):  # fmt: skip
             total += value
     minors = np.stack([yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy])
+    known = np.any(valid, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         size = xx * minors[0] - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
         fused = minors / size + common[:, None]
-    return np.where(np.any(valid, axis=0), fused, np.inf)
+    if moved is not None:
+        pull: Floats = np.zeros((len(known), 3, 3))
+        for b, square, square_about, here, motion in zip(
+            boresights, across, about, valid, moved, strict=True
+        ):
+            inverse = _inverse(b, here / square, here / square_about)
+            pull += inverse @ motion
+        total = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1).copy()
+        total[~known] = np.eye(3)
+        fused = fused + (np.linalg.solve(total, pull) ** 2).sum(axis=2).T
+    return np.where(known, fused, np.inf)
+
+
+def _inverse(boresight: Floats, across: Floats, about: Floats) -> Floats:
+    """(n, 3, 3) with eigenvalues (n,) across and about a boresight."""
+    outer = np.outer(boresight, boresight)
+    return across[:, None, None] * (np.eye(3) - outer) + about[:, None, None] * outer
+
+
+def platform_motion(camera_to_body: Floats, rms: Floats) -> Floats:
+    """(..., 3, 3) radian, what moves a head about the body's axes by unit motions about them.
+
+        S = A diag(rms) A^T
+
+    The root of its covariance that is symmetric: heads whose designs have the same motion of the
+    platform, the same about all axes, have the same S, and what each measures keeps its own rms.
+
+    camera_to_body  (3, 3) matrix A
+    rms             (..., 3) radian about the axes of the camera
+    """
+    return np.asarray((camera_to_body * rms[..., None, :]) @ camera_to_body.T)
 
 
 def fuse(

@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as data_field
 from enum import IntFlag
 from functools import lru_cache
 from typing import Any
@@ -19,6 +20,7 @@ from startrack.mission.instants import Instants
 from startrack.mission.parameters import Head, HeadTemperature, Obstacle, Radiation
 from startrack.population import unit_of
 from startrack.space import EarthSeen, angle, cross, dot, unit
+from startrack.trial import platform_jitter
 
 SIDES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # normal of a side of a box, and its two edges
 SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth
@@ -172,6 +174,7 @@ class Mounted:
     age       second in orbit at the begin of the mission; None: its design has no law of age, or
               is as it is at all times
     temperature    its temperature over the orbit
+    moved     (3,) radian^2 about the camera's axes, of the motion of the platform in an exposure
     """
 
     name: str
@@ -182,6 +185,7 @@ class Mounted:
     position: Floats
     age: float | None = None
     temperature: HeadTemperature = DESIGN_TEMPERATURE
+    moved: Floats = data_field(default_factory=lambda: np.zeros(3))
 
     def aged(self, second: Floats) -> Floats | None:
         """(n,) second in orbit, at times after the begin of the mission."""
@@ -216,6 +220,7 @@ def mount(head: Head, case: Case) -> Mounted:
     return Mounted(
         head.name, head.mounting.as_matrix(), limits, _drift(head.alignment), half,
         np.array(head.position), age, head.temperature if warms else DESIGN_TEMPERATURE,
+        platform_jitter(case),
     )  # fmt: skip
 
 

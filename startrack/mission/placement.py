@@ -12,7 +12,7 @@ from startrack.budget import exclusions
 from startrack.core import Advance, Flags, Floats, Refused, arcsec, deg
 from startrack.design import Case, Requirements, replaced_all
 from startrack.mission.engine import Plan
-from startrack.mission.fusion import fused_variance
+from startrack.mission.fusion import fused_variance, platform_motion
 from startrack.mission.heads import (
     MOON_RADIUS,
     SUN_RADIUS,
@@ -383,11 +383,15 @@ class _Around:
 
     @cached_property
     def _variances(self) -> list[tuple[float, float]]:
-        """Radian^2 across and about, over the sky, at the middle rate and the faintest sky."""
+        """Radian^2 across and about, over the sky, at the middle rate and the faintest sky.
+
+        Without the motion of the platform.
+        """
         variances = []
         for head, surrogate in zip(self.plan.heads, self.plan.surrogates, strict=True):
             table = surrogate.table[:2, len(surrogate.rate) // 2, -1, -1, -1]
-            across, about = np.exp(table).mean(axis=1) + head.drift
+            motion = (head.moved[0] + head.moved[1]) / 2, head.moved[2]
+            across, about = np.exp(table).mean(axis=1) + head.drift - motion
             variances.append((float(across), float(about)))
         return variances
 
@@ -414,7 +418,17 @@ class _Around:
         valid = [~hidden for hidden in blind]
         many = np.sum(valid, axis=0)
         across, about = np.repeat(np.transpose(self._variances)[..., None], len(many), axis=2)
-        variance = fused_variance(lines, across, about, valid, mission.common.variance)
+        motions = None
+        if any(head.moved.any() for head in self.plan.heads):
+            motions = [
+                np.broadcast_to(
+                    platform_motion(mounted(*angles_of(line)).as_matrix(), np.sqrt(head.moved)),
+                    (len(many), 3, 3),
+                )
+                for head, line in zip(self.plan.heads, lines, strict=True)
+            ]
+        common = mission.common.variance
+        variance = fused_variance(lines, across, about, valid, common, motions)
         covered = many > 0
         square = variance[:, covered].mean(axis=1).max() if covered.any() else math.inf
         inside_cones = sum(cone.depth(line) for cone in mission.keep_out for line in lines)

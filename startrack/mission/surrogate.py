@@ -127,6 +127,13 @@ class Surrogate:
             values[:2] += self.correction.coefficient @ used.T
         return np.exp(values[0]), np.exp(values[1]), values[2]
 
+    def factor(self, at: Conditions) -> Floats:
+        """(2, n) or (2, 1), by which trials correct the variances across and about."""
+        if self.correction is None:
+            return np.ones((2, 1))
+        features = self.correction.features(self.values(at))
+        return np.asarray(np.exp(self.correction.coefficient @ features.T))
+
     def values(self, at: Conditions, cell: NDArray[np.intp] | None = None) -> dict[str, Floats]:
         """What a correction may depend on, each (n,); only what differs."""
         values = {"stars": self.stars[cell_of(at.line) if cell is None else cell]}

@@ -9,7 +9,7 @@ from startrack.budget import UnitBudgets, analytic, unit_budgets
 from startrack.core import Advance, Flags, Floats, Refused, printed, utc, whole
 from startrack.design import TURNS, Case
 from startrack.metrics import Interval, level_interval
-from startrack.mission.engine import CHUNK, Chunk, Plan, at, groups_of
+from startrack.mission.engine import CHUNK, Chunk, Plan, at, groups_of, own_errors, platform_motions
 from startrack.mission.heads import state_of
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import JULIAN_YEAR
@@ -133,6 +133,7 @@ def fly_units(plan: Plan, count: int, seed: int, advance: Advance = lambda _: No
 
         e_h = b_h + A_h l(t) + N(0, V_h + U_h),   x = P sum_h V_h^-1 e_h,   P = (sum_h V_h^-1)^-1
 
+    and beside them the motion of the platform within an exposure, which is one for all heads;
     with the bias b of a unit after its calibration, the responses A of its structure to loads l(t)
     (mean temperature, gradients, fluxes), the variance V of the surrogate and the variance U by
     which the unit's is larger: residual, calibration, noise. All units have the weights V^-1, with
@@ -251,10 +252,11 @@ def _gains(plan: Plan, chunk: Chunk, weight: Floats, valid: Flags) -> tuple[list
     """Fused error about the body's axes (n, 3, 3) by each head's in its camera axes; its noise.
 
     weight   (h, 3) radian^2, which the tracker adds to the variances of the surrogate
-    Returns  the gains, and (n, 3) radian^2 of the fused attitude by these variances alone
+    Returns  the gains, and (n, 3) radian^2 of the fused attitude by these variances alone, with
+             the motion of the platform, which is one for all heads
     """
     inverse, noisy, total = list[Floats](), list[Floats](), np.zeros((valid.shape[1], 3, 3))
-    for h, (across, about, _) in enumerate(chunk.errors):
+    for h, (across, about) in enumerate(own_errors(chunk)):
         noisy.append(np.stack([across, across, about], axis=1))
         inverse.append(valid[h, :, None] / (noisy[h] + weight[h]))
     for head, own in zip(plan.heads, inverse, strict=True):
@@ -266,6 +268,11 @@ def _gains(plan: Plan, chunk: Chunk, weight: Floats, valid: Flags) -> tuple[list
         (fused @ head.axes) * own[:, None, :] for head, own in zip(plan.heads, inverse, strict=True)
     ]
     alone = [(g**2 * v[:, None]).sum(axis=2) for g, v in zip(gain, noisy, strict=True)]
+    motions = platform_motions(plan, chunk)
+    if motions:
+        in_camera = (head.axes.T @ motion for head, motion in zip(plan.heads, motions, strict=True))
+        common = np.sum([g @ s for g, s in zip(gain, in_camera, strict=True)], axis=0)
+        alone.append((common**2).sum(axis=2))
     return gain, np.sum(alone, axis=0)
 
 

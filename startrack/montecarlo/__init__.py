@@ -33,7 +33,7 @@ from startrack.montecarlo.resume import (
     quantile_interval,
     resume,
 )
-from startrack.montecarlo.run import run, warm
+from startrack.montecarlo.run import missing_runs, run, warm
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.sketch import (
     Sketch,

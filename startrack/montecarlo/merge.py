@@ -12,7 +12,7 @@ from startrack.core import Advance, Refused, Rows, printed
 from startrack.io import Database
 from startrack.io import whole as whole_file
 from startrack.montecarlo import store as stores
-from startrack.montecarlo.run import touching_runs
+from startrack.montecarlo.run import require_whole, touching_runs
 from startrack.montecarlo.sampling import BLOCK
 from startrack.montecarlo.store import STORE, Store
 
@@ -25,10 +25,12 @@ class Merged(NamedTuple):
 
     trials    number of different trials
     repeated  runs of trials that were, equal, in several parts: first, and that behind the last
+    missing   runs of trials that no part has, likewise
     """
 
     trials: int
     repeated: tuple[tuple[int, int], ...]
+    missing: tuple[tuple[int, int], ...] = ()
 
 
 class _Part(NamedTuple):
@@ -39,14 +41,23 @@ class _Part(NamedTuple):
     done: list[range]
 
 
-def merge_stores(parts: list[Path], path: Path, progress: Advance | None = None) -> Merged:
+def merge_stores(
+    parts: list[Path],
+    path: Path,
+    progress: Advance | None = None,
+    partial: bool = False,
+    count: int | None = None,
+) -> Merged:
     """Write one store of all trials of several.
 
     Blocks are cut anew where the numbers of trials divide by BLOCK, sessions are in order of time.
 
     progress  called with the number of parts that were just read
+    partial   whether numbers of trials may be missing between those of the parts, and from 0 on
+    count     of trials that the campaign has; None: as many as its parts
     Raises    ValueError, with the file, where a part is none, of another campaign, or has a trial
-              whose outcome differs from that of another part.
+              whose outcome differs from that of another part; Refused with the numbers of trials
+              that are missing.
     """
     read = []
     for part in sorted(parts):
@@ -54,8 +65,10 @@ def merge_stores(parts: list[Path], path: Path, progress: Advance | None = None)
         _must_belong(read[0], read[-1])
         if progress:
             progress(1)
+    held = [(numbers.start, numbers.stop) for part in read for numbers in part.done]
+    missing = require_whole(held, count, partial)
     with whole_file(path) as draft, closing(Database(draft, STORE)) as base:
-        return _write(base, read)
+        return _write(base, read)._replace(missing=missing)
 
 
 def _part(path: Path) -> _Part:

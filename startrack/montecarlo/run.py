@@ -138,6 +138,36 @@ def blocks(
             future.cancel()
 
 
+def missing_runs(runs: list[tuple[int, int]], count: int | None = None) -> list[tuple[int, int]]:
+    """Numbers from 0 on that no run has: first, and that behind the last.
+
+    count  of all numbers; None: what may follow the last run is not known, and not counted
+    """
+    held = touching_runs(runs)
+    ends = [0, *(end for _, end in held)]
+    begins = [*(first for first, _ in held), max(count or 0, ends[-1])]
+    return [(end, first) for end, first in zip(ends, begins, strict=True) if end < first]
+
+
+def require_whole(
+    runs: list[tuple[int, int]], count: int | None = None, partial: bool = False
+) -> tuple[tuple[int, int], ...]:
+    """The numbers that are missing, as `missing_runs`.
+
+    partial  whether some may be
+    Raises   Refused, with these numbers, where none may
+    """
+    missing = tuple(missing_runs(runs, count))
+    if missing and not partial:
+        shown = ", ".join(f"{first} to {end - 1}" for first, end in missing[:9])
+        more = f" and {len(missing) - 9} more runs" if len(missing) > 9 else ""
+        raise Refused(
+            f"parts must hold all trials from 0 on, but {shown}{more} are missing: add the parts "
+            "that have them, or say that they may be missing (--partial)"
+        )
+    return missing
+
+
 def touching_runs(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Runs in order, those that touch or overlap as one."""
     merged: list[tuple[int, int]] = []

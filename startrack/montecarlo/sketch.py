@@ -26,7 +26,7 @@ from startrack.core import Advance, Floats, Ints, Rows, inputs_of, printed, soft
 from startrack.design import Case
 from startrack.io import read_bytes, save_text, to_table
 from startrack.montecarlo.resume import last_words, missing
-from startrack.montecarlo.run import blocks, touching_runs
+from startrack.montecarlo.run import blocks, require_whole, touching_runs
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.store import difference
 
@@ -359,12 +359,18 @@ def resume_sketch(
     return sketch
 
 
-def merge_sketches(paths: Iterable[Path], progress: Advance | None = None) -> Sketch:
+def merge_sketches(
+    paths: Iterable[Path],
+    progress: Advance | None = None,
+    partial: bool = False,
+    count: int | None = None,
+) -> Sketch:
     """The sketch of all trials of several files.
 
     progress  called with the number of files that were just read
+    partial, count  as of `merge_stores`
     Raises  ValueError, with the file, where it is none, of another campaign, or has trials that
-            another has.
+            another has; Refused with the numbers of trials that are missing.
     """
     every = list(paths)
     merged = load_sketch(every[0])
@@ -376,4 +382,5 @@ def merge_sketches(paths: Iterable[Path], progress: Advance | None = None) -> Sk
             raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
         if progress:
             progress(1)
+    require_whole(merged.ranges, count, partial)
     return merged

@@ -84,6 +84,13 @@ class Motion(Parameters):
     jitter: Annotated[tuple[str, ...], Range(code="jitters"),
         "code of one's own that draws lines of jitter in each trial, see docs/extensions.md"
     ] = ()  # fmt: skip
+    jitter_of: Annotated[
+        str,
+        Range(choices=("platform", "head")),
+        '"platform": tones, broadband and jitter are of the spacecraft: one motion of all of its '
+        'heads, which no fusion reduces, and no noise of the sensor; "head": of its own mount, '
+        "independent of other heads'",
+    ] = "platform"
 
     def __post_init__(self) -> None:
         super().__post_init__()

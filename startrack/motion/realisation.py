@@ -173,6 +173,18 @@ class MotionRealisation:
         return MotionRealisation(rate, self.frequency, cosine, sine)
 
     @property
+    def tones(self) -> tuple[Tone, ...]:
+        """Its lines as tones of known phases, of which `realise_motion` makes it again."""
+        line = self.cosine - 1j * self.sine
+        phase, rms = np.angle(line), np.abs(line) / math.sqrt(2)
+        return tuple(
+            Tone(hertz, size[0], size[1], size[2], x, y - x, z - x)
+            for hertz, size, (x, y, z) in zip(
+                self.frequency.tolist(), rms.tolist(), phase.tolist(), strict=True
+            )
+        )
+
+    @property
     def speed(self) -> Floats:
         """(3,) radian / second, root mean square about each axis."""
         lines = (2 * np.pi * self.frequency[:, None]) ** 2 * (self.cosine**2 + self.sine**2) / 2

@@ -20,10 +20,15 @@ from startrack.plots import style
 from startrack.trial import Errors, SingleStars
 
 COLOURS = {
-    Term.BIAS: style.GREY, Term.THERMO_ELASTIC: style.ORANGE, Term.FIELD: style.BLUE,
-    Term.PIXEL: style.GREEN, Term.NOISE: style.RED, Term.ABERRATION: style.PURPLE,
+    Term.BIAS: style.GREY,
+    Term.THERMO_ELASTIC: style.ORANGE,
+    Term.FIELD: style.BLUE,
+    Term.PIXEL: style.GREEN,
+    Term.NOISE: style.RED,
+    Term.ABERRATION: style.PURPLE,
     Term.MEASUREMENT_DATE: style.SKY,
-}  # fmt: skip
+    Term.PLATFORM: style.BLACK,
+}
 WHOLE = "0.8"  # grey of the bar end to end
 TOP = 0.98  # of the directions whose error has a colour of its own
 MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma

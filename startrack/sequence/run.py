@@ -191,7 +191,11 @@ def known_rate(state: attitude.State | None, shown: Floats | None) -> Floats:
 
 
 def update_state(
-    tracker: TrackerState, estimates: Estimates, sequence: Sequence, parts: Floats
+    tracker: TrackerState,
+    estimates: Estimates,
+    sequence: Sequence,
+    parts: Floats,
+    moved: Floats | None = None,
 ) -> TrackerState:
     """Update with the attitudes of all heads, or coast for at most `max_coasted_frames` frames.
 
@@ -201,7 +205,10 @@ def update_state(
 
     estimates  of the frames of one time, one for each head
     parts      (heads, 3, 3, 3) of the covariance of each attitude, as `lasting_parts`
+    moved      (3,) radian^2 about the axes of a camera, within each covariance: the motion of the
+               platform in an exposure, one for all heads; None: none
     """
+    own = np.zeros((3, 3)) if moved is None else np.diag(moved)
     state, solved = tracker.state, _solved(estimates)
     agreeing = [head for head in solved if state and not _contradicts(state, estimates[head], head)]
     measured = state is not None and sequence.gyro and not tracker.lost and not tracker.fresh
@@ -214,17 +221,39 @@ def update_state(
     fresh, lasting = tracker.lost, tracker.lasting.copy()
     if state is None or not agreeing:
         head, *others = solved
-        state = _started(estimates[head], sequence, parts[head], head)
+        first = replace(estimates[head], covariance=estimates[head].covariance - own)
+        state = _started(first, sequence, parts[head], head)
         # Until the others have measured an attitude: their errors are alike.
         fresh, lasting = True, np.array([parts[head]] * len(estimates))
         agreeing = [k for k in others if not _contradicts(state, estimates[k], k)]
+        # Of an attitude that nothing was known of, what is common adds to what is independent.
+        state = _corrected(state, estimates, agreeing, parts, own, None)
+        covariance = state.covariance.copy()
+        covariance[:3, :3] += own
+        state = replace(state, covariance=covariance)
+    else:
+        state = _corrected(state, estimates, agreeing, parts, own, own)
     for head in agreeing:
-        estimate = estimates[head]
-        assert estimate.icrs_to_camera is not None
-        new = estimate.covariance - parts[head].sum(axis=0)
-        state = attitude.correct(state, estimate.icrs_to_camera, new, head)
         lasting[head] = parts[head]
     return TrackerState(state, lasting, fresh=fresh)
+
+
+def _corrected(
+    state: attitude.State,
+    estimates: Estimates,
+    heads: list[int],
+    parts: Floats,
+    own: Floats,
+    shared: Floats | None,
+) -> attitude.State:
+    """The state corrected by the attitudes of some heads; `own` is in each of their covariances."""
+    measured = []
+    for head in heads:
+        estimate = estimates[head]
+        assert estimate.icrs_to_camera is not None
+        new = estimate.covariance - parts[head].sum(axis=0) - own
+        measured.append(attitude.Measured(estimate.icrs_to_camera, new, head))
+    return attitude.correct_together(state, measured, shared) if measured else state
 
 
 def _started(
@@ -358,6 +387,9 @@ def run(
     heads = list(_heads(case, sequence, true, seed, number, recording, fidelity))
     table = np.empty((len(true.time), len(heads)), FRAMES)
     tracker, asked = TrackerState(), asked_of(case, true, streams)
+    # Code of a user's own states its covariance itself.
+    stated = not core.is_code(case.tracker.attitude.method)
+    moved = trial.platform_jitter(case) if stated else None
     step, lengths = 0.0, error_lengths(case)
     views = zip(true.time.tolist(), *(head.views for head in heads), strict=True)
     for k, (time, *shown) in enumerate(views):
@@ -379,7 +411,7 @@ def run(
             first = estimates[solved[0]]
             tracker = from_two_frames(before, first, solved[0], step, sequence, lengths)
         parts = np.array([head.parts for head in heads])
-        tracker = update_state(tracker, estimates, sequence, parts)
+        tracker = update_state(tracker, estimates, sequence, parts, moved)
         for head, estimate in zip(heads, estimates, strict=True):
             table[k, head.number] = (
                 number, head.number, time, float(np.linalg.norm(true.turns[k].speed)),
@@ -469,6 +501,12 @@ def _heads(
     whole_alone = fidelity is Fidelity.WINDOW and case.instrument.detector.flickers
     if sequence.heads and case.design is not None:
         raise Refused("heads must be left out of a sequence of a unit, which is one camera")
+    motion = case.instrument.motion
+    if sequence.heads and motion.jitters and motion.jitter_of != "platform":
+        raise Refused(
+            "instrument.motion.jitter_of must be platform in a sequence of several heads, which "
+            f"one bench moves together, got {motion.jitter_of}"
+        )
     error = core.Streams(seed, number)("alignment of heads").standard_normal
     turns = [Rotation.identity()]
     for head in sequence.heads:

@@ -20,6 +20,7 @@ from startrack.trial.zones import LENS_FIELD
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
 SHARED = 0.3  # of the noise of a pixel, what a row or a column has in common
 HITS = "hits"
+JITTER, JITTER_OF_HEAD = "jitter", "jitter of the head"
 DSNU = "DSNU"
 SHUTTER = "rolling shutter"
 LENS_COLOUR = "lateral colour"
@@ -27,7 +28,11 @@ NONLINEAR = ("settling", "lag", "nonlinearity", "adc_inl")  # of the signal of a
 
 
 class Term(StrEnum):
-    """The parts of a star tracker's error, as ECSS-E-ST-60-20C names them."""
+    """The parts of a star tracker's error, as ECSS-E-ST-60-20C names them; and what is none of it.
+
+    The motion of the platform within an exposure is an error of what is reported for its middle,
+    but one motion for all heads, and none of the sensor's.
+    """
 
     BIAS = "bias"
     THERMO_ELASTIC = "thermo-elastic"
@@ -36,6 +41,7 @@ class Term(StrEnum):
     NOISE = "temporal noise"
     ABERRATION = "aberration"
     MEASUREMENT_DATE = "measurement date"
+    PLATFORM = "platform motion"
 
 
 # With what "{case.instrument. ...}" stands for, or made from the case.
@@ -153,6 +159,16 @@ def _shares_noise(case: Case) -> bool:
     )
 
 
+def _jitters(of: str) -> Callable[[Case], bool]:
+    """Whether a case has jitter with a spectrum, of the platform or of the head."""
+
+    def jitters(case: Case) -> bool:
+        motion = case.instrument.motion
+        return motion.jitter_of == of and bool(motion.tones or motion.broadband)
+
+    return jitters
+
+
 def _sheared(case: Case) -> bool:
     """Whether rows are exposed at other times than the tracker takes off by the rates it knows."""
     turn = case.instrument.detector.row_delay * case.instrument.motion.rates
@@ -202,8 +218,14 @@ EFFECTS = [
     ),
     Effect(
         "instrument.motion.tones, broadband",
-        lambda case: case.instrument.motion.tones or case.instrument.motion.broadband,
-        "jitter", Term.NOISE,
+        _jitters("platform"),
+        JITTER, Term.PLATFORM,
+        lambda case: replaced(case, "instrument.motion", case.instrument.motion.steady),
+    ),
+    Effect(
+        "instrument.motion.tones, broadband",
+        _jitters("head"),
+        JITTER_OF_HEAD, Term.NOISE,
         lambda case: replaced(case, "instrument.motion", case.instrument.motion.steady),
     ),
     Effect(

@@ -379,6 +379,18 @@ def _jitter(design: Case) -> Floats:
     return np.asarray(jitter_rms(instrument.motion, instrument.detector.exposure) ** 2)
 
 
+def platform_jitter(case: Case) -> Floats:
+    """Radian^2 (3,) about the camera's axes, of the platform's motion within an exposure.
+
+    What the mean of the exposure is off the attitude at its middle, which is asked for: one motion
+    of all heads of the spacecraft; zero where the jitter is of the head, or the mean is asked for.
+    Jitter by code of one's own is not counted.
+    """
+    if case.instrument.motion.jitter_of != "platform":
+        return np.zeros(3)
+    return _jitter(case)
+
+
 def _turns(design: Case) -> Floats:
     """Radian^2 (3,) about each axis."""
     calibration, turn = design.tracker.calibration, np.zeros(3)

@@ -3,7 +3,15 @@ import pytest
 from scipy import linalg, stats
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import Gyroscope, Lasting, correct, predict, start
+from startrack.attitude import (
+    Gyroscope,
+    Lasting,
+    Measured,
+    correct,
+    correct_together,
+    predict,
+    start,
+)
 from startrack.core.units import arcsec, deg
 from startrack.mission.fusion import fused_variance
 
@@ -199,3 +207,31 @@ def test_heads_of_one_time_are_fused_by_their_variances():
         across, about = (np.full((2, 1), SEEN[k, k]) for k in (0, 2))
         want = fused_variance(axes, across, about, np.full((2, 1), True), np.zeros(3))[:, 0]
         np.testing.assert_allclose(np.diag(state.covariance)[:3], want, rtol=1e-9)
+
+
+def test_heads_that_share_an_error_are_no_better_than_it():
+    """Of a state of which little was known: the fused covariance, and what is shared once more."""
+    generator = np.random.default_rng(5)
+    shared = 4 * arcsec**2 * np.diag([1.0, 2.0, 0.5])
+    own = np.diag([1.0, 1.0, 30.0]) * arcsec**2
+    truth = Rotation.from_quat(generator.standard_normal(4))
+    vague = start(truth, np.eye(3) * (1000 * arcsec) ** 2, 1e-6, heads=[(TO_HEAD, 0.0)])
+    turns = Rotation.identity(), TO_HEAD
+    inverse = [turn.as_matrix().T @ np.linalg.inv(own) @ turn.as_matrix() for turn in turns]
+    want = np.linalg.inv(sum(inverse)) + shared
+    errors = []
+    for _ in range(4000):  # of a variance 2.2 %; five standard errors: false alarms of 2e-6
+        motion = Rotation.from_rotvec(generator.multivariate_normal(np.zeros(3), shared))
+        seen = [
+            Measured(
+                Rotation.from_rotvec(generator.multivariate_normal(np.zeros(3), own))
+                * (turn * motion * truth),
+                own,
+                head,
+            )
+            for head, turn in enumerate(turns)
+        ]
+        state = correct_together(vague, seen, shared)
+        errors.append((state.icrs_to_camera * truth.inv()).as_rotvec())
+    assert state.covariance[:3, :3] == pytest.approx(want, rel=1e-3, abs=1e-3 * want.max())
+    assert np.abs(np.mean(np.square(errors), axis=0) / np.diag(want) - 1).max() < 0.11

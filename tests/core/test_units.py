@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from startrack.core import Refused
 from startrack.core.units import fraction, parse, write
 
 
@@ -66,6 +67,42 @@ def test_what_is_no_time_of_day_is_refused(text):
 def test_a_wrong_unit_is_refused(text):
     with pytest.raises(ValueError, match=r"must have a unit that converts to m, got"):
         parse(text, "m")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "meant", "plain"),
+    [
+        ("50 Mm", "m", "50 mm", "50000000.0 m"),
+        ("80 Ms", "s", "80 ms", "80000000.0 s"),
+        ("1.5 MW", "W", "1.5 mW", "1500000.0 W"),
+        ("2 Pm", "m", "2 pm", "2000000000000000.0 m"),
+        ("3 Mrad / s", "rad/s", "3 mrad / s", "3000000.0 rad/s"),
+        ("20 mHz", "Hz", "20 MHz", "0.02 Hz"),
+    ],
+)
+def test_a_slip_of_capitals_is_asked_about(text, unit, meant, plain):
+    """10^9 off: a sentence with what was meant, and a spelling that is read as it stands."""
+    with pytest.raises(Refused, match="must not look like a slip of capitals") as refusal:
+        parse(text, unit)
+    assert f"did you mean '{meant}'" in str(refusal.value)
+    assert f"write '{plain}'" in str(refusal.value)
+    assert parse(plain, unit) == float(plain.partition(" ")[0])
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("20 MHz", "Hz", 2e7),
+        ("3 Mrad", "Gy", 3e4),
+        ("0 Mm", "m", 0.0),
+        ("2 km", "m", 2000.0),
+        ("1 mrad/s", "rad/s", 1e-3),
+        ("5 mmag", "mag", 5e-3),
+        ("7 ms", "s", 7e-3),
+    ],
+)
+def test_prefixes_that_are_meant_are_read(text, unit, value):
+    assert parse(text, unit) == pytest.approx(value, rel=1e-12)
 
 
 @pytest.mark.parametrize("text", ["mm", "50", "", "1,5 mm", "nan mm", "inf mm", "1 2 mm "])

@@ -15,7 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack import Fidelity, arcsec, load_design, run_trials, shipped
-from startrack.design import Variation, turning
+from startrack.design import Variation, replaced, turning
 from startrack.mission import exports
 from startrack.mission.exports import (
     UnitChoice,
@@ -25,6 +25,7 @@ from startrack.mission.exports import (
     write_fmu,
     write_model,
 )
+from startrack.motion import Motion, Tone
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -117,6 +118,31 @@ def worst():
         patch.setattr(exports, "SMEARS", exports.SMEARS[:1])  # two rates are enough here
         patch.setattr(exports, "ENVIRONMENTS", 4)  # the bias decides which unit is the worst
         return case, head_model(case, "worst", UnitChoice("worst", 12))
+
+
+def test_the_motion_of_the_platform_is_no_noise_of_the_model():
+    """A tone of frequency f moves the mean of an exposure T off its middle by 1 - sinc(f T)."""
+    exposure, rms = CASE.instrument.detector.exposure, 3 * arcsec
+    hertz = 1.43 / exposure
+    tones = tuple(Tone(hertz, **{f"rms_{axis}": rms}) for axis in "xyz")
+    models = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(exports, "SMEARS", ())
+        for motion in (Motion(), Motion(tones=tones), Motion(tones=tones, jitter_of="head")):
+            models.append(head_model(replaced(CASE, "instrument.motion", motion), "x"))
+    still, platform, head = models
+    phase = math.pi * hertz * exposure
+    moved = rms * (1 - math.sin(phase) / phase)
+    assert moved / rms == pytest.approx(1.217, abs=0.001)
+    assert platform.platform == pytest.approx((moved, moved), rel=1e-5)
+    assert (still.platform, head.platform) == ((0.0, 0.0), (0.0, 0.0))
+    # The blur stays, and adds little to the noise.
+    assert 1 <= platform.noise[0][0] / still.noise[0][0] < 1.1
+    for k in (0, 1):
+        want = math.hypot(platform.noise[k][0], moved)
+        assert head.noise[k][0] == pytest.approx(want, rel=1e-5)
+    assert any("motion of the platform" in text for text in platform.left_out)
+    assert exports.one_process(platform, 0.0)[0][0] < moved
 
 
 def test_a_model_of_units_has_their_bias_and_swing(worst):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from startrack.core import Refused, arcsec
-from startrack.design import Fidelity
+from startrack.design import Fidelity, replaced
 from startrack.mission import (
     agreement,
     between,
@@ -19,6 +19,7 @@ from startrack.mission import (
 )
 from startrack.mission.frames import AXES, FRAMES
 from startrack.mission.parameters import Radiation
+from startrack.motion import Motion, Tone
 from startrack.space.radiation import HitMap
 from tests.mission.test_units import plan_with
 
@@ -43,6 +44,32 @@ def test_frames_agree_with_what_the_mission_expects(tmp_path):
         assert abs(found.deviations) < 4
         for value, sigma in (found.across, found.about):
             assert abs(value - 1) < 0.1 + 4 * sigma
+
+
+@pytest.mark.parametrize("of", ["platform", "head"])
+def test_heads_on_one_platform_see_one_motion(tmp_path, of):
+    """The angle between two heads holds the jitter of their mounts, and none of the platform's.
+
+    20 arcsec rms of a tone of 5 / T: the mean of an exposure is all of it off the middle, and each
+    head errs by it. 60 frames of two heads: the rms within 30 %, at five standard errors.
+    """
+    plan = plan_with(tmp_path, HEADS[:2])
+    hertz = 5 / plan.loaded.designs[0].case.instrument.detector.exposure
+    tones = tuple(Tone(hertz, **{f"rms_{axis}": 20 * arcsec}) for axis in AXES)
+    motion = Motion(tones=tones, jitter_of=of)
+    designs = tuple(
+        dataclasses.replace(design, case=replaced(design.case, "instrument.motion", motion))
+        for design in plan.loaded.designs
+    )
+    shaken = dataclasses.replace(plan, loaded=dataclasses.replace(plan.loaded, designs=designs))
+    table = frames_of(shaken, 60, 3, Fidelity.WINDOW)
+    rms = np.sqrt(np.mean(table["error_x"][table["solved"]] ** 2)) / arcsec
+    assert rms == pytest.approx(20, rel=0.3)
+    apart = between(shaken, table, 0, 1).before / arcsec
+    if of == "platform":
+        assert apart < 5
+    else:
+        assert apart == pytest.approx(20 * math.sqrt(2), rel=0.3)
 
 
 def test_a_blind_head_has_no_frames(plan):

@@ -83,6 +83,25 @@ def test_temperatures_are_those_of_the_periodic_orbit(tmp_path):
     assert (side - periodic.side_x).std() < 0.2 * periodic.side_x.std()
 
 
+def test_the_motion_of_the_platform_is_one_in_every_sum_of_heads(tmp_path):
+    """Three heads of 2.5 arcsec, of which 2 are of the platform: fused no better than these 2."""
+    heads = [("left", -90, 60), ("right", 90, 60), ("back", 180, 60)]
+    plan = plan_with(tmp_path, heads, math.hypot(1.5, 2.0), math.hypot(15.0, 2.0))
+    moved = np.full(3, 2 * arcsec) ** 2
+    of_platform = replace(plan, heads=tuple(replace(head, moved=moved) for head in plan.heads))
+    still = plan_with(tmp_path, heads, 1.5, 15.0)
+    instants = plan.motion.at(0.0, 60.0, 100)
+    want = at(still, instants).variance + (2 * arcsec) ** 2
+    assert at(of_platform, instants).variance == pytest.approx(want, rel=1e-9)
+    assert at(plan, instants).variance.max() < (1.9 * arcsec) ** 2  # of the heads' own mounts
+    bias = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(of_units, "_drawn", lambda *_: bias)
+        patch.setattr(of_units, "turned_by_heat", lambda *a: np.zeros((3, len(a[3].second))))
+        fleet, alone = (fly_units(one, 1, 1).rms for one in (of_platform, still))
+    assert fleet**2 - alone**2 == pytest.approx(np.full((1, 3), (2 * arcsec) ** 2), rel=1e-6)
+
+
 def test_fused_errors_are_those_of_fused_rotations(tmp_path, monkeypatch):
     """Biases and thermo-elastic turns as rotations, fused one step after the other."""
     plan = plan_with(tmp_path, [("left", -90, 60), ("right", 90, 60), ("back", 180, 60)])

@@ -55,9 +55,9 @@ def test_stores_of_parts_make_the_same_store_in_any_order(stored, outcomes, tmp_
         stored("a", 0, 300), stored("b", 300, 601, 50), stored("c", 700, 1000, 7),
         stored("d", 601, 640),
     ]  # fmt: skip
-    merged = merge_stores(parts, tmp_path / "one")
-    assert merged == (940, ())
-    merge_stores(parts[::-1], tmp_path / "two")
+    merged = merge_stores(parts, tmp_path / "one", partial=True)
+    assert merged == (940, (), ((640, 700),))
+    merge_stores(parts[::-1], tmp_path / "two", partial=True)
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
     whole = judged(outcomes, 1000)
     with Store(tmp_path / "one") as store:
@@ -69,7 +69,7 @@ def test_stores_of_parts_make_the_same_store_in_any_order(stored, outcomes, tmp_
 
 def test_trials_of_several_parts_are_kept_once_and_must_be_equal(stored, tmp_path, capsys):
     parts = [stored("a", 0, 300), stored("b", 200, 500, 50), stored("c", 250, 260)]
-    assert merge_stores(parts, tmp_path / "one") == (500, ((200, 300),))
+    assert merge_stores(parts, tmp_path / "one") == (500, ((200, 300),), ())
     assert main(["merge", *map(str, parts), "--out", str(tmp_path / "two")]) == 0
     assert "trials 200 to 299 are in several parts, with equal" in capsys.readouterr().err
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
@@ -135,6 +135,45 @@ def test_hundreds_of_sketches_make_the_same_bytes_in_any_order(about, outcomes, 
         save_sketch(tmp_path / "merged", merged)
         assert (tmp_path / "merged").read_bytes() == (tmp_path / "whole").read_bytes()
     assert load_sketch(tmp_path / "whole").ranges == [(0, 1000)]
+
+
+@pytest.mark.parametrize("kind", ["store", "sketch"])
+def test_a_lost_part_is_named_and_refused(stored, about, outcomes, tmp_path, capsys, kind):
+    """The second and the fourth of five jobs of 100 trials, and the first; then, with --trials,
+    the last."""
+
+    def part(k):
+        path = tmp_path / f"part{k}"
+        if kind == "store":
+            return stored(path.name, 100 * k, 100 * (k + 1))
+        table = judged(outcomes, 500)[100 * k : 100 * (k + 1)]
+        save_sketch(path, sketched(table, STATED_ALONE, about))
+        return path
+
+    parts = [str(part(k)) for k in range(5)]
+    out = tmp_path / "out"
+
+    def merged(numbers, *more):
+        status = main(["merge", *(parts[k] for k in numbers), "--out", str(out), *more])
+        return status, capsys.readouterr()
+
+    for numbers, missing in (
+        ((0, 2, 4), "100 to 199, 300 to 399 are missing"),
+        ((1, 2, 3, 4), "0 to 99 are missing"),
+    ):
+        status, said = merged(numbers)
+        assert status == 2
+        assert missing in said.err
+        assert "--partial" in said.err
+        assert not out.exists()
+    status, said = merged((0, 1, 2, 3), "--trials", "500")
+    assert status == 2
+    assert "400 to 499 are missing" in said.err
+    status, said = merged((0, 2, 4), "--partial", "--json")
+    assert status == 0
+    assert json.loads(said.out)["missing"] == [[100, 200], [300, 400]]
+    assert "trials 300 to 399 are missing: no part has them" in said.err
+    assert merged(range(5), "--trials", "500")[0] == 0
 
 
 def test_sketches_that_overlap_or_differ_are_refused(about, outcomes, tmp_path):

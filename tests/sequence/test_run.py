@@ -16,8 +16,9 @@ from scipy.spatial.transform import Rotation
 from startrack import Estimate, Status
 from startrack.attitude import CameraFilter, Mounting, State, start
 from startrack.attitude.camera import Calibration
+from startrack.core import Refused
 from startrack.core.units import arcsec, deg
-from startrack.design import Fidelity, load_design
+from startrack.design import Fidelity, load_design, replaced
 from startrack.detector.ageing import Age, Flicker
 from startrack.io import shipped, to_qtable
 from startrack.montecarlo.workers import Serial
@@ -409,6 +410,31 @@ def test_a_head_that_is_wrong_is_left_out_where_another_agrees():
         want = 0.0 if gyro else seen
         assert after.state.icrs_to_camera.magnitude() == pytest.approx(want, abs=1e-9)
         assert (after.missed, after.fresh) == ((1, False) if gyro else (0, True))
+
+
+def test_the_motion_of_the_platform_is_one_error_of_all_heads(small):
+    """First attitudes, and further ones: no update ends below what all heads share."""
+    moved = np.full(3, 2 * arcsec) ** 2
+    seen = Estimate(
+        Status.SOLVED, "", Rotation.identity(), np.eye(3) * arcsec**2 + np.diag(moved), 1.0, 9, 1.0
+    )
+    other = dataclasses.replace(seen, icrs_to_camera=PAIR[0].to_head)
+    known = (dataclasses.replace(PAIR[0], alignment_sigma=0.0),)
+    sequence = Sequence((CALM,), gyro=GYRO, heads=known)
+    parts = np.zeros((2, 3, 3, 3))
+    first = update_state(TrackerState(), [seen, other], sequence, parts, moved)
+    vague = first.state.covariance.copy()
+    vague[:3, :3] += np.eye(3) * (1000 * arcsec) ** 2
+    vague = dataclasses.replace(first, state=dataclasses.replace(first.state, covariance=vague))
+    later = update_state(vague, [seen, other], sequence, parts, moved)
+    for after in (first, later):
+        assert after.state.covariance[:3, :3] == pytest.approx(
+            np.eye(3) * arcsec**2 / 2 + np.diag(moved), rel=1e-4, abs=1e-4 * arcsec**2
+        )
+    motion = Motion(tones=(Tone(20.0, arcsec),), jitter_of="head")
+    case = replaced(small.case, "instrument.motion", motion)
+    with pytest.raises(Refused, match="jitter_of must be platform in a sequence of several heads"):
+        run(case, sequence, 1, 0)
 
 
 def test_frames_of_all_heads_are_kept(small, tmp_path):
