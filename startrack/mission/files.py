@@ -17,6 +17,8 @@ BODY = -999  # number of the spacecraft in files that are written
 EARTH, FRAME = 399, "J2000"  # the axes of ICRS in SPICE
 TICKS = 65536  # a second, of the clock of a written CK
 ORBIT_STEP, ATTITUDE_STEP = 60.0, 1.0  # second between two states that are read
+# By which TDB differs from TT, as the leap second kernel naif0012.tls of NAIF has it.
+DELTET = {"DELTA_T_A": [32.184], "K": [1.657e-3], "EB": [1.671e-2], "M": [6.239996, 1.99096871e-7]}
 LARGEST_CLOCK = 2**26  # byte
 MOST = 2_000_000  # states of a file
 DEGREE = 7  # of the interpolation of a written SPK
@@ -64,9 +66,9 @@ Segment = TypeVar("Segment", OrbitSegment, AttitudeSegment)
 
 
 def seconds_after(begin: str, date: Any) -> Floats:
-    """SI seconds of astropy's Time after a time, UTC."""
+    """SI seconds of astropy's Time after a time, UTC: not seconds of its own scale."""
     with installed_tables():
-        return np.asarray((date - utc(begin)).sec)
+        return np.asarray((date.tai - utc(begin).tai).sec)
 
 
 def joined(path: Path, segments: Sequence[Segment]) -> tuple[Segment, ...]:
@@ -242,12 +244,19 @@ def read_ck(path: Path, step: float = ATTITUDE_STEP) -> tuple[AttitudeSegment, .
         if len(parts) != 1:
             raise Refused(f"{path} must have one instrument, got {parts[:9]}")
         spice.furnsh([str(path), str(clock_file)])
+        for name, numbers in DELTET.items():  # of a clock that counts TT
+            spice.pdpool(f"DELTET/{name}", numbers)
         cover = spice.ckcov(str(path), parts[0], False, "INTERVAL", 0.0, "SCLK")
         body = parts[0] // 1000 if parts[0] % 1000 == 0 else -(-parts[0] // 1000)
         records = _records(path, spice)
         segments, count = [], 0
         for first, last, inside in _pieces(path, spice, cover, 1.0):
             ends = [spice.sct2e(body, tick) for tick in (first, last)]
+            if first == last:
+                raise Refused(
+                    f"{path} must hold attitudes between which others follow, got one of a single "
+                    "instant (a CK of type 1 has no others)"
+                )
             if records is None:
                 times = _times(path, ends[0], ends[1], step)
                 clock = np.clip([spice.sce2c(body, time) for time in times], first, inside)

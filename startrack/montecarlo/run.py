@@ -144,8 +144,9 @@ def missing_runs(runs: list[tuple[int, int]], count: int | None = None) -> list[
     count  of all numbers; None: what may follow the last run is not known, and not counted
     """
     held = touching_runs(runs)
-    ends = [0, *(end for _, end in held)]
-    begins = [*(first for first, _ in held), max(count or 0, ends[-1])]
+    ends = [0] + [end for _, end in held]
+    begins = [first for first, _ in held]
+    begins.append(max(count or 0, ends[-1]))
     return [(end, first) for end, first in zip(ends, begins, strict=True) if end < first]
 
 
@@ -157,7 +158,7 @@ def require_whole(
     partial  whether some may be
     Raises   Refused, with these numbers, where none may
     """
-    missing = tuple(missing_runs(runs, count))
+    missing = missing_runs(runs, count)
     if missing and not partial:
         shown = ", ".join(f"{first} to {end - 1}" for first, end in missing[:9])
         more = f" and {len(missing) - 9} more runs" if len(missing) > 9 else ""
@@ -165,7 +166,7 @@ def require_whole(
             f"parts must hold all trials from 0 on, but {shown}{more} are missing: add the parts "
             "that have them, or say that they may be missing (--partial)"
         )
-    return missing
+    return tuple(missing)
 
 
 def touching_runs(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:

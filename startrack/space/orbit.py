@@ -250,10 +250,10 @@ def segment_of(
     what    has segments, for the message;  date  from which seconds count
     Raises  Refused where there is none, with the times between which there is none.
     """
-    number = np.clip(np.searchsorted(spans[:, 0], second, side="right") - 1, 0, len(spans) - 1)
+    after = np.searchsorted(spans[:, 0] - ROUNDING, second, side="right") - 1
+    number = np.clip(after, 0, len(spans) - 1)
     outside = np.maximum(spans[number, 0] - second, second - spans[number, 1])
     worst = int(outside.argmax())
-    # An instant that is past a segment by less than the allowance, and before the next by as much.
     if outside[worst] <= beyond + ROUNDING:
         return number
     at, here = float(second[worst]), int(number[worst])

@@ -127,7 +127,7 @@ def test_the_motion_of_the_platform_is_no_noise_of_the_model():
     tones = tuple(Tone(hertz, **{f"rms_{axis}": rms}) for axis in "xyz")
     models = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(exports, "SMEARS", ())
+        patch.setattr(exports, "SMEARS", (0.7,))
         for motion in (Motion(), Motion(tones=tones), Motion(tones=tones, jitter_of="head")):
             models.append(head_model(replaced(CASE, "instrument.motion", motion), "x"))
     still, platform, head = models

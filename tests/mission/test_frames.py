@@ -51,7 +51,7 @@ def test_heads_on_one_platform_see_one_motion(tmp_path, of):
     """The angle between two heads holds the jitter of their mounts, and none of the platform's.
 
     20 arcsec rms of a tone of 5 / T: the mean of an exposure is all of it off the middle, and each
-    head errs by it. 60 frames of two heads: the rms within 30 %, at five standard errors.
+    head errs by it. 48 errors of two heads: an rms has a standard error of 10 %.
     """
     plan = plan_with(tmp_path, HEADS[:2])
     hertz = 5 / plan.loaded.designs[0].case.instrument.detector.exposure
@@ -62,14 +62,14 @@ def test_heads_on_one_platform_see_one_motion(tmp_path, of):
         for design in plan.loaded.designs
     )
     shaken = dataclasses.replace(plan, loaded=dataclasses.replace(plan.loaded, designs=designs))
-    table = frames_of(shaken, 60, 3, Fidelity.WINDOW)
+    table = frames_of(shaken, 24, 3, Fidelity.COVARIANCE)
     rms = np.sqrt(np.mean(table["error_x"][table["solved"]] ** 2)) / arcsec
-    assert rms == pytest.approx(20, rel=0.3)
+    assert rms == pytest.approx(20, rel=0.4)
     apart = between(shaken, table, 0, 1).before / arcsec
     if of == "platform":
         assert apart < 5
     else:
-        assert apart == pytest.approx(20 * math.sqrt(2), rel=0.3)
+        assert apart == pytest.approx(20 * math.sqrt(2), rel=0.5)
 
 
 def test_a_blind_head_has_no_frames(plan):

@@ -93,7 +93,10 @@ def test_the_motion_of_the_platform_is_one_in_every_sum_of_heads(tmp_path):
     instants = plan.motion.at(0.0, 60.0, 100)
     want = at(still, instants).variance + (2 * arcsec) ** 2
     assert at(of_platform, instants).variance == pytest.approx(want, rel=1e-9)
-    assert at(plan, instants).variance.max() < (1.9 * arcsec) ** 2  # of the heads' own mounts
+    apart = at(plan, instants).variance  # of the heads' own mounts
+    three = np.all([seen.blind == 0 for seen in at(plan, instants).seen], axis=0)
+    assert three.sum() > 10
+    assert apart[:, three].min() < 0.7 * (2 * arcsec) ** 2 < want[:, three].min()
     bias = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(of_units, "_drawn", lambda *_: bias)
