@@ -175,7 +175,7 @@ def _aem_cases() -> Iterator[Case]:
     yield "AEM", "XML", _aem({}, xml=True)
 
 
-def _matrices(path: Path, seconds: Sequence[float]) -> Matrices:
+def _matrices(path: Path, seconds: Any) -> Matrices:
     """icrs_to_body of an attitude file, as a mission flies it."""
     mission = load_mission(shipped("missions/sun-synchronous.toml")).mission
     time = replace(mission.time, begin=BEGIN, duration=60.0, step=60.0)
@@ -243,7 +243,8 @@ def _aem_segments(changes: dict[str, str]) -> Compare:
         from ccsds_ndm.ndm_io import NDMFileFormats, NdmIo
 
         path, parts = path.with_suffix(".aem"), []
-        for first, own in ((0.0, {}), (STEP * (COUNT + 8), changes)):
+        both: tuple[tuple[float, dict[str, str]], ...] = ((0.0, {}), (STEP * (COUNT + 8), changes))
+        for first, own in both:
             dates = _dates(own.get("TIME_SYSTEM", "UTC"), "date", first)
             meta = _aem_meta(dates, own)
             numbers = _components(meta["ATTITUDE_DIR"], True, meta["QUATERNION_TYPE"], _attitudes())
@@ -536,7 +537,7 @@ SECOND = "2 25544  51.6443  93.0000 0014563 300.0000 180.0000 15.50103472202482"
 
 
 def _tle_cases() -> Iterator[Case]:
-    for name, changes in (
+    variants: tuple[tuple[str, dict[str, Any]], ...] = (
         ("of the ISS", {}),
         ("of an eccentric orbit", {"ecco": 0.7, "no_kozai": 0.0087}),
         ("of a geostationary orbit", {"inclo": 1e-3, "ecco": 1e-4, "no_kozai": 0.004375}),
@@ -544,7 +545,8 @@ def _tle_cases() -> Iterator[Case]:
         ("with drag", {"bstar": 1e-3}),
         ("of a retrograde orbit", {"inclo": 2.5}),
         ("of a number with a letter", {"satnum": 101234}),
-    ):
+    )
+    for name, changes in variants:
         yield "TLE", f"{name}, by sgp4's exporter", _tle(changes)
     yield "TLE", "of the type of SGP4-XP", _tle({}, ephemeris="4")
 
