@@ -22,7 +22,7 @@ from meant_check import Check, checked
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from startrack import shipped
+from startrack import Refused, shipped
 from startrack.core import installed_tables
 from startrack.mission import load_mission
 from startrack.mission.instants import motion_of, path_of
@@ -261,8 +261,6 @@ def _aem_segments(changes: dict[str, str]) -> Compare:
 
 
 def _has_a_gap(read: Callable[[], Any]) -> str | None:
-    from startrack.core import Refused
-
     try:
         read()
     except Refused as refusal:
