@@ -117,7 +117,7 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
     Raises  ValueError, one sentence with the file.
     """
     try:
-        text = read_bytes(path, what, LARGEST).decode("utf-8")
+        text = read_bytes(path, what, LARGEST).decode("utf-8-sig")  # of an editor of Windows
     except UnicodeDecodeError as error:
         raise Refused(f"{path} must be a TOML file: {error}") from None
     except OSError as error:

@@ -3,6 +3,7 @@
 import io
 import warnings
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Refused
+from startrack.core import Refused, require_memory
 from startrack.io.pictures import Pixels
 from startrack.io.text import first_line
 
@@ -18,6 +19,10 @@ MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 ORIENTATION, CFA_SIZE, CFA_PATTERN = 274, 33421, 33422  # numbers of tags
 ALPHA = (1, 2)  # kinds of extra samples, beside those that are not said (0)
 CODECS = "imagecodecs"
+MOST_PAGES = 65_535
+# Without imagecodecs: what tifffile decodes by Python's own libraries, which unpack without a
+# limit, and the most bytes that a byte of theirs becomes; source: zlib, zlib_tech.html.
+DEFLATE, BY_TIFFFILE = 1032, ("ADOBE_DEFLATE", "DEFLATE")
 
 
 def read_tiff(
@@ -52,7 +57,13 @@ def read_tiff(
 
 
 def _page(path: Path, file: Any, plane: int | None) -> Any:
-    pages = [page for page in file.pages if not (page.is_reduced or page.is_mask)]
+    pages, places = list[Any](), set[int]()
+    for page in file.pages:  # one by one: a list of all would have no end where they form a circle
+        if page.offset in places or len(places) >= MOST_PAGES:
+            raise Refused(f"{path} must hold at most {MOST_PAGES} pages, none of them twice")
+        places.add(page.offset)
+        if not (page.is_reduced or page.is_mask):
+            pages.append(page)
     if not pages:
         raise Refused(f"{path} must hold an image, but it has none of full size")
     said = (file.imagej_metadata or {}).get("images", 1)
@@ -98,11 +109,13 @@ def _decoded(path: Path, page: Any, data: bytes) -> NDArray[Any]:
     """The samples (rows, columns, samples)."""
     import tifffile
 
-    try:
+    packed = page.compression != tifffile.COMPRESSION.NONE
+    if not packed or find_spec(CODECS):
         image = np.asarray(page.asarray(maxworkers=1))
-    except ValueError as error:
-        if CODECS not in str(error):
-            raise
+    elif page.compression.name in BY_TIFFFILE:
+        require_memory(DEFLATE * max(page.databytecounts), f"{path}, unpacked,")
+        image = np.asarray(page.asarray(maxworkers=1))
+    else:
         image = _by_opencv(path, page, data)
     if page.samplesperpixel == 1:
         return image.reshape(page.imagelength, page.imagewidth, 1)

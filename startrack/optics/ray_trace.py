@@ -26,6 +26,7 @@ ROUNDS, CLOSE = 30, 1e-7  # most steps to the rim, and the relative error that e
 DEGREE = 9  # of the polynomials from the pupil to the beam before the lens
 BEYOND, OUTSIDE = 1.1, 0.02  # rays just outside an aperture keep the fit smooth: how far, weight
 SMALLEST = 1e-6  # relative singular value of a fit, below which the rays do not decide its terms
+ROUNDED = 0.01  # relative, to which the catalogue's ends of wavelengths are known
 BARREL = 23.6e-6  # 1 / kelvin, expansion of aluminium
 EXPANSION = re.compile(r"thermal_expansion:.*?coefficient:\s*([-+0-9.eE]+)", re.DOTALL)
 
@@ -69,6 +70,7 @@ def trace_lens(
               no absorption, no reflection.
     """
     refuse_lens(lens)
+    _refuse_wavelengths(lens, tracing.wavelength)
     names = even_terms(tracing.terms)  # those odd in y cancel by symmetry
     shape = len(tracing.temperature), len(tracing.wavelength), len(tracing.field)
     wavefront, pupil = np.empty((*shape, len(names))), np.empty((*shape, 6))
@@ -150,6 +152,21 @@ def refuse_lens(lens: Any) -> None:
                 f"the prescription must be a lens of revolution, but surface {number} is tilted or "
                 "decentred"
             )
+
+
+def _refuse_wavelengths(lens: Any, wavelengths: Sequence[float]) -> None:
+    """Refuse wavelengths at which a glass of a catalogue has no index but an extrapolated one."""
+    for surface in lens.surfaces:
+        material = surface.material_post
+        known: dict[str, float] = getattr(material, "material_data", None) or {}
+        low, high = (known.get(f"{end}_wavelength", math.nan) for end in ("min", "max"))
+        for wavelength in wavelengths:
+            micrometre = wavelength * MICROMETRE
+            if micrometre < low * (1 - ROUNDED) or micrometre > high * (1 + ROUNDED):
+                raise Refused(
+                    f"wavelengths must be those of the glass {material.name}, "
+                    f"[{low * 1e3:.4g}, {high * 1e3:.4g}] nm, got {wavelength / nm:.4g} nm"
+                )
 
 
 class Aim(NamedTuple):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from startrack.core import Refused
+from startrack.io.tables import read_table
 from startrack.io.text import csv_table, decoded
 
 VALUES = [(1, 57.25, -0.5), (2, 18.75, 1e-3), (3, 255.5, 12.0)]
@@ -64,3 +65,9 @@ def test_letters_of_one_byte_are_read_and_zeros_are_not(tmp_path):
     assert decoded("µm".encode("latin-1"), tmp_path) == "µm"
     with pytest.raises(Refused, match="zero byte at 2"):
         decoded(b"ab\0cdefgh", tmp_path)
+
+
+def test_a_design_file_of_windows_has_its_first_key(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text("first = 1\n", encoding="utf-8-sig")
+    assert read_table(path, "a file") == {"first": 1}

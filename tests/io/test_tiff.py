@@ -1,6 +1,8 @@
 """TIFF, PNG and JPEG of other programs, against what was written and as Pillow sees it."""
 
 import io
+import struct
+import zlib
 
 import imagecodecs
 import numpy as np
@@ -140,15 +142,12 @@ def test_a_cut_tiff_is_refused_where_tifffile_fills_with_zeros(tmp_path):
 def test_without_the_decoders_plain_layouts_are_read_and_others_name_them(
     tmp_path, channels, monkeypatch
 ):
-    def none(page, **options):
-        raise ValueError("<COMPRESSION.LZW: 5> requires the 'imagecodecs' package")
-
     image = image_of("u2", channels)
     image = image if channels == 3 else image[..., 0]
     path = tmp_path / "lzw.tif"
     kind = "rgb" if channels == 3 else "minisblack"
     tifffile.imwrite(path, image, compression="lzw", photometric=kind)
-    monkeypatch.setattr(tifffile.TiffPage, "asarray", none)
+    monkeypatch.setattr("startrack.io.tiff.find_spec", lambda name: None)
     wanted = image.max(axis=2) if channels == 3 else image
     np.testing.assert_array_equal(read_image(path).image, wanted)
     tifffile.imwrite(path, image.astype("f4"), compression="lzw", photometric=kind)
@@ -162,4 +161,36 @@ def test_a_jpeg_that_is_cut_is_refused(tmp_path):
     path = tmp_path / "cut.jpg"
     path.write_bytes(file.getvalue()[: len(file.getvalue()) // 2])
     with pytest.raises(Refused, match="whole PNG or JPEG image"):
+        read_image(path)
+
+
+def of_one_strip(strip: bytes, compression: int, circle: bool = False) -> bytes:
+    """A TIFF of 10 x 10 bytes; in a circle its only page is followed by itself."""
+    tags = [(256, 10), (257, 10), (258, 8), (259, compression), (262, 1), (273, 8), (277, 1)]
+    tags += [(278, 10), (279, len(strip))]
+    place = 8 + len(strip)
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
+    start = b"II*\0" + struct.pack("<I", place) + strip + struct.pack("<H", len(tags))
+    return start + entries + struct.pack("<I", place if circle else 0)
+
+
+def test_pages_in_a_circle_are_refused(tmp_path):
+    path = tmp_path / "circle.tif"
+    path.write_bytes(of_one_strip(bytes(100), 1, circle=True))
+    with pytest.raises(Refused, match="none of them twice"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("codecs", [True, False])
+def test_a_strip_that_unpacks_to_more_than_the_image_takes_no_memory(tmp_path, codecs, monkeypatch):
+    """50 MB of zeros in a strip of a hundred bytes."""
+    path = tmp_path / "bomb.tif"
+    path.write_bytes(of_one_strip(zlib.compress(bytes(50_000_000), 9), 8))
+    words = "whole TIFF image"
+    if not codecs:
+        monkeypatch.setattr("startrack.io.tiff.find_spec", lambda name: None)
+        monkeypatch.setenv("STARTRACK_MEMORY", str(2**29))
+        path.write_bytes(of_one_strip(np.random.default_rng(1).bytes(600_000), 8))
+        words = "limit of 0.5 GiB"
+    with pytest.raises(Refused, match=words):
         read_image(path)

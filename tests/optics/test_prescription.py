@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from startrack.core import Refused
-from startrack.optics import parse_prescription, read_prescription
+from startrack.optics import Tracing, parse_prescription, read_prescription, trace_lens
 
 pytest.importorskip("optiland", reason="the ray tracer is an extra")
 
@@ -185,3 +185,11 @@ def test_unit_and_glasses_are_there_to_be_said(tmp_path):
     assert [(glass.name, glass.maker) for glass in prescription.glasses.values()] == [
         ("TF3", "cdgm")
     ]
+
+
+def test_a_glass_is_not_traced_where_its_index_is_not_known(tmp_path):
+    """N-BK7 is known from 300 to 2500 nm (data sheet of Schott)."""
+    lens = lens_of(tmp_path, zemax())
+    tracing = Tracing((293.15,), (500e-9, 3e-6), (0.0, 0.01))
+    with pytest.raises(Refused, match=r"glass N-BK7, \[300, 2500\] nm, got 3000 nm"):
+        trace_lens(lens, "a", "b", tracing)

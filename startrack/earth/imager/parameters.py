@@ -12,7 +12,17 @@ from typing import Annotated, Any
 import numpy as np
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit, nm
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    nm,
+)
 from startrack.detector import Detector
 from startrack.earth import geometry
 from startrack.earth.atmosphere import Air
@@ -359,7 +369,7 @@ def load_survey(path: Path) -> Survey:
         _read_spectra(table.get("land"), path.parent, "land")
         return from_table(Survey, table)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise Refused(f"{path}: {error}") from None
 
 
 def _read_spectra(table: Any, folder: Path, place: str) -> None:
@@ -404,7 +414,7 @@ class SpectrumFile(Parameters):
             if math.isfinite(value) and value >= -1:
                 curve[wavelength] = min(max(value * self.factor, 0.0), 1.0)
         if len(curve) < 2:
-            raise ValueError(
+            raise Refused(
                 f"{path} must hold a wavelength and a value in each of two lines or more, got "
                 f"{len(curve)}"
             )
