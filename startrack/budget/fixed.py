@@ -128,9 +128,16 @@ def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
 
 
 def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
-    """Pixel (n, 2) by which the light of its neighbours moves each star of the fields."""
+    """Pixel (n, 2) by which the light of its neighbours moves each star of the fields.
+
+    Stars that are one for the camera of the case alone are not moved.
+    """
     x, y = view.x[inside], view.y[inside]
-    shift = trial.blending_shift(case, case.catalog)[view.star[inside]]
+    # The camera that the fields are seen with may merge other stars than that of the case.
+    stars = trial.separated(case.catalog, trial.index_resolution(case.instrument.camera))
+    place = stars.places(len(open_sky(case.catalog)))[view.name[view.star[inside]]]
+    of_stars = trial.blending_shift(case, case.catalog)
+    shift = np.where((place >= 0)[:, None], of_stars[place], 0.0)
     move = view.attitude[view.field[inside]].apply(shift)
     slant = np.sqrt(1 + x * x + y * y)[:, None]
     return (move[:, :2] - np.column_stack([x, y]) * move[:, 2:]) * slant

@@ -1,7 +1,7 @@
-"""Stars -> Light: photons at the entrance pupil; diffuse light by code of one's own."""
+"""Stars -> Light: photons at the entrance pupil; diffuse light by a user's code."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -23,6 +23,9 @@ from startrack.space import AU, EARTH_RADIUS
 
 GROUP = "lights"
 LEAST = 1e-6  # of the largest, of the terms (a spectrum times a map) that a light is made of
+OWN_NODES = 129  # along a side of the frame, at which a user's light is asked first
+LEAST_NODES, MOST_NODES = 17, 513  # of its map
+TOLERANCE = 0.01  # of its brightest light, between the nodes
 NODES = 17  # of the map of diffuse light along a side of the frame: 1 % between them
 LIMB_NODES = 129  # the same where the Earth's limb is in the frame: an edge of 1/128 of it
 POINTS_PER_PIXEL = 2.0  # of a disc; chosen by hand: fewer leave gaps, more cost time
@@ -32,11 +35,13 @@ POINTS_PER_PIXEL = 2.0  # of a disc; chosen by hand: fewer leave gaps, more cost
 class LightInput:
     """Where light is asked for.
 
-    direction   (m, 3) unit vectors, ICRS axes, of points evenly spaced over the frame, row by row
+    direction   (m, 3) unit vectors, ICRS axes, of points evenly spaced over the frame, row by row;
+                129 x 129 at first, more where the light needs them
     wavelength  (k,) metre, middle of each spectral bin
     width       metre, of each bin
     scene       date, orbit and background of the design
-    generator   random numbers of this trial for this light alone
+    generator   random numbers of this trial for this light alone, the same whenever it is asked;
+                what they give must not depend on the number of points
 
     The function returns (m, k) photon / s / m^2 / sr at the entrance pupil, in each direction and
     spectral bin
@@ -49,23 +54,69 @@ class LightInput:
     generator: np.random.Generator
 
 
-def light_by_code(name: str, given: LightInput) -> Iterator[core.DiffuseLight]:
+def light_by_code(name: str, given: Callable[[int], LightInput]) -> Iterator[core.DiffuseLight]:
     """The light of a function that a design names, as sums of a spectrum times a map.
 
-    Raises    ValueError where the function raises an error, or returns what it must not.
-    Accuracy  numerical: 1e-6 of the largest term, by singular values.
+    The function is asked at OWN_NODES along each side of the frame, and at twice as many until
+    straight lines between every second point are within twice TOLERANCE of the brightest light at
+    the points between, in each bin, so that the light is within TOLERANCE between all points; the
+    coarsest map within TOLERANCE is kept.
+
+    given     makes the input for a number of points along a side, with the same random numbers
+    Raises    ValueError where the function raises an error, or returns what it must not. Refused
+              where the light varies too fast for MOST_NODES, a jump of its mean excepted.
+    Accuracy  numerical: TOLERANCE of the brightest light between the points; of an edge, its place
+              within 1/512 of the frame; what lies between two of OWN_NODES points is not seen. 1e-6
+              of the largest term, by singular values.
     """
+    nodes = OWN_NODES
+    light = _asked(name, given(nodes), nodes)
+    while _curved(light, 2 * TOLERANCE) and nodes < MOST_NODES:
+        nodes = 2 * nodes - 1
+        light = _asked(name, given(nodes), nodes)
+    if _curved(light, 2 * TOLERANCE) and _missed(light) > 2 * TOLERANCE:
+        raise core.Refused(
+            f"{core.POINTS[GROUP]} {name} must vary by straight lines between points 1/"
+            f"{MOST_NODES - 1} of the frame apart, within {100 * TOLERANCE:g} % in the mean, got "
+            f"{50 * _missed(light):.0f} %"
+        )
+    while len(light) > LEAST_NODES and not _curved(light, TOLERANCE):
+        light = light[::2, ::2]
+    side = len(light)
+    places, sizes, spectra = np.linalg.svd(light.reshape(side * side, -1), full_matrices=False)
+    for place, size, spectrum in zip(places.T, sizes, spectra, strict=True):
+        if size > LEAST * sizes[0]:
+            yield core.DiffuseLight(spectrum * size, place.reshape(side, side))
+
+
+def _asked(name: str, given: LightInput, nodes: int) -> Floats:
+    """The light (nodes, nodes, k) of a function."""
     shape = len(given.direction), len(given.wavelength)
     light = core.returned(GROUP, name, core.call_code(GROUP, name, given), shape)
     if (light < 0).any():
         raise ValueError(
             f"{core.POINTS[GROUP]} {name} must return no negative light, got {light.min()}"
         )
-    side = round(len(light) ** 0.5)
-    places, sizes, spectra = np.linalg.svd(light, full_matrices=False)
-    for place, size, spectrum in zip(places.T, sizes, spectra, strict=True):
-        if size > LEAST * sizes[0]:
-            yield core.DiffuseLight(spectrum * size, place.reshape(side, side))
+    return light.reshape(nodes, nodes, -1)
+
+
+def _off(light: Floats) -> Floats:
+    """By how much straight lines between every second point are off, at all points."""
+    lines = light.copy()
+    lines[1::2] = (light[:-1:2] + light[2::2]) / 2
+    lines[:, 1::2] = (lines[:, :-1:2] + lines[:, 2::2]) / 2
+    return np.abs(lines - light)
+
+
+def _curved(light: Floats, limit: float) -> bool:
+    """Whether every second point is too few for a limit of the brightest light."""
+    return bool((_off(light).max(axis=(0, 1)) > limit * light.max(axis=(0, 1))).any())
+
+
+def _missed(light: Floats) -> float:
+    """Largest part of the light of a bin by which every second point is off, in the mean."""
+    off, mean = _off(light).mean(axis=(0, 1)), light.mean(axis=(0, 1))
+    return float((off[mean > 0] / mean[mean > 0]).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,10 +201,16 @@ def _diffuse_light(
         for spectrum, fraction in airglow(earth, line):
             yield diffuse(spectrum, fraction)
     for name in scene.lights:
-        made = partial(light_by_code, name) if core.is_code(name) else LIGHTS[name].diffuse
-        if made:
-            random = sight.streams(f"light {name}")
-            yield from made(LightInput(line, WAVELENGTH, photometry.BIN, scene, random))
+        if core.is_code(name):
+            yield from light_by_code(name, partial(_input, name, scene, sight))
+        elif made := LIGHTS[name].diffuse:
+            yield from made(_input(name, scene, sight, count))
+
+
+def _input(name: str, scene: Scene, sight: Sight, count: int) -> LightInput:
+    """What a light is asked with, at the nodes of a map; the random numbers are always the same."""
+    random = sight.streams(f"light {name}")
+    return LightInput(sight.nodes(count), WAVELENGTH, photometry.BIN, scene, random)
 
 
 def _with_air(earth: Earth) -> Disc:

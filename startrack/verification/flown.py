@@ -23,7 +23,7 @@ from startrack.core import Advance, Flags, Floats, Ints, Refused, printed
 from startrack.design import Case
 from startrack.detector import Detector, dark, dark_frames, flickering, frame_of, response, stamp
 from startrack.metrics import Interval
-from startrack.trial import frames_of_map, psf_of, sky_electrons
+from startrack.trial import frames_of_map, psf_of, scale, sky_electrons
 
 PHASES = 10  # of a pixel, of the curve of the centroid
 CELLS = 4  # of a pixel along each side, of the mean images
@@ -32,10 +32,14 @@ MEMBERS = 60  # exposures of a cell whose images are averaged in the model
 BLOCKS = 8  # of time, of the jackknife
 FEWEST_IMAGES = 4 * BLOCKS  # of a star
 CLEAR = 0.2  # of the median light, by which an exposure may be off
+ROUNDING = 1 / 12  # of numbers, their variance
 THIRD = np.array([1.0, -3.0, 3.0, -1.0]) / math.sqrt(20)  # keeps white noise, takes off a parabola
 GROUP = 150  # differences of one pixel at one level, of the photon transfer
 CLIP = 5.0  # sigma, of a difference that is left out
 PULL = 4.0  # sigma, of a group that is left out: its pixel flickered
+SEEN_TOGETHER = 0.5  # of a star's exposures, in which another shows the common motion
+LONGEST_GAP = 3.0  # of the usual time between exposures, over which a place is interpolated
+OFF = 1.5  # of half of its interval, beyond which an offset is not zero: 3 sigma
 SMOOTH = 15  # exposures, over which a path is smoothed
 BORDER = 8  # pixel about a path, of the detector that is drawn
 FOLLOWED = 8  # stars of whole frames, the brightest
@@ -47,6 +51,7 @@ KEYS = {
     "brightness": "instrument.optics.transmission, instrument.detector.quantum_efficiency",
     "gain": "instrument.detector.full_well, .bits",
     "read_noise": "instrument.detector.read_noise",
+    "offset": "instrument.detector.offset, .read_noise",
     "image": "instrument.optics.psf_file (or the optics that make the image), .focus",
     "temporal": "instrument.detector.read_noise, .full_well; instrument.motion",
     "total": "instrument.detector.age, .dark_current, .prnu; tracker.box.background, .size",
@@ -65,6 +70,7 @@ class Windows(core.Parameters):
     corner      (n, 2) pixel (x, y) of the first pixel of each image
     background  (n,) digital number of a pixel, that the tracker takes off; None: not known
     magnitude   that the tracker states; NaN: not known
+    magnitude_g Gaia's G, by a catalogue and not by this light; NaN: not known
     acquired    (n,) whether a search of the frame finds the star; None: not known
     """
 
@@ -75,6 +81,7 @@ class Windows(core.Parameters):
     background: Floats | None = None
     magnitude: float = math.nan
     acquired: Flags | None = None
+    magnitude_g: float = math.nan
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -112,8 +119,8 @@ def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
     names  of the stars to read; none: all that have images enough
 
     npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and maybe `background` (or `bkg_adu`),
-          `magnitude` (or `obc_mag`) and `acquired`, each behind the name of its star and "_" where
-          there are several
+          `magnitude` (or `obc_mag`), `magnitude_g` and `acquired`, each behind the name of its star
+          and "_" where there are several
     FITS  a table of a star each, whose columns have these names
     Raises  ValueError, in one sentence with the path, where it has no star or a column is missing.
     """
@@ -157,12 +164,14 @@ def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
     if number is None or any(place is None for place in corner):
         raise Refused(f"{path} must have number, col0 and row0 of {name}, got {', '.join(table)}")
     background, magnitude = column("background", "bkg_adu"), column("magnitude", "obc_mag")
+    magnitude_g = column("magnitude_g")
     return Windows(
         name, np.asarray(table["time"], float), np.asarray(number, float),
         np.column_stack(corner).astype(np.int64),
         None if background is None else np.asarray(background, float),
         math.nan if magnitude is None else float(np.median(magnitude)),
         np.asarray(table["acquired"], bool) if "acquired" in table else None,
+        math.nan if magnitude_g is None else float(np.median(magnitude_g)),
     )  # fmt: skip
 
 
@@ -341,8 +350,13 @@ class Measured(NamedTuple):
     curve: Floats
 
 
-def measure(stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None) -> list[Measured]:
+def measure(
+    stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None,
+    read_noise: float = math.nan,
+) -> list[Measured]:  # fmt: skip
     """Measure stars that were seen together.
+
+    read_noise  digital number, of the design, for the offset
 
     temporal    pixel rms of an axis, of third differences in time between exposures whose image
                 did not move, of the place less the motion that all stars share
@@ -353,60 +367,96 @@ def measure(stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None) 
     moves       steps of an image along an axis, in an exposure
     background  digital number; brightness in digital numbers a second and exposure
     gain, read_noise  electron a number, and number: see `photon_transfer`; NaN where it refuses
+    offset      digital number, at which the variance is that of the design's read noise: of numbers
+                less their offset, zero
     acquired    share of the exposures in which the search finds the star, of those with its light
     image       1, of the peak: worst pixel of the mean images of cells of phase less the design's
                 image at fitted place and flux, of all stars alone; NaN without `psf`
 
-    One star alone has its own motion in its temporal scatter, and no total and no curve.
+    One star alone has its own motion in its temporal scatter, and no total and no curve; a star
+    that no other is seen with has none of the three.
     """
     seen = [centroids(star, box) for star in stars]
     residual, still = _about_common([track.place for track in seen], seen)
     measured = []
     for track, off, calm in zip(seen, residual, still, strict=True):
         windows = track.windows
-        gain = read = math.nan
+        gain = read = offset = math.nan
         with suppress(Refused):  # the image moves too often
-            gain, read = photon_transfer(windows)
+            rest, slope = _transfer_line(windows)
+            gain, read = 1 / slope, _read_noise(rest)
+            offset = (read_noise**2 + ROUNDING - rest) / slope
         third = _third(off)[calm]
-        together = len(seen) > 1
+        known = np.isfinite(off[:, 0])
+        together = len(seen) > 1 and known.any()
         scalar = {
             "background": float(level_of(windows, box).mean()),
             "brightness": float(np.median(track.total)),
             "gain": gain,
             "read_noise": read,
+            "offset": offset,
             "image": image_difference(track, box, psf) if psf else math.nan,
             "temporal": math.sqrt(float((third**2).mean())) if len(third) else math.nan,
-            "total": math.sqrt(float((off**2).mean())) if together else math.nan,
+            "total": math.sqrt(float((off[known] ** 2).mean())) if together else math.nan,
             "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(off)),
             "acquired": math.nan if windows.acquired is None else float(windows.acquired.mean()),
         }
-        curve = _curve(track.place, off) if together else np.full((2, PHASES), math.nan)
+        curve = np.full((2, PHASES), math.nan)
+        if together:
+            curve = _curve(track.place[known], off[known])
         measured.append(Measured(scalar, curve))
     return measured
 
 
 def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Floats], list[Any]]:
-    """Places (n, 2) of each star less the common motion, and third differences without a move."""
+    """Places (n, 2) of each star less the common motion, and third differences without a move.
+
+    The motion is that of the star and of those others that are seen in half of its exposures, in
+    the exposures of which all have one before and one after; NaN in the rest, and for a star that
+    no other was seen with.
+    """
     times = [track.windows.time for track in seen]
     moved = [_calm(track.windows) for track in seen]
     if len(seen) == 1:
         return [places[0] - places[0].mean(axis=0)], moved
-    residual, calm, count = [], [], len(seen)
-    for time, place, mine in zip(times, places, moved, strict=True):
+    residual, calm = [], []
+    for number, (time, place, mine) in enumerate(zip(times, places, moved, strict=True)):
+        there = [_between(time, other) for other in times]
+        members = [k for k, both in enumerate(there) if k == number or both.mean() > SEEN_TOGETHER]
+        together = np.all([there[k] for k in members], axis=0)
+        off = np.full(place.shape, math.nan)
+        if len(members) < 2 or together.sum() < FEWEST_IMAGES:
+            residual.append(off)
+            calm.append(mine)
+            continue
         others = [
-            np.column_stack([np.interp(time, t, p) for p in (q - q.mean(axis=0)).T])
-            for t, q in zip(times, places, strict=True)
+            np.column_stack([np.interp(time, times[k], p) for p in places[k].T]) for k in members
         ]
         # Third differences in which another star's image moved have its step.
-        quiet = [np.interp(time[:-3], t[:-3], m) > 0.999 for t, m in zip(times, moved, strict=True)]
+        quiet = [np.interp(time[:-3], times[k][:-3], moved[k]) > 0.999 for k in members]
         common = np.mean(others, axis=0)
+        common = common - common[together].mean(axis=0)
         span = (time - time.mean()) / np.ptp(time)
-        terms = np.column_stack([np.vander(span, 4), common])
-        off = place - place.mean(axis=0) - common
-        off = off - terms @ np.linalg.lstsq(terms, off, rcond=None)[0]
-        residual.append(off * math.sqrt(count / (count - 1)))
-        calm.append(mine & np.all(quiet, axis=0))
+        terms = np.column_stack([np.vander(span, 4), common])[together]
+        left = (place - common)[together]
+        left = left - left.mean(axis=0)
+        left = left - terms @ np.linalg.lstsq(terms, left, rcond=None)[0]
+        off[together] = left * math.sqrt(len(members) / (len(members) - 1))
+        residual.append(off)
+        four = together[:-3] & together[1:-2] & together[2:-1] & together[3:]
+        calm.append(mine & four & np.all(quiet, axis=0))
     return residual, calm
+
+
+def _between(time: Floats, other: Floats) -> Flags:
+    """Whether a star has exposures at times (n,) of another, or near before and after them."""
+    near = LONGEST_GAP * np.median(np.diff(other))
+    after = np.searchsorted(other, time)
+    last = len(other) - 1
+    before = other[np.clip(after - 1, 0, last)], other[np.clip(after, 0, last)]
+    exact = before[1] == time
+    inside = (after > 0) & (after <= last) & (before[1] - before[0] <= near)
+    return np.asarray(exact | inside)
 
 
 def _calm(windows: Windows) -> Any:
@@ -460,6 +510,17 @@ def photon_transfer(windows: Windows) -> tuple[float, float]:
     Raises    Refused where there are fewer than eight groups.
     Accuracy  model: the mean has no background of its own; nonlinearity left out.
     """
+    rest, slope = _transfer_line(windows)
+    return 1 / slope, _read_noise(rest)
+
+
+def _read_noise(rest: float) -> float:
+    """Digital number, of the variance without light."""
+    return math.sqrt(max(rest - ROUNDING, 0.0))
+
+
+def _transfer_line(windows: Windows) -> tuple[float, float]:
+    """Variance where there is no light, and how much it grows with the mean; digital numbers."""
     calm = _calm(windows)
     number = windows.number.reshape(len(windows.number), -1)
     level = (number[:-3] + number[1:-2] + number[2:-1] + number[3:])[calm] / 4
@@ -482,7 +543,7 @@ def photon_transfer(windows: Windows) -> tuple[float, float]:
         line = np.linalg.lstsq(terms * weight[:, None], variance * weight, rcond=None)[0]
         model = np.maximum(terms @ line, 0.1)
         kept = (variance - model) * np.sqrt(count / 2) / model < PULL
-    return float(1 / line[1]), math.sqrt(max(float(line[0]) - 1 / 12, 0.0))
+    return float(line[0]), float(line[1])
 
 
 def image_difference(seen: Centroids, box: detection.Box, psf: core.Psf) -> float:
@@ -621,6 +682,7 @@ class Difference(NamedTuple):
 
     seen       95 % by a jackknife over eight blocks of time
     predicted  median and 95 % of the devices drawn
+    untested   why the two cannot differ by the design; empty: they can
     """
 
     star: str
@@ -628,6 +690,7 @@ class Difference(NamedTuple):
     seen: Interval
     predicted: Interval
     key: str
+    untested: str = ""
 
     @property
     def ratio(self) -> float:
@@ -637,7 +700,9 @@ class Difference(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether the intervals do not meet."""
+        """Whether the intervals do not meet, of what the comparison tests."""
+        if self.untested:
+            return False
         return self.predicted.low > self.seen.high or self.predicted.high < self.seen.low
 
 
@@ -656,15 +721,23 @@ def compare_flown(
     case: Case, stars: Sequence[Windows], devices: int = 16, seed: int = 0,
     progress: Advance | None = None,
 ) -> Flown:  # fmt: skip
-    """Measure images in flight and those that the design predicts, by the same code."""
+    """Measure images in flight and those that the design predicts, by the same code.
+
+    The predicted images have the light that is seen. So the brightness of a star tests transmission
+    and quantum efficiency only where its `magnitude_g` is known: what is predicted is then scaled
+    to the light of that magnitude. The background is not tested where the offset of the numbers is
+    not that of the design.
+
+    Accuracy  model: of the light by a magnitude that of `photon_irradiance`, for a sunlike star.
+    """
     box, psf = case.tracker.box, psf_of(case.instrument)
     drawn = [measure(unit, box, None) for unit in simulate(case, stars, devices, seed, progress)]
-    measured = measure(stars, box, psf)
-    parts = [measure(block, box, None) for block in _blocks(stars)]
-    differences, curves = [], {}
     electrons = case.instrument.detector.electrons_per_dn
     noise = case.instrument.detector.noise / electrons
-    stated = {"image": 0.0, "gain": electrons, "read_noise": noise}
+    measured = measure(stars, box, psf, noise)
+    parts = [measure(block, box, None, noise) for block in _blocks(stars)]
+    differences, curves = [], {}
+    stated = {"image": 0.0, "gain": electrons, "read_noise": noise, "offset": 0.0}
     for n, star in enumerate(stars):
         for name, value in measured[n].scalar.items():
             seen = _jackknifed(value, [part[n].scalar[name] for part in parts])
@@ -673,12 +746,54 @@ def compare_flown(
                 seen = Interval(value, value, value)
             if name in stated:
                 predicted = Interval(*[stated[name]] * 3)
+            untested = ""
+            if name == "brightness":
+                untested = "" if math.isfinite(star.magnitude_g) else SCALED
+                if not untested:
+                    bright = _light_by_magnitude(case, star)
+                    predicted = Interval(
+                        bright * predicted.value, bright * predicted.low, bright * predicted.high
+                    )
             if math.isfinite(seen.value):
-                differences.append(Difference(star.name, name, seen, predicted, KEYS[name]))
+                row = Difference(star.name, name, seen, predicted, KEYS[name], untested)
+                differences.append(row)
         curves[star.name] = (
             measured[n].curve, _known_mean(np.array([unit[n].curve for unit in drawn]), 0),
         )  # fmt: skip
-    return Flown(differences, curves)
+    return Flown(_of_known_offset(differences), curves)
+
+
+SCALED = (
+    "the predicted images have the light that is seen, so that neither transmission nor quantum "
+    "efficiency is tested; give magnitude_g, Gaia's G of the star"
+)
+
+
+def _light_by_magnitude(case: Case, star: Windows) -> float:
+    """Light of a sunlike star of this G over that of the predicted images."""
+    injected = float(np.median(centroids(star, case.tracker.box).total))
+    injected *= case.instrument.detector.electrons_per_dn
+    image = _fraction(psf_of(case.instrument), case.tracker.box)
+    return scale(case).star * 10 ** (-0.4 * star.magnitude_g) * image / injected
+
+
+def _of_known_offset(differences: list[Difference]) -> list[Difference]:
+    """The differences; those of the background are not tested where the offset differs."""
+    off = {
+        row.star: row
+        for row in differences
+        if row.name == "offset" and abs(row.seen.value) > OFF * (row.seen.high - row.seen.value)
+    }
+    return [
+        row._replace(
+            untested="the numbers have another offset than instrument.detector.offset: by photon "
+            f"transfer {off[row.star].seen.value:.4g} digital numbers are left where there is no "
+            "light"
+        )
+        if row.name == "background" and row.star in off
+        else row
+        for row in differences
+    ]
 
 
 def _blocks(stars: Sequence[Windows]) -> Iterable[list[Windows]]:

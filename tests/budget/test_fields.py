@@ -4,10 +4,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.budget.fields import Fields, FieldStars, Response, Solver, attitudes, propagate
+from startrack.budget.fields import (
+    Fields,
+    FieldStars,
+    Response,
+    Solver,
+    attitudes,
+    fields,
+    propagate,
+)
+from startrack.budget.fixed import displaced
 from startrack.catalog import Sky
 from startrack.core.units import deg
 from startrack.core.values import Stars
+from startrack.design.files import load_design
+from startrack.io import shipped
 from startrack.metrics import attitude_bound
 
 FOCAL = 2000.0
@@ -117,3 +128,21 @@ def test_attitudes_are_even():
     matrix = attitudes(512).as_matrix()
     assert np.abs(matrix.mean(axis=0)).max() < 0.02
     np.testing.assert_allclose((matrix**2).mean(axis=0), 1 / 3, atol=0.01)
+
+
+def test_a_camera_that_merges_other_stars_moves_the_rest_alike():
+    """Of a wider camera, whose index merges more stars, the others keep their neighbours' pull."""
+    case = load_design(shipped("designs/noise_only.toml")).case
+    camera = case.instrument.camera
+    views = [fields(case.catalog, seen, attitudes, 64) for seen in (camera, camera.scaled(0.5))]
+    assert len(views[0].name) > len(views[1].name)
+    moved = []
+    for view in views:
+        star = np.arange(len(view.star))
+        # A star that is merged is at another place.
+        key = zip(view.field.tolist(), view.name[view.star].tolist(), view.x.tolist(), strict=True)
+        moved.append(dict(zip(key, displaced(case, view, star), strict=True)))
+    both = [key for key in moved[0] if key in moved[1]]
+    assert len(both) > 5000
+    apart = [moved[0][key] - moved[1][key] for key in both]
+    np.testing.assert_allclose(apart, 0.0, atol=1e-9)

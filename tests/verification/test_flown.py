@@ -10,12 +10,15 @@ from astropy.io import fits
 from scipy.spatial.transform import Rotation
 
 from startrack import Streams, load_design, random_attitude, shipped
+from startrack.catalog import open_sky
 from startrack.cli.main import main
 from startrack.detector import dark_frames
 from startrack.io import FrameFiles, Layout, read_frames
-from startrack.trial import observe
+from startrack.trial import colour_correction, observe
 from startrack.verification.flown import (
+    Centroids,
     Windows,
+    _about_common,
     compare_flown,
     correlation,
     photon_transfer,
@@ -184,3 +187,73 @@ def test_frames_of_a_design_are_as_it_predicts_them():
     for name in ("temporal", "total", "brightness", "background", "acquired"):
         ratio = [row.ratio for row in flown.differences if row.name == name]
         assert np.mean(ratio) == pytest.approx(1, abs=0.1), name
+
+
+def seen_at(time, place):
+    """Centroids of an image that does not move."""
+    corner = np.zeros((len(time), 2), np.int64)
+    windows = Windows("one", time, np.zeros((len(time), 8, 8)), corner)
+    return Centroids(windows, place, np.ones(len(time)))
+
+
+def test_stars_of_other_time_spans_have_the_scatter_of_their_noise():
+    """Of 0.01 pixel about a common walk of pixels: 400 exposures show it to 2.5 %, so 12 % is 5
+    sigma; one star is seen in the first half, one with a gap, and one after all others."""
+    rng, time = np.random.default_rng(4), np.arange(800.0)
+    path = np.cumsum(0.1 * rng.standard_normal((800, 2)), axis=0)
+    spans = [time < 400, time < 400, time < 200, (time < 400) & ~((time > 100) & (time < 150)),
+             time >= 500]  # fmt: skip
+    stars = [
+        seen_at(time[span], path[span] + 0.01 * rng.standard_normal((span.sum(), 2)))
+        for span in spans
+    ]
+    residual, _ = _about_common([star.place for star in stars], stars)
+    for off in residual[:4]:
+        known = np.isfinite(off[:, 0])
+        assert known.sum() > 0.4 * len(off)
+        assert np.sqrt((off[known] ** 2).mean()) == pytest.approx(0.01, rel=0.12)
+    assert np.isnan(residual[4]).all()
+    assert not np.isnan(residual[0][:3]).any()
+
+
+def test_an_offset_that_is_not_the_designs_is_told_and_no_background_compared():
+    case = load_design(shipped("designs/noise_only.toml")).case
+    electrons = case.instrument.detector.electrons_per_dn
+    detector = replace(case.instrument.detector, read_noise=NOISE / GAIN * electrons)
+    case = replace(case, instrument=replace(case.instrument, detector=detector))
+    rows = {}
+    for pedestal in (0.0, 60.0):
+        star = replace(still(), number=still().number + pedestal)
+        found = compare_flown(case, [star], 2).differences
+        rows[pedestal] = {row.name: row for row in found}
+    assert abs(rows[0.0]["offset"].seen.value) < 15
+    assert not rows[0.0]["background"].untested
+    assert rows[60.0]["offset"].seen.value - rows[0.0]["offset"].seen.value == pytest.approx(60)
+    assert rows[60.0]["background"].untested.startswith("the numbers have another offset")
+    assert not rows[60.0]["background"].differs
+
+
+def test_brightness_tests_throughput_only_by_a_magnitude():
+    case, frames = turning(40)
+    lens = case.instrument.optics
+    lens = replace(lens, transmission=lens.transmission.scaled(0.5))
+    dimmer = replace(case, instrument=replace(case.instrument, optics=lens))
+    stars = windows_of_frames(frames, case)[:1]
+    (unknown,) = [r for r in compare_flown(dimmer, stars, 2).differences if r.name == "brightness"]
+    assert not unknown.differs
+    assert "magnitude_g" in unknown.untested
+    # The star of that place.
+    sky = open_sky(case.catalog).stars
+    seen = case.instrument.camera.project(random_attitude(Streams(1, 0)).apply(sky.direction))
+    middle = stars[0].corner[0] + 3.5
+    near = np.flatnonzero(np.hypot(*(seen - middle).T) < 2)
+    star = sky[near[np.argmin(sky.magnitude_g[near])][None]]
+    sunlike = float(star.magnitude_g[0] + colour_correction(case, star.colour)[0])
+    given = [replace(stars[0], magnitude_g=sunlike)]
+    for design, ratio in ((case, 1.0), (dimmer, 0.5)):
+        rows = compare_flown(design, given, 2).differences
+        (row,) = [r for r in rows if r.name == "brightness"]
+        assert row.ratio == pytest.approx(ratio, rel=0.05)
+        assert not row.untested
+    assert row.differs
+    assert "transmission" in row.key
