@@ -100,9 +100,13 @@ class Refinements(NamedTuple):
 
 
 def refine_all(
-    plane: Floats, inverse: Floats, direction: Floats, focal: float, start: Floats,
+    plane: Floats,
+    inverse: Floats,
+    direction: Floats,
+    focal: float,
+    start: Floats,
     tolerance: float = 0.0,
-) -> Refinements:  # fmt: skip
+) -> Refinements:
     """`refine` for m sets of up to n stars each.
 
     plane      (m, n, 2) measured places in the undistorted image plane

@@ -156,6 +156,7 @@ def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
     return np.ascontiguousarray(covariance)  # kernels are compiled anew for another layout
 
 
+MOST_UNIDENTIFIED = 0.25  # of the stars; more leave too few patterns; chosen by hand
 LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields
 BLIND = "the case must see enough stars somewhere in the sky, it does not"
 
@@ -193,15 +194,26 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
 def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
     """`analytic`, but None where no field can be solved."""
     solved = of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))
+    if solved and solved.unidentified > MOST_UNIDENTIFIED:
+        raise Refused(
+            "the camera that the tracker believes must place stars within "
+            "tracker.identification.match_radius, got "
+            f"{100 * solved.unidentified:.0f} % of them beyond it, where no formula holds; "
+            "calibrate it (tracker.camera, tracker.calibration)"
+        )
     return solved and solved.budget
 
 
 class FieldBudget(NamedTuple):
-    """A budget over some fields, the errors in each of them, and the stars that make these."""
+    """A budget over some fields, the errors in each of them, and the stars that make these.
+
+    unidentified  1, fraction of the stars that lie beyond the match radius
+    """
 
     budget: Budget[Law]
     attitudes: Attitudes
     stars: FieldStars
+    unidentified: float
 
 
 def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget | None:
@@ -234,12 +246,21 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     for cause in fixed:
         of_lens = lens.shift.get(cause.name)
         displacement.append(moved(case, cause, view, inside) if of_lens is None else of_lens[kept])
+    first = np.searchsorted(view.field[inside], np.arange(len(view.attitude) + 1))
+    wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
+    apart = _apart(wrong, first) if fixed else np.zeros_like(near)
+    counts = chance[kept]
+    if not trial.boxed(case):
+        # A star that lies farther from where the others predict it than the match radius is not
+        # identified.
+        radius = case.tracker.identification.match_radius
+        sigma = np.maximum(spread[kept], 1e-9)
+        counts = counts * ndtr((radius - np.hypot(*apart.T)) / sigma)
     most = case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots
     tolerance = case.tracker.identification.focal_tolerance
     solver = Solver(case.believed_camera.focal_length_px, tolerance, lost, most)
     counted = FieldStars(
-        np.searchsorted(view.field[inside], np.arange(len(view.attitude) + 1)), view.x[inside],
-        view.y[inside], magnitude, lens.zone[kept], chance[kept], systematic,
+        first, view.x[inside], view.y[inside], magnitude, lens.zone[kept], counts, systematic,
         np.stack(displacement),
     )  # fmt: skip
     errors = propagate(counted, table, solver)
@@ -253,8 +274,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     whole_line = Line("end to end", None, law)
     fraction = total / len(weight)
     refused = _refused(star, above, magnitude)
-    wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
-    moved_rms = float(np.sqrt((_apart(wrong, counted.first) ** 2).mean())) if fixed else 0.0
+    moved_rms = float(np.sqrt((apart**2).mean())) if fixed else 0.0
     left_out = (
         *of_the_case(case),
         *of_the_sky(case, errors.stars, refused, moved_rms),
@@ -262,7 +282,8 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     )
     stars = float(weight @ errors.stars)
     budget = Budget(lines, whole_line, fraction, stars, left_out, refused)
-    return FieldBudget(budget, errors, counted)
+    unidentified = 1 - float(counts.sum() / max(chance[kept].sum(), 1e-9))
+    return FieldBudget(budget, errors, counted, unidentified)
 
 
 def _apart(moved: Floats, first: Ints) -> Floats:

@@ -172,8 +172,9 @@ class Detector(Parameters):
     ] = False  # fmt: skip
     em_gain: Annotated[float, Range(1, 1e5),
         "gain of the multiplication register of an EMCCD"] = 1.0  # fmt: skip
-    em_stages: Annotated[int, Range(100, 10000),
-        "stages of that register, each with a little gain"] = 536  # fmt: skip
+    em_stages: Annotated[
+        int, Range(100, 10000), "stages of that register, each with a little gain"
+    ] = 536
     # Beyond these limits, more light would give less signal.
     nonlinearity: Annotated[float, Range(-0.49, 0.49),
         "fraction by which the signal of a full pixel is too small"] = 0.0  # fmt: skip

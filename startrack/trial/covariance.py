@@ -36,9 +36,14 @@ class Fitted(NamedTuple):
 
 
 def fitted(
-    case: Case, matrix: Floats, seen: Floats, reference: Floats, noise: Floats, hot: Floats,
+    case: Case,
+    matrix: Floats,
+    seen: Floats,
+    reference: Floats,
+    noise: Floats,
+    hot: Floats,
     there: Flags,
-) -> Fitted:  # fmt: skip
+) -> Fitted:
     """Attitudes of m trials with up to n stars each, as `solve` finds them.
 
     matrix     (m, 3, 3) true icrs_to_camera, at which the identification predicts its stars

@@ -351,9 +351,8 @@ class Measured(NamedTuple):
 
 
 def measure(
-    stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None,
-    read_noise: float = math.nan,
-) -> list[Measured]:  # fmt: skip
+    stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None, read_noise: float = math.nan
+) -> list[Measured]:
     """Measure stars that were seen together.
 
     read_noise  digital number, of the design, for the offset

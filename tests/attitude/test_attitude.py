@@ -268,8 +268,9 @@ def test_many_sets_of_stars_are_refined_as_each_alone(tolerance):
     got = refine_all(plane, inverse, direction, CAMERA.focal_length_px, start, tolerance)
     for k, (attitude, _, _) in enumerate(sets):
         some = there[k]
-        alone = refine(pixel[k][some], covariance[some], direction[k][some], CAMERA, attitude,
-                       tolerance)  # fmt: skip
+        alone = refine(
+            pixel[k][some], covariance[some], direction[k][some], CAMERA, attitude, tolerance
+        )
         apart = got.source_to_target[k] * alone.icrs_to_camera.inv()
         assert apart.magnitude() < 1e-12
         np.testing.assert_allclose(got.covariance[k], alone.covariance, rtol=1e-9)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from startrack.budget import Term, analytic
 from startrack.budget.left_out import differences, of_false_spots
+from startrack.core import Refused
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec, deg
 from startrack.design import load_design
@@ -297,3 +298,21 @@ def test_a_tracker_late_in_its_life_is_available_as_in_windows(age):
     case = hot("high_accuracy.toml", f"instrument.detector.age.time={age}")
     shown = summarise(run_trials(case, 1, range(120), Fidelity.WINDOW))
     assert not list(differences(analytic(case), shown))
+
+
+def test_a_camera_that_is_not_calibrated_is_refused():
+    """A focal length 1 % off, of which no trial of 40 is solved, and the formula told 100 %."""
+    case = load_design(shipped("designs/noise_only.toml")).case
+    lens = case.instrument.optics
+    optics = replace(lens, focal_length=1.01 * lens.focal_length)
+    tracker = replace(case.tracker, camera=case.instrument.camera)
+    instrument = replace(case.instrument, optics=optics)
+    wrong = replace(case, instrument=instrument, tracker=tracker)
+    with pytest.raises(Refused, match=r"within tracker\.identification\.match_radius, got [3-9]"):
+        analytic(wrong)
+
+
+def test_two_stars_in_boxes_are_available_where_both_are_seen():
+    """83 % [71, 92] of 60 trials; the formula counts two stars that are always seen as solved."""
+    case = load_design(shipped("trackers/chandra-aca.toml"), ["tracker.box.stars=2"]).case
+    assert 0.7 < analytic(case, 128).availability <= 1.0

@@ -79,7 +79,7 @@ def test_trials_do_not_depend_on_which_others_are_run():
 def test_what_makes_a_unit_bad_is_its_trials_without_it():
     """Of a unit that is not the first."""
     case, units, numbers = (
-        replace(CASE, variation=VARIED.variation[:1]),
+        replace(CASE, variation=VARIED.variation[2:3]),
         Units(20, 2),
         range(40, 60),
     )
@@ -87,9 +87,9 @@ def test_what_makes_a_unit_bad_is_its_trials_without_it():
         rms(unit_trials(one, 2, numbers, units)) for one in (case, replace(case, variation=()))
     )
     [(name, change)] = explain(case, 2, units, 2)
-    assert name == "instrument.optics.focal_length per unit"
+    assert name == "instrument.optics.blur per unit"
     assert change == pytest.approx(without / whole - 1, abs=0.002)
-    assert change < -0.1
+    assert abs(change) > 0.01
 
 
 def test_a_unit_that_nothing_varies_in_is_the_design():

@@ -201,8 +201,13 @@ def test_stars_of_other_time_spans_have_the_scatter_of_their_noise():
     sigma; one star is seen in the first half, one with a gap, and one after all others."""
     rng, time = np.random.default_rng(4), np.arange(800.0)
     path = np.cumsum(0.1 * rng.standard_normal((800, 2)), axis=0)
-    spans = [time < 400, time < 400, time < 200, (time < 400) & ~((time > 100) & (time < 150)),
-             time >= 500]  # fmt: skip
+    spans = [
+        time < 400,
+        time < 400,
+        time < 200,
+        (time < 400) & ~((time > 100) & (time < 150)),
+        time >= 500,
+    ]
     stars = [
         seen_at(time[span], path[span] + 0.01 * rng.standard_normal((span.sum(), 2)))
         for span in spans
