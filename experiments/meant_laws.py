@@ -309,7 +309,7 @@ def _of_the_detector() -> Iterator[Check]:
     yield law(
         room,
         "PRNU is the rms of the response",
-        lambda: np.std(response(replace(PLAIN, prnu=0.01))),
+        lambda: np.asarray(response(replace(PLAIN, prnu=0.01)), float).std(),
         0.01,
         0.012,
     )

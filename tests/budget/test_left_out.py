@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from startrack.budget import ADVICE, advice, analytic, caveats, check, unseen
+from startrack.core import Refused
 from startrack.core.units import deg
 from startrack.design import Fidelity, design_keys, replaced
 from startrack.detector import Hits
@@ -49,7 +50,10 @@ def test_stars_that_a_turn_of_the_attitude_does_not_bring_back_are_named(case, c
     camera = case.believed_camera
     other = getattr(camera, name) * value if name == "focal_length_px" else value
     wrong = replaced(case, "tracker.camera", replace(camera, **{name: other}))
-    said = any("match_radius" in one for one in analytic(wrong).left_out)
+    try:
+        said = any("match_radius" in one for one in analytic(wrong).left_out)
+    except Refused as refusal:
+        said = "match_radius" in str(refusal)
     before, after = (
         run_trials(one, 1, range(8), Fidelity.SPOTS)["stars"].mean() for one in (case, wrong)
     )
