@@ -32,14 +32,19 @@ LONG = {
     "earth_loop", "ecosystem", "exclusion", "fidelities", "first_run", "identification", "lens",
     "optimiser", "photographs", "profile_trial", "radiometry", "robust", "search", "speed",
     "terrain", "backgrounds", "earth_images", "earth_sensors", "in_motion", "mission",
-    "scanner_jitter", "scenes", "speed_vs_error",
+    "scanner_jitter", "scenes", "speed_vs_error", "meant",
 }  # fmt: skip
 EXPECTED = {
     name: command.expectations(name)
     for name in tomllib.loads((ROOT / "experiments" / "expected.toml").read_text())
 }
 # Parts of experiments that a quick run leaves out.
-NOT_QUICK = {("campaign", "same_bytes"), ("day", "resumed"), ("day", "wheel_same")}
+NOT_QUICK = {
+    ("campaign", "same_bytes"),
+    ("day", "resumed"),
+    ("day", "wheel_same"),
+    ("meant", "orders_green"),
+}
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
 # One process loads what all scripts load, and each script runs in a copy of it: its own imports,

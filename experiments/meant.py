@@ -1,0 +1,141 @@
+"""Is what startrack reads what was meant, and do its laws hold at their limits?
+
+    python experiments/meant.py [--parts files laws slews promises orders] [--json FILE] [--quick]
+
+files        that other programs wrote, in all formats that startrack reads: right, refused, wrong
+             or crashed; `wrong` and `crashed` are their numbers, `refused` those with a sentence
+laws         that have a limit with a closed form; laws_off, those that miss it by more than their
+             stated accuracy
+covariance_over_spots  error of the fidelity `covariance` over that of `spots` about each axis, in
+             slews of up to 2 deg/s: the worst ratio, upward
+network, foreign_code, hangs  of files that would fetch, run code or never end, given to the
+             readers: how many did
+orders_green of three runs of all tests in random orders, with 2, 1 and 4 workers, how many passed
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401  # isort: skip
+
+import argparse
+import collections
+import os
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import command
+import meant_attitudes
+import meant_images
+import meant_laws
+import meant_promises
+import meant_terrain
+from meant_check import Check, Verdict
+
+PARTS = ("files", "laws", "slews", "promises", "orders")
+FILES = (meant_attitudes.checks, meant_images.checks, meant_terrain.checks)
+ORDERS = {1: 2, 2: 1, 3: 4}  # seed of an order: workers
+ROOT = Path(__file__).parents[1]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS, metavar="PART")
+    options = command.read(parser, parts=PARTS[:4])
+    run: dict[str, Callable[[bool], dict[str, Any]]] = {
+        "files": files,
+        "laws": laws,
+        "slews": slews,
+        "promises": promises,
+        "orders": orders,
+    }
+    figures: dict[str, Any] = {}
+    for part in options.parts:
+        figures |= run[part](options.quick)
+        print(f"{part}: {figures}", flush=True)
+    command.save(options, figures)
+
+
+def files(quick: bool) -> dict[str, Any]:
+    """Verdicts of all files, by format."""
+    with tempfile.TemporaryDirectory() as name:
+        done = list(_each_in_its_folder(Path(name), quick))
+    counts = _counted(done)
+    return {
+        "files": len(done),
+        "wrong": counts[Verdict.WRONG],
+        "crashed": counts[Verdict.CRASHED],
+        "refused": counts[Verdict.REFUSED],
+    }
+
+
+def _each_in_its_folder(folder: Path, quick: bool) -> Iterator[Check]:
+    for number, checks in enumerate(FILES):
+        own = folder / str(number)
+        own.mkdir()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the programs that write; readers say what is odd
+            yield from checks(own, quick)
+
+
+def _counted(done: list[Check]) -> collections.Counter[Verdict]:
+    """Counts of verdicts; a table by kind is printed, and what is not right."""
+    kinds = sorted({check.kind for check in done})
+    for kind in kinds:
+        counts = collections.Counter(check.verdict for check in done if check.kind == kind)
+        words = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
+        print(f"  {kind}: {words}")
+    for check in done:
+        if check.verdict is not Verdict.RIGHT:
+            print(f"    {check.verdict}: {check.kind}, {check.name}: {check.note}")
+    return collections.Counter(check.verdict for check in done)
+
+
+def laws(quick: bool) -> dict[str, Any]:
+    """Limits of laws; a law that is refused at its limit is off, too."""
+    with tempfile.TemporaryDirectory() as name:
+        done = list(meant_laws.checks(Path(name), quick))
+    right = _counted(done)[Verdict.RIGHT]
+    return {"laws": len(done), "laws_off": len(done) - right}
+
+
+def slews(quick: bool) -> dict[str, Any]:
+    """Errors of drawn spots that are taken as known, over those of identified ones, in slews."""
+    return {"covariance_over_spots": meant_laws.covariance_over_spots(quick)}
+
+
+def promises(quick: bool) -> dict[str, Any]:
+    """What SECURITY.md says of files from anybody."""
+    kept = meant_promises.promises(quick)
+    for note in kept.notes:
+        print(f"    {note}")
+    return {
+        "baits": kept.baits,
+        "network": kept.network,
+        "foreign_code": kept.foreign_code,
+        "hangs": kept.hangs,
+    }
+
+
+def orders(quick: bool) -> dict[str, Any]:
+    """All tests in random orders, without the folder of outside data."""
+    green = 0
+    for seed, workers in ORDERS.items():
+        environment = {name: os.environ[name] for name in os.environ if name != "STARTRACK_DATA"}
+        path = os.pathsep.join([str(ROOT / "experiments"), environment.get("PYTHONPATH", "")])
+        environment |= {"ORDER": str(seed), "PYTHONPATH": path.rstrip(os.pathsep)}
+        words = [sys.executable, "-m", "pytest", "-q", "-n", str(workers), "-p", "meant_order"]
+        done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True)
+        print(f"  order {seed}, {workers} workers: {done.stdout.strip().splitlines()[-1]}")
+        green += done.returncode == 0
+    return {"orders_green": green}
+
+
+if __name__ == "__main__":
+    command.run(main)
