@@ -54,6 +54,7 @@ from startrack.metrics.summary import (
     beyond_ten_sigma,
     fraction_interval,
     interval_table,
+    mean_bounds,
     rms_interval,
     summarise,
 )

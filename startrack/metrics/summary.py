@@ -1,5 +1,6 @@
 """Rms errors and availability of many outcomes, each with its interval."""
 
+import math
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -146,19 +147,51 @@ def beyond_ten_sigma(solved: Rows) -> int:
 
 
 def rms_interval(squares: Floats, confidence: float = 0.95) -> Interval:
-    """Root mean square, with the interval of a normal distribution of the mean of the squares.
+    """Root mean square, with the interval of `mean_bounds`.
 
     squares  (n,) squared errors
-    Returns  Interval; NaN where n is 0, without an upper bound where n is 1
+    Returns  Interval; NaN where n is 0, without bounds where n is less than 3
     """
-    n = len(squares)
-    if n == 0:
+    if len(squares) == 0:
         return Interval(float("nan"), float("nan"), float("nan"))
-    mean = float(squares.mean())
-    if n == 1:
-        return Interval(mean**0.5, 0.0, float("inf"))
-    half = special.ndtri((1 + confidence) / 2) * float(squares.std(ddof=1)) / n**0.5
-    return Interval(mean**0.5, max(mean - half, 0.0) ** 0.5, (mean + half) ** 0.5)
+    tail = (1 - confidence) / 2
+    low, high = mean_bounds(squares, tail, tail)
+    return Interval(float(squares.mean()) ** 0.5, low**0.5, high**0.5)
+
+
+def mean_bounds(values: Floats, low_tail: float, high_tail: float) -> tuple[float, float]:
+    """Bounds of the mean of skew values that are not negative, each with its tail.
+
+        nu mean / chi2(1 - low_tail', nu),   nu mean / chi2(high_tail', nu)
+        nu = 2 n / v,   v = r (1 + 6 r / n),   r = (s / mean)^2
+
+    of n values with the variance s^2: a mean of squares is nearly gamma-distributed with as many
+    degrees of freedom as its variance says (Satterthwaite 1946, Biometrics Bulletin 2, 110). Few
+    values give too small a variance, the more so the heavier their tail: v, chosen by hand, allows
+    for that, and the tails are those of the normal distribution at the quantile of Student's t of
+    n - 1 degrees of freedom.
+
+    values    (n,)
+    Returns   zero and infinity where there are fewer than three
+    Accuracy  statistical: of squares of normal errors, of one or two axes, from 3 values on, 95 %
+              intervals hold 0.95 to 0.97; where their sigma varies from trial to trial by a factor
+              of exp(0.5) (one standard deviation), 0.93 to 0.96; by exp(0.8), 0.89 to 0.91.
+    """
+    n = len(values)
+    if n < 3:
+        return 0.0, math.inf
+    mean, variance = float(values.mean()), float(values.var(ddof=1))
+    if not variance:
+        return mean, mean
+    spread = variance / mean**2
+    freedom = 2 * n / (spread * (1 + 6 * spread / n))
+    # The tails of a normal distribution beyond the quantiles of Student's t.
+    low_tail, high_tail = (
+        float(special.ndtr(special.stdtrit(n - 1, tail))) for tail in (low_tail, high_tail)
+    )
+    low = mean * freedom / (2 * float(special.gammainccinv(freedom / 2, low_tail)))
+    least = 2 * float(special.gammaincinv(freedom / 2, high_tail))
+    return low, mean * freedom / least if least > 0 else math.inf
 
 
 def fraction_interval(hits: int, trials: int, confidence: float = 0.95) -> Interval:

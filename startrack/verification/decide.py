@@ -11,7 +11,7 @@ import scipy
 
 from startrack.core import Flags, Floats, Parameters, Range, Rows, whole
 from startrack.design import Accuracy, Requirements
-from startrack.metrics import Interval, Limits, correct, fraction_interval, level_ranks
+from startrack.metrics import Interval, Limits, correct, fraction_interval, level_ranks, mean_bounds
 from startrack.verification.accuracy import REGIONS, measured_over
 
 FEWEST = 10  # solved trials in the sky or a region, below which an rms has no bounds
@@ -231,40 +231,12 @@ def _error_bounds(
     finite = _finite(squares)
     scale = math.sqrt(len(objective.summed) if objective.radial else 1)
     if objective.fraction is None:
-        low, high = mean_bounds(finite, failing / 2, passing / 2)
+        low, high = 0.0, math.inf
+        if len(finite) >= FEWEST:
+            low, high = mean_bounds(finite, failing / 2, passing / 2)
     else:
         low, high = _level_bounds(finite, objective.fraction, failing, passing)
     return scale * math.sqrt(low), scale * math.sqrt(high)
-
-
-def mean_bounds(values: Floats, low_tail: float, high_tail: float) -> tuple[float, float]:
-    """Bounds of the mean of skew values that are not negative, each with its tail.
-
-        mean - s / sqrt(n) T(t),   T(w) = 3 / h ((1 + h (w - h / 6))^(1/3) - 1),   h = g / sqrt(n)
-
-    for the quantile t of Student's distribution and the skewness g.
-
-    Source: Hall (1992), J. R. Statist. Soc. B 54, 221, the cubic transformation.
-
-    values   (n,)
-    Returns  zero and infinity where there are fewer than ten
-    """
-    n = len(values)
-    if n < FEWEST:
-        return 0.0, math.inf
-    mean, deviation = float(values.mean()), float(values.std(ddof=1))
-    if not deviation:
-        return mean, mean
-    skew = float(((values - mean) ** 3).mean()) / float(values.std()) ** 3
-    step = skew / math.sqrt(n)
-
-    def bound(quantile: float) -> float:
-        root = float(np.cbrt(1 + step * (quantile - step / 6))) - 1
-        turned = 3 / step * root if abs(step) > 1e-9 else quantile
-        return mean - deviation / math.sqrt(n) * turned
-
-    low = bound(-float(scipy.special.stdtrit(n - 1, low_tail)))
-    return max(low, 0.0), bound(float(scipy.special.stdtrit(n - 1, high_tail)))
 
 
 def _level_bounds(
