@@ -112,7 +112,7 @@ def draw_shares(
     ):
         squares = objective.squares(outcomes)
         length = np.sort(np.sqrt(len(AXES[objective.axes]) * squares[np.isfinite(squares)]))
-        ratio = objective.ratio(squares, np.ones(len(squares)), campaign.fresh_trials)
+        ratio = objective.ratio([squares], [np.ones(len(squares))])
         error = Interval(*(one / arcsec for one in (ratio.value, ratio.low, ratio.high)))
         label = f"{label}, rms {told_interval(error, 3)} arcsec"
         fraction = np.arange(1, len(length) + 1) / len(outcomes)

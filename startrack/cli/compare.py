@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,10 +17,21 @@ if wanted(__name__):
     from startrack.core import Rows
     from startrack.design import Campaign, Case, Fidelity
     from startrack.io import aligned, to_table
-    from startrack.metrics import ARCSEC, PERCENT, STATED_ALONE, Column, Table
+    from startrack.metrics import (
+        ARCSEC,
+        PERCENT,
+        PURE,
+        STATED_ALONE,
+        Column,
+        Table,
+        trials_for_level,
+    )
     from startrack.montecarlo import Difference as Found
     from startrack.montecarlo import Sampling, Store, differences, pool, run, warm
 
+AVAILABILITY = "availability"
+CHANGE = "second / first"
+LEVEL = 0.9973  # of the errors that are compared
 WIDEST = 40  # letters of a value in the table of parameters
 
 
@@ -38,8 +50,9 @@ class Side(NamedTuple):
 
 declare = Options(
     "Prints the parameters in which two designs differ, and their errors and availability side by "
-    "side, with the difference and its 95 % interval. Trials of the same seed have the same skies "
-    "and noise, so that their differences are paired and known better than either error.",
+    "side, with the ratio of the errors, the difference of the availability, and their 95 % "
+    "intervals. Trials of the same seed have the same skies and noise, so that the ratios are "
+    "paired and known better than either error.",
     Option("first FIRST", "design file, or store of `montecarlo` (.sqlite)", Path),
     Option("second SECOND", "design file, or store of `montecarlo` (.sqlite)", Path),
     Option("--trials N", "trials of each design file; of two campaigns, all are used",
@@ -63,7 +76,7 @@ def command(options: argparse.Namespace) -> int:
         side.campaign.requirements.limits if side.campaign else STATED_ALONE
         for side in (first, second)
     )
-    statistics = differences(*tables, options.seed, (limits[0], limits[1]), paired)
+    statistics = differences(*tables, (limits[0], limits[1]), paired)
     changed = _changed(to_table(first.case), to_table(second.case))
     result = {
         "first": str(options.first), "second": str(options.second), "paired": paired,
@@ -136,14 +149,20 @@ def _short(value: Any) -> str:
 
 
 def _row(difference: Found) -> Table:
-    """A statistic of both, and its difference."""
-    unit = PERCENT if difference.name == "availability" else ARCSEC
+    """A statistic of both, and how they differ."""
+    fraction = difference.name == AVAILABILITY
+    unit = PERCENT if fraction else ARCSEC
+    change = (
+        Column("difference", CHANGE, lambda row: row.change, unit, "+.3g")
+        if fraction
+        else Column("ratio", CHANGE, lambda row: row.change, PURE, ".4g")
+    )
     return Table(
         [
             Column("", "statistic", lambda _: f"{difference.name} ({unit.name})"),
             Column("first", "first", lambda row: row.first, unit, ".4g"),
             Column("second", "second", lambda row: row.second, unit, ".4g"),
-            Column("difference", "difference", lambda row: row.change, unit, "+.3g"),
+            change,
         ],
         [difference],
     )
@@ -153,7 +172,7 @@ def _text(
     options: argparse.Namespace, changed: dict[str, tuple[str, str]], statistics: list[Found],
     paired: bool, trials: tuple[int, int],
 ) -> list[str]:  # fmt: skip
-    rows = [["", str(options.first), str(options.second), "difference"]]
+    rows = [["", str(options.first), str(options.second), CHANGE]]
     rows += [[name, *pair, ""] for name, pair in changed.items()]
     rows += [_row(difference).cells[0] for difference in statistics]
     how = (
@@ -161,4 +180,13 @@ def _text(
         if paired
         else f"on different skies: {trials[0]} and {trials[1]} trials"
     )
-    return [*aligned(rows), "", f"second minus first, {how}; brackets: 95 % confidence"]
+    lines = [f"{CHANGE}: of errors, {how}; of the availability, second minus first; brackets: 95 %"]
+    open_ended = [
+        found.name for found in statistics if found.change.value and math.isinf(found.change.high)
+    ]
+    if open_ended:
+        needed = trials_for_level(LEVEL)
+        lines.append(
+            f"{min(trials)} trials bound no level of {100 * LEVEL:g} %: {needed} that are solved do"
+        )
+    return [*aligned(rows), "", *lines]

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.core import Floats, Refused, Rows, one_of
-from startrack.metrics import Interval
+from startrack.metrics import Interval, ratio_of_levels, ratio_of_rms
 
 AXES = {"across": [0, 1], "about": [2], "both": [0, 1, 2]}
 KINDS = ("per axis", "radial")
-RESAMPLES = 4000
-BOOTSTRAP = 1  # names the stream of the resampling
 
 
 @dataclass(frozen=True)
@@ -114,46 +112,24 @@ class Objective:
             return np.sqrt(axes * quantile(squares, self.fraction, axis=-1))
 
     def ratio(
-        self, first: Floats, second: Floats, seed: int, resamples: int = RESAMPLES,
-        confidence: float = 0.95, paired: bool = True,
-    ) -> Interval:  # fmt: skip
+        self,
+        first: Sequence[Floats],
+        second: Sequence[Floats],
+        weights: Sequence[float] = (1.0,),
+        confidence: float = 0.95,
+        paired: bool = True,
+    ) -> Interval:
         """Statistic of the squares of some trials over that of others, with its interval.
 
-        Trials are resampled (bootstrap percentiles), in pairs where both are on the same skies;
-        one that a design did not solve counts for the other design alone.
+        Over several conditions, the ratio of the geometric means by their weights. A trial that a
+        design did not solve counts for the other design alone.
 
-        first, second  radian^2, of trials
-        paired         whether the two are of the same trials, in the same order
-        Accuracy  NaN where one solved none.
-        """
-        return self.ratio_of_means([first], [second], [1.0], seed, resamples, confidence, paired)
-
-    def ratio_of_means(
-        self, first: Sequence[Floats], second: Sequence[Floats], weights: Sequence[float],
-        seed: int, resamples: int = RESAMPLES, confidence: float = 0.95, paired: bool = True,
-    ) -> Interval:  # fmt: skip
-        """`ratio` of the geometric means of the statistic over several conditions, by weights.
-
-        first, second  of each condition, on the same skies in all of them
+        first, second  radian^2, of trials of each condition, on the same skies in all of them
+        paired         whether both are of the same trials, in the same order
+        Accuracy       NaN where one solved none; see `ratio_of_rms` and `ratio_of_levels`.
         """
         if not all(np.isfinite(squares).any() for squares in (*first, *second)):
             return Interval(np.nan, np.nan, np.nan)
-        rng = np.random.default_rng(np.random.SeedSequence((seed, BOOTSTRAP)))
-        n, m = len(first[0]), len(second[0])
-        chosen = rng.integers(0, n, (resamples, n))
-        other_chosen = chosen if paired else rng.integers(0, m, (resamples, m))
-        pairs = list(zip(first, second, strict=True))
-        resampled = [self.of(a[chosen]) / self.of(b[other_chosen]) for a, b in pairs]
-        ratios = _weighted(resampled, weights)
-        value = _weighted([self.of(a) / self.of(b) for a, b in pairs], weights)
-        tail = (1 - confidence) / 2
-        low, high = np.nanquantile(ratios, [tail, 1 - tail])
-        return Interval(float(value), float(low), float(high))
-
-
-def _weighted(ratios: Sequence[Floats], weights: Sequence[float]) -> Floats:
-    """Geometric mean by weights."""
-    if len(ratios) == 1:
-        return ratios[0]
-    logs = [weight * np.log(ratio) for ratio, weight in zip(ratios, weights, strict=True)]
-    return np.exp(np.sum(logs, axis=0) / sum(weights))
+        if self.fraction is None:
+            return ratio_of_rms(first, second, weights, confidence, paired)
+        return ratio_of_levels(first, second, self.fraction, weights, confidence, paired)

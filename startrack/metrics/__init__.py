@@ -2,6 +2,7 @@
 
 bounds   Cramer-Rao bounds of centroid and attitude, and the error of the centre of gravity.
 judge    Outcome of one trial from its estimate and the true attitude; which attitudes are correct.
+ratios   The ratio of two rms errors or levels, with its interval.
 summary  Rms errors and availability of many outcomes, each with its interval.
 results  Results as rows and tables of records, and how they are written: JSON, text, Markdown.
 levels   Size of the error that is not exceeded at a stated confidence level, and the error indices
@@ -30,6 +31,7 @@ from startrack.metrics.levels import (
     quantile_of_few,
     reproducibility,
 )
+from startrack.metrics.ratios import ratio_of_levels, ratio_of_rms, trials_for_level
 from startrack.metrics.results import (
     ARCSEC,
     PERCENT,

@@ -9,12 +9,10 @@ import numpy as np
 from scipy import special
 
 from startrack import metrics
-from startrack.core import Advance, Flags, Floats, Ints, Refused, Rows
+from startrack.core import Advance, Flags, Refused, Rows
 from startrack.design import Case, Fidelity, Objective
 from startrack.trial import run_trials
 
-RESAMPLES = 2000  # of the bootstrap; its percentiles of 95 % then scatter by 3 % of the width
-PAIRS = 3  # names the stream of the resampling
 STATISTICS = (
     Objective("across"), Objective("about"), Objective("across", 0.9973),
     Objective("across", 0.9973, "per axis"),
@@ -22,11 +20,11 @@ STATISTICS = (
 
 
 class Difference(NamedTuple):
-    """One statistic of two campaigns.
+    """One statistic of two campaigns, with the 95 % interval of how they differ.
 
     name           in words
     first, second  its values: radian, or a fraction for the availability
-    change         second minus first, with its 95 % interval
+    change         second over first of errors; second minus first of the availability
     """
 
     name: str
@@ -36,51 +34,37 @@ class Difference(NamedTuple):
 
 
 def differences(
-    first: Rows, second: Rows, seed: int = 0,
+    first: Rows,
+    second: Rows,
     limits: tuple[metrics.Limits, metrics.Limits] = (metrics.STATED_ALONE, metrics.STATED_ALONE),
     paired: bool = True,
-) -> list[Difference]:  # fmt: skip
-    """Errors and availability of two campaigns, and their differences.
+) -> list[Difference]:
+    """Errors and availability of two campaigns, the ratios of errors, and how availability differs.
 
-    Errors: over the trials that both solved, where paired; bootstrap percentiles over trials.
+    Errors: over the trials that both solved, where paired; intervals as of `Objective.ratio`, those
+    of levels without bounds where the trials are too few.
     Availability: Agresti and Min (2005), Statist. Med. 24, 729, for pairs; else the two exact
     intervals as those of independent fractions (Newcombe 1998, Statist. Med. 17, 873, method 10).
 
     first, second  outcomes; where paired, of the same trials in the same order
-    seed           of the bootstrap
     limits         of a correct attitude, of each
-    Accuracy       statistical: a level of 99.73 % of fewer than 1000 trials is nearly the largest
-                   error, and its bootstrap interval too narrow.
     """
     right = metrics.correct(first, limits[0]), metrics.correct(second, limits[1])
-    return [*_errors(first, second, seed, paired), _availability(*right, paired)]
+    return [*_errors(first, second, paired), _availability(*right, paired)]
 
 
-def _errors(first: Rows, second: Rows, seed: int, paired: bool) -> Iterator[Difference]:
-    rng = np.random.default_rng(np.random.SeedSequence((seed, PAIRS)))
+def _errors(first: Rows, second: Rows, paired: bool) -> Iterator[Difference]:
     solved = [outcomes["solved"] & ~outcomes["false"] for outcomes in (first, second)]
     if paired:
         solved = [solved[0] & solved[1]] * 2
     first, second = first[solved[0]], second[solved[1]]
-    n, m = len(first), len(second)
-    chosen = rng.integers(0, n, (RESAMPLES, n)) if n else np.empty((0, 0), int)
-    other = chosen if paired else rng.integers(0, m, (RESAMPLES, m)) if m else chosen[:0]
     for objective in STATISTICS:
         a, b = objective.squares(first), objective.squares(second)
-        if not (n and m):
-            nothing = metrics.Interval(math.nan, math.nan, math.nan)
-            yield Difference(str(objective), math.nan, math.nan, nothing)
-            continue
-        made = _in_parts(objective, b, other) - _in_parts(objective, a, chosen)
-        low, high = np.quantile(made, [0.025, 0.975]).tolist()
-        before, after = float(objective.of(a)), float(objective.of(b))
-        yield Difference(str(objective), before, after, metrics.Interval(after - before, low, high))
-
-
-def _in_parts(objective: Objective, squares: Floats, chosen: Ints) -> Floats:
-    """The statistic of each resample; few at a time, for the memory."""
-    parts = np.array_split(chosen, max(1, chosen.size // 2_000_000))
-    return np.concatenate([objective.of(squares[part]) for part in parts])
+        before, after = (
+            float(objective.of(squares)) if len(squares) else math.nan for squares in (a, b)
+        )
+        ratio = objective.ratio([b], [a], paired=paired)
+        yield Difference(str(objective), before, after, ratio)
 
 
 def _availability(first: Flags, second: Flags, paired: bool) -> Difference:

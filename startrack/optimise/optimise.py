@@ -199,8 +199,8 @@ def optimize(
     if units:
         factor, optimism = units.factor, units.optimism
     else:
-        factor = objective.ratio_of_means(before, after, weights, runner.seed)
-        optimism = objective.ratio_of_means(after, tuned, weights, runner.seed, paired=False)
+        factor = objective.ratio(before, after, weights)
+        optimism = objective.ratio(after, tuned, weights, paired=False)
     fresh = [summarise(trials[design.NOMINAL], needs.limits) for trials in (first, second)]
     found = Optimum(
         space=space,

@@ -281,7 +281,7 @@ def _interval(
     # Over errors of one arcsec, of which every sample has the same statistic.
     unit = [np.full_like(sample, arcsec**2) for sample in squares]
     weights = [condition.weight for condition in counted]
-    ratio = objective.ratio_of_means(squares, unit, weights, runner.seed)
+    ratio = objective.ratio(squares, unit, weights)
     scale = float(objective.of(unit[0])) / arcsec
     nothing = {condition.name: Forecast(np.nan, {}) for condition in counted}
     value = combined(judged, tried, objective, nothing) / arcsec
