@@ -54,6 +54,7 @@ from startrack.metrics.summary import (
     Interval,
     Summary,
     beyond_ten_sigma,
+    bounds_of_mean,
     fraction_interval,
     interval_table,
     mean_bounds,

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from startrack import metrics
 from startrack.core import Advance, Floats, Ints, Rows, inputs_of, printed, software
@@ -127,15 +126,15 @@ class Sketch:
     def rms(self, which: str) -> metrics.Interval:
         """Radian, rms per axis "across" or "about" the boresight, with its 95 % interval."""
         count, mean = self.counts["judged"], self.mean(f"{which}^2")
-        if count < 2:
-            return metrics.Interval(math.sqrt(mean), 0.0 if count else math.nan, math.inf)
+        if count < 3:
+            return metrics.Interval(
+                math.sqrt(mean), *((0.0, math.inf) if count else [math.nan] * 2)
+            )
         scatter = Fraction(self.sums[f"{which}^4"], 1 << UNIT)
         scatter -= Fraction(self.sums[f"{which}^2"], 1 << UNIT) ** 2 / count
-        sigma = math.sqrt(max(float(scatter / (count - 1)), 0.0))
-        half = float(special.ndtri(0.975)) * sigma / math.sqrt(count)
-        return metrics.Interval(
-            *(math.sqrt(max(square, 0.0)) for square in (mean, mean - half, mean + half))
-        )
+        variance = max(float(scatter / (count - 1)), 0.0)
+        bounds = metrics.bounds_of_mean(count, mean, variance, 0.025, 0.025)
+        return metrics.Interval(*(math.sqrt(square) for square in (mean, *bounds)))
 
     def quantile(self, name: str, fraction: float) -> metrics.Interval:
         """A quantile of "across" or "nees" over the judged attitudes, and of |x|, |y| or |z|.
