@@ -32,7 +32,7 @@ LONG = {
     "earth_loop", "ecosystem", "exclusion", "fidelities", "first_run", "identification", "lens",
     "optimiser", "photographs", "profile_trial", "radiometry", "robust", "search", "speed",
     "terrain", "backgrounds", "earth_images", "earth_sensors", "in_motion", "mission",
-    "scanner_jitter", "scenes", "speed_vs_error", "meant",
+    "scanner_jitter", "scenes", "speed_vs_error", "meant", "intervals",
 }  # fmt: skip
 EXPECTED = {
     name: command.expectations(name)
