@@ -380,7 +380,7 @@ def test_montecarlo(call, short, tmp_path):
 
 
 def test_where_a_covariance_is_too_small_the_first_line_says_where_to_look(capsys):
-    arguments = ["montecarlo", str(EXAMPLE), "--trials", "100", "--fidelity", "covariance"]
+    arguments = ["montecarlo", str(EXAMPLE), "--trials", "100", "--fidelity", "spots"]
     floor = ["--set", "tracker.attitude.centroid_floor=0.0001"]
     for changes, doubted in (([], False), (floor, True)):
         assert main([*arguments, "--workers", "1", *changes]) == 0
