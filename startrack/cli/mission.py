@@ -492,6 +492,29 @@ def _left_out(plan: mission.Plan) -> list[str]:
     return [] if plan.loaded.mission.radiation.hits is None else [text]
 
 
+def _platform_lines(plan: mission.Plan) -> list[str]:
+    """What of their errors is the motion of the platform; nothing where no design has any."""
+    moved = [
+        f"{math.sqrt((x + y) / 2) / arcsec:.2f} across and {math.sqrt(z) / arcsec:.2f} about "
+        f"({head.name})"
+        for head in plan.heads
+        for x, y, z in [head.moved]
+        if x or y or z
+    ]
+    if not moved:
+        return []
+    said = f"of them the motion of the platform in an exposure, arcsec rms: {', '.join(moved)}"
+    still = [head.name for head in plan.heads if not head.moved.any()]
+    if not still:
+        return [f"{said}; it is one for all heads, and fusion does not reduce it"]
+    return [
+        said,
+        f"the design of {', '.join(still)} has no such motion (or tracker.reference is 'mean'), so "
+        "that the head counts as at rest; one platform moves all heads, so that "
+        "[instrument.motion] of all designs should have it",
+    ]
+
+
 def _text(flight: report.Flight) -> list[str]:
     plan, _, flown, available = flight
     time = plan.loaded.mission.time
@@ -524,18 +547,7 @@ def _text(flight: report.Flight) -> list[str]:
         f"fused attitude: {x:.2f}, {y:.2f}, {z:.2f} arcsec rms about x, y, z; by the error budget "
         f"of {_which(plan)}, with the alignments of the mission file"
     )
-    moved = [
-        f"{math.sqrt((x + y) / 2) / arcsec:.2f} across and {math.sqrt(z) / arcsec:.2f} about "
-        f"({head.name})"
-        for head in plan.heads
-        for x, y, z in [head.moved]
-        if x or y or z
-    ]
-    if moved:
-        lines.append(
-            f"of them the motion of the platform in an exposure, arcsec rms: {', '.join(moved)}; "
-            "it is one for all heads, and fusion does not reduce it"
-        )
+    lines += _platform_lines(plan)
     if flown.worst:
         second, error = flown.worst[0]
         lines.append(

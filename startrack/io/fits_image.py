@@ -24,10 +24,13 @@ DAY = 86400.0  # second
 EXPOSURES = "EXPTIME", "EXPOSURE"
 MILLISECOND = re.compile(r"\[ms\]|\bms\b|milli-?sec", re.IGNORECASE)
 MICROSECOND = re.compile(r"\[us\]|\bus\b|micro-?sec|\u00b5s", re.IGNORECASE)
+MINUTE = re.compile(r"\[min\]|\bminutes?\b", re.IGNORECASE)
 # What the comment of a gain says where it is electrons for a number, and not the camera's setting.
 ELECTRONS = re.compile(
     r"(e-?|elec\w*|photo-?e\w*)\s*(/|per)\s*(adu|dn|count|unit|lsb)", re.IGNORECASE
 )
+# And where it is the inverse.
+NUMBERS = re.compile(r"(adu|dn|counts?|units?|lsb)\s*(/|per)\s*(e\b|elec|photo-?e)", re.IGNORECASE)
 # Programs and cameras that write their setting as GAIN, and electrons for a number as EGAIN.
 SETTINGS = re.compile(
     r"zwo|\basi|sharpcap|n\.?i\.?n\.?a|firecapture|qhy|player ?one|toup|altair|svbony|ogma|"
@@ -147,7 +150,8 @@ def _with_blanks(image: NDArray[Any], header: Any) -> NDArray[Any]:
 
 def _number(header: Any, key: str, otherwise: float = math.nan) -> float:
     value = header.get(key, otherwise)
-    return float(value) if isinstance(value, int | float) else otherwise
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if number else otherwise
 
 
 def _comment(header: Any, key: str) -> str:
@@ -161,6 +165,7 @@ def _exposure(path: Path, header: Any) -> float:
         comment = _comment(header, key)
         unit = 1e-3 if MILLISECOND.search(comment) else 1.0
         unit = 1e-6 if MICROSECOND.search(comment) else unit
+        unit = 60.0 if MINUTE.search(comment) else unit
         values.append(_number(header, key) * unit)
     given = [value for value in values if value >= 0]
     if len(given) == 2 and abs(given[0] - given[1]) > 0.01 * max(given):
@@ -178,7 +183,8 @@ def _gain(path: Path, header: Any, image: NDArray[Any], offset: float, read_nois
 
     EGAIN is that of most cameras' programs, of which GAIN is a setting, in tenths of a decibel or
     in units of its maker. GAIN of other files is taken where its comment says electrons, or where
-    the noise of the image agrees with it.
+    the noise of the image agrees with it; it is inverted where its comment says numbers for an
+    electron.
 
     Source: SBIG, FITS extensions (SBFITSEXT) 1.0, EGAIN; ZWO, ASI cameras' manual, section on gain
     (0.1 dB a step).
@@ -187,7 +193,10 @@ def _gain(path: Path, header: Any, image: NDArray[Any], offset: float, read_nois
     gain = _number(header, key)
     if not (gain > 0 and math.isfinite(gain)):
         return math.nan
-    said = key == "EGAIN" or bool(ELECTRONS.search(_comment(header, key)))
+    comment = _comment(header, key)
+    said = key == "EGAIN" or bool(ELECTRONS.search(comment))
+    if NUMBERS.search(comment) and not ELECTRONS.search(comment):
+        gain, said = 1 / gain, True
     if not said and any(SETTINGS.search(str(header.get(name, ""))) for name in PROGRAMS):
         return math.nan
     level, noise = _background(image)
@@ -201,7 +210,7 @@ def _gain(path: Path, header: Any, image: NDArray[Any], offset: float, read_nois
     if low <= noise <= high:
         return gain
     warnings.warn(
-        f"{path}: {key} = {gain:g} electrons for a number would give the background, "
+        f"{path}: {key}, {gain:g} electrons for a number, would give the background, "
         f"{signal:.4g} above an offset of {offset:g}, a noise from {math.sqrt(least):.3g} to "
         f"{math.sqrt(most):.3g}, but it has {noise:.3g}: the gain is taken for unknown (GAIN may "
         "be a setting of the camera, PEDESTAL be missing, or the image be a mean of others)",

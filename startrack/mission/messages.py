@@ -40,6 +40,9 @@ QUATERNIONS = {
 CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 NORM = 1e-3  # by which the norm of a quaternion in a file may differ from 1
 HIGHEST_DEGREE = 15
+# Of a row: its speed, metre / second, and the part of the way to the next one by which the mean of
+# both speeds may miss that. In a low orbit this is a step of half an hour.
+FASTEST, MISSED = 1e5, 0.4
 
 
 def read_oem(path: Path) -> tuple[OrbitSegment, ...]:
@@ -48,8 +51,9 @@ def read_oem(path: Path) -> tuple[OrbitSegment, ...]:
     Source: CCSDS 502.0-B-3, Orbit Data Messages, section 5, the text in keywords (KVN) of versions
     1.0 to 3.0. Covariances and accelerations are not used.
 
-    Raises  Refused, one sentence, where the file is none, or has another centre, other axes, or a
-            keyword, a date or a row that the standard does not allow there.
+    Raises  Refused, one sentence, where the file is none, or has another centre, other axes, a
+            keyword, a date or a row that the standard does not allow there, or speeds that are not
+            those of its places in km and km / s.
     """
     segments = []
     for part in _segments(path, "OEM", ("1.0", "2.0", "3.0")):
@@ -58,6 +62,7 @@ def read_oem(path: Path) -> tuple[OrbitSegment, ...]:
         numbers = 1e3 * part.numbers((6, 9))
         method, degree = part.interpolation(("LAGRANGE", "HERMITE", "LINEAR"), "LAGRANGE", 7)
         time = part.times()
+        _require_speeds(part, time, numbers[:, :3], numbers[:, 3:6])
         segments.append(
             OrbitSegment(
                 time,
@@ -207,6 +212,25 @@ class _Segment:
         if ends[0] > ends[1]:
             raise self.refused("USEABLE_START_TIME", "leave rows before USEABLE_STOP_TIME", "none")
         return ends[0], ends[1]
+
+
+def _require_speeds(part: _Segment, time: Any, place: Floats, speed: Floats) -> None:
+    """Refuse speeds in another unit or direction than the places, and places in metre."""
+    with installed_tables():
+        step = (time[1:] - time[:-1]).sec
+    rule = "be in km and km / s, and the speeds those of the places"
+    fastest = np.linalg.norm(speed, axis=1).max()
+    if fastest > FASTEST:
+        raise part.refused("rows of data", rule, f"a speed of {fastest / 1e3:.4g} km / s")
+    way, mean = np.diff(place, axis=0), step[:, None] * (speed[1:] + speed[:-1]) / 2
+    of_rows = step * np.maximum(*np.linalg.norm([speed[1:], speed[:-1]], axis=2))
+    longest = np.maximum(np.linalg.norm(way, axis=1), of_rows)
+    # The middle one of the steps, as a manoeuvre may lie in others.
+    missed = np.median(np.linalg.norm(way - mean, axis=1) / np.maximum(longest, 1e-3))
+    if missed > MISSED:
+        raise part.refused(
+            "rows of data", rule, f"places that the speeds miss by {100 * missed:.3g} % of a step"
+        )
 
 
 def _calendar(text: str) -> str:

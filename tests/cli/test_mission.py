@@ -17,7 +17,7 @@ from scipy.io import netcdf_file
 from startrack import shipped
 from startrack.cli import mission
 from startrack.cli.main import main
-from startrack.core import deg
+from startrack.core import arcsec, deg
 from startrack.mission import exports, load_mission, placement, save_timeline, surrogate
 
 ORACLE = Path(__file__).parents[1] / "oracle"
@@ -47,6 +47,20 @@ def test_a_timeline_is_netcdf(tmp_path):
         assert file.variables["a b_sun_deg"][:].tolist() == [1.5, 2, np.inf]
         assert file.variables["a b_sun_deg"].units == b"degree"
         assert file.variables["a b_blind"][:].tolist() == [3, 3, 3]
+
+
+def test_a_head_without_the_motion_of_its_platform_is_said():
+    """Two heads of one motion, one of which does not state it, and none that does."""
+    moved = (np.array([9.0, 25.0, 4.0]) * arcsec**2, np.zeros(3))
+    a, b, still = (
+        SimpleNamespace(name=name, moved=moved[k]) for name, k in (("A", 0), ("B", 0), ("C", 1))
+    )
+    (both,) = mission._platform_lines(SimpleNamespace(heads=(a, b)))
+    assert "4.12 across and 2.00 about (A), 4.12 across and 2.00 about (B); it is one" in both
+    first, second = mission._platform_lines(SimpleNamespace(heads=(a, still)))
+    assert first.endswith("(A)")
+    assert "the design of C has no such motion" in second
+    assert mission._platform_lines(SimpleNamespace(heads=(still,))) == []
 
 
 @pytest.fixture(scope="module")

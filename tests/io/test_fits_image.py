@@ -41,10 +41,13 @@ def with_cards(path, cards, image=NOISY):
         {"GAIN": TRUE_GAIN},
         {"EGAIN": TRUE_GAIN, "GAIN": 0},
         {"EGAIN": TRUE_GAIN, "GAIN": 300, "INSTRUME": "ZWO ASI294MM Pro"},
+        {"GAIN": (1 / TRUE_GAIN, "[adu/electron]")},
+        {"GAIN": (1 / TRUE_GAIN, "inverse gain, DN per e-")},
     ],
 )
 def test_a_gain_in_electrons_is_taken(tmp_path, cards):
-    assert read_image(with_cards(tmp_path / "a.fits", cards)).electrons_per_dn == TRUE_GAIN
+    gain = read_image(with_cards(tmp_path / "a.fits", cards)).electrons_per_dn
+    assert gain == pytest.approx(TRUE_GAIN, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -54,6 +57,7 @@ def test_a_gain_in_electrons_is_taken(tmp_path, cards):
         {"GAIN": 5, "INSTRUME": "ZWO ASI178MM"},
         {"GAIN": 300, "SWCREATE": "SharpCap v4.0, 64 bit"},
         {"GAIN": "high"},
+        {"GAIN": True},
         {"EGAIN": 0.0},
     ],
 )
@@ -90,6 +94,7 @@ def test_the_gain_of_a_mosaic_counts_the_pixels_that_are_averaged(tmp_path):
         ({"EXPTIME": (250, "[ms] exposure")}, 0.25),
         ({"EXPOSURE": (250000, "exposure in microseconds")}, 0.25),
         ({"EXPTIME": 0.25, "EXPOSURE": 0.25}, 0.25),
+        ({"EXPOSURE": (2.0, "[min] exposure")}, 120.0),
     ],
 )
 def test_exposures_have_the_unit_of_their_comment(tmp_path, cards, seconds):

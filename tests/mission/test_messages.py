@@ -372,6 +372,23 @@ def test_orbit_files_are_refused_by_name(tmp_path, old, new, words):
         read_oem(file)
 
 
+@pytest.mark.parametrize("step", [10, 600, 1700])
+def test_an_orbit_in_other_units_than_km_is_refused(tmp_path, step):
+    """A circle of 7000 km, and the slips of its exporters; its period is 5829 s."""
+    file, rate = tmp_path / "a.oem", np.sqrt(3.986004418e14 / 7e6**3)
+    angle = rate * step * np.arange(12.0)
+    place = 7e6 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    speed = 7e6 * rate * np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+    times = dates(step * np.arange(12.0))
+    write_oem(file, times, place, speed)
+    (segment,) = read_oem(file)
+    np.testing.assert_allclose(segment.speed, speed, rtol=1e-12)
+    for of_place, of_speed in [(1, 0), (1, -1), (1, 1e-3), (1, 1e3), (1e3, 1), (1e3, 1e3)]:
+        write_oem(file, times, of_place * place, of_speed * speed)
+        with pytest.raises(Refused, match="must be in km and km / s, and the speeds those of"):
+            read_oem(file)
+
+
 def test_segments_and_gaps_of_a_ck_stay(tmp_path):
     """A CK of two intervals, written by spiceypy, is two segments."""
     spiceypy = pytest.importorskip("spiceypy")

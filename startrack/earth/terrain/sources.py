@@ -253,6 +253,18 @@ def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str]:
             f"heights of {path} must have one unit, got {units[0]!r} of the band and {units[1]!r} "
             f"of {surface}"
         )
+    across = {
+        unit if isinstance(unit, str) else str(unit["name"])
+        for part in table.get("components", [table])
+        for axis in part.get("coordinate_system", {}).get("axis", [])
+        for unit in [axis.get("unit", "metre")]
+    }
+    feet = [unit for unit in sorted(across) if "foot" in unit.lower()]
+    if feet and not units:
+        raise Refused(
+            f"heights of {path} must have a unit, as its eastings and northings are in {feet[0]}: "
+            "give the band's, for example by gdal_edit.py -units ft"
+        )
     return (units[0] if units else ""), surface
 
 

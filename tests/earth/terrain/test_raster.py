@@ -106,6 +106,15 @@ def test_heights_that_can_be_read_two_ways_are_refused(tmp_path):
     both = flat(tmp_path / "both.tif", 300, unit="m", crs="EPSG:4269+6360")
     with pytest.raises(ValueError, match=r"must have one unit, got 'm' of the band and 'US survey"):
         Raster(both, heights=True)
+    # New York's plane in US survey feet: its heights may be in feet or in metre.
+    plane = {"crs": "EPSG:2263", "transform": rasterio.Affine(500, 0, 9.8e5, 0, -500, 2e5)}
+    feet = flat(tmp_path / "plane.tif", 300, **plane)
+    with pytest.raises(ValueError, match=r"must have a unit, as its eastings .* US survey foot"):
+        Raster(feet, heights=True)
+    assert Raster(flat(tmp_path / "said.tif", 300, unit="m", **plane), heights=True).scaling[
+        :3
+    ] == ((1.0, 0.0, "m"))
+    assert Raster(feet).scaling[:2] == (1.0, 0.0)  # a map of something else
     deep = flat(tmp_path / "deep.tif", 300, crs="EPSG:4326+5715")
     with pytest.raises(ValueError, match=r"must have heights, got depths: MSL depth points down"):
         Raster(deep, heights=True)
