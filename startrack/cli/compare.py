@@ -187,6 +187,6 @@ def _text(
     if open_ended:
         needed = trials_for_level(LEVEL)
         lines.append(
-            f"{min(trials)} trials bound no level of {100 * LEVEL:g} %: {needed} that are solved do"
+            f"{min(trials)} trials bound no level of {100 * LEVEL:g} %; {needed} with an attitude would"
         )
     return [*aligned(rows), "", *lines]

@@ -107,10 +107,12 @@ class Claim:
 
         passing, failing  probabilities that each bound does not hold
         Accuracy          availability and levels: exact for any distribution, a level per axis with
-                          the two axes of a trial as one. rms: by Hall's transformation of Student's
-                          t with half the probability; measured for errors whose size varies over
-                          the sky by a factor of e^0.5 (1 sigma), passes wrongly in 3.2 % of
-                          verifications of 5 % and fails wrongly in 1.5 %; by e^0.8, 7.7 % and 1 %.
+                          the two axes of a trial as one. rms: by `mean_bounds` with a third of the
+                          probability to pass and half of that to fail. Measured, in verifications
+                          of 5 % over 100 to 800 and 1,000 to 8,000 trials: passes wrongly in 1.6 and
+                          1.3 %; for errors whose size varies over the sky by a factor of e^0.5
+                          (1 sigma), in 5.0 and 2.6 %; by e^0.8, in 9.9 and 6.9 %. Fails wrongly in
+                          at most 2.1 %.
         """
         if self.accuracy is None:
             met = correct(outcomes, self.limits)
@@ -233,7 +235,7 @@ def _error_bounds(
     if objective.fraction is None:
         low, high = 0.0, math.inf
         if len(finite) >= FEWEST:
-            low, high = mean_bounds(finite, failing / 2, passing / 2)
+            low, high = mean_bounds(finite, failing / 2, passing / 3)
     else:
         low, high = _level_bounds(finite, objective.fraction, failing, passing)
     return scale * math.sqrt(low), scale * math.sqrt(high)
