@@ -186,7 +186,6 @@ def _text(
     ]
     if open_ended:
         needed = trials_for_level(LEVEL)
-        lines.append(
-            f"{min(trials)} trials bound no level of {100 * LEVEL:g} %; {needed} with an attitude would"
-        )
+        few, level = min(trials), 100 * LEVEL
+        lines.append(f"{few} trials bound no level of {level:g} %; {needed} with an attitude would")
     return [*aligned(rows), "", *lines]

@@ -107,12 +107,12 @@ class Claim:
 
         passing, failing  probabilities that each bound does not hold
         Accuracy          availability and levels: exact for any distribution, a level per axis with
-                          the two axes of a trial as one. rms: by `mean_bounds` with a third of the
-                          probability to pass and half of that to fail. Measured, in verifications
-                          of 5 % over 100 to 800 and 1,000 to 8,000 trials: passes wrongly in 1.6 and
-                          1.3 %; for errors whose size varies over the sky by a factor of e^0.5
-                          (1 sigma), in 5.0 and 2.6 %; by e^0.8, in 9.9 and 6.9 %. Fails wrongly in
-                          at most 2.1 %.
+                          the two axes of a trial as one. rms: by `mean_bounds`, with a third of
+                          the probability for the bound that passes and half for the one that fails.
+                          Measured, in verifications of 5 % over 100 to 800 (1,000 to 8,000) trials:
+                          passes wrongly in 1.6 % (1.3); for errors whose size varies over the sky
+                          by a factor of e^0.5 (1 sigma), in 5.0 % (2.6); by e^0.8, in 9.9 % (6.9).
+                          Fails wrongly in at most 2.1 %.
         """
         if self.accuracy is None:
             met = correct(outcomes, self.limits)
