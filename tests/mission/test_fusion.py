@@ -1,10 +1,13 @@
 """Fused attitudes have the error that their covariance states."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.core import arcsec
+from startrack.mission.engine import own_errors
 from startrack.mission.fusion import (
     fuse,
     fused_variance,
@@ -146,3 +149,15 @@ def test_features_are_refused_by_name():
         relative_alignment(attitudes, attitudes, np.ones((5, 2)))
     with pytest.raises(ValueError, match="one or more, and as many"):
         fuse([attitudes], [])
+
+
+def test_errors_of_a_head_without_its_platform_keep_what_trials_found():
+    """Of 13 across, (2 + 4) / 2 are of the platform, and 5 of 30 about, each by its own factor."""
+    errors = (np.array([13.0, 13.0]), np.array([30.0, 4.0]), np.ones(2))
+    moved = np.array([[2.0, 2.0], [4.0, 4.0], [5.0, 5.0]])
+    ((across, about),) = own_errors(SimpleNamespace(errors=(errors,), moved=(moved,)))
+    np.testing.assert_allclose(across, [10.0, 10.0])
+    np.testing.assert_allclose(about, [25.0, 0.0], atol=1e-15)  # never below zero
+    assert (about > 0).all()
+    ((across, about),) = own_errors(SimpleNamespace(errors=(errors,), moved=None))
+    assert (across[0], about[0]) == (13.0, 30.0)
