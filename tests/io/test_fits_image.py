@@ -74,6 +74,13 @@ def test_a_gain_that_the_noise_contradicts_is_said_and_not_taken(tmp_path, cards
         assert math.isnan(read_image(path).electrons_per_dn)
 
 
+@pytest.mark.parametrize("pedestal", [400, -400])
+def test_an_offset_is_what_is_to_be_taken_off(tmp_path, pedestal):
+    """PEDESTAL of most programs; MaxIm DL writes what is to be added."""
+    path = with_cards(tmp_path / "a.fits", {"PEDESTAL": pedestal}, NOISY + np.uint16(400))
+    assert read_image(path).offset == 400
+
+
 def test_the_gain_of_a_mosaic_counts_the_pixels_that_are_averaged(tmp_path):
     """The noise of the mean of four pixels is half of theirs, at the same level."""
     cards = {"EGAIN": TRUE_GAIN, "RDNOISE": READ_NOISE, "BAYERPAT": "RGGB"}
