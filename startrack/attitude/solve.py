@@ -164,6 +164,7 @@ def solve(
         float(np.sqrt(np.mean(best.residual**2))),
         len(used),
         matches.false_probability,
+        used,
     )
 
 

@@ -5,6 +5,7 @@ fields     Sky and camera -> the stars of many fields, and how their errors beco
            attitudes.
 fixed      Case and fields of stars -> errors that are constant from frame to frame.
 hot_pixels  Case -> what hot pixels do to the stars that its tracker detects, and to its search.
+tracked    Fields of stars -> which of them the tracker itself identifies, and what it states.
 analytic   Case -> its Budget in milliseconds, without a trial.
 left_out   Case and its fields of stars -> effects that the analytic budget leaves out; its check
            by trials.

@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 from scipy.special import ndtr
 
 from startrack import trial
@@ -23,6 +24,7 @@ from startrack.budget.fields import (
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
 from startrack.budget.hot_pixels import hot_stars
 from startrack.budget.left_out import of_false_spots, of_the_case, of_the_sky
+from startrack.budget.tracked import Tracked, tracked, within_stated
 from startrack.core import Floats, Ints, Refused
 from startrack.design import Case
 
@@ -156,7 +158,12 @@ def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
     return np.ascontiguousarray(covariance)  # kernels are compiled anew for another layout
 
 
-MOST_UNIDENTIFIED = 0.25  # of the stars; more leave too few patterns; chosen by hand
+# From these on the tracker itself decides which stars it matches; chosen by hand, below the 1 % of
+# availabilities.
+BEYOND = 0.01  # of the stars, beyond the match radius
+UNCOVERED = 0.01  # of the attitudes, farther off than the tracker states
+SIFTED = 4  # stars, of which the solver leaves out one that does not agree
+DISPLACED = 0.1  # mean square of displacements over the noise, below which they are nothing to it
 LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields
 BLIND = "the case must see enough stars somewhere in the sky, it does not"
 
@@ -194,35 +201,40 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
 def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
     """`analytic`, but None where no field can be solved."""
     solved = of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))
-    if solved and solved.unidentified > MOST_UNIDENTIFIED:
-        raise Refused(
-            "the camera that the tracker believes must place stars within "
-            "tracker.identification.match_radius, got "
-            f"{100 * solved.unidentified:.0f} % of them beyond it, where no formula holds; "
-            "calibrate it (tracker.camera, tracker.calibration)"
-        )
     return solved and solved.budget
 
 
 class FieldBudget(NamedTuple):
-    """A budget over some fields, the errors in each of them, and the stars that make these.
-
-    unidentified  1, fraction of the stars that lie beyond the match radius
-    """
+    """A budget over some fields, the errors in each of them, and the stars that make these."""
 
     budget: Budget[Law]
     attitudes: Attitudes
     stars: FieldStars
-    unidentified: float
 
 
 def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget | None:
     """The budget over some fields, and the errors in each of them; None where none is solved.
 
+    Where stars lie so far from where the tracker predicts them that it may not match them, or its
+    attitudes so far off that it does not state it, drawn spots decide in each field (`tracked`).
+
     like  a case that differs in the places of its stars alone, whose response to single stars is
           that of this one; None: it is measured
     """
+    return _of_fields(case, view, like, None)
+
+
+def _of_fields(
+    case: Case, view: Fields, like: Case | None, decided: Tracked | None
+) -> FieldBudget | None:
+    """`of_fields`; `decided` by the tracker itself, None: by the probabilities of single stars."""
     refuse_scans(case)
+    if trial.boxed(case) and case.tracker.box.stars < SIFTED:
+        raise Refused(
+            f"tracker.box.stars must be at least {SIFTED} for a budget by formula, got "
+            f"{case.tracker.box.stars}: of fewer, the tracker cannot tell a wrong star, or one "
+            "that a hot pixel moved, so that errors are not normal; trials show them (montecarlo)"
+        )
     same = like or case
     star, above, table, random, lost = response(same)
     gate = case.tracker.attitude.gate
@@ -250,12 +262,8 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
     apart = _apart(wrong, first) if fixed else np.zeros_like(near)
     counts = chance[kept]
-    if not trial.boxed(case):
-        # A star that lies farther from where the others predict it than the match radius is not
-        # identified.
-        radius = case.tracker.identification.match_radius
-        sigma = np.maximum(spread[kept], 1e-9)
-        counts = counts * ndtr((radius - np.hypot(*apart.T)) / sigma)
+    if decided:
+        counts = np.where(decided.dropped, 0.0, counts)
     most = case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots
     tolerance = case.tracker.identification.focal_tolerance
     solver = Solver(case.believed_camera.focal_length_px, tolerance, lost, most)
@@ -264,6 +272,8 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
         np.stack(displacement),
     )  # fmt: skip
     errors = propagate(counted, table, solver)
+    if decided:
+        errors = errors._replace(solved=errors.solved * decided.solved)
     total = float(errors.solved.sum())
     if not total > 0:
         return None
@@ -271,6 +281,14 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     lines = tuple(_lines(case, errors, weight, random, fixed))
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))
     law = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
+    covered = decided.covered.astype(float) if decided else None
+    if not decided and HOT not in random:  # the tracker knows of these beside
+        covered = _covered(case, law, errors, counted)
+    unsure = covered is not None and law.weight @ covered.prod(axis=1) < 1 - UNCOVERED
+    variance = np.maximum(spread[kept], 1e-9) ** 2
+    if not (decided or trial.boxed(case)) and _astray(case, apart, variance, counts, bool(unsure)):
+        answer = tracked(case, view, inside)
+        return _of_fields(case, view, like, answer)
     whole_line = Line("end to end", None, law)
     fraction = total / len(weight)
     refused = _refused(star, above, magnitude)
@@ -281,9 +299,54 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
         *of_false_spots(case, _false_among(star, above, table)),
     )
     stars = float(weight @ errors.stars)
-    budget = Budget(lines, whole_line, fraction, stars, left_out, refused)
-    unidentified = 1 - float(counts.sum() / max(chance[kept].sum(), 1e-9))
-    return FieldBudget(budget, errors, counted, unidentified)
+    correct = fraction
+    if covered is not None:
+        correct *= float(weight @ covered.prod(axis=1))
+    budget = Budget(lines, whole_line, correct, stars, left_out, refused, covered, fraction)
+    return FieldBudget(budget, errors, counted)
+
+
+def _astray(case: Case, apart: Floats, variance: Floats, counts: Floats, unsure: bool) -> bool:
+    """Whether displaced stars are lost, or make errors that the tracker does not state.
+
+    apart     (n, 2) pixel, displacements that a turn does not bring back
+    variance  (n,) pixel^2 per axis, of noise
+    counts    (n,) 1, probability that a star counts
+    unsure    whether errors exceed what is stated
+    """
+    square, total = (apart**2).sum(axis=1), max(float(counts.sum()), 1e-9)
+    # The probabilities that noise leaves a star within a circle, displaced or not.
+    radius = case.tracker.identification.match_radius**2 / variance
+    moved = special.chndtr(radius, 2.0, np.minimum(square / variance, 1e5))
+    lost = -np.expm1(-radius / 2) - moved
+    if counts @ lost > BEYOND * total:
+        return True
+    return unsure and float(counts @ (square / variance)) > 2 * DISPLACED * total
+
+
+def _covered(case: Case, law: Law, errors: Attitudes, stars: FieldStars) -> Floats | None:
+    """`Budget.covered`, of the covariance that stars alone make and what the tracker adds to it."""
+    solved = errors.solved > 0
+    stated = np.zeros((len(solved), 3, 3))
+    stated[solved] = np.linalg.inv(errors.stated[solved])
+    answer = _within(law, stated)
+    if law.weight @ answer.prod(axis=1) >= 1 - UNCOVERED:
+        return None
+    shared = trial.shared_errors(case)
+    if shared is None:
+        return answer
+    camera = case.instrument.camera
+    pixel = camera.project(np.column_stack([stars.x, stars.y, np.ones(len(stars.x))]))
+    gain = errors.gain[:, :3] * errors.gain[:, 3:, :1]
+    for f in np.flatnonzero(solved):
+        part = slice(stars.first[f], stars.first[f + 1])
+        stated[f] += shared.added(gain[part].swapaxes(0, 1), pixel[part])
+    return _within(law, stated)
+
+
+def _within(law: Law, stated: Floats) -> Floats:
+    sigma = np.sqrt(np.maximum(np.diagonal(stated, axis1=1, axis2=2), 0.0))
+    return within_stated(law.mean, law.sigma, sigma)
 
 
 def _apart(moved: Floats, first: Ints) -> Floats:

@@ -156,11 +156,16 @@ class Budget(Generic[S]):
 
     lines         one for each cause
     whole         the error end to end
-    availability  1, fraction of the sky and time with an attitude
+    availability  1, fraction of the sky and time with a correct attitude: one whose error lies
+                  within five of the standard deviations that the tracker states, as trials count
+                  it; by trials, with an attitude
     stars         mean number of stars in these
     left_out      effects of this design that the budget leaves out, a phrase each
     refused       1, fraction of the stars above the threshold that are refused as hot pixels; by
                   formula alone
+    covered       (m, 2) 1, chance in each field of `whole` that the errors across and about are so
+                  stated; None: one
+    solved        1, fraction with any attitude; None: all of them are correct
     """
 
     lines: tuple[Line[S], ...]
@@ -169,6 +174,8 @@ class Budget(Generic[S]):
     stars: float
     left_out: tuple[str, ...] = ()
     refused: float = 0.0
+    covered: Floats | None = None
+    solved: float | None = None
 
     @property
     def table(self) -> Rows:

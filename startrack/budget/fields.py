@@ -229,9 +229,7 @@ def _propagate(seen: FieldStars, response: Response, solver: Solver, errors: Att
         for a in range(3):
             assign(errors.stated[f, a], info[a])
         errors.solved[f] = 1 - (chance * solver.lost).sum()
-        # Two stars in boxes are two at most.
-        few = errors.stars[f] < min(2.0, solver.most / 2)
-        unsolvable = few or not np.linalg.cond(info) < 1e15
+        unsolvable = errors.stars[f] < 2.0 or not np.linalg.cond(info) < 1e15
         if errors.solved[f] < 1e-6 or unsolvable:
             errors.solved[f] = 0.0
             continue

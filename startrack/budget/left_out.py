@@ -26,6 +26,7 @@ PART = 0.01  # of the sky
 FASTER = 1.2  # pixel rate over the one at which the read noise is known
 CROWDED = 0.03  # fraction of the stars that share their window with another
 FAR = 0.5  # of the match radius, rms displacement of stars by wrong beliefs
+CUT = 2.0  # sigma of an empty pixel above zero; beyond it a fortieth of the noise is cut
 HIDDEN = 0.3  # of the spots that are kept, by hot pixels
 REFUSED = 0.3  # of the stars above the threshold
 
@@ -98,6 +99,13 @@ def of_the_case(case: Case) -> Iterator[str]:
         yield (
             f"more read noise at {detector.pixel_rate / 1e6:.3g} Mpix/s than at {rated / 1e6:.3g}, "
             "where instrument.detector.read_noise holds"
+        )
+    size = trial.scale(case)
+    level = size.background + detector.offset * detector.electrons_per_dn
+    if level < CUT * size.pixel:
+        yield (
+            f"that the converter cuts noise off at zero, {level / size.pixel:.1f} sigma below an "
+            "empty pixel, so that errors are smaller (instrument.detector.offset)"
         )
     yield from _of_the_motion(case)
 

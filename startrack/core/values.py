@@ -337,6 +337,7 @@ class Estimate:
     residual_rms       pixel, root mean square over both axes of the stars used
     stars              how many stars were used
     false_probability  as in Matches
+    used               (stars,) indices into the matches; None: not known
     """
 
     status: Status
@@ -346,3 +347,4 @@ class Estimate:
     residual_rms: Annotated[float, Unit("pixel")]
     stars: int
     false_probability: float
+    used: Ints | None = None

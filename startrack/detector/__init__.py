@@ -39,7 +39,7 @@ from startrack.detector.exposure import (
     to_frame,
 )
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal, offsets
-from startrack.detector.law import law_of, nonlinear_signal, with_adc_inl
+from startrack.detector.law import law_of, nonlinear_signal, unrounded
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.parameters import Detector, Line, RegionOfInterest, Scan, staggered, tdi
 from startrack.detector.readout import (

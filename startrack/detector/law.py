@@ -82,11 +82,17 @@ def signal(electrons, full_well, nonlinearity):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def number(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
-    """The digital number of a signal with its noise."""
+def unrounded(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
+    """What the converter makes of a signal before it rounds, within its range."""
     x = level * gain + offset
     y = min(max(x / largest, 0.0), 1.0)
-    return min(max(math.floor(with_adc_inl(x, y, adc_inl) + 0.5), 0.0), largest)
+    return min(max(with_adc_inl(x, y, adc_inl), 0.0), largest)
+
+
+@kernel
+def number(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
+    """The digital number of a signal with its noise."""
+    return float(math.floor(unrounded(level, gain, offset, adc_inl, largest) + 0.5))
 
 
 def converted(level: Floats, law: Law) -> Floats:
@@ -107,9 +113,17 @@ def _numbers(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-
 def mean_numbers(electrons: Floats, law: Law) -> Floats:
     """Digital numbers of expected electrons without noise and rounding, element by element."""
     charge = np.minimum(electrons, law.full_well)
-    x = nonlinear_signal(charge, law.full_well, law.nonlinearity) * law.gain + law.offset
-    y = np.clip(x / law.largest, 0, 1)
-    return np.clip(with_adc_inl(x, y, law.adc_inl), 0, law.largest)
+    level = np.asarray(nonlinear_signal(charge, law.full_well, law.nonlinearity), dtype=float)
+    flat = _means(level.ravel(), law.gain, law.offset, law.adc_inl, law.largest)
+    return flat.reshape(level.shape)
+
+
+@kernel
+def _means(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
+    means = np.empty(len(level))
+    for i in range(len(level)):
+        means[i] = unrounded(level[i], gain, offset, adc_inl, largest)
+    return means
 
 
 def blank(shape: tuple[int, ...], law: Law) -> Image:

@@ -31,6 +31,7 @@ ELECTRONS = re.compile(
 )
 # And where it is the inverse.
 NUMBERS = re.compile(r"(adu|dn|counts?|units?|lsb)\s*(/|per)\s*(e\b|elec|photo-?e)", re.IGNORECASE)
+EXCESS = "EXCESSN"  # variance of the light over its mean, of a register that multiplies electrons
 # Programs and cameras that write their setting as GAIN, and electrons for a number as EGAIN.
 SETTINGS = re.compile(
     r"zwo|\basi|sharpcap|n\.?i\.?n\.?a|firecapture|qhy|player ?one|toup|altair|svbony|ogma|"
@@ -47,6 +48,7 @@ class FitsImage(NamedTuple):
     """An image (rows, columns) or cube (planes, rows, columns), and what its header says.
 
     exposure, gain, offset, read_noise  as a `Frame` has them; NaN where they are not known
+    excess_noise                        1, as a `Frame` has it
     pattern                             of a mosaic; None where the header has none
     time                                second since 2000; NaN where the header has none
     """
@@ -58,6 +60,7 @@ class FitsImage(NamedTuple):
     read_noise: float
     pattern: str | None
     time: float
+    excess_noise: float
 
 
 def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> FitsImage:
@@ -105,7 +108,8 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     # MaxIm DL writes what is to be added, which is below zero.
     offset = -offset if offset < 0 else offset
     noise = _number(header, "RDNOISE")
-    gain = _gain(path, header, image, offset, noise)
+    excess = max(_number(header, EXCESS, 1.0), 1.0)
+    gain = _gain(path, header, image, offset, noise, excess)
     return FitsImage(
         image.astype(image.dtype.newbyteorder("=")),
         _exposure(path, header),
@@ -114,6 +118,7 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
         noise,
         _pattern(header),
         _time(header),
+        excess,
     )
 
 
@@ -178,7 +183,9 @@ def _exposure(path: Path, header: Any) -> float:
     return given[0] if given else math.nan
 
 
-def _gain(path: Path, header: Any, image: NDArray[Any], offset: float, read_noise: float) -> float:
+def _gain(
+    path: Path, header: Any, image: NDArray[Any], offset: float, read_noise: float, excess: float
+) -> float:
     """Electron for a number, where the header says it and the noise of the image allows it.
 
     EGAIN is that of most cameras' programs, of which GAIN is a setting, in tenths of a decibel or
@@ -203,7 +210,7 @@ def _gain(path: Path, header: Any, image: NDArray[Any], offset: float, read_nois
     if not noise > 0:  # no noise to compare with
         return gain
     signal = max(level - offset, 0.0)
-    least = signal / gain
+    least = excess * signal / gain
     most = least + (max(read_noise, READ_NOISE) if read_noise >= 0 else READ_NOISE) ** 2 / gain**2
     most += 1 / 12 + ((UNEVEN * signal) ** 2 if said else 0.0)  # what may be a setting must fit
     low, high = math.sqrt(least) / CONTRADICTS, math.sqrt(most) * CONTRADICTS

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Frame, Refused, Stars, require_memory
 from startrack.io import recordings, tiff
-from startrack.io.fits_image import read_fits
+from startrack.io.fits_image import EXCESS, read_fits
 from startrack.io.pictures import is_heif, is_picture, open_heif, open_picture, read_picture, turned
 from startrack.io.reading import read_bytes
 from startrack.io.recordings import Layout
@@ -161,6 +161,8 @@ def write_fits(
         "RDNOISE": (frame.read_noise, "[electron] rms"),
         "PEDESTAL": (frame.offset, "[DN] of an empty pixel"),
     }
+    if frame.excess_noise != 1:
+        numbers[EXCESS] = (frame.excess_noise, "variance of the light over its mean")
     if begun is not None:
         cards["TIMESYS"] = ("UTC", "of DATE-OBS")
         cards["DATE-OBS"] = (date_text(begun), "start of the exposure")
@@ -224,7 +226,7 @@ def _read_cube(path: Path, data: bytes, layout: Layout) -> Frame:
     # A mean of n pixels has an n-th of the variance, as if n times as many electrons were counted.
     averaged = AVERAGED[layout.colour] if made is not image else 1
     gain, noise = averaged * found.gain, math.sqrt(averaged) * found.read_noise
-    return Frame(made, found.exposure, gain, found.offset, noise, found.time)
+    return Frame(made, found.exposure, gain, found.offset, noise, found.time, found.excess_noise)
 
 
 def _read_picture(path: Path, data: bytes, layout: Layout) -> Frame:

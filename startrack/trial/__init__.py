@@ -41,6 +41,7 @@ from startrack.trial.boxes import Images, SingleStars, agreeing, boxed, boxed_st
 from startrack.trial.chain import (
     OUTCOMES,
     Record,
+    drawn,
     estimate_of,
     identify_and_solve,
     lost_in_space,

@@ -110,16 +110,25 @@ def run_trial(
         return observe(case, icrs_to_camera, streams).outcome
     if fidelity is Fidelity.COVARIANCE:
         alone = Rotation.concatenate([icrs_to_camera])
-        drawn = drawn_outcomes(case, streams.seed, [streams.trial], alone)
-        return Outcome(*drawn[0].item())
-    if fidelity is Fidelity.WINDOW and boxed(case):
+        return Outcome(*drawn_outcomes(case, streams.seed, [streams.trial], alone)[0].item())
+    if fidelity is Fidelity.SPOTS:
+        return drawn(case, icrs_to_camera, streams)[-1]
+    if boxed(case):
         spots, matches = boxes_in_windows(case, icrs_to_camera, streams)
         spots = _at_one_time(case, spots)
     else:
-        spots_in = spots_in_windows if fidelity is Fidelity.WINDOW else spots_of
-        spots = _at_one_time(case, spots_in(case, icrs_to_camera, streams))
+        spots = _at_one_time(case, spots_in_windows(case, icrs_to_camera, streams))
         matches = _identified(case, spots)
     return _judged(case, icrs_to_camera, streams, spots, matches)[1]
+
+
+def drawn(
+    case: Case, icrs_to_camera: Rotation, streams: Streams
+) -> tuple[Spots, Matches, Estimate, Outcome]:
+    """A trial of fidelity `spots`, with what the tracker makes of its spots."""
+    spots = _at_one_time(case, spots_of(case, icrs_to_camera, streams))
+    matches = _identified(case, spots)
+    return spots, matches, *_judged(case, icrs_to_camera, streams, spots, matches)
 
 
 def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:

@@ -33,7 +33,7 @@ from startrack.detector import (
     settle,
     stamp,
     to_frame,
-    with_adc_inl,
+    unrounded,
 )
 from startrack.motion import blur, slew
 from startrack.trial.belief import as_believed, detection_plan
@@ -73,10 +73,8 @@ def _numbers(level, ripple, gain, offset, adc_inl, largest):  # type: ignore[no-
     for row in range(rows):
         for column in range(columns):
             sign = 1.0 - 2.0 * ((row + column) & 1)
-            x = (level[row, column] + sign * ripple) / gain + offset
-            if adc_inl != 0.0:
-                x = with_adc_inl(x, x / largest, adc_inl)
-            image[row, column] = min(x, largest)
+            shifted = level[row, column] + sign * ripple
+            image[row, column] = unrounded(shifted, 1 / gain, offset, adc_inl, largest)
     return image
 
 

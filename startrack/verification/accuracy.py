@@ -96,18 +96,20 @@ def expected_availability(needs: Requirements, budget: Budget[Law]) -> float:
 
         sum_i weight_i P(1, A^2 / (2 across_i)) P(1/2, B^2 / (2 about_i)) * solved
 
-    with the limits A and B of `Requirements.limits`, and the mean squares per axis in field i.
+    with the limits A and B of `Requirements.limits`, and the mean squares per axis in field i;
+    where none is required, within what the tracker states.
 
     Accuracy  model: normal errors in each field, independent across and about the boresight.
     """
     law = budget.whole.spread
     squares = law.mean**2 + law.sigma**2
-    within = np.ones(len(squares))
-    for limit, axes in ((needs.limits.across, (0, 1)), (needs.limits.about, (2,))):
+    within = np.ones((len(squares), 2)) if budget.covered is None else budget.covered.copy()
+    for k, (limit, axes) in enumerate(((needs.limits.across, (0, 1)), (needs.limits.about, (2,)))):
         if limit is not None:
             mean = np.maximum(squares[:, list(axes)].mean(axis=1), 1e-30)
-            within = within * special.gammainc(len(axes) / 2, limit**2 / (2 * mean))
-    return budget.availability * float(law.weight @ within)
+            within[:, k] = special.gammainc(len(axes) / 2, limit**2 / (2 * mean))
+    solved = budget.availability if budget.solved is None else budget.solved
+    return solved * float(law.weight @ within.prod(axis=1))
 
 
 def measured_over(objective: Objective, outcomes: Rows, boresight: Floats, sky: str) -> float:

@@ -1,6 +1,7 @@
 """The numbers of a frame against the law summed up with scipy, and its tails."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,12 @@ from startrack.core.compiler import KernelDispatcher
 from startrack.core.interpret import twin
 from startrack.core.streams import Streams
 from startrack.core.variates import inverse_normal, poisson_quantile
+from startrack.design import load_design
 from startrack.detector import Detector
 from startrack.detector.digitise import _digitise, digitise, draws_of, shot
-from startrack.detector.law import EMPTY, Law, blank, law_of, tables_for
+from startrack.detector.law import EMPTY, Law, blank, law_of, mean_numbers, tables_for
+from startrack.io import shipped
+from startrack.trial import noise_free_frame
 
 
 def summed(mean: float, law: Law) -> np.ndarray:
@@ -173,3 +177,22 @@ def test_arrays_in_python_make_the_same_numbers():
     with np.errstate(all="ignore"):
         python(image, electrons, draws_of(law, tables, Streams(3, 4)))
     np.testing.assert_array_equal(image, digitise(electrons, law, Streams(3, 4), tables))
+
+
+def test_single_stars_and_frames_have_one_converter():
+    """Below zero, above the top, and with an INL: the numbers are those of `mean_numbers`.
+
+    The closed form at half of the largest number is x + inl; beyond the range the ends.
+    """
+    detector = replace(
+        load_design(shipped("designs/noise_only.toml")).case.instrument.detector,
+        offset=0,
+        adc_inl=20.0,
+        bits=12,
+        full_well=20000.0,
+    )
+    per_dn, largest = detector.electrons_per_dn, 2**detector.bits - 1
+    electrons = np.array([[-50.0, largest / 2 * per_dn, 1e6]])
+    image = noise_free_frame(electrons, detector, 0.0, 0.0).image
+    np.testing.assert_allclose(image, [[0.0, largest / 2 + 20.0, largest]], rtol=1e-6)
+    np.testing.assert_allclose(image, mean_numbers(electrons, law_of(detector)), rtol=1e-6)

@@ -4,6 +4,7 @@ import struct
 import sys
 import warnings
 import zlib
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -279,3 +280,21 @@ def test_a_heic_image_without_pillow_heif_says_what_to_install(tmp_path, monkeyp
     path.write_bytes(b"\0\0\0\x18ftypheic" + bytes(40))
     with pytest.raises(ValueError, match="install pillow-heif"):
         read_image(path)
+
+
+def test_the_excess_noise_of_a_register_is_kept(tmp_path):
+    """astropy reads the card; a frame of 4000 electrons with twice the variance keeps its gain."""
+    random = np.random.default_rng(3)
+    image = (100 + 2000 + np.sqrt(2 * 4000) / 2 * random.standard_normal((64, 64))).astype(
+        np.uint16
+    )
+    path = tmp_path / "frame.fits"
+    frame = Frame(image, 0.1, 2.0, 100.0, 5.0, excess_noise=2.0)
+    write_fits(path, frame, CAMERA, ATTITUDE)
+    with fits.open(path) as units:
+        assert units[0].header["EXCESSN"] == 2.0
+    found = read_image(path)
+    assert (found.excess_noise, found.electrons_per_dn, found.noise_gain) == (2.0, 2.0, 1.0)
+    write_fits(path, replace(frame, excess_noise=1.0), CAMERA, ATTITUDE)
+    with fits.open(path) as units:
+        assert "EXCESSN" not in units[0].header
