@@ -54,8 +54,7 @@ def test_units_have_a_yield_and_the_worst_is_explained(design, tmp_path, capsys)
     [share] = found["yields"]
     assert share["most_arcsec"] == pytest.approx(8)
     assert share["low"] <= share["value"] <= share["high"]
-    # The residual makes the worst unit; the tracker fits the focal length with the attitude. By 40
-    # windows without each: 1.8 arcsec become 0.64, and stay.
+    # The residual makes the worst unit; the tracker fits the focal length with the attitude.
     removes = found["worst"]["removes"]
     assert removes["instrument.residual"] < -0.2
     assert abs(removes["instrument.optics.focal_length per unit"]) < 0.05
