@@ -27,11 +27,12 @@ from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star
 from startrack.optimise import Ledger, Search, TrialRunner, evaluate, least
+from startrack.optimise.correction import correct
 from startrack.optimise.evaluate import LOST, PENALTY, Evaluation, measured, missed
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import expected_objective
 from startrack.optimise.runner import FRESH
-from startrack.optimise.steps import confirm_requirements, correct, explore, refine
+from startrack.optimise.steps import confirm_requirements, explore, refine
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.verification.accuracy import margins as margins_of
 

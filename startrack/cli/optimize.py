@@ -10,6 +10,7 @@ from startrack.cli.options import Exit, Options, study, wanted
 if wanted(__name__):
     from startrack import optimise
     from startrack.cli.campaign import open_campaign, stages, write_study
+    from startrack.core import arcsec
     from startrack.design import Campaign, Design, Objective, save_design
     from startrack.metrics import Row, summary_rows, to_json
     from startrack.plots import draw_convergence
@@ -56,7 +57,8 @@ def optimum_values(optimum: optimise.Optimum, campaign: Campaign) -> dict[str, A
         "on_bounds": space.on_bounds(optimum.best), "margins": optimum.margins,
         "lacking": optimum.lacking, "caveats": optimise.optimum_caveats(optimum, campaign),
         "evaluations": len(optimum.evaluations), "trials": optimum.trials,
-        "feasible": optimum.feasible, "ending": optimum.ending,
+        "errors_arcsec": {name: error / arcsec for name, error in optimum.errors.items()},
+        "rounds": optimum.rounds, "feasible": optimum.feasible, "ending": optimum.ending,
         "start_stays": optimum.candidate is not None,
         **({"units": optimise.units_values(units)} if units else {}), **landscape_values(optimum),
     }  # fmt: skip

@@ -63,7 +63,8 @@ class Campaign(Parameters):
     most_trials: Annotated[int, Range(high=10**6),
         "of each design at last; the number doubles between"] = 200  # fmt: skip
     evaluations: Annotated[int, Range(1, 10**6),
-        "designs at most that are tried by trials, in all branches together"] = 120  # fmt: skip
+        "designs at most that are tried by trials, in all branches together; three more "
+        "in each round that follows fresh trials in which a limit is missed"] = 120  # fmt: skip
     analytic_evaluations: Annotated[int, Range(0, 10**6),
         "designs at most of each branch that the analytic budget evaluates, before the first trial"
     ] = 200  # fmt: skip

@@ -6,6 +6,7 @@ runner       TrialRunner: trials of any design; it keeps each outcome, so that n
 forecast     Case -> what the analytic budget expects of it, as designed or over its units.
 evaluate     Point of a DesignSpace -> the score of its design.
 emulator     Points and values -> a Gaussian process through them, and what it expects.
+correction   Trials of designs -> by how much forecasts of other designs are wrong.
 explore      DesignSpace -> forecasts where they tell most, and emulators of all that they say.
 steps        The steps of the optimiser: start, forecasts, correction, refinement, confirmation.
 units        Fresh units of a design -> the level that a fraction of them keeps, and yields.

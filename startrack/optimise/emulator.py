@@ -65,7 +65,7 @@ class Emulator:
         """Mean plus some standard deviations at a point (d,), and the gradient of that."""
         apart = (point - self.points) / self.length
         r = np.sqrt((apart**2).sum(axis=1))
-        near, slope = _matern(r), -5 / 3 * (1 + ROOT5 * r) * np.exp(-ROOT5 * r)
+        near, slope = matern(r), -5 / 3 * (1 + ROOT5 * r) * np.exp(-ROOT5 * r)
         slopes = slope[:, None] * apart / self.length
         value, gradient = self.mean + float(near @ self.weight), slopes.T @ self.weight
         if not sigmas:
@@ -91,7 +91,7 @@ class Emulator:
         return np.asarray(self.mean + self.factor @ (self.factor.T @ self.weight))
 
     def _near(self, points: Floats) -> Floats:
-        return _matern(cdist(np.atleast_2d(points) / self.length, self.points / self.length))
+        return matern(cdist(np.atleast_2d(points) / self.length, self.points / self.length))
 
 
 def emulator(
@@ -125,7 +125,7 @@ def emulator(
 
 def _of(points: Floats, values: Floats, length: Floats, noise: float, doubt: Floats) -> Emulator:
     scaled = points / length
-    covariance = _matern(cdist(scaled, scaled)) + np.diag(noise + doubt)
+    covariance = matern(cdist(scaled, scaled)) + np.diag(noise + doubt)
     factor = np.asfortranarray(np.linalg.cholesky(covariance), np.float64)
     sides = np.column_stack([values, np.ones_like(values)])
     inverse = scipy.linalg.cho_solve((factor, True), sides)
@@ -135,7 +135,8 @@ def _of(points: Floats, values: Floats, length: Floats, noise: float, doubt: Flo
     return Emulator(points, length, noise, doubt, mean, size, factor, weight)
 
 
-def _matern(r: Floats) -> Floats:
+def matern(r: Floats) -> Floats:
+    """Correlation of values at distances r, over their length: nu = 5/2."""
     return (1 + ROOT5 * r + 5 / 3 * r * r) * np.exp(-ROOT5 * r)
 
 
@@ -149,7 +150,7 @@ def _misfit(logs: Floats, square: Floats, values: Floats, doubt: Floats) -> tupl
     """
     length, noise, n = np.exp(logs[:-1]), math.exp(logs[-1]), len(values)
     r = np.sqrt(square @ length**-2.0)
-    factor = np.linalg.cholesky(_matern(r) + np.diag(noise + doubt))
+    factor = np.linalg.cholesky(matern(r) + np.diag(noise + doubt))
     inverse = scipy.linalg.cho_solve((factor, True), np.eye(n))
     total = inverse.sum(axis=0)
     weight = inverse @ values - total * float(total @ values) / float(total.sum())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, NamedTuple
 
@@ -44,6 +44,7 @@ class Evaluation:
     margins      of the requirements, with those of errors and availability; below 0, not met
     summary      of the trials in the design's own condition, None where none was run
     note         why none was run, or empty
+    forecast     of the margins that trials measured, what the budget says
     """
 
     coordinates: tuple[float, ...]
@@ -54,6 +55,7 @@ class Evaluation:
     margins: dict[str, float]
     summary: Summary | None
     note: str
+    forecast: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def feasible(self) -> bool:
@@ -69,7 +71,7 @@ class Evaluation:
 def evaluate(
     space: DesignSpace, campaign: Campaign, coordinates: Floats, runner: TrialRunner,
     trials: int | None = None, correction: Callable[[Floats], float] | None = None,
-    spare: bool = False, known: Foresight | None = None,
+    spare: bool = False, known: Foresight | None = None, close: Collection[str] = (),
 ) -> Evaluation:  # fmt: skip
     """Score a design by its analytic budget, corrected by trials.
 
@@ -78,17 +80,18 @@ def evaluate(
     The budget gives the differences between designs without noise. Trials, with the same attitudes
     and random streams for every design, give what the budget neglects: the correction, and how
     often an attitude is found. Of several conditions, `expected` is the geometric mean by their
-    weights; those of weight 0 have no trials here, and their margins are the budget's. Over units,
-    `expected` is the level that the asked fraction of them does not exceed by their budgets, with
-    the same units for every design; trials of these units give the correction, as the error of all
-    of them together over what the budgets expect of it. An L1 penalty has the same minimum as the
-    constrained problem where PENALTY exceeds the slope of ln(error) along the margin (Fletcher
+    weights; those of weight 0 have trials where they are asked for, else the budget's margins. Over
+    units, `expected` is the level that the asked fraction of them does not exceed by their budgets,
+    with the same units for every design; trials of these units give the correction, as the error of
+    all of them together over what the budgets expect of it. An L1 penalty has the same minimum as
+    the constrained problem where PENALTY exceeds the slope of ln(error) along the margin (Fletcher
     1987, Practical Methods of Optimization, 14.3).
 
     trials      None for the campaign's first number
     correction  ln(error / expected) at unit-cube coordinates, None for zero
     spare       whether no trials are run where a requirement that needs none is missed
     known       what is expected of the design already; None: it is computed
+    close       names of conditions of weight 0 that are tried, too
     Returns     an evaluation; its note is the reason where a design cannot be built or rendered
     """
     coordinates = np.clip(coordinates, 0, 1)
@@ -105,7 +108,7 @@ def evaluate(
             tried = {
                 condition.name: try_out(condition, count, campaign.fidelity, runner)
                 for condition in judged
-                if condition.weight
+                if condition.weight or condition.name in close
             }
     except Refused as reason:  # such a design has the worst score; the search goes on
         nothing = math.nan, math.nan, LOST + PENALTY, dict[str, float](), None
@@ -115,17 +118,21 @@ def evaluate(
         fault.add_note(f"of the design with {named_values}")
         raise
     summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
+    by_budget = dict[str, float]()
     for condition in judged if tried else ():
         there = foreseen[condition.name]
         own = there.margins
         if condition.name in tried:
+            by_budget |= named(condition.name, own)
             own = measured(condition, tried[condition.name], runner.seed, there)
         margins |= named(condition.name, own)
     error = combined(judged, tried, objective, foreseen)
     if not expected > 0:
         score = _log_arcsec(error) + (correction(coordinates) if correction else 0.0)
     score += PENALTY * missed(margins)
-    return Evaluation(tuple(coordinates), values, error, expected, score, margins, summary, "")
+    return Evaluation(
+        tuple(coordinates), values, error, expected, score, margins, summary, "", by_budget
+    )
 
 
 def try_out(condition: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:

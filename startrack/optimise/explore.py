@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
@@ -14,9 +14,10 @@ import scipy.stats
 
 from startrack.core import Floats, Refused, Streams, printed
 from startrack.design import Campaign, DesignSpace
+from startrack.optimise.correction import Correction, Evidence, Limit
 from startrack.optimise.emulator import Emulator, emulator
 from startrack.optimise.evaluate import PENALTY, Foresight, foresee_all, missed
-from startrack.optimise.forecast import Forecast, named
+from startrack.optimise.forecast import named
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.search import least_smooth
 from startrack.verification import cost_margins
@@ -44,43 +45,13 @@ WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
 SAFE = 1e-3  # by which an emulated margin must be met, as it is wrong by so much at a limit
 POOL, LEADERS, NEARBY = 256, 6, 0.05  # random designs, those kept, how near others are to these
+CLOSE = 0.5  # of the load that is allowed, from which on trials are worth it in any condition
+SHORT = 0.1  # of it, by which a design may miss what fresh trials can show, and yet be tried
 APART = 1e-3  # of each range: nearer points are the same design
 RELAXED = 0.01  # of a limit, by which `prices` relaxes it
 NODES = 25  # of each variable, at which its span is looked for
 ALL = 0.9  # of its range, from which on a variable that may have any value does not matter
 SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 where it has none
-
-
-@dataclass(frozen=True, eq=False)
-class Correction:
-    """ln(measured error / expected error) as a linear function over the cube, and its covariance.
-
-    The relative standard error of n trials is 1 / sqrt(4 n) at best, more than the difference
-    between neighbouring designs. The budget has no noise but an error that changes slowly over the
-    cube, which the trials of all designs estimate together.
-
-    middle      (d,) unit-cube coordinates
-    terms       (d + 1,) the value at the middle, and the slope
-    covariance  (d + 1, d + 1) of the terms
-    """
-
-    middle: Floats
-    terms: Floats
-    covariance: Floats
-
-    def __call__(self, coordinates: Floats) -> float:
-        """The correction at unit-cube coordinates (d,)."""
-        return float(self.terms @ np.append(1.0, coordinates - self.middle))
-
-    @property
-    def slope(self) -> Floats:
-        """(d,) per range of each variable."""
-        return self.terms[1:]
-
-    def standard_error(self, point: Floats, other: Floats) -> float:
-        """Standard error of the difference of the correction between two designs."""
-        apart = np.append(0.0, point - other)
-        return math.sqrt(float(apart @ self.covariance @ apart))
 
 
 class Scale(NamedTuple):
@@ -247,7 +218,10 @@ class Explorer:
     label   of the branch that the space belongs to
     seed    of units and proposals, where there is no runner
     points  unit-cube coordinates of the designs
-    values  their forecasts
+    limits  of the margins that trials decide, by name: what the fresh trials can show, and what
+            trials said of the forecasts; none: forecasts are taken as they are
+    raw     their forecasts
+    values  the same with these limits
     ending  why no more are worth it; empty as long as some are
     watch   called after new forecasts
     """
@@ -258,6 +232,8 @@ class Explorer:
     label: str = ""
     seed: int = 1
     points: list[Floats] = field(default_factory=list)
+    limits: Mapping[str, Limit] = field(default_factory=dict)
+    raw: list[Foresight] = field(default_factory=list)
     values: list[Foresight] = field(default_factory=list)
     ending: str = ""
     watch: Callable[[], None] | None = None
@@ -283,37 +259,69 @@ class Explorer:
     def _add(self, points: Sequence[Floats]) -> None:
         new = [np.clip(point, 0, 1) for point in points]
         enough = self.score + BAD if self._all_matter else -math.inf
-        self.values += foresee_all(self.space, self.campaign, new, self.runner, self.seed, enough)
+        raw = foresee_all(self.space, self.campaign, new, self.runner, self.seed, enough)
+        self.values += map(self._limited, new, raw)
+        self.raw += raw
         self.points += new
         if self.watch:
             self.watch()
+
+    def _limited(self, point: Floats, raw: Foresight) -> Foresight:
+        margins = {
+            name: self.limits[name].corrected(point, margin) if name in self.limits else margin
+            for name, margin in raw.margins.items()
+        }
+        return raw._replace(margins=margins)
+
+    def learn(self, evidence: Mapping[str, Sequence[Evidence]]) -> None:
+        """Correct the forecasts of margins by all that trials say of them, by the margins' names.
+
+        Only margins that are among `limits`.
+        """
+        self.limits = {
+            name: limit.fitted(evidence.get(name, ())) for name, limit in self.limits.items()
+        }
+        self.values = list(map(self._limited, self.points, self.raw))
+        self._forget()
+        self.complete()
+
+    def _forget(self) -> None:
+        """Fit the emulators again, because values of known designs are others."""
+        if self._emulators:
+            self._emulators = 0, self._emulators[1]
 
     def complete(self) -> bool:
         """Forecast the best design in all conditions, until the best one is.
 
         Returns  whether a score changed
         """
-        names = {condition.name for condition in self.campaign.judged(self.space.case)}
         done, before = set[int](), [value.score for value in self.values]
         while np.isfinite(self.score):
             best = self._leader
-            if best in done or names <= self.values[best].conditions.keys():
+            if best in done or not self._complete(best):
                 break
             done.add(best)
-            point = [self.points[best]]
-            [self.values[best]] = foresee_all(
-                self.space, self.campaign, point, self.runner, self.seed,
-                known=self.values[best].conditions,
-            )  # fmt: skip
-            if self._emulators:  # which know another value of it
-                self._emulators = 0, self._emulators[1]
         return [value.score for value in self.values] != before
+
+    def _complete(self, number: int) -> bool:
+        """Forecast a design in all conditions; whether some had no forecast."""
+        names = {condition.name for condition in self.campaign.judged(self.space.case)}
+        if names <= self.raw[number].conditions.keys():
+            return False
+        point = self.points[number]
+        [self.raw[number]] = foresee_all(
+            self.space, self.campaign, [point], self.runner, self.seed,
+            known=self.raw[number].conditions,
+        )  # fmt: skip
+        self.values[number] = self._limited(point, self.raw[number])
+        self._forget()
+        return True
 
     @property
     def _all_matter(self) -> bool:
         """Whether conditions without a weight may limit a design, as far as the good ones tell."""
         good = [
-            value.conditions
+            value
             for value in self.values
             if value.score <= self.score + GOOD and len(value.conditions) > 1
         ]
@@ -322,17 +330,40 @@ class Explorer:
         judged = self.campaign.judged(self.space.case)
         weighted = {condition.name for condition in judged if condition.weight}
         return not all(
-            name in weighted or self._met_by_far(name, foreseen)
-            for conditions in good
-            for name, foreseen in conditions.items()
+            name in weighted
+            or all(part < 1 - WIDTH for part in self._parts(value, named(name, own.margins)))
+            for value in good
+            for name, own in value.conditions.items()
         )
 
-    def _met_by_far(self, condition: str, foreseen: Forecast) -> bool:
-        margins = named(condition, foreseen.margins)
-        rooms = [self.scales[name].room if name in self.scales else 1.0 for name in margins]
-        return all(
-            margin > WIDTH * room for margin, room in zip(margins.values(), rooms, strict=True)
-        )
+    def _parts(self, value: Foresight, names: Iterable[str]) -> list[float]:
+        """The parts that a design takes of what some margins allow."""
+        rooms = [(name, self.scales.get(name, Scale()).room or 1.0) for name in names]
+        return [(room - value.margins[name]) / room for name, room in rooms]
+
+    def close(self, point: Floats) -> list[str]:
+        """Names of the conditions in which a design is not far from a limit, as far as known."""
+        value = self.forecast_of(point)
+        return [
+            name
+            for name, own in value.conditions.items()
+            if any(part > CLOSE for part in self._parts(value, named(name, own.margins)))
+        ]
+
+    def met(self, point: Floats) -> bool:
+        """Whether a design is expected to be shown to meet all limits, or nearly so."""
+        value = self.forecast_of(point)
+        needless = [margin for name, margin in value.margins.items() if name not in self.limits]
+        limited = value.margins.keys() & self.limits.keys()
+        parts = self._parts(value, limited)
+        return all(margin >= 0 for margin in needless) and all(part <= 1 + SHORT for part in parts)
+
+    def unlimited(self, point: Floats) -> Foresight:
+        """The forecast of a design in all conditions, as no trial has corrected it."""
+        self.forecast_of(point)
+        number = next(i for i, other in enumerate(self.points) if (other == point).all())
+        self._complete(number)
+        return self.raw[number]
 
     def forecast_of(self, point: Floats) -> Foresight:
         """The forecast of a design, which is added where it is not known."""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from startrack import verification
 from startrack.budget import Budget, Law, UnitBudgets, analytic, joined, unit_budgets
@@ -16,6 +16,7 @@ from startrack.optimise.runner import TrialRunner
 from startrack.verification import margin
 from startrack.verification import margins as margins_of
 
+Value = TypeVar("Value")
 # Amount by which an error may miss its limit in a score; beyond, ln(error) alone drives the search.
 # Chosen by hand: an error of ten times the limit.
 MOST_MISSED = 9.0
@@ -31,7 +32,7 @@ def geometric_mean(errors: Sequence[float], weights: Sequence[float]) -> float:
     return math.exp(math.fsum(logs) / math.fsum(weights))
 
 
-def named(condition: str, margins: Mapping[str, float]) -> dict[str, float]:
+def named(condition: str, margins: Mapping[str, Value]) -> dict[str, Value]:
     """Margins with the name of their condition, except those of the design's own."""
     if condition == NOMINAL:
         return dict(margins)

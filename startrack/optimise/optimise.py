@@ -1,5 +1,7 @@
 """Campaign, TrialRunner -> the best design that was found, and how good it is."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,15 +18,11 @@ from startrack.optimise import steps
 from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed, try_out
 from startrack.optimise.explore import Explorer, Landscape, landscape_of
 from startrack.optimise.forecast import named
-from startrack.optimise.runner import FRESH, TrialRunner
-from startrack.optimise.steps import Stage
+from startrack.optimise.runner import TrialRunner
+from startrack.optimise.steps import FreshTrials, Stage
 from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
 from startrack.trial import OUTCOMES
 from startrack.verification import margins as margins_of
-
-# Designs at most that are judged on fresh frames, until one meets the requirements there. Chosen by
-# hand: each costs the fresh trials of the campaign.
-FINALISTS = 4
 
 
 @printed
@@ -60,6 +58,8 @@ class Optimum:
     optimism      error of the best on fresh frames over that on the tuning trials
     availability  of the best on fresh trials, with bounds at 95 % confidence
     margins       of the best; those of errors and availability are of the bounds that must hold
+    errors        radian, the objective of the best by fresh trials in each condition
+    rounds        of fresh trials, until a design met all limits or the search ended
     ending        one sentence: why the search stopped
     trials        number that were done, per fidelity, before an interruption too
     units         start and best over fresh units; None: they are judged as designed
@@ -78,6 +78,8 @@ class Optimum:
     optimism: Interval
     availability: Interval
     margins: dict[str, float]
+    errors: dict[str, float]
+    rounds: int
     ending: str
     trials: dict[str, int]
     units: ComparedUnits | None = None
@@ -155,7 +157,8 @@ def optimize(
     Where there are choices, all branches are forecast, and trials of the best designs of those that
     are close decide. The winner is judged on frames that no tuning used, its availability by a
     bound with 95 % confidence; over units, on units that no tuning used, in the campaign's
-    fidelity.
+    fidelity. Where it misses a limit there, these trials correct the forecasts of its margins, and
+    the search goes on to another design, which is judged on others, in at most ROUNDS rounds.
 
     watch        called with each evaluation
     watch_stage  called with how far it has come
@@ -175,11 +178,17 @@ def optimize(
         if watch:
             watch(done)
 
-    label, finalists, ending, landscape = _search(spaces, campaign, runner, tried, record, progress)
+    label, explorer = _search(spaces, campaign, runner, tried, record, progress)
     space = spaces[label]
-    first = _fresh_frames(campaign.judged(case), campaign, runner, progress.fresh)
-    likely = finalists[:FINALISTS]
-    best, second, margins, availability = _verify(space, likely, campaign, runner, progress.fresh)
+    judge = _Judge(space, campaign, runner, progress.fresh)
+    landscape, rounds, ending = None, 1, NO_DESIGN
+    if explorer is None:
+        confirmed = judge.confirm(tried[-1], FreshTrials())
+    else:
+        confirmed, ending, rounds = _rounds(explorer, campaign, runner, record, judge, len(tried))
+        landscape = landscape_of(explorer, np.array(confirmed.design.coordinates))
+    best, second, fresh_trials = confirmed.design, confirmed.frames, confirmed.fresh
+    first = _fresh_frames(campaign.judged(case), campaign, runner, fresh_trials, progress.fresh)
     objective, needs = design.Objective.read(campaign.objective), campaign.requirements
     winner = space.design(np.array(best.coordinates))
     counted = [condition for condition in campaign.judged(winner) if condition.weight]
@@ -212,8 +221,10 @@ def optimize(
         factor=factor,
         tuning_error=best.error,
         optimism=optimism,
-        availability=availability,
-        margins=best.margins | margins,
+        availability=confirmed.availability,
+        margins=confirmed.margins,
+        errors=confirmed.errors,
+        rounds=rounds,
         ending=ending,
         trials={fidelity.value: count for fidelity, count in runner.tried.items()},
         units=units,
@@ -221,17 +232,17 @@ def optimize(
     )
     if found.feasible and not found.factor.value < 1:
         return found
-    shown, availability = _shown(campaign.judged(case), campaign, runner, first, progress.fresh)
-    return _better(found, margins_of(needs, case) | shown, availability)
+    shown = _shown(campaign.judged(case), campaign, runner, first, fresh_trials, progress.fresh)
+    return _better(found, margins_of(needs, case) | shown.margins, shown)
 
 
-def _better(found: Optimum, margins: dict[str, float], availability: Interval) -> Optimum:
+def _better(found: Optimum, margins: dict[str, float], shown: _Shown) -> Optimum:
     """What a search found, or the start where that is better on fresh trials.
 
     A design that meets all requirements is better than one that does not; of two that do, the one
     of the smaller error; of two that do not, the one of the smaller score of the search.
 
-    margins, availability  of the start
+    margins, shown  of the start
     """
     met = not lacking(margins)
     ahead = math.log(found.factor.value) if found.factor.value > 0 else math.nan
@@ -247,22 +258,27 @@ def _better(found: Optimum, margins: dict[str, float], availability: Interval) -
         factor=Interval(1.0, 1.0, 1.0),
         tuning_error=math.nan,
         optimism=unknown,
-        availability=availability,
+        availability=shown.availability,
         margins=margins,
+        errors=shown.errors,
         units=None,
         landscape=None,
         candidate=Candidate(found.best, found.factor, found.margins),
     )
 
 
+NO_DESIGN = "no design in the design space meets the requirements that need no trials"
+
+
 def _search(
     spaces: Mapping[str, design.DesignSpace], campaign: Campaign, runner: TrialRunner,
     tried: Sequence[Evaluation], record: steps.Watch, progress: _Progress,
-) -> tuple[str, Sequence[Evaluation], str, Landscape | None]:  # fmt: skip
-    """Forecasts of all branches, then trials of the best designs; of the nearest one if none fits.
+) -> tuple[str, Explorer | None]:  # fmt: skip
+    """Forecasts of all branches, then trials of the best of each of those that are close.
 
     tried, record  the evaluations so far, and what adds one
-    Returns  the branch of the best designs, these, why the search ended, and what forecasts say
+    Returns  the branch of the best designs, and its forecasts; None where no design meets the
+             requirements that need no trials: the nearest one was tried
     """
     nearest = {
         label: steps.feasible_start(space, campaign.requirements) for label, space in spaces.items()
@@ -271,83 +287,176 @@ def _search(
     if not starts:
         label = min(nearest, key=lambda label: nearest[label].short)
         record(evaluate(spaces[label], campaign, nearest[label].coordinates, runner))
-        ending = "no design in the design space meets the requirements that need no trials"
-        return label, tried, ending, None
+        return label, None
     explorers = {label: Explorer(spaces[label], campaign, runner, label) for label in starts}
-    for explorer in explorers.values():
+    for label, explorer in explorers.items():
         explorer.watch = partial(progress.forecast, explorers)
+        explorer.limits = steps.limits_of(spaces[label].case, campaign)
     left = steps.explore(explorers, starts, campaign)
     label = steps.best_branch(left, campaign, runner, record)
-    rest = replace(campaign, evaluations=max(1, campaign.evaluations - len(tried)))
-    finalists, ending = steps.refine(left[label], rest, runner, record)
-    landscape = landscape_of(left[label], np.array(finalists[0].coordinates))
-    return label, finalists, ending, landscape
+    return label, left[label]
 
 
-Confirmed = tuple[Evaluation, dict[str, Rows], dict[str, float], Interval]
+def _rounds(
+    explorer: Explorer, campaign: Campaign, runner: TrialRunner, record: steps.Watch,
+    judge: _Judge, count: int,
+) -> tuple[_Confirmed, str, int]:  # fmt: skip
+    """Search, and judge the best design on fresh trials, until one meets all limits there.
 
+    What the fresh trials of a round show corrects the forecasts of the next, which has fresh trials
+    of its own. A round follows, too, where a design meets all limits, evaluations are left, and the
+    forecasts, corrected by its trials, expect that another is better by more than the precision.
 
-def _verify(
-    space: design.DesignSpace, finalists: Sequence[Evaluation], campaign: Campaign,
-    runner: TrialRunner, watch: Advance | None,
-) -> Confirmed:  # fmt: skip
-    """The first finalist that meets the requirements on fresh trials, else the first.
-
-    Returns  it; its outcomes on fresh frames in each condition that has a weight; what these show:
-             margins, and the availability in its own condition
+    count    of the evaluations so far
+    Returns  what was confirmed, of the best design that meets all limits, or else of the one that
+             misses least; why the last search ended; how many rounds there were
     """
-    results = list[Confirmed]()
-    for finalist in finalists:
-        judged = campaign.judged(space.design(np.array(finalist.coordinates)))
-        fresh = _fresh_frames(judged, campaign, runner, watch)
-        shown, availability = _shown(judged, campaign, runner, fresh, watch)
-        results.append((finalist, fresh, shown, availability))
-        margins = finalist.margins | shown
-        if finalist.summary and all(margin >= 0 for margin in margins.values()):
-            return results[-1]
-    return results[0]
+    tried, shown, results, ending = list[Evaluation](), list[steps.Shown](), list[_Confirmed](), ""
+    most = campaign.evaluations - count
+    for number in range(steps.ROUNDS):
+        left = max(most - len(tried), 1 + steps.FINALISTS if number else 1)
+        rest = replace(campaign, evaluations=left)
+        before = {design.point for design in shown}
+        tried, ending = steps.refine(explorer, rest, runner, record, tried, shown)
+        new = next((design for design in tried if design.coordinates not in before), None)
+        met = [result for result in results if not lacking(result.margins)]
+        if new is None or (met and not _may_be_better(explorer, tried, met, new.coordinates)):
+            break
+        results.append(judge.confirm(new, steps.FreshTrials.of_round(number, campaign)))
+        shown.append(steps.Shown(new.coordinates, results[-1].found))
+        explorer.learn(steps.evidence_of(explorer, tried, shown))
+        steps.resume(explorer)
+        met = [result for result in results if not lacking(result.margins)]
+        used_up = len(tried) + 1 + steps.FINALISTS > most
+        if met and (used_up or not _may_be_better(explorer, tried, met, tuple(explorer.best))):
+            break
+    met = [result for result in results if not lacking(result.margins)]
+    if met:
+        score = steps.corrected_score(explorer, tried)
+        best = min(met, key=lambda result: score(result.design.coordinates))
+    else:
+        best = min(results, key=lambda result: result.score)
+    return best, ending, len(results)
+
+
+def _may_be_better(
+    explorer: Explorer, tried: Sequence[Evaluation], met: Sequence[_Confirmed],
+    point: tuple[float, ...],
+) -> bool:  # fmt: skip
+    """Whether a design may meet all limits, with a smaller error than all that were shown to."""
+    score = steps.corrected_score(explorer, tried)
+    least = min(score(result.design.coordinates) for result in met)
+    return explorer.met(np.array(point)) and score(point) < least - explorer.campaign.precision
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What fresh trials show of a design.
+
+    margins       of the bounds that must hold
+    found         margins as they were found, and the number of trials, by name
+    errors        radian, the objective in each condition
+    availability  in its own condition
+    """
+
+    margins: dict[str, float]
+    found: dict[str, tuple[float, int]]
+    errors: dict[str, float]
+    availability: Interval
+
+
+@dataclass(frozen=True)
+class _Confirmed:
+    """A design that was judged on fresh trials.
+
+    frames   its outcomes on fresh frames in each condition that has a weight
+    margins  all; those that need trials of the bounds that must hold
+    found    as of `_Shown`
+    fresh    which trials they were
+    """
+
+    design: Evaluation
+    frames: dict[str, Rows]
+    margins: dict[str, float]
+    found: dict[str, tuple[float, int]]
+    errors: dict[str, float]
+    availability: Interval
+    fresh: FreshTrials
+
+    @property
+    def score(self) -> float:
+        """As of a search, by the margins of the fresh trials."""
+        error = self.design.error if self.design.error > 0 else math.inf
+        return math.log(error) + PENALTY * missed(self.margins)
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Fresh trials of designs of a space."""
+
+    space: design.DesignSpace
+    campaign: Campaign
+    runner: TrialRunner
+    watch: Advance | None
+
+    def confirm(self, best: Evaluation, fresh: FreshTrials) -> _Confirmed:
+        """What the fresh trials of a round show of a design."""
+        judged = self.campaign.judged(self.space.design(np.array(best.coordinates)))
+        frames = _fresh_frames(judged, self.campaign, self.runner, fresh, self.watch)
+        shown = _shown(judged, self.campaign, self.runner, frames, fresh, self.watch)
+        margins = best.margins | shown.margins
+        return _Confirmed(
+            best, frames, margins, shown.found, shown.errors, shown.availability, fresh
+        )
 
 
 def _shown(
     judged: Sequence[design.Judged], campaign: Campaign, runner: TrialRunner,
-    fresh: Mapping[str, Rows], watch: Advance | None,
-) -> tuple[dict[str, float], Interval]:  # fmt: skip
-    """The margins that need trials, from fresh ones, of the bound that must hold; availability."""
-    margins, fraction = dict[str, float](), Interval(math.nan, 0.0, 1.0)
+    frames: Mapping[str, Rows], fresh: FreshTrials, watch: Advance | None,
+) -> _Shown:  # fmt: skip
+    """What fresh trials show of a design in all its conditions."""
+    shown = _Shown({}, {}, {}, Interval(math.nan, 0.0, 1.0))
+    objective = design.Objective.read(campaign.objective)
     for condition in judged:
-        outcomes = fresh.get(condition.name)
+        outcomes = frames.get(condition.name)
         if outcomes is None:
-            outcomes = _fresh(condition, campaign, runner, campaign.fidelity, watch)
-        confirmed = steps.confirm_requirements(condition, campaign, runner, outcomes)
+            outcomes = _fresh(condition, campaign, runner, campaign.fidelity, fresh, watch)
+        confirmed = steps.confirm_requirements(condition, campaign, runner, outcomes, fresh)
         summary = summarise(outcomes, condition.needs.limits)
-        shown = {name: result.margin for name, result in confirmed.items()}
+        margins = {name: result.margin for name, result in confirmed.items()}
+        found = {name: (result.found, result.trials) for name, result in confirmed.items()}
         if not confirmed:
-            shown = {"availability": -condition.needs.min_availability}
+            margins = {"availability": -condition.needs.min_availability}
         elif condition.name == design.NOMINAL:
-            fraction = confirmed["availability"].bounds
-        margins |= named(condition.name, shown | {"false attitudes": -summary.false.value})
-    return margins, fraction
+            shown = replace(shown, availability=confirmed["availability"].bounds)
+        margins |= {"false attitudes": -summary.false.value}
+        shown.margins.update(named(condition.name, margins))
+        shown.found.update(named(condition.name, found))
+        shown.errors[condition.name] = float(objective.of(objective.squares(outcomes)))
+    return shown
 
 
 def _fresh_frames(
-    judged: Sequence[design.Judged], campaign: Campaign, runner: TrialRunner, watch: Advance | None
-) -> dict[str, Rows]:
+    judged: Sequence[design.Judged], campaign: Campaign, runner: TrialRunner, fresh: FreshTrials,
+    watch: Advance | None,
+) -> dict[str, Rows]:  # fmt: skip
     """Outcomes on frames that no tuning used, in each condition that has a weight."""
     frame = design.Fidelity.FRAME
     weighted = (condition for condition in judged if condition.weight)
     return {
-        condition.name: _fresh(condition, campaign, runner, frame, watch) for condition in weighted
+        condition.name: _fresh(condition, campaign, runner, frame, fresh, watch)
+        for condition in weighted
     }
 
 
 def _fresh(
     judged: design.Judged, campaign: Campaign, runner: TrialRunner, fidelity: design.Fidelity,
-    watch: Advance | None,
+    fresh: FreshTrials, watch: Advance | None,
 ) -> Rows:  # fmt: skip
     """Outcomes of trials that no tuning used, none where the design cannot be built."""
     try:
         if judged.units is not None:
-            return fresh_units(judged, campaign, runner, watch=watch)
-        return runner.run(judged.case, campaign.fresh_trials, fidelity, FRESH, watch)
+            return fresh_units(judged, campaign, runner, first=fresh.unit, watch=watch)
+        return runner.run(judged.case, campaign.fresh_trials, fidelity, fresh.first, watch)
     except Refused:
         return np.empty(0, OUTCOMES)

@@ -10,12 +10,14 @@ import numpy as np
 from scipy.special import ndtr
 
 from startrack import verification
-from startrack.core import Floats, Refused, Rows, arcsec
-from startrack.design import Campaign, DesignSpace, Judged, Requirements
+from startrack.core import Floats, Refused, Rows
+from startrack.design import Campaign, Case, DesignSpace, Judged, Requirements
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed
-from startrack.optimise.explore import Correction, Explorer
-from startrack.optimise.runner import FRESH, TrialRunner
+from startrack.optimise.correction import Correction, Evidence, Limit, correct
+from startrack.optimise.evaluate import Evaluation, evaluate, missed
+from startrack.optimise.explore import Explorer
+from startrack.optimise.forecast import named
+from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
 from startrack.optimise.units import fresh_units, likely_errors
 from startrack.verification import cost_margins, counted
@@ -23,6 +25,7 @@ from startrack.verification import margins as margins_of
 
 EMULATOR = "emulator"
 USUAL = 12  # forecasts per variable, as in most searches
+RESUMED = 3  # forecasts per variable at most after trials that show a limit missed
 RIVAL = 0.1  # of ln(error), by which budgets of branches may be wrong; chosen by hand
 
 
@@ -55,6 +58,16 @@ def explore(
             branch.begin(starts[label], most)
         else:
             _search(branch, starts[label], most)
+    return _run(left, most)
+
+
+def resume(explorer: Explorer) -> None:
+    """Forecast further designs where trials have moved the limits."""
+    explorer.ending = ""
+    _run({explorer.label: explorer}, len(explorer.points) + RESUMED * len(explorer.space))
+
+
+def _run(left: dict[str, Explorer], most: int) -> dict[str, Explorer]:
     while running := [branch for branch in left.values() if not branch.ending]:
         for branch in running:
             if len(branch.points) < most:
@@ -130,37 +143,6 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
     return FeasibleStart(end.coordinates, missed(margins), margins)
 
 
-# Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand: the
-# wider, the more the noise of few designs moves the correction.
-PRIOR = 0.3
-PRIOR_SLOPE = 0.1
-SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
-
-
-def correct(tried: Sequence[Evaluation], middle: Floats, radius: float) -> Correction:
-    """Fit the correction to the designs within `radius` of the middle along each axis.
-
-    Least squares weighted by the trials of each design, with Gaussian priors on the value and the
-    slopes, so that terms that few designs constrain stay near zero.
-    """
-    near = [
-        evaluation
-        for evaluation in tried
-        if evaluation.error > 0
-        and evaluation.expected > 0
-        and np.abs(np.array(evaluation.coordinates) - middle).max() <= radius
-    ]
-    terms = np.array([[1.0, *(np.array(evaluation.coordinates) - middle)] for evaluation in near])
-    terms = terms.reshape(-1, len(middle) + 1)
-    ratio = np.array([math.log(evaluation.error / evaluation.expected) for evaluation in near])
-    weight = np.array([evaluation.trials / SCATTER for evaluation in near])
-    prior = np.full(len(middle) + 1, PRIOR_SLOPE)
-    prior[0] = PRIOR
-    normal = (terms.T * weight) @ terms + np.diag(prior**-2.0)
-    covariance = np.asarray(np.linalg.inv(normal), np.float64)
-    return Correction(middle, covariance @ (terms.T @ (weight * ratio)), covariance)
-
-
 # All chosen by hand.
 TRIED = 0.02  # of each range: trials of nearer designs say the same
 POLISH = 4  # forecasts at most until a design at a limit meets it
@@ -171,20 +153,25 @@ Watch = Callable[[Evaluation], None]
 
 
 def refine(
-    explorer: Explorer, campaign: Campaign, runner: TrialRunner, watch: Watch
-) -> tuple[list[Evaluation], str]:
+    explorer: Explorer, campaign: Campaign, runner: TrialRunner, watch: Watch,
+    before: Sequence[Evaluation] = (), shown: Sequence[Shown] = (),
+) -> tuple[list[Evaluation], str]:  # fmt: skip
     """Trials of the designs that may be the best, until they move the best no more.
 
-    Trials correct the budget over the space. The next design is the one that the corrected budget
-    expects to be the best, if its own forecast is as good as the best one; or, where that has been
-    tried, the one that is expected to gain most of those where the score without trials is within
-    the precision: the noise of the trials counts.
+    Trials correct the budget over the space, and each margin that they decide in the conditions
+    that have a weight and in those where a limit is close. The next design is the one that the
+    corrected budget expects to be the best, if its own forecast is as good as the best one; or,
+    where that has been tried, the one that is expected to gain most of those where the score
+    without trials is within the precision: the noise of the trials counts.
 
+    before   evaluations of this branch so far
+    shown    what fresh trials showed of designs that missed a limit there
     Returns  the evaluations, those with most trials first and of these the best, and a sentence on
              how it ended
     """
-    tried, ending = list[Evaluation](), "all evaluations were used"
+    tried, ending = list(before), "all evaluations were used"
     for _ in range(max(1, campaign.evaluations - FINALISTS)):
+        explorer.learn(evidence_of(explorer, tried, shown))
         correction = correct(tried, explorer.best, EVERYWHERE)
         point = _next(explorer, correction, tried, campaign.precision)
         if point is None:
@@ -192,22 +179,98 @@ def refine(
             break
         tried.append(_tried(explorer, campaign, point, runner, None, correction))
         watch(tried[-1])
-    correction = correct(tried, explorer.best, EVERYWHERE)
 
-    def corrected(evaluation: Evaluation) -> float:
-        if not evaluation.expected > 0:
-            return evaluation.score
-        log, at = math.log(evaluation.expected / arcsec), np.array(evaluation.coordinates)
-        return log + correction(at) + PENALTY * missed(evaluation.margins)
+    def ranked(designs: Sequence[Evaluation]) -> list[Evaluation]:
+        explorer.learn(evidence_of(explorer, tried, shown))
+        correction = correct(tried, explorer.best, EVERYWHERE)
+        return sorted(designs, key=lambda design: _rank(explorer, correction, design))
 
-    tried.sort(key=lambda evaluation: (not evaluation.feasible, corrected(evaluation)))
     last = list[Evaluation]()
-    for finalist in tried[:FINALISTS]:
+    missed_before = {design.point for design in shown}
+    left = [design for design in tried if design.coordinates not in missed_before]
+    for finalist in ranked(list({design.coordinates: design for design in left}.values()))[
+        :FINALISTS
+    ]:
         point, most = np.array(finalist.coordinates), campaign.most_trials
+        correction = correct(tried, explorer.best, EVERYWHERE)
         last.append(_tried(explorer, campaign, point, runner, most, correction))
         watch(last[-1])
-    last.sort(key=lambda evaluation: (not evaluation.feasible, evaluation.score))
-    return [*last, *tried[FINALISTS:]], ending
+    tried += last
+    last = ranked(last)
+    return [*last, *(design for design in tried if design not in last)], ending
+
+
+def _rank(explorer: Explorer, correction: Correction, design: Evaluation) -> tuple[bool, float]:
+    """Whether a design that was tried misses a limit, and its score, both corrected by trials."""
+    point = np.array(design.coordinates)
+    met = design.summary is not None and design.margins.get("false attitudes", 0.0) >= 0
+    score = explorer.forecast_of(point).score + correction(point)
+    if not math.isfinite(score):
+        score = design.score
+    return not (met and explorer.met(point)), score
+
+
+class Shown(NamedTuple):
+    """What fresh trials showed of a design.
+
+    point    unit-cube coordinates
+    margins  as they found them, and their number, by the margin's name
+    """
+
+    point: tuple[float, ...]
+    margins: dict[str, tuple[float, int]]
+
+
+def corrected_score(
+    explorer: Explorer, tried: Sequence[Evaluation]
+) -> Callable[[tuple[float, ...]], float]:
+    """ln(arcsec) of the objective of any design, as trials correct its forecast, without limits."""
+    correction = correct(tried, explorer.best, EVERYWHERE)
+
+    def score(coordinates: tuple[float, ...]) -> float:
+        point = np.array(coordinates)
+        return explorer.forecast_of(point).expected + correction(point)
+
+    return score
+
+
+def evidence_of(
+    explorer: Explorer, tried: Sequence[Evaluation], shown: Sequence[Shown]
+) -> dict[str, list[Evidence]]:
+    """All that trials say of each margin that has a limit."""
+    evidence: dict[str, list[Evidence]] = {name: [] for name in explorer.limits}
+    for design in tried:
+        for name in design.forecast.keys() & evidence.keys():
+            point = np.array(design.coordinates)
+            pair = design.forecast[name], design.margins[name]
+            evidence[name].append(Evidence(point, *pair, design.trials))
+    for found in shown:
+        forecast = explorer.unlimited(np.array(found.point)).margins
+        for name in found.margins.keys() & evidence.keys() & forecast.keys():
+            measured, trials = found.margins[name]
+            pair = forecast[name], measured
+            evidence[name].append(Evidence(np.array(found.point), *pair, trials))
+    return evidence
+
+
+def limits_of(case: Case, campaign: Campaign) -> dict[str, Limit]:
+    """The margins that trials decide, by name, and what the fresh trials of a campaign can show."""
+    limits = dict[str, Limit]()
+    for condition in campaign.judged(case):
+        tail, _ = _tails(condition)
+        own = dict[str, Limit]()
+        if condition.units is None:
+            trials = campaign.fresh_trials * 2 ** (LOOKS - 1)
+            for accuracy in condition.needs.accuracy:
+                own[accuracy.name] = Limit.of_error(accuracy.objective.fraction, trials, tail)
+        else:  # whose yield decides: what that takes is not known before the units are tried
+            trials = campaign.fresh_units * campaign.trials_per_unit * 2 ** (UNIT_LOOKS - 1)
+            own |= {accuracy.name: Limit(1.0, 1.0, False) for accuracy in condition.needs.accuracy}
+        least = condition.needs.min_availability
+        if least < 1:
+            own["availability"] = Limit.of_chance(least, trials, tail)
+        limits |= named(condition.name, own)
+    return limits
 
 
 def _tried(
@@ -215,8 +278,10 @@ def _tried(
     correction: Correction | None = None,
 ) -> Evaluation:  # fmt: skip
     """A design by trials, with the forecast that is known of it."""
-    known = explorer.forecast_of(point)
-    return evaluate(explorer.space, campaign, point, runner, trials, correction, known=known)
+    known, close = explorer.forecast_of(point), explorer.close(point)
+    return evaluate(
+        explorer.space, campaign, point, runner, trials, correction, known=known, close=close
+    )
 
 
 def _next(
@@ -238,8 +303,10 @@ def _next(
         near = value.score + correction(here) <= corrected(explorer.best) + precision
         if near and not missed(value.margins):
             return here
+    points = [np.array(evaluation.coordinates) for evaluation in tried]
     least = corrected(explorer.best) + precision
-    if all(corrected(np.array(evaluation.coordinates)) > least for evaluation in tried):
+    rivals = [point for point in points if explorer.met(point) and corrected(point) <= least]
+    if not rivals and not any((point == explorer.best).all() for point in points):
         return explorer.best
     ends = [end for span in explorer.spans(here) for end in (span.at_low, span.at_high)]
     points = np.array([end for end in ends if _is_new(end, tried)])
@@ -279,25 +346,61 @@ LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials aga
 UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of its own
 
 
+ROUNDS = 5  # of fresh trials at most, until one shows that all limits are met; chosen by hand
+
+
+class FreshTrials(NamedTuple):
+    """Which trials are fresh in a round of a search; no other round has them.
+
+    first  number of the first trial
+    unit   number of the first unit
+    part   of the probability of a wrong bound, that this round may use
+    """
+
+    first: int = FRESH
+    unit: int = FRESH_UNIT
+    part: float = 1.0
+
+    @classmethod
+    def of_round(cls, number: int, campaign: Campaign) -> FreshTrials:
+        """Those of a round, from 0: 1, 1/2, 1/4, ... of the probability, so that all have two."""
+        trials = campaign.fresh_trials * 2 ** (LOOKS - 1)
+        units = campaign.fresh_units * 2 ** (UNIT_LOOKS - 1)
+        return cls(FRESH + number * trials, FRESH_UNIT + number * units, 0.5**number)
+
+
+FIRST_ROUND = FreshTrials()
+
+
+def _tails(condition: Judged, part: float = 1.0) -> tuple[float, float]:
+    most = LOOKS if condition.units is None else UNIT_LOOKS
+    # So many looks; their sizes are not used.
+    wrong = part * (1 - condition.needs.confidence)
+    return verification.Looks(2, 2**most, wrong).tails(1)
+
+
 def confirm_requirements(
-    condition: Judged, campaign: Campaign, runner: TrialRunner, outcomes: Rows
-) -> dict[str, Confirmed]:
+    condition: Judged, campaign: Campaign, runner: TrialRunner, outcomes: Rows,
+    fresh: FreshTrials = FIRST_ROUND,
+) -> dict[str, Confirmed]:  # fmt: skip
     """The errors that are limited, and the availability, with bounds for their requirements.
 
     While a requirement is undecided, the trials are doubled, up to three times, with the campaign's
     own fidelity, which has the distribution of frames in less time. The bounds are those of `Claim`
     with a tail of 0.05 / 4 (one minus the confidence of the requirements, over four looks), so that
-    at most 5 % of the designs have a wrong bound at any of the looks (Bonferroni). Over
-    units, an error is shown by the share of them that keep its limit, in two looks.
+    at most 5 % of the designs have a wrong bound at any of the looks (Bonferroni); half of
+    that in the second round of fresh trials, a quarter in the third, so that all rounds of a search
+    together have at most 10 %. Over units, an error is shown by the share of them that keep its
+    limit, in two looks.
 
     outcomes  of the fresh frames that exist already
+    fresh     the round that they are of
     Returns   the value over all trials, its bounds and its margin by the bound that must hold
     """
     units = condition.units
     most = LOOKS if units is None else UNIT_LOOKS
-    # So many looks; their sizes are not used.
-    tails = verification.Looks(2, 2**most, 1 - condition.needs.confidence).tails(1)
-    first, claims = FRESH + len(outcomes), verification.claims_of(condition.needs)
+    tails = _tails(condition, fresh.part)
+    first, claims = fresh.first + len(outcomes), verification.claims_of(condition.needs)
     confirmed = dict[str, Confirmed]()
     for look in range(most if len(outcomes) else 0):
         judged = counted(condition.needs, condition.case, runner.seed, outcomes)
@@ -309,17 +412,23 @@ def confirm_requirements(
                 errors = likely_errors(objective, condition, judged, campaign, runner)
                 bounds = asked.bounds(errors <= claim.limit, *tails)
                 decided = asked.answer(bounds) is not verification.Answer.NOT_SHOWN
-                confirmed[claim.name] = Confirmed(bounds, asked.margin(bounds.low), decided)
+                ordered = np.sort(errors)[::-1]
+                worst = float(ordered[asked.most_beyond(len(errors), tails[0])])
+                confirmed[claim.name] = Confirmed(
+                    bounds, asked.margin(bounds.low), decided, claim.margin(worst), len(judged)
+                )
                 continue
             bounds = claim.bounds(judged, boresight, *tails)
             shown = bounds.high if claim.accuracy else bounds.low
             decided = claim.answer(bounds) is not verification.Answer.NOT_SHOWN
-            confirmed[claim.name] = Confirmed(bounds, claim.margin(shown), decided)
+            confirmed[claim.name] = Confirmed(
+                bounds, claim.margin(shown), decided, claim.margin(bounds.value), len(judged)
+            )
         if all(result.decided for result in confirmed.values()) or look == most - 1:
             break
         if units is not None:
             done = len(outcomes) // campaign.trials_per_unit
-            more = fresh_units(condition, campaign, runner, done, done)
+            more = fresh_units(condition, campaign, runner, done, fresh.unit + done)
             outcomes = np.concatenate([outcomes, more])
             continue
         # Repeated numbers would repeat the attitudes.
@@ -334,8 +443,13 @@ class Confirmed(NamedTuple):
     bounds   of its value
     margin   by the bound that must hold
     decided  whether the trials decide it
+    found    the margin without regard to the bounds; of the error over units, that of the unit
+             which decides
+    trials   number of them
     """
 
     bounds: Interval
     margin: float
     decided: bool
+    found: float
+    trials: int

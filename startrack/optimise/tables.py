@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.budget import caveats, differences, refusal
 from startrack.core import Refused, arcsec
-from startrack.design import YEAR, Campaign, Objective, OverUnits
+from startrack.design import NOMINAL, YEAR, Campaign, Objective, OverUnits
 from startrack.io import save_csv
 from startrack.metrics import Interval, bracketed, markdown
 from startrack.optimise.ensemble import Chains
@@ -239,12 +239,39 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
             f"attitudes are lost with {budget.stars:.1f} stars expected on average in the sky "
             "that has enough of them; the effects named next are possible causes"
         )
+    sentences += sharp_conditions(optimum, campaign)
+    if optimum.rounds > 1:
+        sentences.append(
+            f"{optimum.rounds} designs were judged, each on fresh trials of its own, as one missed "
+            "a limit or another was expected to be better; that a bound of any of them is wrong "
+            "has at most twice the probability of one"
+        )
     sentences += refusal(optimum.best, budget.refused)
     sentences += caveats(optimum.best, budget.left_out)
     if optimum.units or not best.differs:
         return sentences
     return [*sentences, "noise only: the units of the designs are taken for perfect ones on their "
             "first day (campaign.units)"]  # fmt: skip
+
+
+SHARP = 3.0  # times the error in its own condition, above which a design is sharp; chosen by hand
+
+
+def sharp_conditions(optimum: Optimum, campaign: Campaign) -> list[str]:
+    """The conditions without a weight in which the error of the best is far larger than in its own.
+
+    There the objective does not see it: a design may be the best for its own rate alone.
+    """
+    errors, objective = optimum.errors, Objective.read(campaign.objective)
+    own = errors.get(NOMINAL, math.nan) / arcsec
+    weighted = {judged.name for judged in campaign.judged(optimum.best) if judged.weight}
+    return [
+        f"the {objective} is {error / arcsec:.3g} arcsec in the condition {name}, "
+        f"{own:.3g} arcsec in the design's own: the best is sharp, a small change of what differs "
+        "there costs much (campaign.conditions with a weight would count it)"
+        for name, error in errors.items()
+        if name not in weighted and error / arcsec > SHARP * own
+    ]
 
 
 def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:

@@ -30,18 +30,18 @@ def how(units: OverUnits, campaign: Campaign) -> Units:
 
 def fresh_units(
     condition: Judged, campaign: Campaign, runner: TrialRunner, count: int | None = None,
-    done: int = 0, watch: Advance | None = None,
+    first: int = FRESH_UNIT, watch: Advance | None = None,
 ) -> Rows:  # fmt: skip
     """The outcomes of trials of units that no tuning used, in the campaign's fidelity.
 
     condition  which is judged over units
     count      units; None: those of the campaign
-    done       units before them
+    first      number of the first unit
     watch      called with the number of trials that were just done
     """
     assert condition.units is not None
     order = how(condition.units, campaign)
-    first, count = FRESH_UNIT + done, count or campaign.fresh_units
+    count = count or campaign.fresh_units
     many, begin = count * order.trials, first * order.trials
     return runner.run(condition.case, many, campaign.fidelity, begin, watch, order)
 

@@ -204,6 +204,10 @@ class YieldClaim:
         passes, fails = bounds.low >= self.least, bounds.high < self.least
         return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
 
+    def most_beyond(self, n: int, passing: float) -> int:
+        """Of n units, the most that may exceed the limit where the yield is shown; 0 at least."""
+        return max(0, int(scipy.stats.binom.ppf(passing, n, 1 - self.least)) - 1)
+
     def margin(self, value: float) -> float:
         """Of a yield to what is asked."""
         return value - self.least

@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
+from startrack.optimise.correction import correct
 from startrack.optimise.evaluate import Evaluation
-from startrack.optimise.steps import correct
 
 TRIED = Evaluation((0.0,), {}, 1.0, 1.0, 0.0, {}, None, "")
 

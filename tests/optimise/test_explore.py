@@ -85,7 +85,7 @@ def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch
     explorer = explored(monkeypatch, leaping, 2, 24)
     assert explorer.score < 0.1
 
-    def exact(space, campaign, point, *_, known):
+    def exact(space, campaign, point, *_, known, close):
         error, score = math.exp(known.expected) * arcsec, known.expected
         summary = summarise(np.zeros(100, OUTCOMES))
         return Evaluation(tuple(point), {}, error, error, score, known.margins, summary, "")
