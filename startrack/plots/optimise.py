@@ -22,11 +22,16 @@ LARGEST = 1.6  # inch, of a panel of a corner picture whose letters are legible 
 def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
     """The error of each evaluated design, and its variables."""
     fresh, _ = optimum.fresh
+    result = (
+        f"the best is better by {optimum.factor.value:.2f} "
+        f"[{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]"
+    )
+    if optimum.candidate:
+        result = "none is better than the start"
     figure = style.picture(
         8.4,
         f"{len(optimum.evaluations)} designs on the same skies and noise; on {fresh.trials} fresh "
-        f"frames the best is better by {optimum.factor.value:.2f} "
-        f"[{optimum.factor.low:.2f}, {optimum.factor.high:.2f}]",
+        f"frames {result}",
     )
     error, variables = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1))
     words = str(Objective.read(objective))

@@ -362,9 +362,22 @@ def optimum(count):
     fresh = (SimpleNamespace(trials=100),) * 2
     factor = Interval(1.5, 1.4, 1.6)
     return Optimum(
-        SimpleNamespace(variables=names), "", None, None, tuple(evaluations), fresh, factor, 0.0,
-        factor, factor, {}, "", {},
-    )  # fmt: skip
+        space=SimpleNamespace(variables=names),
+        branch="",
+        start=None,
+        best=None,
+        evaluations=tuple(evaluations),
+        fresh=fresh,
+        errors={},
+        factor=factor,
+        tuning_error=0.0,
+        optimism=factor,
+        availability=factor,
+        margins={},
+        rounds=1,
+        ending="",
+        trials={},
+    )
 
 
 def test_the_lines_of_a_search_are_explained(drawn):
