@@ -8,6 +8,7 @@ given to the writer; of JPEG that which Pillow reads.
 from __future__ import annotations
 
 import csv
+import importlib
 import io
 import itertools
 import math
@@ -16,6 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import command
 import numpy as np
 from meant_check import Check, checked
 from numpy.typing import NDArray
@@ -43,7 +45,7 @@ def checks(folder: Path, quick: bool) -> Iterator[Check]:
         fits_images(folder),
         gains(folder),
         tables(folder),
-        lenses(folder),
+        () if command.missing("lenses", "optiland") else lenses(folder),
         pages(folder),
     )
     for number, (kind, name, compare) in enumerate(made):
@@ -354,8 +356,11 @@ def pictures(folder: Path) -> Iterator[Case]:
 
 def fits_images(folder: Path) -> Iterator[Case]:
     """All types by astropy and fitsio, scaling, BLANK, compression, extensions, cubes, headers."""
-    import fitsio
     from astropy.io import fits
+
+    fitsio: Any = None
+    if not command.missing("FITS by fitsio", "fitsio"):
+        fitsio = importlib.import_module("fitsio")
 
     number = itertools.count()
 
@@ -366,9 +371,10 @@ def fits_images(folder: Path) -> Iterator[Case]:
     for kind in ("u1", "i2", "u2", "i4", "u4", "i8", "f4", "f8"):
         image = stars(kind)[..., 0]
         yield case(f"{kind} astropy", lambda path, image=image: fits.writeto(path, image), image)
-        yield case(
-            f"{kind} fitsio", lambda path, image=image: fitsio.write(str(path), image), image
-        )
+        if fitsio:
+            yield case(
+                f"{kind} fitsio", lambda path, image=image: fitsio.write(str(path), image), image
+            )
         yield case(
             f"{kind} in an extension",
             lambda path, image=image: fits.HDUList(
@@ -391,7 +397,7 @@ def fits_images(folder: Path) -> Iterator[Case]:
             ).writeto(path),
             image,
         )
-    for squeeze in ("rice", "gzip", "gzip_2"):
+    for squeeze in ("rice", "gzip", "gzip_2") if fitsio else ():
         image = stars("i2")[..., 0]
         yield case(
             f"i2 {squeeze} fitsio",
