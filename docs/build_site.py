@@ -29,13 +29,22 @@ FIRST = {
     "Begin": ["README", "docs/tutorial", "docs/tutorial-earth", "docs/gallery", "docs/glossary"],
     "Guides": ["docs/units", "docs/mission", "docs/extensions", "docs/onboard", "docs/clusters"],
     "Does it hold?": [
-        "docs/flight", "docs/earth-cameras", "docs/budget-against-trials", "docs/speed-vs-error",
-        "docs/hard-cases", "docs/models", "docs/departures",
+        "docs/flight",
+        "docs/earth-cameras",
+        "docs/budget-against-trials",
+        "docs/speed-vs-error",
+        "docs/hard-cases",
+        "docs/models",
+        "docs/departures",
     ],
     "Reference": [
-        "docs/reference", "docs/mission-keys", "docs/conventions", "docs/json", "docs/api",
+        "docs/reference",
+        "docs/mission-keys",
+        "docs/conventions",
+        "docs/json",
+        "docs/api",
     ],
-}  # fmt: skip
+}
 LINK = re.compile(r"\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 REDIRECT = (
     '<!doctype html><meta charset="utf-8"><title>startrack</title>'
@@ -130,9 +139,16 @@ def build(folder: Path) -> None:
             for category in (DeprecationWarning, PendingDeprecationWarning):
                 warnings.simplefilter("ignore", category)
             app = Sphinx(
-                str(source), None, str(folder), str(Path(work) / "doctrees"), "html", settings,
-                status=None, warning=sys.stderr, freshenv=True,
-            )  # fmt: skip
+                str(source),
+                None,
+                str(folder),
+                str(Path(work) / "doctrees"),
+                "html",
+                settings,
+                status=None,
+                warning=sys.stderr,
+                freshenv=True,
+            )
             app.build()
         if app.statuscode or app._warncount:
             raise ValueError(f"the pages must be without warnings, got {app._warncount}")

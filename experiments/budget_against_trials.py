@@ -302,32 +302,41 @@ def main() -> None:
 def page(compared: list[Compared], slews: list[Slew], figures: dict[str, Any]) -> str:
     """The page of the documents."""
     apart = [one for one in compared if one.apart > AGREE]
-    return "\n".join([
-        "# The analytic budget beside trials",
-        "`python experiments/budget_against_trials.py --markdown docs/budget-against-trials.md` "
-        "writes this page. Brackets hold 95 % intervals.",
-        "",
-        f"{len(compared)} designs of the example's detector, drawn over focal length, f-number, "
-        "blur, exposure, sky and rate, each with one more effect. The error is rms per axis across "
-        f"the boresight, over {figures['trials']} trials of fidelity `window`, or `frame` where "
-        "that refuses the design. The last column is what `startrack budget` and `requirements` "
-        "print of the design. Of the designs of which the budget counts every effect, "
-        f"{figures['designs_counted']}, the worst differs by a factor of "
-        f"{figures['worst_ratio_of_counted']:.2f}; {len(apart)} of all differ by more than "
-        f"{100 * (AGREE - 1):.0f} %, {figures['silent_disagreements']} of these without a word.",
-        "",
-        *table_of_designs(compared),
-        "",
-        "## Slews",
-        "The example with the centroid `likelihood`, turning about x. The tracker knows its rate, "
-        "as a gyroscope tells it. The bound is that of Cramer and Rao for the pixels of a whole "
-        "frame with its smear, with the attitude and the scale unknown and all brightnesses known, "
-        "over the same attitudes; it is computed from derivatives of rendered frames, without the "
-        "detection.",
-        "",
-        *table_of_slews(slews),
-        "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "# The analytic budget beside trials",
+            "`python experiments/budget_against_trials.py --markdown "
+            "docs/budget-against-trials.md` writes this page. Brackets hold 95 % intervals.",
+            "",
+            f"{len(compared)} designs of the example's detector, drawn over focal length, "
+            "f-number, "
+            "blur, exposure, sky and rate, each with one more effect. The error is rms per axis "
+            "across "
+            f"the boresight, over {figures['trials']} trials of fidelity `window`, or `frame` "
+            "where that refuses the design. The last column is what `startrack budget` and "
+            "`requirements` "
+            "print of the design. Of the designs of which the budget counts every effect, "
+            f"{figures['designs_counted']}, the worst differs by a factor of "
+            f"{figures['worst_ratio_of_counted']:.2f}; {len(apart)} of all differ by more than "
+            f"{100 * (AGREE - 1):.0f} %, {figures['silent_disagreements']} of these without a "
+            "word.",
+            "",
+            *table_of_designs(compared),
+            "",
+            "## Slews",
+            "The example with the centroid `likelihood`, turning about x. The tracker knows its "
+            "rate, "
+            "as a gyroscope tells it. The bound is that of Cramer and Rao for the pixels of a "
+            "whole "
+            "frame with its smear, with the attitude and the scale unknown and all brightnesses "
+            "known, "
+            "over the same attitudes; it is computed from derivatives of rendered frames, without "
+            "the detection.",
+            "",
+            *table_of_slews(slews),
+            "",
+        ]
+    )
 
 
 if __name__ == "__main__":

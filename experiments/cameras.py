@@ -50,9 +50,11 @@ def main() -> None:
         case = replace(case, instrument=replace(case.instrument, detector=part))
     record = observe(case, pointing(*PRAESEPE, 0.0), Streams(1, 0))
     figures["asteroidfinder"] = {
-        "stars": len(record.stars), "spots": record.outcome.spots, "matches": record.outcome.stars,
+        "stars": len(record.stars),
+        "spots": record.outcome.spots,
+        "matches": record.outcome.stars,
         "status": str(record.estimate.status),
-    }  # fmt: skip
+    }
     show(chosen.figure, "asteroidfinder", {"one of four EMCCDs": record.frame.image})
     for name, value in figures.items():
         print(f"{name:20} {value}")
@@ -84,8 +86,9 @@ def show(folder: Path | None, name: str, images: dict[str, NDArray[Any]]) -> Non
         shown = each.imshow(numbers, cmap="gray", vmin=low, vmax=max(high, low + 1))
         each.set(title=title, xlabel="column (pixel)", ylabel="line (pixel)")
         each.grid(visible=False)
-        colour_bar(shown, each, numbers, "image (digital number)", orientation="horizontal",
-                   aspect=22)  # fmt: skip
+        colour_bar(
+            shown, each, numbers, "image (digital number)", orientation="horizontal", aspect=22
+        )
     save_picture(folder / f"{name}.png", figure)
 
 

@@ -79,10 +79,16 @@ def measure(part: str, case: Case, folder: Path, kills: int, quick: bool) -> dic
     import variance
 
     told = variance.measure(case, 32, 2, quick) if quick else variance.measure(case, 896)
-    worth = {name: one.get("variance_reduction") for name, one in told["across"].items()
-             if isinstance(one, dict)}  # fmt: skip
-    return {"variance_reduction": told["variance_reduction"], "variance_reductions": worth,
-            "coverage_95_helped": told["coverage_95"]}  # fmt: skip
+    worth = {
+        name: one.get("variance_reduction")
+        for name, one in told["across"].items()
+        if isinstance(one, dict)
+    }
+    return {
+        "variance_reduction": told["variance_reduction"],
+        "variance_reductions": worth,
+        "coverage_95_helped": told["coverage_95"],
+    }
 
 
 def same_bytes(case: Case, trials: int = 200) -> dict[str, Any]:

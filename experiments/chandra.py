@@ -94,9 +94,11 @@ def main() -> None:
         )
     }
     parser.add_argument(
-        "parts", nargs="*", metavar="PART",
+        "parts",
+        nargs="*",
+        metavar="PART",
         help=f"of {', '.join(parts)} (default: all); the page keeps the figures of the others",
-    )  # fmt: skip
+    )
     parser.add_argument("--page", type=Path, metavar="FOLDER", help="write the page here")
     options = command.read(parser)
     data = flown()
@@ -158,11 +160,15 @@ def camera(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     # 95 % by chi-square, as of independent residuals.
     spread = math.sqrt(1 / (2 * len(table))) * 1.96
     return {
-        "camera_y_arcsec": y, "camera_z_arcsec": z, "camera_interval": spread,
+        "camera_y_arcsec": y,
+        "camera_z_arcsec": z,
+        "camera_interval": spread,
         "camera_cold_y_arcsec": float(cold.rms[0] / arcsec),
         "camera_cold_z_arcsec": float(cold.rms[1] / arcsec),
-        "camera_orders": rows, "camera_chosen": str(best.order), "camera_stars": len(table),
-    }  # fmt: skip
+        "camera_orders": rows,
+        "camera_chosen": str(best.order),
+        "camera_stars": len(table),
+    }
 
 
 # Dark current.
@@ -205,9 +211,11 @@ def dark_current(data: dict[str, Any], quick: bool) -> dict[str, Any]:
         rows.append([one["year"], one["temperature_c"], off, share, chance])
         curves.append([edges[:-1][inside].tolist(), pixels[inside].tolist(), law[inside].tolist()])
     return {
-        "dark_bins_worst": worst, "warm_share_worst": warm, "dark_rows": rows,
+        "dark_bins_worst": worst,
+        "warm_share_worst": warm,
+        "dark_rows": rows,
         "dark_curves": curves,
-    }  # fmt: skip
+    }
 
 
 def flicker(data: dict[str, Any], quick: bool) -> dict[str, Any]:
@@ -224,9 +232,10 @@ def flicker(data: dict[str, Any], quick: bool) -> dict[str, Any]:
         rows.append([low, high, float(np.abs(drawn - flown_law).max())])
         curves.append([step.tolist(), list(flown_law), drawn.tolist()])
     return {
-        "flicker_worst": max(row[2] for row in rows), "flicker_rows": rows,
+        "flicker_worst": max(row[2] for row in rows),
+        "flicker_rows": rows,
         "flicker_curves": curves,
-    }  # fmt: skip
+    }
 
 
 # Images.
@@ -280,9 +289,16 @@ def star_field(
 
 
 def acquired(
-    year: float, celsius: float, magnitude: float, half_width: float, stars: int,
-    columns: int | None = None, scatter: float = SCATTER, within: float = WITHIN, **changes: Any,
-) -> tuple[int, int, int]:  # fmt: skip
+    year: float,
+    celsius: float,
+    magnitude: float,
+    half_width: float,
+    stars: int,
+    columns: int | None = None,
+    scatter: float = SCATTER,
+    within: float = WITHIN,
+    **changes: Any,
+) -> tuple[int, int, int]:
     """Stars that were acquired, false ones that were taken, and all; of part of the columns.
 
     scatter  mag rms, of the stars about their catalogue
@@ -316,9 +332,10 @@ def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         return None
     rows, stars, columns = [], 20 if quick else 500, 256 if quick else None
     easy = [
-        one["probability"] for one in data["acquisition_2025"]
+        one["probability"]
+        for one in data["acquisition_2025"]
         if one["magnitude_aca"] <= EASY[0] and one["ccd_temperature_c"] <= EASY[1]
-    ]  # fmt: skip
+    ]
     other = float(np.mean(easy))
     for one in data["acquisition_2025"]:
         magnitude, celsius = one["magnitude_aca"], one["ccd_temperature_c"]
@@ -460,9 +477,10 @@ def centroid(data: dict[str, Any], quick: bool) -> dict[str, Any]:
         rows.append([magnitude, float(rms), float(near.mean()), len(place)])
     mean = float(np.mean([row[1] for row in rows]))
     return {
-        "centroid_mean_arcsec": mean, "centroid_ratio": mean / PUBLISHED_CENTROID,
+        "centroid_mean_arcsec": mean,
+        "centroid_ratio": mean / PUBLISHED_CENTROID,
         "centroid_rows": rows,
-    }  # fmt: skip
+    }
 
 
 # Boresight.

@@ -116,9 +116,10 @@ def read(parser: argparse.ArgumentParser, **smaller: Any) -> argparse.Namespace:
     """
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
     parser.add_argument(
-        "--quick", action="store_true",
+        "--quick",
+        action="store_true",
         help="run every step on the smallest sizes, in seconds; the figures mean nothing",
-    )  # fmt: skip
+    )
     options = parser.parse_args()
     if options.quick:
         folder = Path(tempfile.mkdtemp())

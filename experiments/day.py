@@ -46,22 +46,57 @@ from startrack.trial import observe, searched
 ROOT = Path(__file__).parents[1]
 CLI = (sys.executable, "-m", "startrack.cli")
 WORDS = (
-    "field of view", "aperture", "focal length", "f-number", "frame rate", "update rate",
-    "exposure", "integration time", "pixel pitch", "read noise", "full well", "dark current",
-    "quantum efficiency", "PRNU", "accuracy", "NEA", "slew rate", "Sun exclusion", "mass", "power",
-    "lifetime", "radiation", "star catalogue", "magnitude limit", "distortion", "temperature",
-    "blur", "jitter", "latency", "bits",
-)  # fmt: skip
+    "field of view",
+    "aperture",
+    "focal length",
+    "f-number",
+    "frame rate",
+    "update rate",
+    "exposure",
+    "integration time",
+    "pixel pitch",
+    "read noise",
+    "full well",
+    "dark current",
+    "quantum efficiency",
+    "PRNU",
+    "accuracy",
+    "NEA",
+    "slew rate",
+    "Sun exclusion",
+    "mass",
+    "power",
+    "lifetime",
+    "radiation",
+    "star catalogue",
+    "magnitude limit",
+    "distortion",
+    "temperature",
+    "blur",
+    "jitter",
+    "latency",
+    "bits",
+)
 COMMANDS = (
-    ("simulate",), ("psf",), ("requirements",), ("budget", "--units", "6"), ("budget",),
-    ("export", "aocs"), ("export", "catalogue"), ("montecarlo", "--trials", "200"),
-    ("sequence", "--sequences", "2"), ("mission", "--set", "time.duration=1 d"),
-    ("verify", "--trials", "200"), ("compare", "nanosatellite", "noise_only", "--trials", "100"),
-)  # fmt: skip
+    ("simulate",),
+    ("psf",),
+    ("requirements",),
+    ("budget", "--units", "6"),
+    ("budget",),
+    ("export", "aocs"),
+    ("export", "catalogue"),
+    ("montecarlo", "--trials", "200"),
+    ("sequence", "--sequences", "2"),
+    ("mission", "--set", "time.duration=1 d"),
+    ("verify", "--trials", "200"),
+    ("compare", "nanosatellite", "noise_only", "--trials", "100"),
+)
 RESUMING = (
-    ("montecarlo", "--trials", "2000"), ("verify", "--trials", "2000", "--first", "200"),
-    ("optimize",), ("mission",),
-)  # fmt: skip
+    ("montecarlo", "--trials", "2000"),
+    ("verify", "--trials", "2000", "--first", "200"),
+    ("optimize",),
+    ("mission",),
+)
 BEGUN = 30_000  # byte of stores
 GOING = 10.0  # second, for which a command goes on after it began its store
 BRIGHT = 5.0  # spreads of the background

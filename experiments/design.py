@@ -45,8 +45,12 @@ from startrack.plots import (
 )
 
 SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
-    "trials": 3, "most_trials": 3, "evaluations": 2, "analytic_evaluations": 2, "fresh_trials": 3,
-}  # fmt: skip
+    "trials": 3,
+    "most_trials": 3,
+    "evaluations": 2,
+    "analytic_evaluations": 2,
+    "fresh_trials": 3,
+}
 BEFORE, AFTER, MISSED = BLUE, GREEN, RED
 
 
@@ -84,8 +88,11 @@ def main() -> None:
 
 def told(one: Evaluation, began: float) -> None:
     """One line a design, for the person who waits."""
-    print(f"{time.monotonic() - began:6.0f} s  {one.trials:4d} trials  {one.error / arcsec:8.3f} "
-          f"arcsec  {'' if one.feasible else 'misses a requirement'}", flush=True)  # fmt: skip
+    print(
+        f"{time.monotonic() - began:6.0f} s  {one.trials:4d} trials  {one.error / arcsec:8.3f} "
+        f"arcsec  {'' if one.feasible else 'misses a requirement'}",
+        flush=True,
+    )
 
 
 @styled
@@ -118,8 +125,12 @@ def draw_shares(
         fraction = np.arange(1, len(length) + 1) / len(outcomes)
         axes.step(length / arcsec, fraction, where="post", color=colour, lw=1.4, label=label)
         axes.axvspan(error.low, error.high, color=colour, alpha=0.2, lw=0)
-    axes.set(xscale="log", ylim=(0, 1.02), ylabel="frames with no longer error (fraction)",
-             xlabel=f"length of the error, {objective.axes} (arcsec)")  # fmt: skip
+    axes.set(
+        xscale="log",
+        ylim=(0, 1.02),
+        ylabel="frames with no longer error (fraction)",
+        xlabel=f"length of the error, {objective.axes} (arcsec)",
+    )
     axes.set_xlim(
         left=min(np.quantile(np.asarray(line.get_xdata(), float), 0.005) for line in axes.lines)
     )
@@ -138,12 +149,29 @@ def draw_path(axes: Axes, optimum: Optimum) -> None:
     good = np.array([one.feasible for one in tried])
     spared = np.array([one.trials == 0 for one in tried])
     axes.plot(number[good], error[good], "o", ms=4, color=AFTER, label="meets the requirements")
-    axes.plot(number[~good & ~spared], error[~good & ~spared], "x", ms=4, color=MISSED,
-              label="misses one on its trials")  # fmt: skip
-    axes.plot(number[spared], expected[spared], ".", ms=4, color="0.6",
-              label="cannot lead: no trials, as the budget expects")  # fmt: skip
-    axes.axhline(optimum.tuning_error / arcsec, color=GREY, lw=1, ls=":",
-                 label="the best, on its tuning trials")  # fmt: skip
+    axes.plot(
+        number[~good & ~spared],
+        error[~good & ~spared],
+        "x",
+        ms=4,
+        color=MISSED,
+        label="misses one on its trials",
+    )
+    axes.plot(
+        number[spared],
+        expected[spared],
+        ".",
+        ms=4,
+        color="0.6",
+        label="cannot lead: no trials, as the budget expects",
+    )
+    axes.axhline(
+        optimum.tuning_error / arcsec,
+        color=GREY,
+        lw=1,
+        ls=":",
+        label="the best, on its tuning trials",
+    )
     axes.set(ylabel="rms error (arcsec)", yscale="log", xlabel="evaluation (number)")
     counts = [one.trials for one in tried if one.trials]
     title = f"{len(tried)} designs, {min(counts)} to {max(counts)} tuning trials each"

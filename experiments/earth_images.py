@@ -82,8 +82,10 @@ def main() -> None:
     options = command.read(parser, trials=2, size=48, rays=20)
     found = {
         (column["wavelength"], column["visibility"], case, spacing): shining(column, case, spacing)
-        for column in columns() for case in MEANS for spacing in SPACINGS
-    }  # fmt: skip
+        for column in columns()
+        for case in MEANS
+        for spacing in SPACINGS
+    }
     shares = earth_trials.shares(options.trials)
     warm = earth_trials.shares(options.trials, thermal=True)
     shares |= {f"{layer} of a thermal channel": found for layer, found in warm.items()}
@@ -141,9 +143,12 @@ def shining(column: dict[str, Any], case: str, spacing: float) -> Shining:
     rho = reflectance(case, x, np.zeros(len(x)))
     corners = nadir(np.array([-6e3, 6e3, 0.0]), np.array([-6e3, 6e3, 0.0]))
     around = surrounded(
-        [corners], spacing, mean, band,
+        [corners],
+        spacing,
+        mean,
+        band,
         lambda *place: reflectance(case, *(angle * EQUATORIAL for angle in place)),
-    )  # fmt: skip
+    )
     unused: Any = None
     setting = Setting(0, 1, 0, unused, band, mean, 1, unused, environment=around)
     extinction = np.array(column["molecules"]) + np.array(column["aerosol"])
@@ -167,9 +172,11 @@ def nadir(x: Floats, y: Floats) -> Ground:
 def cost(size: int, turns: int = 5) -> float:
     """CPU time of an image of mountains from an orbit over that with the mean around."""
     channel = Channel(
-        "blue", Optics(0.25, 4.0, blur=3e-6), _detector(size),
+        "blue",
+        Optics(0.25, 4.0, blur=3e-6),
+        _detector(size),
         Curve((449 * nm, 450 * nm, 500 * nm, 501 * nm), (0, 1, 1, 0)),
-    )  # fmt: skip
+    )
     orbit = Orbit("2026-06-21T10:00:00", 700e3, 98 * deg, 140 * deg, 47 * deg)
     longitude, latitude, _ = (float(one[0]) for one in geodetic(fly(orbit, np.zeros(1)).position))
     hills = Terrain(fractal=Fractal(longitude, latitude, 30.0, 2048, 1500.0), highest=1600.0)

@@ -51,9 +51,7 @@ def main() -> None:
     options = command.read(parser, size=40, fires=2)
     radiance, noise = loop_radiance_error(options.size)
     place = loop_place_px(options.size, options.fires)
-    figures = {
-        "loop_radiance_error": radiance, "loop_noise_ratio": noise, "loop_place_px": place,
-    }  # fmt: skip
+    figures = {"loop_radiance_error": radiance, "loop_noise_ratio": noise, "loop_place_px": place}
     print(f"loop_radiance_error {100 * radiance:.3f} %, scatter {noise:.3f} of the predicted one")
     print(f"loop_place_px {place:.3f} pixel rms over {RELIEF:g} m of relief")
     command.save(options, figures)
@@ -82,9 +80,11 @@ def loop_place_px(size: int = SIZE, fires: int = FIRES, seed: int = 1) -> float:
     warm = survey.camera.channels[0]
     warm = replace(warm, detector=replace(warm.detector, scan=Scan(), full_well=2e7))
     survey = replace(
-        survey, camera=Imager((warm,)), pointing=replace(survey.pointing, roll=ROLL),
+        survey,
+        camera=Imager((warm,)),
+        pointing=replace(survey.pointing, roll=ROLL),
         land=Land((Cover(Curve((), (0.02,)), 290.0),), lapse=0.0),
-    )  # fmt: skip
+    )
     cold, _, channel, _ = make(survey, seed)
     pixel = float(np.hypot(cold.grid.step_x, cold.grid.step_y)) / math.sqrt(2)
     spots = _spots(survey, channel, fires, AREA * pixel**2)

@@ -12,8 +12,17 @@ from matplotlib.axes import Axes
 from startrack.io.saving import save_text
 from startrack.plots import BLUE, GREY, RED, legend_below, picture, save_picture, styled
 
-NEEDED = ("snr", "nedt", "mtf", "saturation", "gsd", "bands", "bands_between", "sun_band_error",
-          "sun_band_error_of_all")  # fmt: skip
+NEEDED = (
+    "snr",
+    "nedt",
+    "mtf",
+    "saturation",
+    "gsd",
+    "bands",
+    "bands_between",
+    "sun_band_error",
+    "sun_band_error_of_all",
+)
 BEFORE = Path(__file__).parents[1] / "docs/earth-cameras-before.json"
 NAMES = {
     "sentinel2-msi": "Sentinel-2, MSI",
@@ -38,19 +47,26 @@ def text_of(found: dict[str, Any], told: dict[str, Any], before: dict[str, Any])
         for band, row in bands.items()
     )
     return TEMPLATE.read_text(encoding="utf-8").format(
-        between=found["bands_between"], bands=found["bands"], between_first=first,
+        between=found["bands_between"],
+        bands=found["bands"],
+        between_first=first,
         between_2c=between_2c,
-        sun=100 * found["sun_band_error"], sun_all=100 * found["sun_band_error_of_all"],
+        sun=100 * found["sun_band_error"],
+        sun_all=100 * found["sun_band_error_of_all"],
         msi=_snr(found, told, before, "sentinel2-msi", "snr_measured_2c"),
-        oli=_snr(found, told, before, "landsat8-oli"), tirs=_nedt(found, before),
+        oli=_snr(found, told, before, "landsat8-oli"),
+        tirs=_nedt(found, before),
         other=_other(found),
-    )  # fmt: skip
+    )
 
 
 def _snr(
-    found: dict[str, Any], told: dict[str, Any], before: dict[str, Any], camera: str,
+    found: dict[str, Any],
+    told: dict[str, Any],
+    before: dict[str, Any],
+    camera: str,
     later: str = "",
-) -> str:  # fmt: skip
+) -> str:
     """Rows of a camera; bold where it is not between required and measured."""
     more = " measured, 2C |" if later else ""
     lines = [

@@ -97,8 +97,9 @@ def figures_of(real: Floats, terrain: Floats, grid: MapGrid) -> dict[str, Any]:
         "real_noise_ratio": noise(theirs) / noise(ours),
         "real_mtf_ratio": modulation(theirs) / modulation(fields[inner]),
         "real_place_px": float(np.hypot(*shift(ours, theirs))),
-        "steep_share": float(steep.mean()), "images": (ours, theirs, fields[inner]),
-    }  # fmt: skip
+        "steep_share": float(steep.mean()),
+        "images": (ours, theirs, fields[inner]),
+    }
 
 
 def read(path: Path) -> tuple[Floats, MapGrid]:
@@ -138,15 +139,24 @@ def rendered(terrain: Floats, grid: MapGrid, folder: Path, fields: Floats | None
     low, high = float(terrain.min()), float(terrain.max())
     ground = Terrain(("dem.tif",), sea=low, lowest=low - 1, highest=high + 1, **maps)
     land = Land(
-        (Cover(Curve((), (0.25,))),), lapse=0.0,
+        (Cover(Curve((), (0.25,))),),
+        lapse=0.0,
         maps=(ReflectanceMap("fields", 830 * nm),) if maps else (),
-    )  # fmt: skip
+    )
     high_above = 100e3 - (low + high) / 2
     pitch, size = 40 * um, grid.columns + 40
     detector = Detector(
-        size, size, pitch, 1e-3, Curve((), (0.6,)), full_well=1e6, bits=8, offset=8,
-        pixel_rate=1e9, scan=Scan(),
-    )  # fmt: skip
+        size,
+        size,
+        pitch,
+        1e-3,
+        Curve((), (0.6,)),
+        full_well=1e6,
+        bits=8,
+        offset=8,
+        pixel_rate=1e9,
+        scan=Scan(),
+    )
     focal = pitch * high_above / grid.step_x
     # exp(-2 (pi s / 2)^2) of the blur times 2 / pi of the pixel is 0.3 at Nyquist frequency.
     blur = pitch * np.sqrt(-np.log(0.3 * np.pi / 2) * 2) / np.pi
@@ -179,10 +189,16 @@ def write(path: Path, values: Floats, grid: MapGrid) -> None:
 
     step = grid.step_x * grid.columns / values.shape[1]
     with rasterio.open(
-        path, "w", driver="GTiff", width=values.shape[1], height=values.shape[0], count=1,
-        dtype="float32", crs=grid.system,
+        path,
+        "w",
+        driver="GTiff",
+        width=values.shape[1],
+        height=values.shape[0],
+        count=1,
+        dtype="float32",
+        crs=grid.system,
         transform=rasterio.transform.from_origin(grid.west, grid.north, step, step),
-    ) as file:  # fmt: skip
+    ) as file:
         file.write(values.astype(np.float32), 1)
 
 
@@ -221,11 +237,16 @@ def shift(ours: Floats, theirs: Floats) -> tuple[float, float]:
     inner = (slice(6, -6), slice(6, -6))
     steps = np.arange(-4, 4.01, 0.25)
     best = [
-        (np.corrcoef(
-            map_coordinates(flat[1], [y + dy, x + dx], order=1)[inner].ravel(),
-            flat[0][inner].ravel(),
-        )[0, 1], dy, dx)
-        for dy in steps for dx in steps
-    ]  # fmt: skip
+        (
+            np.corrcoef(
+                map_coordinates(flat[1], [y + dy, x + dx], order=1)[inner].ravel(),
+                flat[0][inner].ravel(),
+            )[0, 1],
+            dy,
+            dx,
+        )
+        for dy in steps
+        for dx in steps
+    ]
     _, down, right = max(best)
     return down, right

@@ -46,9 +46,11 @@ def main() -> None:
     )
     parts = {one.__name__: one for one in (sun, sensors, air, surfaces, loop, rays)}
     parser.add_argument(
-        "parts", nargs="*", metavar="PART",
+        "parts",
+        nargs="*",
+        metavar="PART",
         help=f"of {', '.join(parts)} (default: all); the page needs sun and sensors",
-    )  # fmt: skip
+    )
     parser.add_argument("--page", type=Path, metavar="FOLDER", help="write the page here")
     options = command.read(parser)
     told = json.loads((ROOT / "tests/oracle/earth_cameras.json").read_text(encoding="utf-8"))
@@ -98,12 +100,18 @@ def sensors(told: dict[str, Any], quick: bool) -> dict[str, Any]:
             band = band_of(channel, None, height, seen.sun_distance)
             one = figures(channel, band, height, ground_rate(seen.carrier))
             values: dict[str, Any] = {
-                "snr": one.snr, "nedt": one.nedt, "mtf": min(one.mtf_across, one.mtf_along),
-                "saturation": one.saturation, "gsd": one.sampling_across,
-            }  # fmt: skip
+                "snr": one.snr,
+                "nedt": one.nedt,
+                "mtf": min(one.mtf_across, one.mtf_along),
+                "saturation": one.saturation,
+                "gsd": one.sampling_across,
+            }
             for kind in kinds:
-                row = [getattr(channel.required, kind), values[kind],
-                       getattr(channel.measured, kind)]  # fmt: skip
+                row = [
+                    getattr(channel.required, kind),
+                    values[kind],
+                    getattr(channel.measured, kind),
+                ]
                 if row[0] is not None or row[2] is not None:
                     scaled = [each and each * (um if kind == "saturation" else 1) for each in row]
                     found[kind].setdefault(camera, {})[channel.name] = scaled

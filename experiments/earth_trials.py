@@ -43,9 +43,15 @@ Floats = NDArray[np.float64]
 SIDE, PIXEL = 28, 30.0  # pixel, metre
 EDGE = 3  # pixel that are left out
 KNOWN = Knowledge(
-    lamp=0.01, straylight=0.005, wavelength=0.5 * nm, visibility=0.1, slope=0.02, height=2.0,
-    registration=0.3, beyond=0.03,
-)  # fmt: skip
+    lamp=0.01,
+    straylight=0.005,
+    wavelength=0.5 * nm,
+    visibility=0.1,
+    slope=0.02,
+    height=2.0,
+    registration=0.3,
+    beyond=0.03,
+)
 LAYERS = "radiance", "reflectance", "surface reflectance", "place"
 WARM = "radiance", "brightness temperature", "place"  # of a thermal channel
 
@@ -73,13 +79,18 @@ def shares(trials: int, seed: int = 1, thermal: bool = False) -> dict[str, tuple
             render(straight, straight.channels[0], folder, 0, picture)
             light = picture.terms.total.astype(float)
             if thermal:
-                truth = {"radiance": light, "brightness temperature": brightness_temperature(
-                    light.ravel(), band).reshape(light.shape)}  # fmt: skip
+                truth = {
+                    "radiance": light,
+                    "brightness temperature": brightness_temperature(light.ravel(), band).reshape(
+                        light.shape
+                    ),
+                }
             else:
                 truth = {
-                    "radiance": light, "surface reflectance": surface,
+                    "radiance": light,
+                    "surface reflectance": surface,
                     "reflectance": layers["reflectance"] * light / layers["radiance"],
-                }  # fmt: skip
+                }
             off = {
                 name: (layers[name] - true) / doubt[name]["total"] for name, true in truth.items()
             }
@@ -108,9 +119,18 @@ def scene(folder: Path, rng: np.random.Generator, thermal: bool) -> Survey:
     longitude, latitude = grid.places(slice(0, cells))
     middle = cells // 2 * cells + cells // 2
     detector = Detector(
-        SIDE, SIDE, 40 * um, 1e-3, Curve((), (0.6,)), full_well=2e5, bits=12, offset=20,
-        read_noise=60.0, pixel_rate=1e9, scan=Scan(),
-    )  # fmt: skip
+        SIDE,
+        SIDE,
+        40 * um,
+        1e-3,
+        Curve((), (0.6,)),
+        full_well=2e5,
+        bits=12,
+        offset=20,
+        read_noise=60.0,
+        pixel_rate=1e9,
+        scan=Scan(),
+    )
     focal = 40 * um * (99.6e3) / PIXEL
     band = Curve((499 * nm, 500 * nm, 540 * nm, 541 * nm), (0.0, 1.0, 1.0, 0.0))
     if thermal:
@@ -125,10 +145,16 @@ def scene(folder: Path, rng: np.random.Generator, thermal: bool) -> Survey:
     terrain = Terrain(("dem.tif",), sea=400.0, lowest=0.0, highest=1000.0)
     terrain = replace(terrain, maps=(MapFile("land", "land.tif", absent=0.25),))
     return fitted(
-        Survey(Imager((channel,)), terrain, aircraft=plane, land=land, air=Air(visibility=15e3),
-               knowledge=KNOWN),
+        Survey(
+            Imager((channel,)),
+            terrain,
+            aircraft=plane,
+            land=land,
+            air=Air(visibility=15e3),
+            knowledge=KNOWN,
+        ),
         folder,
-    )  # fmt: skip
+    )
 
 
 def fitted(survey: Survey, folder: Path) -> Survey:
@@ -169,15 +195,18 @@ def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats, mea
         roll=KNOWN.registration * z[4] * pixel, pitch=KNOWN.registration * z[5] * pixel
     )
     return replace(
-        survey, camera=Imager((channel,)), pointing=turned,
+        survey,
+        camera=Imager((channel,)),
+        pointing=turned,
         air=Air(visibility=15e3 * (1 + KNOWN.visibility * z[3])),
-        terrain=replace(survey.terrain, files=("true.tif",), maps=(around,)), land=land,
-    )  # fmt: skip
+        terrain=replace(survey.terrain, files=("true.tif",), maps=(around,)),
+        land=land,
+    )
 
 
 def made(
-    true: Survey, believed: Survey, folder: Path, seed: int, lamp: float, stray: float,
-) -> tuple[dict[str, Floats], dict[str, dict[str, Floats]], Floats]:  # fmt: skip
+    true: Survey, believed: Survey, folder: Path, seed: int, lamp: float, stray: float
+) -> tuple[dict[str, Floats], dict[str, dict[str, Floats]], Floats]:
     """Layers of the product of a true scene by what is believed, their uncertainties, and where
     the pixels truly lie, as of `places`."""
     channel, mine = true.channels[0], believed.channels[0]

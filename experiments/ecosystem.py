@@ -99,12 +99,15 @@ CODE = (
     'instrument.detector.charge_effects=["amplifier_glow"]',
 )
 CAMPAIGN = (
-    "campaign.fidelity=frame", "campaign.trials=8", "campaign.most_trials=16",
+    "campaign.fidelity=frame",
+    "campaign.trials=8",
+    "campaign.most_trials=16",
     "campaign.analytic_evaluations=12",
-    "campaign.evaluations=12", "campaign.fresh_trials=16",
+    "campaign.evaluations=12",
+    "campaign.fresh_trials=16",
     'campaign.variables=[{name="instrument.detector.exposure", low="40 ms", high="200 ms"}, '
     '{name="tracker.detection.threshold", low=4.0, high=12.0}]',
-)  # fmt: skip
+)
 EXAMPLE_DESIGN = "designs/noise_only.toml"
 WRONG = 8.0  # arcmin
 PERIOD, SLEW = 0.1, 0.3 * deg  # second, radian / second, of the frames for hardware in the loop

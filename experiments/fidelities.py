@@ -273,15 +273,23 @@ def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
             size = np.sort(np.abs(known(each))) / ARCSEC
             beyond = 1 - np.arange(len(size)) / len(size)
             axis.plot(size, beyond, ls=line, label=f"{fidelity}, {len(size)} trials")
-        axis.set(yscale="log", ylim=(1e-3, 1.2), ylabel="trials beyond (fraction)",
-                 xlabel="error across the boresight, one axis (arcsec)",
-                 title=f"{name} design")  # fmt: skip
+        axis.set(
+            yscale="log",
+            ylim=(1e-3, 1.2),
+            ylabel="trials beyond (fraction)",
+            xlabel="error across the boresight, one axis (arcsec)",
+            title=f"{name} design",
+        )
         legend_below(axis, 2)
     for marker, name in (("o", "example"), ("s", "megapixel")):
         rates = np.array([figures[f"{name}_{each}_trials_per_s"] for each in Fidelity])
         axes[2].semilogx(1e3 / rates, range(len(rates)), marker + "-", label=name)
-    axes[2].set(yticks=range(len(Fidelity)), yticklabels=list(Fidelity),
-                xlabel="CPU time of a trial (ms)", title="cost")  # fmt: skip
+    axes[2].set(
+        yticks=range(len(Fidelity)),
+        yticklabels=list(Fidelity),
+        xlabel="CPU time of a trial (ms)",
+        title="cost",
+    )
     legend_below(axes[2], 2)
     save_picture(path, plot)
 

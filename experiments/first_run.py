@@ -92,8 +92,9 @@ class Place(NamedTuple):
 
     def run(self, *words: str) -> Spent:
         """Seconds of `startrack` with these words."""
-        return clocked([str(self.python), "-m", "startrack.cli", *words], self.home,
-                       self.environment())  # fmt: skip
+        return clocked(
+            [str(self.python), "-m", "startrack.cli", *words], self.home, self.environment()
+        )
 
     def forget(self) -> None:
         """Remove all that was made since the installation."""
@@ -106,8 +107,12 @@ class Place(NamedTuple):
         """All files in the folder of its startrack."""
         told = subprocess.run(
             [self.python, "-c", "import startrack; print(startrack.__path__[0])"],
-            capture_output=True, text=True, check=True, cwd=self.home, env=self.environment(),
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=self.home,
+            env=self.environment(),
+        )
         folder = Path(told.stdout.strip())
         if not folder.is_relative_to(self.python.parents[1]):
             raise SystemExit(f"{self.python} imports startrack from {folder}")
@@ -118,9 +123,13 @@ def clocked(words: list[str], folder: Path, environment: dict[str, str]) -> Spen
     """Seconds of a command, which must succeed."""
     began, before = time.perf_counter(), os.times()
     done = subprocess.run(
-        words, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        words,
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
-    )  # fmt: skip
+    )
     after = os.times()
     if done.returncode:
         raise SystemExit(f"{' '.join(words)} ended with {done.returncode}:\n{done.stdout[-2000:]}")
@@ -250,8 +259,11 @@ def import_ms(python: Path, environment: dict[str, str], times: int) -> float:
     for _ in range(times):
         told = subprocess.run(
             [python, "-X", "importtime", "-c", "import startrack"],
-            capture_output=True, text=True, check=True, env=environment,
-        ).stderr  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+            env=environment,
+        ).stderr
         # import time: self [us] | cumulative | imported package
         line = next(
             line for line in told.splitlines() if line.split("|")[-1].strip() == "startrack"

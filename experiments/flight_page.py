@@ -22,14 +22,22 @@ def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
     """
     table = a["acquisition_rows"]
     return TEMPLATE.read_text(encoding="utf-8").format(
-        a=a, b=b,
-        dark_before=100 * b["dark_bins_worst"], dark_after=100 * a["dark_bins_worst"],
-        warm_before=100 * b["warm_share_worst"], warm_after=100 * a["warm_share_worst"],
-        psf_before=100 * b["psf_worst"], psf_after=100 * a["psf_worst"],
-        psf_median=100 * a["psf_median"], acquisitions=len(table),
-        bench_within=100 * a["bench_within_0_1"], bench_cells=len(a["bench_rows"]),
-        within_before=100 * b["acquisition_within"], within_after=100 * a["acquisition_within"],
-        interval=100 * a["camera_interval"], stars=min(row[6] for row in table),
+        a=a,
+        b=b,
+        dark_before=100 * b["dark_bins_worst"],
+        dark_after=100 * a["dark_bins_worst"],
+        warm_before=100 * b["warm_share_worst"],
+        warm_after=100 * a["warm_share_worst"],
+        psf_before=100 * b["psf_worst"],
+        psf_after=100 * a["psf_worst"],
+        psf_median=100 * a["psf_median"],
+        acquisitions=len(table),
+        bench_within=100 * a["bench_within_0_1"],
+        bench_cells=len(a["bench_rows"]),
+        within_before=100 * b["acquisition_within"],
+        within_after=100 * a["acquisition_within"],
+        interval=100 * a["camera_interval"],
+        stars=min(row[6] for row in table),
         camera_rows="\n".join(
             f'| {name} | {unknowns} | {y:.3f}" | {z:.3f}" |'
             for name, unknowns, y, z in a["camera_orders"]
@@ -49,17 +57,18 @@ def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
             f"| {axis} | {trend:g} | {scale:g} | {jumps} | {rms:.1f} |"
             for axis, trend, scale, jumps, rms in a["drift_rows"]
         ),
-    )  # fmt: skip
+    )
 
 
 def _acquisition(rows: list[list[float]], half: int) -> str:
     mine = [row for row in rows if row[2] == half]
     magnitudes = sorted({row[0] for row in mine})
     lines = [
-        f'Half width {half}", predicted (flown):', "",
+        f'Half width {half}", predicted (flown):',
+        "",
         "| degC | " + " | ".join(f"{one:g} mag" for one in magnitudes) + " |",
         "|---" * (len(magnitudes) + 1) + "|",
-    ]  # fmt: skip
+    ]
     for celsius in sorted({row[1] for row in mine}):
         cells = []
         for magnitude in magnitudes:

@@ -136,13 +136,15 @@ def _by_openstartracker(shots: list[Shot], case: Case, program: Path, folder: Pa
     (folder / "calibration.txt").write_text("".join(f"{k}={v}\n" for k, v in constants.items()))
     # Its z is to smaller rows; with rows that count upwards its axes are right-handed.
     given = [
-        np.column_stack([
-            shot.spots[:, 0] + columns / 2,
-            rows / 2 - shot.spots[:, 1],
-            -2.5 * np.log10(shot.spots[:, 2] / bright),
-        ])
+        np.column_stack(
+            [
+                shot.spots[:, 0] + columns / 2,
+                rows / 2 - shot.spots[:, 1],
+                -2.5 * np.log10(shot.spots[:, 2] / bright),
+            ]
+        )
         for shot in shots
-    ]  # fmt: skip
+    ]
     (folder / "spots.csv").write_text(
         "".join(",".join(f"{value:.6f}" for value in one.ravel()) + "\n" for one in given)
     )

@@ -113,8 +113,11 @@ def seconds_of(folder: Path, *words: str) -> float:
     began = time.perf_counter()
     subprocess.run(
         [sys.executable, "-m", "startrack.cli", *words],
-        env=environment, cwd=folder, check=True, capture_output=True,
-    )  # fmt: skip
+        env=environment,
+        cwd=folder,
+        check=True,
+        capture_output=True,
+    )
     return time.perf_counter() - began
 
 
@@ -124,10 +127,12 @@ def plain_numba_same(folder: Path) -> bool:
     outcomes = [
         subprocess.run(
             [sys.executable, "-W", "ignore", "-c", TRIALS, *words],
-            env=environment, check=True, capture_output=True,
+            env=environment,
+            check=True,
+            capture_output=True,
         ).stdout
         for words in ([], ["plain"])
-    ]  # fmt: skip
+    ]
     return outcomes[0] == outcomes[1]
 
 
@@ -146,8 +151,9 @@ def passed_on(version: str) -> bool:
         subprocess.run([sys.executable, *words], check=True)
         paths = [folder, str(HOME.parent)]
         environment = os.environ | {
-            "PYTHONPATH": os.pathsep.join(paths), "NUMBA_CACHE_DIR": f"{folder}/kernels",
-        }  # fmt: skip
+            "PYTHONPATH": os.pathsep.join(paths),
+            "NUMBA_CACHE_DIR": f"{folder}/kernels",
+        }
         words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", *TESTS]
         ended = subprocess.run([sys.executable, *words], cwd=HOME.parent, env=environment)
     return ended.returncode == 0

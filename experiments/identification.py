@@ -347,8 +347,9 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         if not len(at):
             continue
         answers = [rows[i][name] for i in at]
-        above.plot(at, [100 * a["success"] for a in answers], f"{mark}-", ms=4, color=colour,
-                   label=name)  # fmt: skip
+        above.plot(
+            at, [100 * a["success"] for a in answers], f"{mark}-", ms=4, color=colour, label=name
+        )
         below.plot(at, [a["median_ms"] for a in answers], f"{mark}-", ms=4, color=colour)
         below.plot(at, [a["p99_ms"] for a in answers], ":", color=colour)
     reach = [100 * row["within_reach"] for row in rows]

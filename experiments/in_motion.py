@@ -171,8 +171,9 @@ def main() -> None:
     values["streaked_real"] = streaked()
     values["streaked_real_solved"] = int("rate_deg_s" in values["streaked_real"])
     for name, fidelity in (
-        ("sequence_1000_s", Fidelity.WINDOW), ("sequence_frames_s", Fidelity.FRAME)
-    ):  # fmt: skip
+        ("sequence_1000_s", Fidelity.WINDOW),
+        ("sequence_frames_s", Fidelity.FRAME),
+    ):
         values[name] = spent(case, fidelity, 5 if options.quick else 1000)
     print(json.dumps(values, indent=1))
     command.save(options, values)
@@ -238,8 +239,10 @@ def streaked() -> dict[str, Any]:
         "streak_deg": math.degrees(math.atan2(-y, x)) % 180,
         "rate_deg_s": math.hypot(x, y) / camera.focal_length_px / EXPOSURE / deg,
     }
-    return {name: [value, STREAKED[name][0] < value < STREAKED[name][2]]
-            for name, value in found.items()}  # fmt: skip
+    return {
+        name: [value, STREAKED[name][0] < value < STREAKED[name][2]]
+        for name, value in found.items()
+    }
 
 
 def spent(case: Case, fidelity: Fidelity, frames: int) -> float:

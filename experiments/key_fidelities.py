@@ -408,9 +408,10 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="write the file of the reference")
     parser.add_argument("--table", help="the keys of one table alone, such as tracker.detection")
     parser.add_argument(
-        "--refusals", action="store_true",
+        "--refusals",
+        action="store_true",
         help="find the refusals alone; what is left out is that of the file, without trials",
-    )  # fmt: skip
+    )
     options = command.read(parser)
     figures = of_all_keys(options)
     for name, one in figures.items():

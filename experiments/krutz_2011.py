@@ -205,9 +205,13 @@ def _limit_effort(count: int) -> None:
 
 @kernel
 def _off_axis(
-    radius: Floats, r: Floats, amplitude: NDArray[np.complex128], cosine: Floats, plane: float,
+    radius: Floats,
+    r: Floats,
+    amplitude: NDArray[np.complex128],
+    cosine: Floats,
+    plane: float,
     wavenumber: float,
-) -> Any:  # fmt: skip
+) -> Any:
     """Sum over the lens; half a turn is enough by symmetry."""
     result = np.empty(len(radius), np.complex128)
     for n in range(len(radius)):

@@ -44,7 +44,7 @@ from startrack import (
     load_design,
     run_trials,
     shipped,
-)  # fmt: skip
+)
 from startrack.catalog import open_sky
 from startrack.cli.lens import interpolation_error
 from startrack.core import Floats
@@ -60,7 +60,7 @@ from startrack.optics import (
     open_optics,
     read_prescription,
     trace_lens,
-)  # fmt: skip
+)
 from startrack.optics.ghosts import ghost_map, pairs, reflectances
 from startrack.optics.lens_psf import Band, _Plan, _stars, band_of
 from startrack.optimise import TrialRunner, optimize
@@ -285,9 +285,13 @@ def stamps(case: Case, count: int) -> tuple[float, float]:
     order = np.argsort(spectra @ WAVELENGTH / spectra.sum(axis=1))
     camera, images = instrument.camera, field_psf_of(instrument)
     plan = _Plan(
-        open_optics(instrument.optics), camera, instrument.detector.pitch,
-        band_of(WAVELENGTH, spectra[order]), 1.0, 0.0,
-    )  # fmt: skip
+        open_optics(instrument.optics),
+        camera,
+        instrument.detector.pitch,
+        band_of(WAVELENGTH, spectra[order]),
+        1.0,
+        0.0,
+    )
     off, flux = [], []
     random = np.random.default_rng(1)
     for x, y in random.uniform(0, camera.columns - 1, (count, 2)):
@@ -327,9 +331,14 @@ def frames(case: Case, runs: int) -> dict[str, float]:
 
     def frame(psf: Psf | FieldPsf) -> object:
         exposure = Exposure(
-            light, psf, path, attitude, instrument.camera, instrument.detector,
+            light,
+            psf,
+            path,
+            attitude,
+            instrument.camera,
+            instrument.detector,
             throughput(instrument),
-        )  # fmt: skip
+        )
         return expose(exposure, Streams(1, 1))
 
     table, mean = images_of(instrument), psf_of(instrument)
@@ -401,9 +410,14 @@ def optimum_on_bounds(quick: bool) -> list[str]:
     case = at_rest(design.case) if quick else design.case
     # Fewer than the design asks for: each design behind a lens takes some seconds by itself.
     campaign = replace(
-        design.campaign, trials=20, most_trials=40, evaluations=16, analytic_evaluations=12,
-        fresh_trials=50, fresh_units=10,
-    )  # fmt: skip
+        design.campaign,
+        trials=20,
+        most_trials=40,
+        evaluations=16,
+        analytic_evaluations=12,
+        fresh_trials=50,
+        fresh_units=10,
+    )
     if quick:
         campaign = replace(
             campaign, trials=2, most_trials=2, evaluations=1, analytic_evaluations=1, fresh_trials=2

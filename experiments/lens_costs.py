@@ -40,11 +40,17 @@ def rows() -> list[dict[str, Any]]:
         wider = HALF_DIAGONAL / focal / math.tan(table.field[-1])
         elements = len(base.elements) * max(speed, 1.0) ** COMPLEXITY
         cost = cost_of(base.scaled(focal / table.focal_length, speed, wider), elements)
-        row = {"name": lens["name"], "source": lens["source"], "elements": lens["elements"],
-               "elements_predicted": cost.elements, "mass_g": lens["mass_g"],
-               "mass_predicted_g": 1e3 * cost.mass, "price": lens["price"],
-               "price_predicted": cost.price,
-               "volume_predicted_cm3": 1e6 * cost.volume}  # fmt: skip
+        row = {
+            "name": lens["name"],
+            "source": lens["source"],
+            "elements": lens["elements"],
+            "elements_predicted": cost.elements,
+            "mass_g": lens["mass_g"],
+            "mass_predicted_g": 1e3 * cost.mass,
+            "price": lens["price"],
+            "price_predicted": cost.price,
+            "volume_predicted_cm3": 1e6 * cost.volume,
+        }
         row["mass_ratio"] = row["mass_g"] / row["mass_predicted_g"]
         row["price_ratio"] = lens["price"] and lens["price"] / cost.price
         row["volume_cm3"] = row["volume_ratio"] = None

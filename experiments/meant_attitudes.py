@@ -161,15 +161,21 @@ def _aem_cases() -> Iterator[Case]:
     yield "AEM", "byte-order mark", _aem({}, mark=True)
     usable = {"USEABLE_START_TIME": "2026-03-20T12:04:00", "USEABLE_STOP_TIME": "2026-079T12:16:00"}
     yield "AEM", "useable times", _aem(usable)
-    for name, second in (("QUATERNION_TYPE", {"QUATERNION_TYPE": "FIRST"}),
-                         ("ATTITUDE_DIR", {"ATTITUDE_DIR": "B2A"}), ("nothing", {}),
-                         ("TIME_SYSTEM", {"TIME_SYSTEM": "TAI"})):  # fmt: skip
+    for name, second in (
+        ("QUATERNION_TYPE", {"QUATERNION_TYPE": "FIRST"}),
+        ("ATTITUDE_DIR", {"ATTITUDE_DIR": "B2A"}),
+        ("nothing", {}),
+        ("TIME_SYSTEM", {"TIME_SYSTEM": "TAI"}),
+    ):
         yield "AEM", f"two segments that differ in {name}", _aem_segments(second)
     for changes in (
         {"ATTITUDE_TYPE": "EULER_ANGLE", "EULER_ROT_SEQ": "321"},
-        {"REF_FRAME_A": "TEME"}, {"REF_FRAME_A": "ITRF-97"}, {"REF_FRAME_B": "RTN"},
-        {"REF_FRAME_B": "STARTRACKER_1"}, {"TIME_SYSTEM": "SCLK"},
-    ):  # fmt: skip
+        {"REF_FRAME_A": "TEME"},
+        {"REF_FRAME_A": "ITRF-97"},
+        {"REF_FRAME_B": "RTN"},
+        {"REF_FRAME_B": "STARTRACKER_1"},
+        {"TIME_SYSTEM": "SCLK"},
+    ):
         key, value = next(iter(changes.items()))
         yield "AEM", f"{key} = {value}, which is legal", _aem(changes, other=False)
     yield "AEM", "XML", _aem({}, xml=True)
@@ -220,8 +226,10 @@ def _aem(
         if other:  # written by ccsds-ndm, and read by it: its components by their names
             message = NdmIo().from_string(text)
             text = NdmIo().to_string(message, NDMFileFormats.XML if xml else NDMFileFormats.KVN)
-            states = (state.quaternion_state.quaternion
-                      for state in message.body.segment[0].data.attitude_state)  # fmt: skip
+            states = (
+                state.quaternion_state.quaternion
+                for state in message.body.segment[0].data.attitude_state
+            )
             named = np.array([_standard_matrix(q.q1, q.q2, q.q3, q.qc) for q in states])
             wanted = named if (direction == "A2B") == stars_first else named.transpose(0, 2, 1)
         ends = "\r\n" if windows else "\n"
@@ -368,14 +376,18 @@ def _oem(
                 time = Time(BEGIN, scale="utc") + TimeDelta(seconds, format="sec")
                 time = getattr(time, scale.lower())
                 states = [theirs(moment) for moment in time]
-            wanted = [np.array([getattr(state, name) for state in states]).T
-                      for name in ("position", "velocity")]  # fmt: skip
+            wanted = [
+                np.array([getattr(state, name) for state in states]).T
+                for name in ("position", "velocity")
+            ]
         else:  # between rows by the formula of the circle
             rate = np.sqrt(398600.4418 / 7000.0**3)
             first, second = np.array([[0.8, 0.6, 0.0]]).T, np.array([[-0.36, 0.48, 0.8]]).T
             cosine, sine = np.cos(rate * seconds), np.sin(rate * seconds)
-            wanted = [7000.0 * (first * cosine + second * sine),
-                      7000.0 * rate * (second * cosine - first * sine)]  # fmt: skip
+            wanted = [
+                7000.0 * (first * cosine + second * sine),
+                7000.0 * rate * (second * cosine - first * sine),
+            ]
         return _differs(place, 1e3 * wanted[0], PLACE, "m") or _differs(
             speed, 1e3 * wanted[1], 0.05, "m/s"
         )
@@ -465,9 +477,18 @@ def _ck(
                     [to_frame @ vector / STEP for vector in -relative.inv().as_rotvec()]
                 )
                 spice.ckw02(
-                    handle, *ends, instrument, frame, "x", count - 1, starts, own[0][1:].copy(),
-                    q, np.ascontiguousarray(-back), np.full(count - 1, 1 / 65536),
-                )  # fmt: skip
+                    handle,
+                    *ends,
+                    instrument,
+                    frame,
+                    "x",
+                    count - 1,
+                    starts,
+                    own[0][1:].copy(),
+                    q,
+                    np.ascontiguousarray(-back),
+                    np.full(count - 1, 1 / 65536),
+                )
             else:
                 begins = own[0][[0, 12]] if gap else own[0][:1]
                 spice.ckw03(

@@ -476,8 +476,10 @@ def exported(sequences: int, frames: int) -> float | None:
     good = np.isfinite(rendered).all(axis=(1, 2))
     powers = [np.abs(np.fft.rfft(one, axis=1)) ** 2 for one in (rendered[good], drawn)]
     half = powers[0].shape[1] // 2
-    bands = [[float(one[:, part].mean()) for part in (slice(0, half), slice(half, None))]
-             for one in powers]  # fmt: skip
+    bands = [
+        [float(one[:, part].mean()) for part in (slice(0, half), slice(half, None))]
+        for one in powers
+    ]
     return max(abs(math.sqrt(b / a) - 1) for a, b in zip(*bands, strict=True))
 
 

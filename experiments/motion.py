@@ -103,8 +103,10 @@ def study(most: int, tolerance: float, calls: int) -> dict[str, float]:
             steps *= 2
         mtf = nyquist_mtf(image_path(path, CAMERA, np.array([0.0, 0.0, 1.0])), path.weight)
         cost = milliseconds(motion)
-        print(f"{name:16} {len(path.time):6} {steps:11} {cost:7.2f} {error:8.0e} "
-              f"{mtf[0]:8.5f} {mtf[1]:8.5f}")  # fmt: skip
+        print(
+            f"{name:16} {len(path.time):6} {steps:11} {cost:7.2f} {error:8.0e} "
+            f"{mtf[0]:8.5f} {mtf[1]:8.5f}"
+        )
         figures |= {f"{name}_points": len(path.time), f"{name}_equal_steps": steps}
         figures |= {f"{name}_ms": cost, f"{name}_error": error}
     start = time.process_time()

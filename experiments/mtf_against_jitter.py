@@ -58,8 +58,10 @@ def shaken(rms: float) -> Case:
     """The example design on a bus that shakes."""
     case = load_design(shipped("designs/noise_only.toml")).case
     about_x, about_y = FREQUENCIES
-    tones = (Tone(about_x, rms_x=rms, phase=-90 * deg),
-             Tone(about_y, rms_y=rms, phase=0.0, lead_y=-90 * deg))  # fmt: skip
+    tones = (
+        Tone(about_x, rms_x=rms, phase=-90 * deg),
+        Tone(about_y, rms_y=rms, phase=0.0, lead_y=-90 * deg),
+    )
     return replaced(case, "instrument.motion.tones", tones)
 
 
@@ -112,13 +114,27 @@ def draw(rows: list[dict[str, Any]], path: Path, trials: int) -> None:
         blur, error = np.array(row["blur_um"]), np.array(row["error_arcsec"])
         low, high = row["error_95"]
         low_blur, high_blur = row["best_blur_95"]
-        label = (f"{row['jitter_arcsec']:g} arcsec: best {row['best_blur_um']:.1f} um "
-                 f"[{low_blur:.1f}, {high_blur:.1f}]")  # fmt: skip
-        axes.errorbar(blur, error, [error - low, high - error], fmt=f"{mark}-", ms=4, capsize=3,
-                      color=colour, label=label)  # fmt: skip
+        label = (
+            f"{row['jitter_arcsec']:g} arcsec: best {row['best_blur_um']:.1f} um "
+            f"[{low_blur:.1f}, {high_blur:.1f}]"
+        )
+        axes.errorbar(
+            blur,
+            error,
+            [error - low, high - error],
+            fmt=f"{mark}-",
+            ms=4,
+            capsize=3,
+            color=colour,
+            label=label,
+        )
         axes.axvspan(low_blur, high_blur, color=colour, alpha=0.15, lw=0)
-    axes.set(xscale="log", yscale="log", xlabel="rms blur of the optics (um)",
-             ylabel="rms error across (arcsec)")  # fmt: skip
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="rms blur of the optics (um)",
+        ylabel="rms error across (arcsec)",
+    )
     axes.set_xticks(blur, [f"{one:g}" for one in blur])
     axes.minorticks_off()
     above = axes.secondary_xaxis("top")

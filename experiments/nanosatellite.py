@@ -36,10 +36,15 @@ EXPOSURE, STARS = "instrument.detector.exposure", "tracker.detection.max_spots"
 LENS = (FOCAL, SPEED, EXPOSURE)  # and exposure: in all worlds
 OLD = {FOCAL: 45 * mm, SPEED: 1.4, EXPOSURE: 0.216}
 NEW = {
-    FOCAL: 20.98 * mm, SPEED: 2.08, DEFOCUS: 63.45 * um, EXPOSURE: 0.2235, STARS: 30,
-    "tracker.calibration.map": 8, "instrument.structure.heater": 0.5469,
+    FOCAL: 20.98 * mm,
+    SPEED: 2.08,
+    DEFOCUS: 63.45 * um,
+    EXPOSURE: 0.2235,
+    STARS: 30,
+    "tracker.calibration.map": 8,
+    "instrument.structure.heater": 0.5469,
     "instrument.structure.detector_offset": 1 * mm,
-}  # fmt: skip
+}
 BLURS = np.array([4.0, 5.0, 6.0]) * um
 DEFOCI = np.array([-60.0, -30.0, -15.0, 0.0, 15.0, 30.0, 60.0]) * um
 UNITS, EACH, ENVIRONMENTS = 20, 10, 2

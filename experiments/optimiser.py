@@ -40,8 +40,11 @@ JUDGE = 1000  # seed of the trials that all designs are judged on; no search has
 REACH = 0.25  # of each range, around the best, within which the budget is set right
 BUDGETS = (500, 1000, 2000, 4000)  # trials, at which the leaders are compared
 SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
-    "trials": 2, "most_trials": 2, "evaluations": 2, "analytic_evaluations": 2,
-}  # fmt: skip
+    "trials": 2,
+    "most_trials": 2,
+    "evaluations": 2,
+    "analytic_evaluations": 2,
+}
 
 
 class Judging(NamedTuple):
@@ -320,8 +323,14 @@ def search(options: argparse.Namespace) -> dict[str, Any]:
             else:
                 run = others[name](space, campaign, seed, options.trials, ledger)
             runs.setdefault(name, []).append(run)
-            print(name, seed, run.trials[-1], run.points[-1].round(3),
-                  f"{time.process_time() - began:.0f} s", flush=True)  # fmt: skip
+            print(
+                name,
+                seed,
+                run.trials[-1],
+                run.points[-1].round(3),
+                f"{time.process_time() - began:.0f} s",
+                flush=True,
+            )
         return judge(space, campaign, runs, ledger, judging)
 
 
@@ -381,15 +390,28 @@ def draw(figures: dict[str, Any], path: Path) -> None:
     )
     axes = figure.subplots()
     for (prefix, label), colour, mark in zip(
-        {"": "startrack", "nlopt_plain_": "Sbplx, fixed trials", "tpe_": "TPE (Optuna)",
-         "cmaes_": "CMA-ES"}.items(), CYCLE, MARKERS, strict=False,
-    ):  # fmt: skip
+        {
+            "": "startrack",
+            "nlopt_plain_": "Sbplx, fixed trials",
+            "tpe_": "TPE (Optuna)",
+            "cmaes_": "CMA-ES",
+        }.items(),
+        CYCLE,
+        MARKERS,
+        strict=False,
+    ):
         if f"{prefix}path" not in figures:
             continue
         regret = 100 * np.expm1(figures[f"{prefix}path"])
         seeds = figures[f"{prefix}seeds"]
-        axes.plot(BUDGETS[-len(regret) :], regret, f"{mark}-", ms=4, color=colour,
-                  label=f"{label}, {seeds} seeds")  # fmt: skip
+        axes.plot(
+            BUDGETS[-len(regret) :],
+            regret,
+            f"{mark}-",
+            ms=4,
+            color=colour,
+            label=f"{label}, {seeds} seeds",
+        )
     axes.set(xscale="log", xlabel="window trials used (number)", ylabel="median regret (%)")
     axes.set_yscale("symlog", linthresh=2)
     axes.set_xticks(BUDGETS, [str(one) for one in BUDGETS])

@@ -268,8 +268,10 @@ def main() -> None:
     cv2.setNumThreads(1)
     rows: list[dict[str, Any]] = []
     if folder := command.images("real images are"):
-        print("| image | error (arcsec) | sigma (arcsec) | matches / spots | CPU (s) "
-              "| with its field: error | sigma | matches / spots | CPU (s) |")  # fmt: skip
+        print(
+            "| image | error (arcsec) | sigma (arcsec) | matches / spots | CPU (s) "
+            "| with its field: error | sigma | matches / spots | CPU (s) |"
+        )
         print("|---" * 9 + "|")
         images = list(islice(known(folder.parent), 1 if options.quick else None))
         solve(images[0][0])  # the catalogue's index and the compiler's work do not count

@@ -192,9 +192,12 @@ def start(call: tuple[str, ...], rounds: int) -> Start:
 def once(words: list[str], folder: str) -> Start:
     before, began = children(), time.perf_counter()
     subprocess.run(
-        words, cwd=folder, env=os.environ | {"PYTHONPATH": str(HOME.parent)}, check=True,
+        words,
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(HOME.parent)},
+        check=True,
         stdout=subprocess.DEVNULL,
-    )  # fmt: skip
+    )
     return Start(children() - before, time.perf_counter() - began)
 
 

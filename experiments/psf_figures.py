@@ -123,9 +123,11 @@ def _draw(path: Path, r1: float, r2: float, f_numbers: Floats) -> None:
     axes = figure.subplots(4, 1).reshape(2, 2)
     curves = (
         ("Figure 6: error of the maximum", [maximum_error(n) for n in f_numbers]),
-        ("Figure 7: error at the Nyquist frequency (5 um pixels)",
-         [nyquist_error(n) for n in f_numbers]),
-    )  # fmt: skip
+        (
+            "Figure 7: error at the Nyquist frequency (5 um pixels)",
+            [nyquist_error(n) for n in f_numbers],
+        ),
+    )
     bound = [fresnel_error(FOCAL, DISTANCE, WAVELENGTH, FOCAL / n / 2) for n in f_numbers]
     for place, (title, error) in zip(axes[0], curves, strict=True):
         place.plot(f_numbers, 100 * np.array(error), color=BLUE, label="Fresnel - Kirchhoff")

@@ -98,8 +98,11 @@ def patterns(peers: dict[str, Any], rounds: int, picked: int) -> dict[str, float
     clear = airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
     pick = np.random.default_rng(8).integers(0, len(FIELD), (picked, 2))
     aberrated = by_rings(coefficients, FIELD[pick])
-    makers = {"": Pattern()} | {f"_{name}": maker(FIELD, NOLL) for name, maker in peers.items()
-                            if name in psf_peers.PATTERNS}  # fmt: skip
+    makers = {"": Pattern()} | {
+        f"_{name}": maker(FIELD, NOLL)
+        for name, maker in peers.items()
+        if name in psf_peers.PATTERNS
+    }
     tasks: dict[tuple[str, str], Callable[[], Floats]] = {}
     for name, maker in makers.items():
         tasks["airy", name] = maker.clear
@@ -143,8 +146,14 @@ def stamps(peers: dict[str, Any], rounds: int, places: int) -> dict[str, float]:
                     errors.setdefault(name, []).append(
                         float(np.mean((centroid(way(x, y)) - wanted) ** 2))
                     )
-            spent = alternate({("", name): lambda way=way: way(0.2, -0.3)  # type: ignore[misc]
-                               for name, way in ways.items() if name}, rounds)  # fmt: skip
+            spent = alternate(
+                {
+                    ("", name): lambda way=way: way(0.2, -0.3)  # type: ignore[misc]
+                    for name, way in ways.items()
+                    if name
+                },
+                rounds,
+            )
             for (_, name), seconds in spent.items():
                 times.setdefault(name, []).append(seconds)
             times.setdefault("", []).append(_many(psf, rounds))

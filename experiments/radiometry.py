@@ -128,9 +128,13 @@ def natraj() -> float:
     config.single_scatter_source = sk.SingleScatterSource.DiscreteOrdinates
     heights = np.array([0.0, 1.0])
     geometry = sk.Geometry1D(
-        0.2, 0.0, 6371e3, heights, sk.InterpolationMethod.LowerInterpolation,
+        0.2,
+        0.0,
+        6371e3,
+        heights,
+        sk.InterpolationMethod.LowerInterpolation,
         sk.GeometryType.PlaneParallel,
-    )  # fmt: skip
+    )
     view = sk.ViewingGeometry()
     for cosine, azimuth in NATRAJ:
         view.add_ray(sk.GroundViewingSolar(0.2, math.radians(azimuth), cosine, 200e3))
@@ -206,9 +210,11 @@ def modtran() -> dict[str, Any]:
     wavelength = np.array(theirs["wavelength_nm"]) * nm
     total = np.array([np.interp(wavelength, rows[:, 0], rows[:, i]) for i in (2, 3, 4, 5)]).sum(0)
     grid = SHIPPED._replace(
-        height=np.array([0.0]), altitude=np.array([2e3, 15e3, 24.5e3, TOP]),
-        sun=np.array([0.0, 50.0]) * deg, azimuth=np.array([0.0, 90.0, 180.0]) * deg,
-    )  # fmt: skip
+        height=np.array([0.0]),
+        altitude=np.array([2e3, 15e3, 24.5e3, TOP]),
+        sun=np.array([0.0, 50.0]) * deg,
+        azimuth=np.array([0.0, 90.0, 180.0]) * deg,
+    )
     table = build(Air(), grid, polarised=False)  # MODTRAN does not carry polarisation either
     response = triangles(table, wavelength, 20 * nm)
     bands = in_bands(table, response, 24500.0, AUGUST_23)
@@ -227,9 +233,13 @@ def modtran() -> dict[str, Any]:
     visible = (at >= 450) & (at <= 670)
     infrared = (at >= 780) & (at <= 1000) & ~strong
     figures = (
-        error[visible].max(), error[visible].mean(), error[infrared].max(), error[strong].max(),
-        error[oxygen].max(), np.abs(ours / total - 1)[visible].max(),
-    )  # fmt: skip
+        error[visible].max(),
+        error[visible].mean(),
+        error[infrared].max(),
+        error[strong].max(),
+        error[oxygen].max(),
+        np.abs(ours / total - 1)[visible].max(),
+    )
     return {f"modtran_total_{name}": float(one) for name, one in zip(names, figures, strict=True)}
 
 

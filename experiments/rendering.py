@@ -201,8 +201,10 @@ def noise(repeats: int, frames: int) -> dict[str, float]:
         mean = mean_map(nominal)
         methods = {"": ours} | peers()
         cost = least({name: partial(draw, mean, one, 0) for name, draw in methods.items()}, repeats)
-        print(f"\n{nominal} electrons, read noise {one.read_noise} electrons, "
-              f"{one.electrons_per_dn:.2f} electrons a number")  # fmt: skip
+        print(
+            f"\n{nominal} electrons, read noise {one.read_noise} electrons, "
+            f"{one.electrons_per_dn:.2f} electrons a number"
+        )
         print(f"{'':14} {'ms / Mpx':>9} {'chi2 / dof':>11} {'tail ratio':>11}")
         for name, draw in methods.items():
             batches = BATCHES if name else MORE_BATCHES
@@ -223,8 +225,12 @@ def frame(repeats: int) -> dict[str, float]:
     pixel = rng.uniform(0, SIZE - 1, (100, 2))
     flux = 10 ** rng.uniform(3, 5, 100)
     wavelength, throughput = np.array([500e-9, 700e-9]), np.ones(2)
-    light = Light(camera.unproject(pixel), wavelength, np.outer(flux / 0.2, np.ones(2)),
-                  np.full(2, 20 / 0.2 * camera.focal_length_px**2))  # fmt: skip
+    light = Light(
+        camera.unproject(pixel),
+        wavelength,
+        np.outer(flux / 0.2, np.ones(2)),
+        np.full(2, 20 / 0.2 * camera.focal_length_px**2),
+    )
     psf = pixel_psf(Optics(0.02, 2.0, blur=3e-6), 5e-6, wavelength, np.ones(2))
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     one = replace(SKY, prnu=0.01, dark_current=30.0)
@@ -271,8 +277,9 @@ def camera_test() -> dict[str, float]:
     slope = np.polyfit(mean, variance, 1, w=1 / variance)[0]
     line = np.polyfit(photons, mean, 1)
     times = np.array([1.0, 4.0, 8.0, 16.0])
-    signal = [pair(0.0, replace(one, exposure=float(t)), 30 + n).mean()
-              for n, t in enumerate(times)]  # fmt: skip
+    signal = [
+        pair(0.0, replace(one, exposure=float(t)), 30 + n).mean() for n, t in enumerate(times)
+    ]
     per_number = 1 / slope
     read = math.sqrt(variance[0] - slope * mean[0] - 1 / 12) * per_number
     dark_level = one.dark_rate * one.exposure / one.electrons_per_dn

@@ -53,9 +53,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     known = sorted({one.__name__.removesuffix("_case") for one in ALL})
     parser.add_argument(
-        "--kinds", nargs="+", choices=known, default=known, metavar="KIND",
+        "--kinds",
+        nargs="+",
+        choices=known,
+        default=known,
+        metavar="KIND",
         help=f"of cases: {', '.join(known)} (default: all)",
-    )  # fmt: skip
+    )
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--caches", type=int, default=30, help="damaged caches")
     parser.add_argument("--designs", type=int, default=100, help="in one process")
@@ -86,9 +90,13 @@ def main() -> None:
         wanted = [one for one in ALL if one.__name__.removesuffix("_case") in options.kinds]
         primed = not options.quick and options.kinds == known
         outside = run_cases(
-            options.cases, options.seed, report, kinds=wanted, primed=primed,
+            options.cases,
+            options.seed,
+            report,
+            kinds=wanted,
+            primed=primed,
             compiled=options.compiled,
-        )  # fmt: skip
+        )
     ended = {"kills": 0, "lost": 0, "orphans": 0, "words": 0}
     if options.kills:
         with tempfile.TemporaryDirectory() as folder:

@@ -158,26 +158,58 @@ def transit(case: Case) -> float:
 def draw(case: Case, rows: list[dict[str, Any]], path: File, skies: int) -> None:
     """Both limits over frequency; below a line, the jitter is borne."""
     figure = picture(
-        5.2, f"Scanner with time delay and integration, {skies} skies in {len(PHASES)} phases a "
-        "point; below a line, the jitter is tolerated"
-    )  # fmt: skip
+        5.2,
+        f"Scanner with time delay and integration, {skies} skies in {len(PHASES)} phases a "
+        "point; below a line, the jitter is tolerated",
+    )
     axes = figure.subplots()
     frequency = [row["frequency_hz"] for row in rows]
     rms, low, high = np.transpose([row["rms_arcsec"] for row in rows])
-    axes.errorbar(frequency, rms, [rms - low, high - rms], fmt="o-", ms=4, capsize=3,
-                  color=GREEN, label="error across +10 %, by trials, 95 %")  # fmt: skip
+    axes.errorbar(
+        frequency,
+        rms,
+        [rms - low, high - rms],
+        fmt="o-",
+        ms=4,
+        capsize=3,
+        color=GREEN,
+        label="error across +10 %, by trials, 95 %",
+    )
     least, greatest = np.transpose([row["mtf_rms_arcsec"] for row in rows])
     middle = (least + greatest) / 2
-    axes.errorbar(frequency, middle, [middle - least, greatest - middle], fmt="s-", ms=4, capsize=3,
-                  color=BLUE, label="MTF at Nyquist -10 %, range of phases")  # fmt: skip
+    axes.errorbar(
+        frequency,
+        middle,
+        [middle - least, greatest - middle],
+        fmt="s-",
+        ms=4,
+        capsize=3,
+        color=BLUE,
+        label="MTF at Nyquist -10 %, range of phases",
+    )
     detector = case.instrument.detector
-    for name, time in (("image", duration(detector)), ("stages", transit(case)),
-                       ("line", detector.exposure)):  # fmt: skip
+    for name, time in (
+        ("image", duration(detector)),
+        ("stages", transit(case)),
+        ("line", detector.exposure),
+    ):
         axes.axvline(1 / time, color="0.6", lw=0.8, ls=":")
-        axes.text(1 / time, 1.0, f" 1 / {name}", transform=axes.get_xaxis_transform(), fontsize=8,
-                  rotation=90, va="top", ha="right")  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="frequency of the jitter (Hz)",
-             ylabel="tolerated rms about x and y (arcsec)")  # fmt: skip
+        axes.text(
+            1 / time,
+            1.0,
+            f" 1 / {name}",
+            transform=axes.get_xaxis_transform(),
+            fontsize=8,
+            rotation=90,
+            va="top",
+            ha="right",
+        )
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="frequency of the jitter (Hz)",
+        ylabel="tolerated rms about x and y (arcsec)",
+    )
     legend_below(axes, 1)
     save_picture(path, figure)
 

@@ -193,18 +193,28 @@ def draw_effects(axes: Axes, found: Found) -> None:
         sigma = effect.gap.sigma[worst] / found.own[worst]
         colour = KEPT if effect.kept else SPARED
         axes.errorbar(
-            max(effect.fraction, least), row, xerr=sigma if effect.fraction > least else 0.0,
-            fmt="o" if effect.fraction > least else "<", color=colour, ms=5,
-        )  # fmt: skip
+            max(effect.fraction, least),
+            row,
+            xerr=sigma if effect.fraction > least else 0.0,
+            fmt="o" if effect.fraction > least else "<",
+            color=colour,
+            ms=5,
+        )
         axes.annotate(
-            f"{1e3 * effect.seconds:+.1f} ms", (1.01, row), xycoords=("axes fraction", "data"),
-            fontsize=SMALL, va="center", color=colour,
-        )  # fmt: skip
+            f"{1e3 * effect.seconds:+.1f} ms",
+            (1.01, row),
+            xycoords=("axes fraction", "data"),
+            fontsize=SMALL,
+            va="center",
+            color=colour,
+        )
     axes.set(
-        xscale="log", xlim=(least / 1.5, None), ylim=(-0.7, len(effects) - 0.3),
+        xscale="log",
+        xlim=(least / 1.5, None),
+        ylim=(-0.7, len(effects) - 0.3),
         xlabel="error when left out, over the scene's own (1)",
         title=f"{found.view.name}, {found.trials} trials; right: CPU time of a trial",
-    )  # fmt: skip
+    )
     axes.set_yticks(range(len(effects)), [effect.name for effect in effects])
     axes.axvline(FRACTION, color=RED, ls="--", lw=1.2)
     axes.grid(axis="y", visible=False)
@@ -218,10 +228,11 @@ def draw_ways(axes: Axes, found: Sequence[Found]) -> None:
         for t, e, mark in zip(time, error, "so^", strict=False):
             axes.plot(t, e, mark, color=CYCLE[n], ms=6)
     axes.set(
-        xscale="log", xlabel="CPU time of a trial (ms)",
+        xscale="log",
+        xlabel="CPU time of a trial (ms)",
         ylabel="error over that with everything (1)",
         title="square: everything; circle: what is needed; triangle: in windows",
-    )  # fmt: skip
+    )
     axes.margins(0.15, 0.2)
     legend_below(axes, 3)
 

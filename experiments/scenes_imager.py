@@ -34,10 +34,15 @@ def view() -> View:
     nadir = next(channel for channel in survey.channels if channel.forwards == 0)
     full = with_detector(
         Flight(survey, nadir),
-        bits=12, prnu=0.01, dark_current=2e4, defects=Defects(dsnu=1e4, hot=1e-3, hot_current=1e6),
-        nonlinearity=0.01, adc_inl=1.0, pattern=Pattern(row=10.0, column=10.0, column_offset=20.0),
+        bits=12,
+        prnu=0.01,
+        dark_current=2e4,
+        defects=Defects(dsnu=1e4, hot=1e-3, hot_current=1e6),
+        nonlinearity=0.01,
+        adc_inl=1.0,
+        pattern=Pattern(row=10.0, column=10.0, column_offset=20.0),
         settling=1e-3,
-    )  # fmt: skip
+    )
     return View(
         "Earth imager",
         f"the stereo scanner WAOSS looks down on mountains from 300 km; a trial is an image of "

@@ -56,25 +56,26 @@ def views() -> Iterator[View]:
     half = case.instrument.camera.fov_y / 2
     dark = partial(dark_field, observer, down, horizon)
     yield view(
-        "in the dark",
-        f"all bodies at least {FAR / deg:.0f} degrees off the field",
-        case, dark,
-    )  # fmt: skip
+        "in the dark", f"all bodies at least {FAR / deg:.0f} degrees off the field", case, dark
+    )
     yield view(
         "slewing",
         "the same at 0.5 degrees per second",
-        with_motion(case, rate_x=0.5 * deg, rate_y=0.0), dark,
-    )  # fmt: skip
+        with_motion(case, rate_x=0.5 * deg, rate_y=0.0),
+        dark,
+    )
     yield view(
         "with the Moon",
         f"the gibbous Moon in the field, {0.7 * half / deg:.1f} degrees off its middle",
-        case, partial(beside, moon, 0.7 * half),
-    )  # fmt: skip
+        case,
+        partial(beside, moon, 0.7 * half),
+    )
     yield view(
         "with the limb",
         f"the Earth's limb by night in the field, {half / 3 / deg:.1f} degrees off its middle",
-        case, partial(beside, down, horizon + half / 3),
-    )  # fmt: skip
+        case,
+        partial(beside, down, horizon + half / 3),
+    )
 
 
 def view(name: str, text: str, case: Case, attitude: Callable[[int], Rotation]) -> View:

@@ -216,8 +216,9 @@ def regrets(name: str, seeds: int, trials: int, quick: bool) -> dict[str, Any]:
         ]
         print(
             f"{name} seed {seed}: {counts[-1]} forecasts, {best.score:.4f}, {label} "
-            f"{best.best.round(3)}, {time.process_time() - began:.0f} s", flush=True,
-        )  # fmt: skip
+            f"{best.best.round(3)}, {time.process_time() - began:.0f} s",
+            flush=True,
+        )
 
     scores = [end.value.score for end in ends]
     first = ends[int(np.argmin(scores))]
@@ -303,8 +304,9 @@ def thirty_variables(quick: bool) -> dict[str, float]:
         explore({"": explorer}, {"": space.start}, asked)
         print(
             f"{len(space)} variables: {len(explorer.points)} forecasts, {explorer.score:.4f}, "
-            f"{time.process_time() - began:.0f} s; {explorer.ending}", flush=True,
-        )  # fmt: skip
+            f"{time.process_time() - began:.0f} s; {explorer.ending}",
+            flush=True,
+        )
         found.append(explorer)
     five, thirty = found
     return {

@@ -184,9 +184,11 @@ def peer(case: Case) -> Callable[[int], float] | None:
         numbers = np.round(image.array / detector.electrons_per_dn + detector.offset)
         found = tetra3rs.extract_centroids_fast(np.clip(numbers, 0, 4095).astype(np.float32))
         answer = base.solve_from_centroids(
-            found.centroids, fov_estimate_deg=field, fov_max_error_deg=0.01 * field,
+            found.centroids,
+            fov_estimate_deg=field,
+            fov_max_error_deg=0.01 * field,
             image_shape=(camera.rows, camera.columns),
-        )  # fmt: skip
+        )
         if isinstance(answer, tetra3rs.SolveFailure):
             return math.nan
         seen = Rotation.from_matrix(np.array(answer.rotation_matrix_icrs_to_camera))
@@ -253,8 +255,7 @@ def draw(made: dict[str, Any], path: Path) -> None:
     for axes, rows, label in zip(panels, made.values(), labels, strict=True):
         for fidelity, colour, mark in zip(Fidelity, CYCLE, MARKERS, strict=False):
             at = [r["at"] for r in rows]
-            axes.plot(at, [r[fidelity] for r in rows], f"{mark}-", color=colour,
-                      label=fidelity)  # fmt: skip
+            axes.plot(at, [r[fidelity] for r in rows], f"{mark}-", color=colour, label=fidelity)
         axes.set(xlabel=label, yscale="log", ylabel="CPU time of a trial (ms)")
     panels[1].set_xscale("log", base=2)
     sides = [row["at"] for row in made["pixels"]]

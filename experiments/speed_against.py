@@ -84,10 +84,16 @@ def remember(found: dict[str, Any], commit: str) -> None:
         if new:
             writer.writerow(COLUMNS)
         for stage, row in found.items():
-            writer.writerow((
-                here, git("log", "-1", "--format=%cs"), stage, f"{row['us']:.4g}",
-                git("rev-parse", "--short=7", commit), f"{row['ratio']:.3f}",
-            ))  # fmt: skip
+            writer.writerow(
+                (
+                    here,
+                    git("log", "-1", "--format=%cs"),
+                    stage,
+                    f"{row['us']:.4g}",
+                    git("rev-parse", "--short=7", commit),
+                    f"{row['ratio']:.3f}",
+                )
+            )
 
 
 def git(*words: str) -> str:
@@ -118,9 +124,13 @@ def worker(tree: Path) -> Iterator[subprocess.Popen[str]]:
     """A process that measures stages of a tree."""
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     process = subprocess.Popen(
-        [sys.executable, str(Path(__file__))], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        text=True, cwd=tree, env={**os.environ, **one_thread, "PYTHONPATH": str(tree)},
-    )  # fmt: skip
+        [sys.executable, str(Path(__file__))],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=tree,
+        env={**os.environ, **one_thread, "PYTHONPATH": str(tree)},
+    )
     with process:
         yield process
         process.terminate()

@@ -243,9 +243,15 @@ class Embree:
 
 
 def against_embree(
-    grid: Grid, heights: NDArray[np.float32], rays: Rays, shadows: dict[int, Rays],
-    distance: Floats, nadir: float, mine: dict[int, float], name: str,
-) -> dict[str, Any]:  # fmt: skip
+    grid: Grid,
+    heights: NDArray[np.float32],
+    rays: Rays,
+    shadows: dict[int, Rays],
+    distance: Floats,
+    nadir: float,
+    mine: dict[int, float],
+    name: str,
+) -> dict[str, Any]:
     if command.missing("embree is", "embreex"):
         return {"absent": ["embreex"]}
     embree = Embree(grid, heights)
@@ -280,9 +286,12 @@ def rugged(python: str | None) -> dict[str, Any]:
     rays = random_rays(RANDOM, grid, 3000, 80, 0.2)
     with tempfile.NamedTemporaryFile(suffix=".npz") as file:
         np.savez(
-            file.name, heights=heights, grid=np.array([grid.west, grid.south, grid.step_x]),
-            origin=rays.origin, direction=rays.direction,
-        )  # fmt: skip
+            file.name,
+            heights=heights,
+            grid=np.array([grid.west, grid.south, grid.step_x]),
+            origin=rays.origin,
+            direction=rays.direction,
+        )
         script = str(Path(__file__).with_name("terrain_rugged.py"))
         told = subprocess.run(
             [python, script, file.name], capture_output=True, text=True, check=True
@@ -356,8 +365,11 @@ def aliasing(figure: Path | None, cells: int, side: int) -> dict[str, Any]:
 def draw(path: Path, images: dict[str, Floats], curves: dict[str, list[dict[str, float]]]) -> None:
     figure = picture(8.5, "Rough terrain in pixels of 8 x 8 cells, the Sun at 25 deg")
     grid = figure.add_gridspec(3, 3)
-    titles = {"truth": "1024 rays a pixel", "finest level": "finest level, 1 ray a pixel",
-              "pyramid": "pyramid, 1 ray a pixel"}  # fmt: skip
+    titles = {
+        "truth": "1024 rays a pixel",
+        "finest level": "finest level, 1 ray a pixel",
+        "pyramid": "pyramid, 1 ray a pixel",
+    }
     low, high = np.percentile(images["truth"], [0.5, 99.5])
     for column, name in enumerate(("truth", "finest level", "pyramid")):
         axes = figure.add_subplot(grid[0, column])

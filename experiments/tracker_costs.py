@@ -57,8 +57,12 @@ def detectors() -> list[dict[str, Any]]:
         detector = from_table(Detector, table["instrument"]["detector"])
         area, warm = (detector.pitch * 1e6) ** 2, detector.thermal
         growth = replace(warm, temperature=ROOM).growth if warm else 1.0
-        row = {"name": name, "full_well": detector.full_well / area,
-               "dark": detector.dark_current * growth / area, "noise": None}  # fmt: skip
+        row = {
+            "name": name,
+            "full_well": detector.full_well / area,
+            "dark": detector.dark_current * growth / area,
+            "noise": None,
+        }
         if name.startswith(CCDS):
             row["noise"] = detector.read_noise / math.sqrt(detector.pixel_rate / 1e6)
         found.append(row)
@@ -79,10 +83,11 @@ def figures() -> dict[str, Any]:
         "power_ratio": [one["power_ratio"] for one in built if one["power_ratio"]],
     } | {name: [one[name] for one in chips if one[name]] for name in LAWS}
     return {
-        "trackers": built, "detectors": chips,
+        "trackers": built,
+        "detectors": chips,
         "spread": {name: spread(values) for name, values in rows.items()},
         "counts": {name: len(values) for name, values in rows.items()},
-    }  # fmt: skip
+    }
 
 
 def page(found: dict[str, Any]) -> str:

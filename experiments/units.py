@@ -89,10 +89,16 @@ class Head(NamedTuple):
 HEADS = {
     "STECE": Head(("aluminium", "small"), 43.6e-3, 1.2, "0.1 m", 5.0),
     "CM-1": Head(("titanium", "controlled"), 50e-3, 1.4, "0.1 m", 0.5),
-    "Swarm": Head(("titanium", "small"), 20e-3, 1.2, "0.1 m", 6.41 / 2**0.5,
-                  (("plate_expansion", "2.2 um / (m K)"),)),
+    "Swarm": Head(
+        ("titanium", "small"),
+        20e-3,
+        1.2,
+        "0.1 m",
+        6.41 / 2**0.5,
+        (("plate_expansion", "2.2 um / (m K)"),),
+    ),
     "SED36": Head(("titanium", "controlled"), 32e-3, 1.2, "0 m", 1.1 / 3),
-}  # fmt: skip
+}
 
 
 STEADY = tuple(term for term in ALL if term is not Term.THERMO_ELASTIC)
@@ -119,8 +125,16 @@ TRACKERS = {
     # Nights on one mountain: what is constant in the field is no scatter.
     "oersted-asc": Published(1.4, 13.0, "made", FLIGHT),
 }
-FIRST = ["rigel-l", "altair-hb", "vst-41m", "rufino-2013", "st5000", "chandra-aca", "plato-fcam",
-         "apst"]  # fmt: skip
+FIRST = [
+    "rigel-l",
+    "altair-hb",
+    "vst-41m",
+    "rufino-2013",
+    "st5000",
+    "chandra-aca",
+    "plato-fcam",
+    "apst",
+]
 # Whose covariance is compared with their errors: those that are judged by their attitude.
 STATED = ["rigel-l", "altair-hb", "vst-41m", "rufino-2013", "st5000"]
 FACTORS = np.geomspace(0.4, 2.5, 5)  # of both
@@ -150,8 +164,10 @@ def varied(design: str, variations: str) -> Case:
 
 def counted(budgets: UnitBudgets, one: Published) -> tuple[float, float]:
     """Arcsec, rms over the units of the classes that a figure counts, across and about."""
-    square = sum((budgets.terms[term] ** 2 for term in one.counts if term in budgets.terms),
-                 np.zeros((len(budgets), 3)))  # fmt: skip
+    square = sum(
+        (budgets.terms[term] ** 2 for term in one.counts if term in budgets.terms),
+        np.zeros((len(budgets), 3)),
+    )
     x, y, z = square.mean(axis=0) / arcsec**2
     across, about = ((x + y) / 2 + one.jitter[0] ** 2) ** 0.5, (z + one.jitter[1] ** 2) ** 0.5
     return float(across), float(about)
@@ -188,8 +204,9 @@ def trackers(names: list[str], units: int, seed: int) -> dict[str, Any]:
         }
         print(
             f"{name:12s} {across:8.3g} / {about:8.3g} arcsec predicted, "
-            f"{one.across} / {one.about} published", flush=True,
-        )  # fmt: skip
+            f"{one.across} / {one.about} published",
+            flush=True,
+        )
     return found
 
 
@@ -235,10 +252,13 @@ def judged(found: dict[str, Any]) -> dict[str, Any]:
     """
     results = {name: one for name, one in found.items() if not one["required"]}
     off = {
-        name: [math.log(made / known) if known else math.nan
-               for made, known in (one["across"], one["about"])]
-        for name, one in results.items() if one["across"][1]
-    }  # fmt: skip
+        name: [
+            math.log(made / known) if known else math.nan
+            for made, known in (one["across"], one["about"])
+        ]
+        for name, one in results.items()
+        if one["across"][1]
+    }
     across = np.array([pair[0] for pair in off.values()])
     worst = np.array([np.nanmax(np.abs(pair)) for pair in off.values()])
     figures: dict[str, Any] = {
@@ -254,10 +274,12 @@ def judged(found: dict[str, Any]) -> dict[str, Any]:
         for tracker_name, pair in off.items():
             known = results[tracker_name][name][1]
             others = [
-                one[name][1] for other, one in results.items()
-                if other != tracker_name and one["family"] == results[tracker_name]["family"]
+                one[name][1]
+                for other, one in results.items()
+                if other != tracker_name
+                and one["family"] == results[tracker_name]["family"]
                 and one[name][1]
-            ]  # fmt: skip
+            ]
             if known and others:
                 model.append(pair[axis])
                 constant.append(np.log(others).mean() - math.log(known))
@@ -306,8 +328,11 @@ def leave_out(names: list[str], units: int, seed: int, tried: Floats = FACTORS) 
                 if each != name:
                     moved = np.expm1(np.abs(predicted[each][:, other] - predicted[each][:, best]))
                     largest = max(largest, float(moved.max()))
-                    print(f"{family} without {name}: {fine[other]:.2f} instead of "
-                          f"{fine[best]:.2f}, {each} by {moved.max():.1%}", flush=True)  # fmt: skip
+                    print(
+                        f"{family} without {name}: {fine[other]:.2f} instead of "
+                        f"{fine[best]:.2f}, {each} by {moved.max():.1%}",
+                        flush=True,
+                    )
     return {"factors": factors, "largest": largest}
 
 
@@ -341,9 +366,14 @@ def calibration_map_error(units: int, seed: int) -> float:
     optics, pitch = Optics(focal_length=0.035, f_number=2.0), 5.5e-6
     design = Camera(2048, 2048, optics.focal_length / pitch)
     residual = Residual(
-        angle=5 * arcsec, grid=0.1e-6, flatness=2e-6, decentre=25e-6, tilt=90 * arcsec,
-        wedge=90 * arcsec, family="double-gauss",
-    )  # fmt: skip
+        angle=5 * arcsec,
+        grid=0.1e-6,
+        flatness=2e-6,
+        decentre=25e-6,
+        tilt=90 * arcsec,
+        wedge=90 * arcsec,
+        family="double-gauss",
+    )
     worst = 0.0
     for settings in MAPS:
         square = np.zeros(2)
@@ -442,11 +472,17 @@ def structure_error() -> float:
     for case in json.loads(path.read_text(encoding="utf-8"))["cases"]:
         head = case["head"]
         structure = Structure(
-            expansion=case["expansion"], plate_expansion=case["panel"], length=head["length"],
-            diameter=head["diameter"], wall=head["wall"], feet_span=head["span"],
-            height=head["height"], feet_thickness=head["foot"], base=head["base"],
+            expansion=case["expansion"],
+            plate_expansion=case["panel"],
+            length=head["length"],
+            diameter=head["diameter"],
+            wall=head["wall"],
+            feet_span=head["span"],
+            height=head["height"],
+            feet_thickness=head["foot"],
+            base=head["base"],
             offset=head["offset"],
-        )  # fmt: skip
+        )
         optics = Optics(focal_length=head["focal"], f_number=1.5)
         kelvin = [case["mean"], case["gradient"], 0.0, case["tube"], 0.0]
         turn = structure.responses(optics, 5e-6)["instrument.mounting.y"] @ kelvin
@@ -542,11 +578,12 @@ def levers_gain(seed: int, units: int, quick: bool) -> dict[str, Any]:
         "levers_gain": fresh[0] / fresh[1],
         "levers_gain_at_any_price": fresh[0] / fresh[2],
         "levers": [
-            {"level_arcsec": at} | {name: found_at(case, name) for name in {**LENS, **LEVERS}}
+            {"level_arcsec": at}
+            | {name: found_at(case, name) for name in {**LENS, **LEVERS}}
             | dict(zip(("mass_kg", "power_w", "price"), costs(case).tolist(), strict=True))
             for at, case in zip(fresh, designs, strict=True)
         ],
-    }  # fmt: skip
+    }
 
 
 def few(case: Case) -> Case:
@@ -568,9 +605,12 @@ def steps(
         each = ratios({name: found[name] for name in FIRST if name in found})
         within = [sum(one <= limit for one in each.values()) for limit in (1.5, 2)]
         return {
-            **judged(found), "trackers": found, "within_1_5": within[0],
-            "within_2": within[1], "judged": len(each),
-        }  # fmt: skip
+            **judged(found),
+            "trackers": found,
+            "within_1_5": within[0],
+            "within_2": within[1],
+            "judged": len(each),
+        }
 
     def without() -> dict[str, Any]:
         some = ["vst-41m", "altair-hb"] if quick else FIRST

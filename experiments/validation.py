@@ -66,12 +66,26 @@ def scenarios() -> list[dict[str, Any]]:
         (boresight, x, y), loss = theory[name]
         told = zip("xyz", run["rms_arcsec"], (boresight, x, y), strict=True)
         rows += [
-            line("Markley-Mortari " + name, f"rms about {axis}, arcsec", got, said,
-                 "vectors, noise, weights", "none")
+            line(
+                "Markley-Mortari " + name,
+                f"rms about {axis}, arcsec",
+                got,
+                said,
+                "vectors, noise, weights",
+                "none",
+            )
             for axis, got, said in told
-        ]  # fmt: skip
-        rows.append(line("Markley-Mortari " + name, "mean loss", run["loss"], loss,
-                         "vectors, noise, weights", "none"))  # fmt: skip
+        ]
+        rows.append(
+            line(
+                "Markley-Mortari " + name,
+                "mean loss",
+                run["loss"],
+                loss,
+                "vectors, noise, weights",
+                "none",
+            )
+        )
     return rows
 
 
@@ -89,28 +103,55 @@ def trackers() -> list[dict[str, Any]]:
     ]
     for name, design, published, told, made in (
         ("SSTL Rigel-L", "rigel-l", (3.0, 28.0), "lens, exposure, field", "detector, PSF"),
-        ("SSTL Altair HB+", "altair-hb", (10.0, 60.0), "lens, exposure, field",
-         "detector, PSF of the consumer lens"),
-    ):  # fmt: skip
+        (
+            "SSTL Altair HB+",
+            "altair-hb",
+            (10.0, 60.0),
+            "lens, exposure, field",
+            "detector, PSF of the consumer lens",
+        ),
+    ):
         budget = analytic(tracker(design))
         for kind, figure in zip(("across", "about"), published, strict=True):
             got = getattr(budget, kind) / arcsec
             rows.append(line(name, f"{kind}, arcsec (68 %)", got, figure, told, made))
-        rows.append(line(name, "about over across", budget.about / budget.across,
-                         published[1] / published[0], told, made))  # fmt: skip
+        rows.append(
+            line(
+                name,
+                "about over across",
+                budget.about / budget.across,
+                published[1] / published[0],
+                told,
+                made,
+            )
+        )
     rufino = tracker("rufino-2013").instrument.camera
     # Their single stars err by 0.33 pixel, which the display makes: geometry is what is left.
     sigma = 0.33 / rufino.focal_length_px
     x, y, z = attitude_bound(rufino.fov_x, rufino.fov_y, 16, sigma)
     given = "field, 16 stars, 0.33 pixel a star"
     rows += [
-        line("Rufino 2013", "across, arcsec", math.hypot(x, y) / math.sqrt(2) / arcsec, 5.0,
-             given, "stars strewn evenly"),
+        line(
+            "Rufino 2013",
+            "across, arcsec",
+            math.hypot(x, y) / math.sqrt(2) / arcsec,
+            5.0,
+            given,
+            "stars strewn evenly",
+        ),
         line("Rufino 2013", "about, arcsec", z / arcsec, 30.0, given, "stars strewn evenly"),
-    ]  # fmt: skip
+    ]
     vst = analytic(tracker("vst-41m"))
-    rows.append(line("Vectronic VST-41M", "across, arcsec (2 sigma)", 2 * vst.across / arcsec, 18.0,
-                     "field, 4 Hz", "f-number, exposure, PSF"))  # fmt: skip
+    rows.append(
+        line(
+            "Vectronic VST-41M",
+            "across, arcsec (2 sigma)",
+            2 * vst.across / arcsec,
+            18.0,
+            "field, 4 Hz",
+            "f-number, exposure, PSF",
+        )
+    )
     return rows
 
 
@@ -121,9 +162,15 @@ def chandra() -> dict[str, Any]:
     square = sum(np.trace(each, axis1=1, axis2=2) / 2 for each in star.random.values())
     size = np.sqrt(np.interp(CHANDRA, star.magnitude, square))
     pixel = 1 / case.instrument.camera.focal_length_px / arcsec
-    return line("Chandra ACA", "centroid of a star, arcsec rms", size.mean() * pixel, 0.060,
-                "aperture, pixel, electrons of a star", "read noise, exposure, PSF, PRNU, "
-                f"stars from magnitude {CHANDRA[0]:g} to {CHANDRA[-1]:g} alike")  # fmt: skip
+    return line(
+        "Chandra ACA",
+        "centroid of a star, arcsec rms",
+        size.mean() * pixel,
+        0.060,
+        "aperture, pixel, electrons of a star",
+        "read noise, exposure, PSF, PRNU, "
+        f"stars from magnitude {CHANDRA[0]:g} to {CHANDRA[-1]:g} alike",
+    )
 
 
 def circles(sky: Sky, radius: float, places: int) -> Floats:
@@ -149,11 +196,23 @@ def sky(places: int) -> list[dict[str, Any]]:
     ]
     speed = float(np.mean(speeds))
     rows += [
-        line("aberration", "of the Earth, arcsec", speed / LIGHT_SPEED / arcsec, 20.5, "",
-             "mean of a year"),
-        line("aberration", "of a low orbit, arcsec", ORBIT / LIGHT_SPEED / arcsec, 5.2, "",
-             "500 km up"),
-    ]  # fmt: skip
+        line(
+            "aberration",
+            "of the Earth, arcsec",
+            speed / LIGHT_SPEED / arcsec,
+            20.5,
+            "",
+            "mean of a year",
+        ),
+        line(
+            "aberration",
+            "of a low orbit, arcsec",
+            ORBIT / LIGHT_SPEED / arcsec,
+            5.2,
+            "",
+            "500 km up",
+        ),
+    ]
     return rows
 
 

@@ -225,8 +225,10 @@ def renumbered(outcomes: Rows) -> Rows:
 
 def table(figures: dict[str, Any]) -> str:
     """For a person."""
-    lines = [f"{'':24s}{'across: frames for 1 %':>24s}{'times fewer':>20s}{'times faster':>14s}"
-             f"{'about: fewer':>14s}{'faster':>8s}"]  # fmt: skip
+    lines = [
+        f"{'':24s}{'across: frames for 1 %':>24s}{'times fewer':>20s}{'times faster':>14s}"
+        f"{'about: fewer':>14s}{'faster':>8s}"
+    ]
     across, about = figures["across"], figures["about"]
     for name, one in across.items():
         if name not in MADE_OF:

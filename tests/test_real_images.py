@@ -162,9 +162,14 @@ def test_a_changed_image_is_solved_to_the_same_place(outside, tmp_path, capsys, 
 
 
 HARD = {
-    "unh_0045.jpg": {}, "ar_IMG_3053.jpg": {}, "us_23.png": {}, "lm_acc.png": {"mirrored": True},
-    "sams_1.png": {"aspect": 0.4219}, "sams_17.png": {"aspect": 0.4219}, "picam_1.png": {},
-}  # fmt: skip
+    "unh_0045.jpg": {},
+    "ar_IMG_3053.jpg": {},
+    "us_23.png": {},
+    "lm_acc.png": {"mirrored": True},
+    "sams_1.png": {"aspect": 0.4219},
+    "sams_17.png": {"aspect": 0.4219},
+    "picam_1.png": {},
+}
 
 
 @pytest.mark.slow

@@ -80,8 +80,9 @@ class Particles:
 
     extinction: Annotated[Floats, "(k,) 1, over that at 550 nm"]
     albedo: Annotated[Floats, "(k,) 1, of single scattering"]
-    moments: Annotated[Floats,
-        "(k, MOMENTS) 1, Legendre moments of the phase function, (2 l + 1) g_l"]  # fmt: skip
+    moments: Annotated[
+        Floats, "(k, MOMENTS) 1, Legendre moments of the phase function, (2 l + 1) g_l"
+    ]
 
 
 @dataclass(frozen=True)
@@ -99,9 +100,11 @@ class Haze(Parameters):
     angstrom: Annotated[float, FINITE, "1, exponent"] = 1.3
     albedo: Annotated[float, Range(0, 1), "1, of single scattering"] = 0.95
     asymmetry: Annotated[float, Range(-0.95, 0.95), "1, mean cosine of the scattering angle"] = 0.65
-    phase: Annotated[tuple[float, ...],
+    phase: Annotated[
+        tuple[float, ...],
         "1, of a measured phase function at `angles` instead of Henyey and Greenstein's; its "
-        "scale is free"] = ()  # fmt: skip
+        "scale is free",
+    ] = ()
     angles: Annotated[tuple[float, ...], "radian from 0 to pi, rising"] = ()
 
     def __post_init__(self) -> None:

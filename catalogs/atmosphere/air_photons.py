@@ -82,9 +82,15 @@ def _depths(column: Column) -> tuple[Floats, Floats]:
 
 
 def _landed(
-    column: Column, depth: Floats, of_aerosol: Floats, aside: Floats, height: Floats,
-    course: Floats, weight: Floats, generator: np.random.Generator,
-) -> tuple[Floats, Floats, NDArray[np.intp]]:  # fmt: skip
+    column: Column,
+    depth: Floats,
+    of_aerosol: Floats,
+    aside: Floats,
+    height: Floats,
+    course: Floats,
+    weight: Floats,
+    generator: np.random.Generator,
+) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Distances (m,) metre at which paths meet the ground, their weights, and their numbers.
 
     aside, height, course, weight  (n, 2), (n,) metre, (n, 3), (n,): where paths scatter first, and

@@ -26,11 +26,26 @@ LENSES = {
 def rebuild() -> int:
     status = 0
     for name, (field, fields, temperatures, waves, source) in LENSES.items():
-        status |= main([
-            "lens", "import", str(HERE / f"{name}.zmx"), "--field", field, "--fields", fields,
-            "--source", source, "--temperatures", *temperatures, "--wavelengths", waves, "--check",
-            "--out", str(HERE / f"{name}.fits"),
-        ])  # fmt: skip
+        status |= main(
+            [
+                "lens",
+                "import",
+                str(HERE / f"{name}.zmx"),
+                "--field",
+                field,
+                "--fields",
+                fields,
+                "--source",
+                source,
+                "--temperatures",
+                *temperatures,
+                "--wavelengths",
+                waves,
+                "--check",
+                "--out",
+                str(HERE / f"{name}.fits"),
+            ]
+        )
     return status
 
 

@@ -37,10 +37,18 @@ class Calibration(Parameters):
 
     def sigma(self, camera: core.Camera) -> Floats:
         """(8,) standard deviations of the priors, in the order of UNKNOWNS."""
-        return np.array([
-            self.focal_length * camera.focal_length_px, self.principal, self.principal,
-            self.k1, self.k2, self.tangential, self.tangential, self.k3,
-        ])  # fmt: skip
+        return np.array(
+            [
+                self.focal_length * camera.focal_length_px,
+                self.principal,
+                self.principal,
+                self.k1,
+                self.k2,
+                self.tangential,
+                self.tangential,
+                self.k3,
+            ]
+        )
 
 
 @printed

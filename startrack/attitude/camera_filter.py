@@ -32,14 +32,18 @@ class CameraFilter(Parameters):
     )
     focal_length_walk: Annotated[float, core.Unit("s(-1/2)"), NON_NEGATIVE, "relative"] = 0.0
     principal_walk: Annotated[float, NON_NEGATIVE, "pixel / second^(1/2), along each axis"] = 0.0
-    focal_length_slope: Annotated[float, core.Unit("K-1"), NON_NEGATIVE,
-        "relative, standard deviation at the begin"] = 0.0  # fmt: skip
-    principal_slope: Annotated[float, NON_NEGATIVE,
-        "pixel / kelvin along each axis, standard deviation at the begin"] = 0.0  # fmt: skip
-    map: Annotated[int, core.Range(0, 9),
-        "nodes along each side of a map of local distortion; 0: none"] = 0  # fmt: skip
-    map_sigma: Annotated[float, NON_NEGATIVE,
-        "pixel per axis, standard deviation of a node at the begin"] = 0.1  # fmt: skip
+    focal_length_slope: Annotated[
+        float, core.Unit("K-1"), NON_NEGATIVE, "relative, standard deviation at the begin"
+    ] = 0.0
+    principal_slope: Annotated[
+        float, NON_NEGATIVE, "pixel / kelvin along each axis, standard deviation at the begin"
+    ] = 0.0
+    map: Annotated[
+        int, core.Range(0, 9), "nodes along each side of a map of local distortion; 0: none"
+    ] = 0
+    map_sigma: Annotated[
+        float, NON_NEGATIVE, "pixel per axis, standard deviation of a node at the begin"
+    ] = 0.1
     map_walk: Annotated[float, NON_NEGATIVE, "pixel / second^(1/2), of a node per axis"] = 0.0
 
     def __post_init__(self) -> None:
@@ -108,9 +112,13 @@ def first_camera(camera: Camera, settings: CameraFilter) -> KnownCamera:
 
 
 def after_frame(
-    known: KnownCamera, settings: CameraFilter, spots: Spots, matches: Matches,
-    step: float = 0.0, warmer: float = 0.0,
-) -> KnownCamera:  # fmt: skip
+    known: KnownCamera,
+    settings: CameraFilter,
+    spots: Spots,
+    matches: Matches,
+    step: float = 0.0,
+    warmer: float = 0.0,
+) -> KnownCamera:
     """The camera after one more frame, whose attitude is eliminated.
 
         P^-1 <- (P + Q step)^-1 + H' S H,   H = [1, warmer 1, weights of the nodes]

@@ -31,9 +31,7 @@ def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -
 
 
 @kernel
-def _search(
-    observed: Floats, reference: Floats, sigma: Floats, gate: float, chosen: Flags,
-) -> None:  # fmt: skip
+def _search(observed: Floats, reference: Floats, sigma: Floats, gate: float, chosen: Flags) -> None:
     count = len(sigma)
     trial, products = np.zeros(count, np.bool_), np.empty((3, 3))
     seen, reference_axes, attitude = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

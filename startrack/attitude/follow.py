@@ -15,10 +15,12 @@ from startrack.core import NON_NEGATIVE, Floats, Parameters
 class Gyroscope(Parameters):
     """The noise of a gyroscope's rates, the same on each axis."""
 
-    angle_random_walk: Annotated[float, NON_NEGATIVE,
-        "radian / sqrt(second), white noise of the rate"]  # fmt: skip
-    rate_random_walk: Annotated[float, NON_NEGATIVE,
-        "radian / second^1.5, white noise that drives the bias"]  # fmt: skip
+    angle_random_walk: Annotated[
+        float, NON_NEGATIVE, "radian / sqrt(second), white noise of the rate"
+    ]
+    rate_random_walk: Annotated[
+        float, NON_NEGATIVE, "radian / second^1.5, white noise that drives the bias"
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +125,13 @@ def start(
     )
     camera, zeros = Rotation.identity(), np.zeros(3)
     state = State(
-        camera, zeros, apart, np.zeros((len(parts), 3)), zeros[: 3 * bool(misalignment_sigma)],
+        camera,
+        zeros,
+        apart,
+        np.zeros((len(parts), 3)),
+        zeros[: 3 * bool(misalignment_sigma)],
         tuple(to_head for to_head, _ in heads),
-    )  # fmt: skip
+    )
     # The attitude has the errors of what was measured, and the state says that there are none.
     back = state.to_head(head).inv()
     errors = state.measured(head)

@@ -26,14 +26,29 @@ from startrack.benchmark.stage import (
 
 # In the order in which the light goes.
 STAGES: dict[str, Callable[[], Stage]] = {
-    "psf": optics.psf, "stamping": optics.stamping, "noise": frame.noise, "frame": frame.frame,
-    "detection": detection.detection, "centroid": detection.centroid,
-    "identification": solving.identification, "attitude": solving.attitude,
-    "terrain": earth.terrain, "radiance": earth.radiance, "montecarlo": studies.montecarlo,
+    "psf": optics.psf,
+    "stamping": optics.stamping,
+    "noise": frame.noise,
+    "frame": frame.frame,
+    "detection": detection.detection,
+    "centroid": detection.centroid,
+    "identification": solving.identification,
+    "attitude": solving.attitude,
+    "terrain": earth.terrain,
+    "radiance": earth.radiance,
+    "montecarlo": studies.montecarlo,
     "optimiser": studies.optimiser,
-}  # fmt: skip
+}
 
 __all__ = [
-    "STAGES", "Clocked", "Row", "Stage", "Way", "draw_benchmark", "markdown", "measure", "values",
+    "STAGES",
+    "Clocked",
+    "Row",
+    "Stage",
+    "Way",
+    "draw_benchmark",
+    "markdown",
+    "measure",
+    "values",
     "versions",
-]  # fmt: skip
+]

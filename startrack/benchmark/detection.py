@@ -162,18 +162,21 @@ def detection() -> Stage:
         f"a megapixel with {len(x)} stars of SNR {FAINT:g}, background {BACKGROUND:g} e-",
         f"fraction of stars not found (ours at {FALSE} false spots a frame)",
         {name: partial(find, frame) for name, find in finders(SIGMA).items()},
-        lambda spots: 1 - float(paired(spots, x, y)[0].mean()), 1 - limit(flux, SIGMA),
+        lambda spots: 1 - float(paired(spots, x, y)[0].mean()),
+        1 - limit(flux, SIGMA),
         "the best test that knows each place",
-    )  # fmt: skip
+    )
 
 
 def centroid() -> Stage:
     """The scatter of the centroids of bright stars."""
     frame, x, y, flux = sown(BRIGHT)
     return Stage(
-        "centroid", f"the same frame with {len(x)} stars of SNR {BRIGHT:g}",
+        "centroid",
+        f"the same frame with {len(x)} stars of SNR {BRIGHT:g}",
         "rms of the centroid per axis, pixel",
         {name: partial(find, frame) for name, find in finders(SIGMA).items()},
         lambda spots: float(np.sqrt(np.mean(paired(spots, x, y)[1] ** 2))),
-        centroid_bound(Star(flux, SIGMA, BACKGROUND, READ_NOISE))[0], "Cramer-Rao",
-    )  # fmt: skip
+        centroid_bound(Star(flux, SIGMA, BACKGROUND, READ_NOISE))[0],
+        "Cramer-Rao",
+    )

@@ -93,8 +93,11 @@ def terrain() -> Stage:
             "startrack": lambda: trace(surface, rays).distance,
             "startrack level": lambda: level.meet(rays)[0].distance,
         },
-        judge, float(np.finfo(float).eps * 6.4e6), "rounding of coordinates", len(rays),
-    )  # fmt: skip
+        judge,
+        float(np.finfo(float).eps * 6.4e6),
+        "rounding of coordinates",
+        len(rays),
+    )
 
 
 WAVELENGTHS: Floats = np.array([450, 550, 800]) * nm
@@ -170,9 +173,12 @@ def radiance() -> Stage:
     return Stage(
         "radiance",
         f"a pixel of an image of hills at {len(scene.node)} wavelengths, seen from an orbit",
-        "median against runs of the solver, relative", {"startrack": ours}, judge, pieces=PIXELS**2,
+        "median against runs of the solver, relative",
+        {"startrack": ours},
+        judge,
+        pieces=PIXELS**2,
         missing=missing,
-    )  # fmt: skip
+    )
 
 
 def direct(scene: Scenery) -> Floats:

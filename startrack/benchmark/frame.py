@@ -20,9 +20,16 @@ SIZE, BACKGROUND, DARK, READ_NOISE = 1024, 20.0, 3.0, 8.0  # pixel; electron
 EXPOSURE = 0.1  # second
 STARRY = 30.0  # electron from stars, in the pixels that are judged
 CAMERA = Detector(
-    SIZE, SIZE, 5e-6, EXPOSURE, full_well=80_000.0, read_noise=READ_NOISE, bits=16, offset=64,
+    SIZE,
+    SIZE,
+    5e-6,
+    EXPOSURE,
+    full_well=80_000.0,
+    read_noise=READ_NOISE,
+    bits=16,
+    offset=64,
     dark_current=DARK / EXPOSURE,
-)  # fmt: skip
+)
 
 
 class Scenery(NamedTuple):
@@ -65,9 +72,12 @@ def frame() -> Stage:
     return Stage(
         "frame",
         f"{SIZE} x {SIZE} pixels, 100 stars, sky, dark current and noise to 16-bit numbers",
-        "rms of (image - exact) over the noise there is, less one", {"startrack": ours}, judge,
-        1 / math.sqrt(2 * lit.sum()), "as many pixels with starlight",
-    )  # fmt: skip
+        "rms of (image - exact) over the noise there is, less one",
+        {"startrack": ours},
+        judge,
+        1 / math.sqrt(2 * lit.sum()),
+        "as many pixels with starlight",
+    )
 
 
 FRAMES = 8
@@ -93,9 +103,11 @@ def noise() -> Stage:
         "to 12-bit numbers",
         f"distance of the distribution of {FRAMES} Mpx from the exact law",
         {"startrack": lambda: [read_out(even, EVEN_CAMERA, Streams(1, n)) for n in range(FRAMES)]},
-        judge, 0.83 / math.sqrt(FRAMES * even.size),
-        "that many pixels (median of Kolmogorov's law)", FRAMES,
-    )  # fmt: skip
+        judge,
+        0.83 / math.sqrt(FRAMES * even.size),
+        "that many pixels (median of Kolmogorov's law)",
+        FRAMES,
+    )
 
 
 def law(mean: float, step: float, half: float) -> Floats:

@@ -27,10 +27,14 @@ def psf() -> Stage:
         return float(np.abs(image[PICK[:, 1], PICK[:, 0]] / peak - wanted).max())
 
     return Stage(
-        "psf", "155 x 155 points of an f/1.4 lens at 550 nm with 34 Zernike modes",
+        "psf",
+        "155 x 155 points of an f/1.4 lens at 550 nm with 34 Zernike modes",
         "largest error, fraction of the clear peak",
-        {"startrack": lambda: own.aberrated(COEFFICIENTS)}, judge, np.finfo(float).eps, "rounding",
-    )  # fmt: skip
+        {"startrack": lambda: own.aberrated(COEFFICIENTS)},
+        judge,
+        np.finfo(float).eps,
+        "rounding",
+    )
 
 
 class Pattern:
@@ -97,10 +101,15 @@ def stamping() -> Stage:
         return float(np.sqrt(np.mean((centres - wanted) ** 2)))
 
     return Stage(
-        "stamping", f"a Gaussian star of sigma {SIGMA} pixel on {BOX} x {BOX} pixels, any place",
-        "rms of the centroid, pixel", {"startrack": ours}, judge, np.finfo(float).eps * BOX,
-        "rounding", STARS,
-    )  # fmt: skip
+        "stamping",
+        f"a Gaussian star of sigma {SIGMA} pixel on {BOX} x {BOX} pixels, any place",
+        "rms of the centroid, pixel",
+        {"startrack": ours},
+        judge,
+        np.finfo(float).eps * BOX,
+        "rounding",
+        STARS,
+    )
 
 
 def star_positions() -> Floats:

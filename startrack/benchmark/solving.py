@@ -135,9 +135,12 @@ def identification() -> Stage:
         f"a sky of {REGIME.field} deg, {REGIME.noise} px of noise, {REGIME.false} false spots, "
         f"{100 * REGIME.missing:g} % missing",
         f"fraction of {SKIES} skies not solved, or wrongly",
-        {"startrack": lambda: [run(seen) for seen in every]}, judge, 1 / SKIES, "that many skies",
+        {"startrack": lambda: [run(seen) for seen in every]},
+        judge,
+        1 / SKIES,
+        "that many skies",
         SKIES,
-    )  # fmt: skip
+    )
 
 
 Solver = Callable[[Any, Any, Any], Rotation]
@@ -153,8 +156,12 @@ def aligned(b: Floats, r: Floats, w: Floats) -> Rotation:
 
 
 SOLVERS: dict[str, Solver] = {
-    "align": aligned, "svd": svd, "davenport": davenport, "quest": quest, "foam": foam,
-}  # fmt: skip
+    "align": aligned,
+    "svd": svd,
+    "davenport": davenport,
+    "quest": quest,
+    "foam": foam,
+}
 
 
 def fields(many: int, stars: int, half: float, noise: float, seed: int) -> tuple[Any, ...]:
@@ -177,8 +184,12 @@ def attitude() -> Stage:
     truth, b, r = fields(MANY, STARS, 10 * deg, 0.0, 1)
     w = np.ones(b.shape[:2])
     return Stage(
-        "attitude", f"an attitude from {STARS} exact directions in 20 deg", "rms angle, radian",
+        "attitude",
+        f"an attitude from {STARS} exact directions in 20 deg",
+        "rms angle, radian",
         {name: partial(solve, b, r, w) for name, solve in SOLVERS.items()},
         lambda attitudes: float(np.sqrt(np.mean((attitudes * truth.inv()).magnitude() ** 2))),
-        np.finfo(float).eps, "rounding", MANY,
-    )  # fmt: skip
+        np.finfo(float).eps,
+        "rounding",
+        MANY,
+    )

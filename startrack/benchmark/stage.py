@@ -123,8 +123,11 @@ def values(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Any]:
     """The results as plain values; times in seconds."""
     return {
         stage.name: {
-            "work": stage.work, "error": stage.error, "limit": stage.limit,
-            "limit_of": stage.limit_of, "missing": stage.missing,
+            "work": stage.work,
+            "error": stage.error,
+            "limit": stage.limit,
+            "limit_of": stage.limit_of,
+            "missing": stage.missing,
             "ways": {
                 row.way: {"seconds": row.seconds, "error": row.error, "peer": row.peer}
                 for row in rows
@@ -132,7 +135,7 @@ def values(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Any]:
             },
         }
         for stage in stages
-    }  # fmt: skip
+    }
 
 
 def versions(packages: Sequence[str] = ()) -> str:
@@ -179,9 +182,12 @@ def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> 
         times.set_xlabel("CPU time of a piece (ms)")
         plots.panel_title(times, stage.name)
         _points(
-            errors, mine, [row.error for row in mine], [figure(row.error) for row in mine],
+            errors,
+            mine,
+            [row.error for row in mine],
+            [figure(row.error) for row in mine],
             stage.limit,
-        )  # fmt: skip
+        )
         errors.set_yticks(range(len(mine)), [""] * len(mine))
         errors.set_xlabel(fill(stage.error, 38))
         if math.isfinite(stage.limit) and stage.limit > 0:
@@ -191,9 +197,12 @@ def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> 
 
 
 def _points(
-    axes: Axes, rows: Sequence[Row], values: Sequence[float], texts: Sequence[str],
+    axes: Axes,
+    rows: Sequence[Row],
+    values: Sequence[float],
+    texts: Sequence[str],
     limit: float = math.nan,
-) -> None:  # fmt: skip
+) -> None:
     """Points from top to bottom, with their numbers; a value of zero stands at the left edge."""
     positive = [value for value in values if math.isfinite(value) and value > 0]
     positive += [limit] if math.isfinite(limit) and limit > 0 else []

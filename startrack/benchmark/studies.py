@@ -51,8 +51,10 @@ def montecarlo() -> Stage:
         "montecarlo",
         f"a trial of the example on {SIDE} x {SIDE} pixels: render, detect, identify, solve, judge",
         f"rms per axis across the boresight of {TRIALS} trials, arcsec",
-        {fidelity.value: partial(angles, fidelity) for fidelity in Fidelity}, judge, pieces=TRIALS,
-    )  # fmt: skip
+        {fidelity.value: partial(angles, fidelity) for fidelity in Fidelity},
+        judge,
+        pieces=TRIALS,
+    )
 
 
 TRIES = 100
@@ -95,7 +97,8 @@ def optimiser() -> Stage:
     search = hill()
     best = least(search.score, search.prospect(), Search(evaluations=LONG, last_step=1e-5)).score
     return Stage(
-        "optimiser", f"a search of the example's box on the analytic budget with {TRIES} tries",
+        "optimiser",
+        f"a search of the example's box on the analytic budget with {TRIES} tries",
         "error of the design that it finds, over that of a search three times as long, less one",
         {
             "prospect": search.prospect,
@@ -103,5 +106,6 @@ def optimiser() -> Stage:
                 least(search.score, search.start, Search(evaluations=TRIES)).coordinates
             ),
         },
-        lambda coordinates: math.expm1(finite(search.score(coordinates)) - best), pieces=TRIES,
-    )  # fmt: skip
+        lambda coordinates: math.expm1(finite(search.score(coordinates)) - best),
+        pieces=TRIES,
+    )

@@ -53,6 +53,12 @@ from startrack.trial import Term
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Budget", "analytic", "check", "exclusions", "measured", "single_stars", "survey",
+    "Budget",
+    "analytic",
+    "check",
+    "exclusions",
+    "measured",
+    "single_stars",
+    "survey",
     "unit_budgets",
-]  # fmt: skip
+]

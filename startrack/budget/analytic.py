@@ -87,9 +87,15 @@ def response(case: Case) -> Measured:
 
 
 def _measured(
-    star: trial.Errors, above: Floats, grid: Floats, fraction: Floats, stated: Floats,
-    random: dict[str, Floats], false: Floats, lost: Floats,
-) -> Measured:  # fmt: skip
+    star: trial.Errors,
+    above: Floats,
+    grid: Floats,
+    fraction: Floats,
+    stated: Floats,
+    random: dict[str, Floats],
+    false: Floats,
+    lost: Floats,
+) -> Measured:
     """Covariances `stated` and `random`, (z, m, 2, 2) of stars, over the magnitudes of a grid."""
     causes = [_fine(star.magnitude, covariance, grid) for covariance in random.values()]
     fine = _fine(star.magnitude, stated, grid)
@@ -268,9 +274,15 @@ def _of_fields(
     tolerance = case.tracker.identification.focal_tolerance
     solver = Solver(case.believed_camera.focal_length_px, tolerance, lost, most)
     counted = FieldStars(
-        first, view.x[inside], view.y[inside], magnitude, lens.zone[kept], counts, systematic,
+        first,
+        view.x[inside],
+        view.y[inside],
+        magnitude,
+        lens.zone[kept],
+        counts,
+        systematic,
         np.stack(displacement),
-    )  # fmt: skip
+    )
     errors = propagate(counted, table, solver)
     if decided:
         errors = errors._replace(solved=errors.solved * decided.solved)

@@ -54,9 +54,12 @@ def fields(
 
 @lru_cache(maxsize=16)
 def _fields(
-    selection: Selection, resolution: float, radius: float, spread: Callable[[int], Rotation],
+    selection: Selection,
+    resolution: float,
+    radius: float,
+    spread: Callable[[int], Rotation],
     count: int,
-) -> Fields:  # fmt: skip
+) -> Fields:
     stars, sky = separated(selection, resolution), open_sky(selection)
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
@@ -212,9 +215,13 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
     """
     count, causes, shifts = len(seen.first) - 1, response.causes.shape[1], len(seen.displacement)
     errors = Attitudes(
-        np.zeros(count), np.zeros(count), np.zeros((count, causes, 3)),
-        np.zeros((count, shifts, 3)), np.zeros((count, 3, 3)), np.zeros((len(seen.x), 4, 2)),
-    )  # fmt: skip
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros((count, causes, 3)),
+        np.zeros((count, shifts, 3)),
+        np.zeros((count, 3, 3)),
+        np.zeros((len(seen.x), 4, 2)),
+    )
     _propagate(seen, response, solver, errors)
     return errors
 
@@ -295,9 +302,16 @@ def _information(
 
 @kernel
 def _gains(
-    first: int, end: int, seen: FieldStars, response: Response, solver: Solver, inverse: Floats,
-    moved: Floats, row: Floats, gain: Floats,
-) -> None:  # fmt: skip
+    first: int,
+    end: int,
+    seen: FieldStars,
+    response: Response,
+    solver: Solver,
+    inverse: Floats,
+    moved: Floats,
+    row: Floats,
+    gain: Floats,
+) -> None:
     """Gains of the stars of a field, each with the probability that it counts.
 
     inverse  (3, 3) radian^2, of the information

@@ -44,9 +44,14 @@ def believed_index(true: Selection, believed: Selection) -> Ints:
 
 # Causes that move single stars.
 OF_STARS = (
-    trial.LENS_FIELD, trial.LENS_COLOUR, "camera model", "proper motion", "parallax", "aberration",
+    trial.LENS_FIELD,
+    trial.LENS_COLOUR,
+    "camera model",
+    "proper motion",
+    "parallax",
+    "aberration",
     trial.SHUTTER,
-)  # fmt: skip
+)
 
 
 class ThroughLens(NamedTuple):

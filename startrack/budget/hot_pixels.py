@@ -147,9 +147,14 @@ class _Drawn(NamedTuple):
 
 
 def _frames(
-    case: Case, even: Case, star: trial.Errors, detected: Floats, place: Floats,
-    hot: trial.HotPixels, false: Floats,
-) -> tuple[_Drawn, _Rules]:  # fmt: skip
+    case: Case,
+    even: Case,
+    star: trial.Errors,
+    detected: Floats,
+    place: Floats,
+    hot: trial.HotPixels,
+    false: Floats,
+) -> tuple[_Drawn, _Rules]:
     """Frames of the case, and what its tracker asks of them.
 
     detected  (m,) 1, probability that the search finds a star of each magnitude
@@ -175,29 +180,51 @@ def _frames(
     shift *= 10 ** (0.4 * (magnitude - place[closest]))[:, None]
     shift[random.random(many) >= hot.chance] = 0.0
     settings, detector, focal = (
-        case.tracker.identification, case.instrument.detector, case.believed_camera.focal_length_px
-    )  # fmt: skip
+        case.tracker.identification,
+        case.instrument.detector,
+        case.believed_camera.focal_length_px,
+    )
     asked = -math.inf if is_code(settings.method) else -math.log(settings.max_false_probability)
     rules = _Rules(
-        focal, settings.focal_tolerance, settings.match_radius, case.tracker.attitude.gate,
-        detector.columns * detector.rows / focal**2, asked, settings.min_matches,
-        case.tracker.detection.max_spots, len(false), settings.verify_spots,
-    )  # fmt: skip
+        focal,
+        settings.focal_tolerance,
+        settings.match_radius,
+        case.tracker.attitude.gate,
+        detector.columns * detector.rows / focal**2,
+        asked,
+        settings.min_matches,
+        case.tracker.detection.max_spots,
+        len(false),
+        settings.verify_spots,
+    )
     light = trial.scale(even).star * 10 ** (-0.4 * magnitude)
     brighter = len(false) - np.searchsorted(np.sort(false), light, side="right")
     drawn = _Drawn(
-        np.searchsorted(view.field[inside], np.arange(FIELDS + 1)), view.x[inside], view.y[inside],
-        likely, brighter, sigma, closest, random.random(many), random.standard_normal((*many, 2)),
+        np.searchsorted(view.field[inside], np.arange(FIELDS + 1)),
+        view.x[inside],
+        view.y[inside],
+        likely,
+        brighter,
+        sigma,
+        closest,
+        random.random(many),
+        random.standard_normal((*many, 2)),
         shift,
-    )  # fmt: skip
+    )
     return drawn, rules
 
 
 @kernel
 def _use(
-    drawn: _Drawn, rules: _Rules, seen: Floats, used: Floats, solved: Floats, square: Floats,
-    tried: Floats, accepted: Floats,
-) -> None:  # fmt: skip
+    drawn: _Drawn,
+    rules: _Rules,
+    seen: Floats,
+    used: Floats,
+    solved: Floats,
+    square: Floats,
+    tried: Floats,
+    accepted: Floats,
+) -> None:
     """Add the stars of all frames that the search finds, and those that the tracker uses.
 
     seen, used      (k,) over the magnitudes of shifts
@@ -294,14 +321,22 @@ def _left(
 
 @kernel
 def _evidence(
-    d: int, star: Ints, drawn: _Drawn, rules: _Rules, first: int, end: int, spots: int,
+    d: int,
+    star: Ints,
+    drawn: _Drawn,
+    rules: _Rules,
+    first: int,
+    end: int,
+    spots: int,
     excess: float,
-) -> bool:  # fmt: skip
+) -> bool:
     """Whether the places of matched stars are evidence enough among so many spots."""
     focal, unknowns = rules.focal_length_px, 4 if rules.tolerance > 0 else 3
     rows, prior, log_prior = (
-        np.empty((len(star), 2, 4)), np.zeros((unknowns, unknowns)), -LOG_ATTITUDES
-    )  # fmt: skip
+        np.empty((len(star), 2, 4)),
+        np.zeros((unknowns, unknowns)),
+        -LOG_ATTITUDES,
+    )
     if rules.tolerance > 0:
         prior[3, 3] = rules.tolerance**-2
         log_prior -= math.log(rules.tolerance * math.sqrt(2 * math.pi))
@@ -309,9 +344,17 @@ def _evidence(
     square = _left(d, star, drawn, rules, variance + excess, rows)
     places = np.ascontiguousarray(rows[:, :, :unknowns]) / focal
     evidence = log_evidence(
-        square / focal**2, variance / focal**2, star - first, places, prior, log_prior, spots,
-        end - first, rules.area, rules.radius / focal,
-    )  # fmt: skip
+        square / focal**2,
+        variance / focal**2,
+        star - first,
+        places,
+        prior,
+        log_prior,
+        spots,
+        end - first,
+        rules.area,
+        rules.radius / focal,
+    )
     return evidence >= rules.evidence
 
 

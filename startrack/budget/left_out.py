@@ -68,8 +68,17 @@ ADVICE = {
     trial.HITS: "particles hit pixels: instrument.detector.hits",
 }
 # What a tracker cannot see in the spots that it weights.
-UNSEEN = ("camera model", "proper motion", "parallax", "aberration", "mounting",
-          "mounting swing", "time stamp", trial.SHUTTER, trial.HITS)  # fmt: skip
+UNSEEN = (
+    "camera model",
+    "proper motion",
+    "parallax",
+    "aberration",
+    "mounting",
+    "mounting swing",
+    "time stamp",
+    trial.SHUTTER,
+    trial.HITS,
+)
 
 
 def advice(budget: Budget[Any]) -> list[str]:

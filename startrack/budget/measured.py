@@ -30,9 +30,14 @@ BLOCKS = 8  # of members, for each worker
 
 
 def measured(
-    case: Case, members: int, seed: int, executor: Executor, times: int = 1, workers: int = 1,
+    case: Case,
+    members: int,
+    seed: int,
+    executor: Executor,
+    times: int = 1,
+    workers: int = 1,
     progress: Advance | None = None,
-) -> budget.Budget[budget.Sample]:  # fmt: skip
+) -> budget.Budget[budget.Sample]:
     """Error budget from trials.
 
         contribution of a cause = error - error without it
@@ -281,9 +286,14 @@ INDICES: dict[str, str] = {
 
 
 def indices_of(
-    case: Case, sequence: Sequence, members: int, seed: int, window: float, executor: Executor,
+    case: Case,
+    sequence: Sequence,
+    members: int,
+    seed: int,
+    window: float,
+    executor: Executor,
     progress: Advance | None = None,
-) -> dict[str, Line[Sample]]:  # fmt: skip
+) -> dict[str, Line[Sample]]:
     """The indices of the attitudes of single frames, over sequences of random attitudes.
 
     window   second

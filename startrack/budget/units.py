@@ -119,10 +119,16 @@ class UnitBudgets:
 
 
 def unit_budgets(
-    case: Case, seed: int, count: int, age: float = 0.0, environments: int = ENVIRONMENTS,
-    count_fields: int = FIELDS, progress: Advance | None = None, first: int = 0,
+    case: Case,
+    seed: int,
+    count: int,
+    age: float = 0.0,
+    environments: int = ENVIRONMENTS,
+    count_fields: int = FIELDS,
+    progress: Advance | None = None,
+    first: int = 0,
     apart: bool = True,
-) -> UnitBudgets:  # fmt: skip
+) -> UnitBudgets:
     """The analytic budget of each of some units of a seed.
 
     age           second
@@ -303,9 +309,13 @@ def _of_unit(
         weights.append(drawn.weight / settings.environments.stop)
     terms = {term: np.sqrt(np.mean(values, axis=0)) for term, values in squares.items()}
     return (
-        np.concatenate(means) - bias, np.concatenate(sigmas), np.concatenate(weights), bias,
-        np.array(float(np.mean(available))), terms,
-    )  # fmt: skip
+        np.concatenate(means) - bias,
+        np.concatenate(sigmas),
+        np.concatenate(weights),
+        bias,
+        np.array(float(np.mean(available))),
+        terms,
+    )
 
 
 def _measured(

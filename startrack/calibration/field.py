@@ -173,9 +173,14 @@ def fit_attitude(table: StarTable, camera: core.Camera, first: tuple[float, floa
 
 
 def cross_validate(
-    table: StarTable, order: Order, columns: int, rows: int, first: tuple[float, float],
-    folds: int = FOLDS, seed: int = 0,
-) -> Unseen:  # fmt: skip
+    table: StarTable,
+    order: Order,
+    columns: int,
+    rows: int,
+    first: tuple[float, float],
+    folds: int = FOLDS,
+    seed: int = 0,
+) -> Unseen:
     """Residual of each star to the camera of all folds but its own.
 
     Source: Hastie, Tibshirani and Friedman (2009), The elements of statistical learning, 7.10.
@@ -202,10 +207,14 @@ def cross_validate(
 
 
 def cross_validate_all(
-    table: StarTable, orders: Sequence[Order], columns: int, rows: int,
-    first: tuple[float, float], folds: int = FOLDS,
+    table: StarTable,
+    orders: Sequence[Order],
+    columns: int,
+    rows: int,
+    first: tuple[float, float],
+    folds: int = FOLDS,
     progress: Advance | None = None,
-) -> tuple[Unseen, ...]:  # fmt: skip
+) -> tuple[Unseen, ...]:
     """`cross_validate` of several orders, those with too many unknowns for the stars left out."""
     least = len(table) - math.ceil(len(table) / min(folds, len(table)))
     results = []
@@ -258,9 +267,14 @@ class _State(NamedTuple):
 def _fit(state: _State, table: StarTable, order: Order) -> FieldFit:
     state, weight, covariance = _solve(state, table, order)
     return FieldFit(
-        order, state.camera, state.attitude, _names(order), covariance, _residual(state, table),
+        order,
+        state.camera,
+        state.attitude,
+        _names(order),
+        covariance,
+        _residual(state, table),
         weight,
-    )  # fmt: skip
+    )
 
 
 def _plane(direction: Floats) -> Floats:

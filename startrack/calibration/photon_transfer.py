@@ -67,9 +67,11 @@ class DetectorPosterior:
 
 
 def sample_detector(
-    levels: Sequence[Level], seed: int, settings: Ensembles | None = None,
+    levels: Sequence[Level],
+    seed: int,
+    settings: Ensembles | None = None,
     ledger: Ledger | None = None,
-) -> DetectorPosterior:  # fmt: skip
+) -> DetectorPosterior:
     """Sample gain K, read noise, dark current, PRNU, dark pattern and offset (photon transfer).
 
         temporal variance  s^2 = (read^2 + dark t + e) / K^2 + 1/12 of a pixel over the frames

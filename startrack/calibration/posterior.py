@@ -34,9 +34,9 @@ class Prior(Parameters):
     focal_length: Annotated[float, POSITIVE, "relative"] = 0.05
     principal: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 20.0
     k1: Annotated[float, NON_NEGATIVE] = 0.1
-    floor_low: Annotated[float, POSITIVE,
-        "pixel, of the systematic error of centroids; both bounds equal fix it"
-    ] = 1e-3  # fmt: skip
+    floor_low: Annotated[
+        float, POSITIVE, "pixel, of the systematic error of centroids; both bounds equal fix it"
+    ] = 1e-3
     floor_high: Annotated[float, FINITE, "pixel, likewise"] = 0.3
     width_low: Annotated[float, POSITIVE, "pixel, of the sigma of the PSF"] = 0.2
     width_high: Annotated[float, FINITE, "pixel, likewise"] = 4.0
@@ -75,10 +75,15 @@ class CameraPosterior:
 
 
 def sample_camera(
-    spots: Sequence[core.Spots], matches: Sequence[core.Matches], camera: core.Camera,
-    prior: Prior, seed: int, settings: Ensembles | None = None, ledger: Ledger | None = None,
+    spots: Sequence[core.Spots],
+    matches: Sequence[core.Matches],
+    camera: core.Camera,
+    prior: Prior,
+    seed: int,
+    settings: Ensembles | None = None,
+    ledger: Ledger | None = None,
     images: Sequence[core.Frame] | None = None,
-) -> CameraPosterior:  # fmt: skip
+) -> CameraPosterior:
     """Sample focal length, principal point, k1 and centroid floor, attitudes marginalised.
 
     With images, also the width of the PSF from the pixels of their stars.
@@ -123,11 +128,20 @@ class _Law:
     """The logarithm of the posterior, with the prior in the same columns."""
 
     def __init__(
-        self, frames: list[tuple[Floats, Floats, Floats]], camera: core.Camera, prior: Prior,
+        self,
+        frames: list[tuple[Floats, Floats, Floats]],
+        camera: core.Camera,
+        prior: Prior,
         width: Callable[[Floats], Floats] | None,
-    ) -> None:  # fmt: skip
-        sigma = np.array([prior.focal_length * camera.focal_length_px, prior.principal,
-                          prior.principal, prior.k1])  # fmt: skip
+    ) -> None:
+        sigma = np.array(
+            [
+                prior.focal_length * camera.focal_length_px,
+                prior.principal,
+                prior.principal,
+                prior.k1,
+            ]
+        )
         self.free = np.flatnonzero(sigma > 0)
         self.middle = camera_vector(camera)
         even = {"floor": (prior.floor_low, prior.floor_high)}
@@ -209,9 +223,13 @@ def project(direction: Floats, values: Floats, camera: core.Camera) -> Floats:
 
 
 def _log_likelihood(
-    pixel: Floats, covariance: Floats, seen: Floats, camera: core.Camera, values: Floats,
+    pixel: Floats,
+    covariance: Floats,
+    seen: Floats,
+    camera: core.Camera,
+    values: Floats,
     floor: Floats,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """(w,) of one frame for many cameras, its attitude marginalised."""
     square = floor[:, None] ** 2
     # Cholesky's root of each star's covariance, whose inverse whitens its residuals.

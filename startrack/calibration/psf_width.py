@@ -113,8 +113,11 @@ def _terms(at: Floats, width: Floats) -> Floats:
     right, left = (scale * (offset - at[..., None] + half) for half in (0.5, -0.5))
     fraction = 0.5 * (erf(right) - erf(left))
     slope = scale / np.sqrt(np.pi) * (np.exp(-(left**2)) - np.exp(-(right**2)))
-    along = {"g": (fraction[:, 0], fraction[:, 1]), "x": (slope[:, 0], fraction[:, 1]),
-             "y": (fraction[:, 0], slope[:, 1])}  # fmt: skip
+    along = {
+        "g": (fraction[:, 0], fraction[:, 1]),
+        "x": (slope[:, 0], fraction[:, 1]),
+        "y": (fraction[:, 0], slope[:, 1]),
+    }
     terms = [np.einsum("wi,wj->wji", *pair).reshape(len(width), -1) for pair in along.values()]
     return np.stack([np.ones_like(terms[0]), *terms], axis=1)
 

@@ -17,30 +17,55 @@ from startrack.io import read_bytes, unpacked
 KINDS = ("vectors", "radec", "yz", "xy")
 # Names without their unit, in lower case; the first that a table has is taken.
 DIRECTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("yz", ("y_angle", "z_angle")), ("yz", ("yag", "zag")), ("yz", ("yang", "zang")),
-    ("xy", ("x_angle", "y_angle")), ("xy", ("angle_x", "angle_y")), ("xy", ("theta_x", "theta_y")),
-    ("xy", ("field_x", "field_y")), ("xy", ("xi", "eta")),
+    ("yz", ("y_angle", "z_angle")),
+    ("yz", ("yag", "zag")),
+    ("yz", ("yang", "zang")),
+    ("xy", ("x_angle", "y_angle")),
+    ("xy", ("angle_x", "angle_y")),
+    ("xy", ("theta_x", "theta_y")),
+    ("xy", ("field_x", "field_y")),
+    ("xy", ("xi", "eta")),
     ("vectors", ("direction_x", "direction_y", "direction_z")),
-    ("vectors", ("unit_x", "unit_y", "unit_z")), ("vectors", ("ux", "uy", "uz")),
-    ("vectors", ("dx", "dy", "dz")), ("vectors", ("vx", "vy", "vz")),
-    ("radec", ("ra", "dec")), ("radec", ("ra_icrs", "de_icrs")), ("radec", ("raj2000", "dej2000")),
+    ("vectors", ("unit_x", "unit_y", "unit_z")),
+    ("vectors", ("ux", "uy", "uz")),
+    ("vectors", ("dx", "dy", "dz")),
+    ("vectors", ("vx", "vy", "vz")),
+    ("radec", ("ra", "dec")),
+    ("radec", ("ra_icrs", "de_icrs")),
+    ("radec", ("raj2000", "dej2000")),
     ("radec", ("right_ascension", "declination")),
     ("vectors", ("x", "y", "z")),
-)  # fmt: skip
+)
 PIXELS = (
-    ("column", "row"), ("col", "row"), ("pixel_x", "pixel_y"), ("x_pixel", "y_pixel"),
-    ("xpix", "ypix"), ("px", "py"), ("x_centroid", "y_centroid"), ("xcentroid", "ycentroid"),
-    ("x", "y"), ("u", "v"),
-)  # fmt: skip
+    ("column", "row"),
+    ("col", "row"),
+    ("pixel_x", "pixel_y"),
+    ("x_pixel", "y_pixel"),
+    ("xpix", "ypix"),
+    ("px", "py"),
+    ("x_centroid", "y_centroid"),
+    ("xcentroid", "ycentroid"),
+    ("x", "y"),
+    ("u", "v"),
+)
 TEMPERATURES = ("camera_temperature", "temperature", "temp", "t_aca", "t_camera", "t_ccd", "t")
 WEIGHTS = ("weight", "weights", "w")
 SIGMAS = ("sigma", "error", "err", "uncertainty")
 ARCSEC = ("yag", "zag")  # of Chandra, always in arcseconds
 UNITS = {
-    "arcsec": arcsec, "as": arcsec, "arcmin": 60 * arcsec, "mas": arcsec / 1000, "deg": deg,
-    "degree": deg, "degrees": deg, "rad": 1.0, "radian": 1.0, "mrad": 1e-3, "urad": 1e-6,
+    "arcsec": arcsec,
+    "as": arcsec,
+    "arcmin": 60 * arcsec,
+    "mas": arcsec / 1000,
+    "deg": deg,
+    "degree": deg,
+    "degrees": deg,
+    "rad": 1.0,
+    "radian": 1.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
     **dict.fromkeys((HOURS, "hr", "hour", "hours", "hourangle", "hms"), 15 * deg),
-}  # fmt: skip
+}
 CELSIUS = ("c", "degc", "deg_c", "celsius")
 KELVIN = ("k", "kelvin")
 OTHER_UNITS = ("px", "pix", "pixel", "pixels", "unit")
@@ -137,8 +162,9 @@ def read_star_table(path: Path, names: Names | None = None) -> StarTable:
     for use, name in (
         *((f"direction {n + 1}", _alone(angle)) for n, angle in enumerate(chosen)),
         *zip(("column", "row"), map(_alone, pixels), strict=True),
-        ("temperature", kelvin), ("weight", weight),
-    ):  # fmt: skip
+        ("temperature", kelvin),
+        ("weight", weight),
+    ):
         if name:
             used[use] = _alone(name)
     temperature = None if kelvin is None else _kelvin(columns[_alone(kelvin)], kelvin)

@@ -51,9 +51,11 @@ def earth_observer(epoch: float, orbital_velocity: Floats | None = None) -> Obse
 
 
 def apparent(
-    catalog: Catalog, epoch: float, observer_position: Floats | None = None,
+    catalog: Catalog,
+    epoch: float,
+    observer_position: Floats | None = None,
     observer_velocity: Floats | None = None,
-) -> Stars:  # fmt: skip
+) -> Stars:
     """Directions in which an observer sees the stars, outside any atmosphere.
 
         u = place(epoch) - parallax * observer_position,   then aberration of u / |u|

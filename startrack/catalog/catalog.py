@@ -125,10 +125,14 @@ FAINTEST = 100.0  # magnitude, so that 99.99 may stand for an unknown one
 
 
 def assemble(
-    path: Path, epoch: float, identifier: Ints, place_deg: tuple[Floats, Floats],
-    motion_mas: tuple[Floats, Floats, Floats], light: tuple[Floats, Floats],
+    path: Path,
+    epoch: float,
+    identifier: Ints,
+    place_deg: tuple[Floats, Floats],
+    motion_mas: tuple[Floats, Floats, Floats],
+    light: tuple[Floats, Floats],
     line: Sequence[int] | None = None,
-) -> Catalog:  # fmt: skip
+) -> Catalog:
     """A Catalog from columns (n,) as a file has them.
 
     path        the file, for messages
@@ -180,9 +184,17 @@ def assemble(
     parallax = np.where(np.isfinite(parallax_mas), parallax_mas, 0.0) * MAS
     ra, dec = (np.asarray(angle, float) * deg for angle in (ra_deg, dec_deg))
     return Catalog(
-        np.asarray(identifier, np.int64), ra, dec, epoch, pm_ra, pm_dec, moving, parallax,
-        np.asarray(magnitude_g, float), np.asarray(colour, float),
-    )  # fmt: skip
+        np.asarray(identifier, np.int64),
+        ra,
+        dec,
+        epoch,
+        pm_ra,
+        pm_dec,
+        moving,
+        parallax,
+        np.asarray(magnitude_g, float),
+        np.asarray(colour, float),
+    )
 
 
 FIRST_G, LAST_G = 5.0, 10.0
@@ -226,9 +238,17 @@ def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog
     ra, dec = np.arctan2(y, x) % (2 * np.pi), np.arcsin(np.clip(z, -1, 1))
     colour, unknown = random.choice(catalog.colour, len(belt)), np.zeros(len(belt))
     return Catalog(
-        np.arange(1, len(belt) + 1), ra, dec, catalog.epoch, unknown, unknown,
-        np.zeros(len(belt), bool), unknown, magnitude, colour,
-    )  # fmt: skip
+        np.arange(1, len(belt) + 1),
+        ra,
+        dec,
+        catalog.epoch,
+        unknown,
+        unknown,
+        np.zeros(len(belt), bool),
+        unknown,
+        magnitude,
+        colour,
+    )
 
 
 def _from_pole(height: Floats, longitude: Floats) -> Floats:

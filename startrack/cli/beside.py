@@ -60,9 +60,13 @@ def start(parts: tuple[str, ...], lock: Path) -> subprocess.Popen[bytes] | None:
         return None
     try:  # the lock is inherited, and ends with the process
         return subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL, start_new_session=True, pass_fds=file,
-        )  # fmt: skip
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            pass_fds=file,
+        )
     finally:
         for number in file:
             os.close(number)

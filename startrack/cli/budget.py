@@ -43,28 +43,49 @@ declare = Options(
     "the sky) and curves.png (error over rate, magnitude and field). The status is 3 if a part of "
     "the sky has no attitude.",
     *DESIGN,
-    Option("--montecarlo N", "measure it on N random attitudes by switching causes (default: "
-           "analytic only)", whole(1)),
-    Option("--times N", "with --montecarlo: frames per attitude, to separate constant from "
-           "varying errors", whole(1), 1),
-    Option("--units N", "add classes of error, levels and yield of N units of the design, drawn "
-           "from its [[variation]] tables and calibrated, at the begin and the end of its "
-           f"lifetime (default: {UNITS} where it has such tables)", whole(2)),
-    Option("--tolerances", "with --units: what halving the scale of each [[variation]] buys at "
-           "the end of life, the one that buys most first"),
-    Option("--levers", "with --units: what a step of each lever buys and costs at the end of life "
-           "(tracked stars, catalogue, calibration, causes of the residual, structure, lens), the "
-           "one that buys most first"),
-    Option("--profile PROFILE.toml", "simulate sequences along a profile; print absolute, mean, "
-           "relative and drift errors", Path),
-    Option("--sequences N", "with --profile: number of sequences, from random attitudes", whole(1),
-           8),
+    Option(
+        "--montecarlo N",
+        "measure it on N random attitudes by switching causes (default: analytic only)",
+        whole(1),
+    ),
+    Option(
+        "--times N",
+        "with --montecarlo: frames per attitude, to separate constant from varying errors",
+        whole(1),
+        1,
+    ),
+    Option(
+        "--units N",
+        "add classes of error, levels and yield of N units of the design, drawn "
+        "from its [[variation]] tables and calibrated, at the begin and the end of its "
+        f"lifetime (default: {UNITS} where it has such tables)",
+        whole(2),
+    ),
+    Option(
+        "--tolerances",
+        "with --units: what halving the scale of each [[variation]] buys at "
+        "the end of life, the one that buys most first",
+    ),
+    Option(
+        "--levers",
+        "with --units: what a step of each lever buys and costs at the end of life "
+        "(tracked stars, catalogue, calibration, causes of the residual, structure, lens), the "
+        "one that buys most first",
+    ),
+    Option(
+        "--profile PROFILE.toml",
+        "simulate sequences along a profile; print absolute, mean, relative and drift errors",
+        Path,
+    ),
+    Option(
+        "--sequences N", "with --profile: number of sequences, from random attitudes", whole(1), 8
+    ),
     Option("--window SECONDS", "with --profile: time window of the mean errors, s", positive, 1.0),
     shared.SEED,
     shared.WORKERS,
     Option("--out DIR", "folder for budget.json and pictures", Path),
     claims=True,
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -211,9 +232,11 @@ def _values(budget: Budget[Any]) -> dict[str, Any]:
     return {
         "causes": {line.name: _line(line, ways) for line in budget.lines},
         "terms": {term.value: _pair(budget.term(term)) for term in Term},
-        "sum": _pair(budget.sum), "end to end": _line(budget.whole, ways),
-        "availability": budget.availability, "stars": budget.stars,
-    }  # fmt: skip
+        "sum": _pair(budget.sum),
+        "end to end": _line(budget.whole, ways),
+        "availability": budget.availability,
+        "stars": budget.stars,
+    }
 
 
 def _pair(errors: Iterable[float]) -> dict[str, float]:
@@ -248,9 +271,10 @@ def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
 
     def add(name: str, term: str, pairs: Iterable[Iterable[float] | None], note: str = "") -> None:
         cells = [
-            cell for pair in pairs
+            cell
+            for pair in pairs
             for cell in ([f"{value / arcsec:.3f}" for value in pair] if pair else ["", ""])
-        ]  # fmt: skip
+        ]
         rows.append([name, term, *cells, *([note] if by_trials else [])])
 
     named = {line.name: line for line in expected.lines}
@@ -261,8 +285,12 @@ def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
         pairs = [(cause.across, cause.about) if cause else None for cause in (line, other)]
         add(name, term, pairs[: len(both)], _difference(line, other, by_trials))
     add("root sum square", "", [budget.sum for budget in both])
-    add("end to end", "", [(budget.whole.across, budget.whole.about) for budget in both],
-        _difference(expected.whole, by_trials.whole if by_trials else None, by_trials))  # fmt: skip
+    add(
+        "end to end",
+        "",
+        [(budget.whole.across, budget.whole.about) for budget in both],
+        _difference(expected.whole, by_trials.whole if by_trials else None, by_trials),
+    )
     mixed = metrics.Interpretation.MIXED
     for fraction in metrics.LEVELS:
         levels = [_levels(budget.whole.spread, fraction, mixed) for budget in both]
@@ -284,7 +312,7 @@ def _difference(
             (line.about, other.about, by_trials.about),
         )
         if max(a, b) > FAR * end_to_end
-    ]  # fmt: skip
+    ]
     return f"differs by {100 * max(off):.0f} %" if max(off, default=0) > FAR else ""
 
 
@@ -301,13 +329,15 @@ def _indices(
     indices = {name: _line(line, ways) for name, line in lines.items()}
     rows = [
         [
-            name, axis, f"{values[axis]:.3f}",
+            name,
+            axis,
+            f"{values[axis]:.3f}",
             *(f"{values['levels'][way.value]['99.73 %'][axis]:.3f}" for way in ways),
             INDICES[name] if axis == "across" else "",
         ]
         for name, values in indices.items()
         for axis in AXES
-    ]  # fmt: skip
+    ]
     head = (
         f"{options.profile}, {count} sequences, windows of {window:g} s; arcsec per axis: rms, and "
         "99.73 % as temporal, ensemble, mixed"

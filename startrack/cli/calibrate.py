@@ -54,36 +54,70 @@ declare = Options(
     "  startrack calibrate stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row\n"
     "  startrack calibrate later.csv --fitted camera.toml",
     *images(" of one camera; or one table of stars"),
-    Option("--fov DEG", "images: approximate field of view across the columns, degree (default: "
-           "as `solve` finds it)", float),
+    Option(
+        "--fov DEG",
+        "images: approximate field of view across the columns, degree (default: "
+        "as `solve` finds it)",
+        float,
+    ),
     *shared.FIELD_AND_SKY,
-    Option("--principal PX", "images: prior sigma of the principal point, pixel; 0 fixes it at "
-           "the centre", float, 20.0),
-    Option("--distortion", "distortion to fit: none, k1 (radial; default of images) or k1, k2, "
-           "p1, p2 (full); of a table also a polynomial over the field of order 1, 2 or 3, or "
-           "auto: the best of all (default)", ("none", "radial", "full", "1", "2", "3", "auto")),
-    shared.Group("tables of stars",
-        Option("--fitted CAMERA", "camera of another table, as --camera wrote it: only the "
-               "attitude is fitted, and what is left over is printed", Path),
-        Option("--temperature-terms", "whether boresight and scale move with temperature "
-               "(default: auto, both are tried)", ("auto", "none", "linear"), "auto"),
+    Option(
+        "--principal PX",
+        "images: prior sigma of the principal point, pixel; 0 fixes it at the centre",
+        float,
+        20.0,
+    ),
+    Option(
+        "--distortion",
+        "distortion to fit: none, k1 (radial; default of images) or k1, k2, "
+        "p1, p2 (full); of a table also a polynomial over the field of order 1, 2 or 3, or "
+        "auto: the best of all (default)",
+        ("none", "radial", "full", "1", "2", "3", "auto"),
+    ),
+    shared.Group(
+        "tables of stars",
+        Option(
+            "--fitted CAMERA",
+            "camera of another table, as --camera wrote it: only the "
+            "attitude is fitted, and what is left over is printed",
+            Path,
+        ),
+        Option(
+            "--temperature-terms",
+            "whether boresight and scale move with temperature (default: auto, both are tried)",
+            ("auto", "none", "linear"),
+            "auto",
+        ),
         Option("--directions NAMES", "columns of directions, such as yag:arcsec,zag:arcsec"),
-        Option("--directions-are", "what these columns are (default: by their names)",
-               ("vectors", "radec", "yz", "xy")),
+        Option(
+            "--directions-are",
+            "what these columns are (default: by their names)",
+            ("vectors", "radec", "yz", "xy"),
+        ),
         Option("--pixels NAMES", "columns of pixels, such as col,row"),
         Option("--temperature NAME", "column of temperature, such as t:K; '' for none"),
         Option("--weight NAME", "column of weights; '' for none"),
         Option("--size COLUMNS,ROWS", "pixels of the array (default: as the table needs)"),
-        Option("--first-pixel X,Y", "place of the first pixel's centre as the table counts "
-               "(default: 0,0)"),
+        Option(
+            "--first-pixel X,Y",
+            "place of the first pixel's centre as the table counts (default: 0,0)",
+        ),
         Option("--folds N", "parts of the table in the cross-validation", whole(2), 10),
     ),
     Option("--out FILE", "JSON file for the result", Path),
-    Option("--camera FILE", "TOML file for the camera: `solve --camera` reads it, and its table "
-           "[tracker.camera] is what a tracker of a design believes", Path),
-    Option("--posterior DIR", "folder for posterior.json and corner.png: sample the posterior of "
-           "focal length, principal point, k1 and PSF width", Path),
-)  # fmt: skip
+    Option(
+        "--camera FILE",
+        "TOML file for the camera: `solve --camera` reads it, and its table "
+        "[tracker.camera] is what a tracker of a design believes",
+        Path,
+    ),
+    Option(
+        "--posterior DIR",
+        "folder for posterior.json and corner.png: sample the posterior of "
+        "focal length, principal point, k1 and PSF width",
+        Path,
+    ),
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -101,11 +135,12 @@ def command(options: argparse.Namespace) -> int:
             within(0.01, 179, fov=options.fov)
         identification = Identification(focal_tolerance=options.fov_tolerance)
         settings = calibration.Calibration(
-            focal_length=options.fov_tolerance, principal=options.principal,
+            focal_length=options.fov_tolerance,
+            principal=options.principal,
             k2=1.0 if options.distortion == "full" else 0.0,
             k1=0.0 if options.distortion == "none" else 1.0,
             tangential=0.01 if options.distortion == "full" else 0.0,
-        )  # fmt: skip
+        )
         frames = [*map(terminal.image_reader(options), options.images)]
     indexes = PatternIndexes(terminal.read_stars(options.catalog, options.epoch))
     shapes = {frame.image.shape for frame in frames}
@@ -148,9 +183,11 @@ def _unsolved(options: argparse.Namespace, frames: list[Frame]) -> int:
 
 
 def _start(
-    options: argparse.Namespace, frames: list[Frame], indexes: PatternIndexes,
+    options: argparse.Namespace,
+    frames: list[Frame],
+    indexes: PatternIndexes,
     identification: Identification,
-) -> Camera | None:  # fmt: skip
+) -> Camera | None:
     """A camera that solves one of the images: of the given field, else of what the image shows."""
     rows, columns = frames[0].image.shape
     if options.fov is None:
@@ -193,9 +230,12 @@ def _solved(
 
 
 def _posterior(
-    options: argparse.Namespace, spots: list[Spots], matches: list[Matches], frames: list[Frame],
+    options: argparse.Namespace,
+    spots: list[Spots],
+    matches: list[Matches],
+    frames: list[Frame],
     camera: Camera,
-) -> tuple[dict[str, Any], list[str]]:  # fmt: skip
+) -> tuple[dict[str, Any], list[str]]:
     """Sample the camera; write posterior.json and corner.png unless chains did not converge."""
     prior = calibration.Prior(options.fov_tolerance, options.principal, 1.0, 1e-3, 3.0)
     terminal.print_message("startrack calibrate: sampling, some tens of seconds per image")
@@ -208,8 +248,9 @@ def _posterior(
         return values, [f"posterior: {said}"]
     values |= {
         "median_and_95": {name: posterior.interval(name) for name in posterior.names},
-        "open": list(posterior.unconstrained), "correlation": posterior.correlation.tolist(),
-    }  # fmt: skip
+        "open": list(posterior.unconstrained),
+        "correlation": posterior.correlation.tolist(),
+    }
     save_json(options.posterior / "posterior.json", terminal.finite(values))
     labels = [
         name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in posterior.names
@@ -232,11 +273,16 @@ def _result(fit: calibration.Calibrated, images: int) -> tuple[dict[str, Any], l
     )
     fitted = {name: getattr(camera, name) for name in sigma}
     result = {
-        "status": "calibrated", "images": images, "solved": fit.frames, "stars": fit.stars,
-        "residual_rms_px": fit.residual_rms, "fov_x_deg": field,
+        "status": "calibrated",
+        "images": images,
+        "solved": fit.frames,
+        "stars": fit.stars,
+        "residual_rms_px": fit.residual_rms,
+        "fov_x_deg": field,
         "camera": {"columns": camera.columns, "rows": camera.rows, **fitted},
-        "sigma": sigma, "covariance": fit.covariance.tolist(),
-    }  # fmt: skip
+        "sigma": sigma,
+        "covariance": fit.covariance.tolist(),
+    }
     lines = [
         f"{fit.frames} of {images} images, {fit.stars} stars, residual "
         f"{fit.residual_rms:.3f} px; field {field:.4f} deg"
@@ -269,9 +315,11 @@ def _calibrate_table(options: argparse.Namespace) -> int:
     unseen_by = [_unseen(table, unseen) for unseen in tried]
     best = next(row for row, unseen in zip(unseen_by, tried, strict=True) if unseen is chosen)
     result = _fit_values(path, table, fit, first) | {
-        "chosen": {name: best[name] for name in ORDER}, "unseen_rms_px": best["unseen_rms_px"],
-        "unseen_rms_arcsec": best["unseen_rms_arcsec"], "orders": unseen_by,
-    }  # fmt: skip
+        "chosen": {name: best[name] for name in ORDER},
+        "unseen_rms_px": best["unseen_rms_px"],
+        "unseen_rms_arcsec": best["unseen_rms_arcsec"],
+        "orders": unseen_by,
+    }
     _write(options, result, fit.camera)
     if options.size is None:
         terminal.print_message(
@@ -306,9 +354,11 @@ def _as_fitted(options: argparse.Namespace, path: Path) -> int:
 
 
 def _residual_text(values: dict[str, Any]) -> list[str]:
-    lines = [f"{values['stars']} stars, {values['outliers']} beyond {calibration.OUTLIER:g} sigma "
-             f"left out; camera as given: residual {values['residual_rms_px']:.4f} px",
-             f"{'residual, arcsec':20} {'rms':>9} {'median':>9} {'worst':>9}"]  # fmt: skip
+    lines = [
+        f"{values['stars']} stars, {values['outliers']} beyond {calibration.OUTLIER:g} sigma "
+        f"left out; camera as given: residual {values['residual_rms_px']:.4f} px",
+        f"{'residual, arcsec':20} {'rms':>9} {'median':>9} {'worst':>9}",
+    ]
     for axis, rms in values["residual_rms_arcsec"].items():
         middle, worst = (values[f"residual_{name}_arcsec"][axis] for name in ("median", "worst"))
         lines.append(f"{axis:20} {rms:9.3f} {middle:9.3f} {worst:9.3f}")
@@ -320,9 +370,12 @@ def _names(options: argparse.Namespace) -> calibration.Names:
         return tuple(name.strip() for name in text.split(",")) if text else ()
 
     return calibration.Names(
-        listed(options.directions), options.directions_are, listed(options.pixels),
-        options.temperature, options.weight,
-    )  # fmt: skip
+        listed(options.directions),
+        options.directions_are,
+        listed(options.pixels),
+        options.temperature,
+        options.weight,
+    )
 
 
 def _array(
@@ -360,31 +413,39 @@ def _fit_values(
         shown |= {f"{name}_k": shown.pop(name) for name in ("temperature", "reference")}
     angle = calibration.residuals(fit, table, first)[0][used]
     return {
-        "status": "calibrated", "table": str(path), "stars": len(table),
-        "rows_left_out": table.left_out, "outliers": int((~used).sum()),
-        "columns_used": dict(table.columns), "first_pixel": list(first),
+        "status": "calibrated",
+        "table": str(path),
+        "stars": len(table),
+        "rows_left_out": table.left_out,
+        "outliers": int((~used).sum()),
+        "columns_used": dict(table.columns),
+        "first_pixel": list(first),
         "camera": {name: getattr(camera, name) for name in PINHOLE} | {"polynomial": shown},
         "table_to_camera_xyzw": [float(x) for x in fit.attitude.as_quat(canonical=True)],
-        "fov_x_deg": math.degrees(camera.fov_x), "names": list(fit.names),
+        "fov_x_deg": math.degrees(camera.fov_x),
+        "names": list(fit.names),
         "sigma": dict(zip(fit.names, np.sqrt(fit.covariance.diagonal()).tolist(), strict=True)),
         "covariance": fit.covariance.tolist(),
         "residual_rms_px": float(_rms(fit.residual[used].ravel())),
         "residual_rms_arcsec": _by_axis(table, _rms(angle)),
         "residual_median_arcsec": _by_axis(table, np.median(np.abs(angle), axis=0)),
         "residual_worst_arcsec": _by_axis(table, np.abs(angle).max(axis=0)),
-    }  # fmt: skip
+    }
 
 
 def _unseen(table: calibration.StarTable, unseen: calibration.Unseen) -> dict[str, Any]:
     order, rms = unseen.order, math.sqrt(unseen.mean_square)
     return {
-        "name": str(order), "distortion": order.model,
-        "temperature_terms": "linear" if order.warm else "none", "unknowns": order.unknowns,
-        "unseen_rms_arcsec": _by_axis(table, unseen.rms), "unseen_rms_px": rms,
+        "name": str(order),
+        "distortion": order.model,
+        "temperature_terms": "linear" if order.warm else "none",
+        "unknowns": order.unknowns,
+        "unseen_rms_arcsec": _by_axis(table, unseen.rms),
+        "unseen_rms_px": rms,
         "unseen_rms_px_sigma": unseen.standard_error / (2 * rms),
         "outliers": int((~unseen.inlier).sum()),
         "unseen_rms_arcsec_with_outliers": _by_axis(table, _rms(unseen.angle)),
-    }  # fmt: skip
+    }
 
 
 def _by_axis(table: calibration.StarTable, values: np.ndarray) -> dict[str, float]:

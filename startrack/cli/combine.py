@@ -24,11 +24,16 @@ declare = Options(
     "  startrack montecarlo --trials 200 --control --store frames.sqlite\n"
     "  startrack montecarlo --trials 20000 --fidelity covariance --store covariance.sqlite\n"
     "  startrack combine frames.sqlite covariance.sqlite",
-    Option("campaigns CAMPAIGN.sqlite", "stores of `montecarlo`, of one design and one seed, made "
-           "without --sobol: a few frames (best with --control), many windows, or very many "
-           "trials of fidelity covariance. The approximations of the other fidelities do not bias "
-           "the estimate", Path, many="+"),
-)  # fmt: skip
+    Option(
+        "campaigns CAMPAIGN.sqlite",
+        "stores of `montecarlo`, of one design and one seed, made "
+        "without --sobol: a few frames (best with --control), many windows, or very many "
+        "trials of fidelity covariance. The approximations of the other fidelities do not bias "
+        "the estimate",
+        Path,
+        many="+",
+    ),
+)
 
 
 def command(options: argparse.Namespace) -> int:

@@ -55,13 +55,17 @@ declare = Options(
     "paired and known better than either error.",
     Option("first FIRST", "design file, or store of `montecarlo` (.sqlite)", Path),
     Option("second SECOND", "design file, or store of `montecarlo` (.sqlite)", Path),
-    Option("--trials N", "trials of each design file; of two campaigns, all are used",
-           whole(2, 10**8), 200),
+    Option(
+        "--trials N",
+        "trials of each design file; of two campaigns, all are used",
+        whole(2, 10**8),
+        200,
+    ),
     *shared.SET,
     fidelity("of the trials of design files (default: frame); see montecarlo"),
     shared.SEED,
     shared.WORKERS,
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -79,11 +83,13 @@ def command(options: argparse.Namespace) -> int:
     statistics = differences(*tables, (limits[0], limits[1]), paired)
     changed = _changed(to_table(first.case), to_table(second.case))
     result = {
-        "first": str(options.first), "second": str(options.second), "paired": paired,
+        "first": str(options.first),
+        "second": str(options.second),
+        "paired": paired,
         "trials": [*map(len, tables)],
         "parameters": {name: list(pair) for name, pair in changed.items()},
         "statistics": {difference.name: _row(difference).json()[0] for difference in statistics},
-    }  # fmt: skip
+    }
     trials = len(tables[0]), len(tables[1])
     print_result(options, result, *_text(options, changed, statistics, paired, trials))
     return Exit.DONE
@@ -112,9 +118,17 @@ def _trials(first: Side, second: Side, options: argparse.Namespace) -> tuple[Row
     with pool(options.workers) as executor, progress("trials", 2 * options.trials) as advance:
         for side in (first, second):
             made.append(
-                run(side.case, options.trials, options.seed, executor, 0, options.workers,
-                    advance, fidelity)
-            )  # fmt: skip
+                run(
+                    side.case,
+                    options.trials,
+                    options.seed,
+                    executor,
+                    0,
+                    options.workers,
+                    advance,
+                    fidelity,
+                )
+            )
     return made[0], made[1]
 
 
@@ -169,9 +183,12 @@ def _row(difference: Found) -> Table:
 
 
 def _text(
-    options: argparse.Namespace, changed: dict[str, tuple[str, str]], statistics: list[Found],
-    paired: bool, trials: tuple[int, int],
-) -> list[str]:  # fmt: skip
+    options: argparse.Namespace,
+    changed: dict[str, tuple[str, str]],
+    statistics: list[Found],
+    paired: bool,
+    trials: tuple[int, int],
+) -> list[str]:
     rows = [["", str(options.first), str(options.second), CHANGE]]
     rows += [[name, *pair, ""] for name, pair in changed.items()]
     rows += [_row(difference).cells[0] for difference in statistics]

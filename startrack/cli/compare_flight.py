@@ -40,17 +40,22 @@ declare = Options(
     "  startrack compare-flight trackers/chandra-aca.toml flight.npz --stars s4,s5",
     Option("design DESIGN.toml", "design file", Path),
     *images("; or one npz or FITS file of the images of several stars over time"),
-    Option("--dark-frame IMAGE", "with frames: dark frame of the detector, best the mean of many, "
-           "of which a tracker with tracker.detection.dark_map makes its map; the predicted images "
-           "have dark frames of the drawn detectors", Path),
-    Option("--stars NAMES", "stars of the file, such as s4,s5 (default: all with 32 images or "
-           "more)"),
+    Option(
+        "--dark-frame IMAGE",
+        "with frames: dark frame of the detector, best the mean of many, "
+        "of which a tracker with tracker.detection.dark_map makes its map; the predicted images "
+        "have dark frames of the drawn detectors",
+        Path,
+    ),
+    Option(
+        "--stars NAMES", "stars of the file, such as s4,s5 (default: all with 32 images or more)"
+    ),
     Option("--devices N", "detectors that are drawn", whole(2, 1000), 8),
     Option("--keep", "write the predicted images of the first detector to predicted.npz"),
     *SET,
     SEED,
     out("startrack-compare-flight"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -65,8 +70,12 @@ def command(options: argparse.Namespace) -> int:
             save_arrays(options.out / "predicted.npz", {star.name: star.columns for star in made})
     table, first = _table(flown), options.images[0]
     result = {
-        "design": str(options.design), "images": str(first), "frames": len(options.images),
-        "seed": options.seed, "devices": options.devices, "differences": table.json(),
+        "design": str(options.design),
+        "images": str(first),
+        "frames": len(options.images),
+        "seed": options.seed,
+        "devices": options.devices,
+        "differences": table.json(),
         "untested": _untested(flown),
         "curve_correlation": {
             star: verification.correlation(*pair) for star, pair in flown.curves.items()
@@ -74,7 +83,7 @@ def command(options: argparse.Namespace) -> int:
         "curves_px": {
             star: [curve.tolist() for curve in pair] for star, pair in flown.curves.items()
         },
-    }  # fmt: skip
+    }
     save_json(options.out / "flight.json", terminal.finite(result))
     title = f"{options.design.stem}, {first.name}: predicted over seen"
     draw_flown(options.out / "flight.png", flown, title)
@@ -105,11 +114,12 @@ def _table(flown: verification.Flown) -> Table:
             Column("predicted", "predicted", lambda row: row.predicted, form=".4g"),
             Column("ratio", "predicted / seen", lambda row: row.ratio, form=".3f"),
             Column("differs", "", lambda row: row.differs),
-            Column("keys", "differs: keys of the design",
-                   lambda row: row.key if row.differs else ""),
+            Column(
+                "keys", "differs: keys of the design", lambda row: row.key if row.differs else ""
+            ),
         ],
         flown.differences,
-    )  # fmt: skip
+    )
 
 
 def _untested(flown: verification.Flown) -> list[str]:
@@ -125,7 +135,9 @@ def _text(flown: verification.Flown, table: Table) -> list[str]:
         if math.isfinite(value):
             lines.append(f"{star}: centroid over the pixel, correlation {value:.2f}")
     return [
-        *lines, *_untested(flown), "",
+        *lines,
+        *_untested(flown),
+        "",
         "pixel; digital numbers (read_noise, brightness, background); electron per number (gain); "
         "image: worst pixel of the peak; acquired: share of exposures; brackets: 95 %",
-    ]  # fmt: skip
+    ]

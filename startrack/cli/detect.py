@@ -23,19 +23,26 @@ declare = Options(
     "its sigma, flux, signal-to-noise ratio, area. The status is 1 if an image cannot be read; "
     "the others are searched.",
     *images(),
-    Option("--design DESIGN.toml", "design file that gives the settings of the detection and the "
-           "PSF", Path),
+    Option(
+        "--design DESIGN.toml",
+        "design file that gives the settings of the detection and the PSF",
+        Path,
+    ),
     *SET,
     Option("--threshold SIGMA", "detection threshold (default: 5.5)", float),
-    Option("--false N", "set the threshold by the mean number of false spots per image, such as "
-           "0.05", float),
+    Option(
+        "--false N",
+        "set the threshold by the mean number of false spots per image, such as 0.05",
+        float,
+    ),
     Option("--sigma PIXEL", "sigma of the image of a star, pixel (default: 1)", float),
-    Option("--centroid NAME", "centroid method: gravity (default), weighted, gaussian or "
-           "likelihood"),
+    Option(
+        "--centroid NAME", "centroid method: gravity (default), weighted, gaussian or likelihood"
+    ),
     Option("--dark IMAGE", "dark frame to subtract", Path),
     Option("--flat IMAGE", "flat field to divide by", Path),
     Option("--overlay DIR", "folder for pictures of the images with their spots", Path),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -73,9 +80,11 @@ def _settings(options: argparse.Namespace) -> tuple[detection.Detection, Psf | N
         case = read_design(options.design, options.set).case
         settings, psf = case.tracker.detection, psf_of(case.instrument)
     given = {
-        "threshold": options.threshold, "false_per_frame": options.false,
-        "kernel_sigma": options.sigma, "centroid": options.centroid,
-    }  # fmt: skip
+        "threshold": options.threshold,
+        "false_per_frame": options.false,
+        "kernel_sigma": options.sigma,
+        "centroid": options.centroid,
+    }
     return replace(settings, **{k: v for k, v in given.items() if v is not None}), psf
 
 

@@ -63,47 +63,92 @@ MAPS = {
 
 declare = Parts(
     EARTH,
-    geometry=("compute height, shadow, incidence and level of each pixel", Options(
-        "Writes geometry.png and geometry.nc (NetCDF).",
-        Option("scene SCENE.toml", "scene file (default: the example, mountains)", Path, many="?"),
-        SEED,
-        out("startrack-earth"),
-    )),
-    render=("render images: digital numbers, and the radiance in its five terms", Options(
-        "Writes a FITS and a PNG file of each channel.",
-        Option("scene SCENE", "scene file, or one of the catalogue: waoss, hsrs (default), mertis, "
-               "ads40, sentinel2-msi, landsat8-oli, landsat8-tirs", many="?"),
-        SEED,
-        Option("--geotiff", "also write GeoTIFF files (extra `earth`)"),
-        Option("--calibration EXPOSURES", "also write dark and flat frames, for `process`: means "
-               "of so many exposures (default: 256 lines of a scanner, 16 frames of a matrix)", int,
-               many="?", const=0),
-        out("startrack-earth"),
-    )),
-    process=("turn raw images into radiance, reflectance and maps on the terrain", Options(
-        "Reads CHANNEL.fits and CHANNEL-calibration.fits, as `render --calibration` writes them. "
-        "Writes CHANNEL-map.tif and CHANNEL-quality.tif (GeoTIFF; extra `earth`), "
-        "CHANNEL-map.png, and earth.html, a page of camera, images and products. Camera, flight "
-        "and terrain are those of the scene file; of its land nothing is used.",
-        Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs), that was "
-               "rendered", many="?"),
-        Option("--raw DIR", "folder of the images and frames (default: startrack-earth)", Path,
-               Path("startrack-earth")),
-        Option("--projection", "of the map: UTM in the zone of the image's middle (default), or "
-               "longitude and latitude; on WGS84", ("utm", "geographic"), "utm"),
-        Option("--cell METRE", "size of a cell (default: of a pixel in the middle of the image, "
-               "rounded)", float),
-        Option("--resampling", "how values between pixels are found",
-               ("bilinear", "nearest", "cubic"), "bilinear"),
-        Option("--uncertainty", "also write CHANNEL-uncertainty.tif: standard deviations of each "
-               "layer by contributors, from `[knowledge]` of the scene"),
-        out("startrack-earth"),
-    )),
-    terrain=("print area and heights of height files, and the table that a scene needs", Options(
-        "",
-        Option("files FILE", "height files, or a quoted pattern such as 'dem/*.tif'", many="+"),
-    )),
-)  # fmt: skip
+    geometry=(
+        "compute height, shadow, incidence and level of each pixel",
+        Options(
+            "Writes geometry.png and geometry.nc (NetCDF).",
+            Option(
+                "scene SCENE.toml", "scene file (default: the example, mountains)", Path, many="?"
+            ),
+            SEED,
+            out("startrack-earth"),
+        ),
+    ),
+    render=(
+        "render images: digital numbers, and the radiance in its five terms",
+        Options(
+            "Writes a FITS and a PNG file of each channel.",
+            Option(
+                "scene SCENE",
+                "scene file, or one of the catalogue: waoss, hsrs (default), mertis, "
+                "ads40, sentinel2-msi, landsat8-oli, landsat8-tirs",
+                many="?",
+            ),
+            SEED,
+            Option("--geotiff", "also write GeoTIFF files (extra `earth`)"),
+            Option(
+                "--calibration EXPOSURES",
+                "also write dark and flat frames, for `process`: means "
+                "of so many exposures (default: 256 lines of a scanner, 16 frames of a matrix)",
+                int,
+                many="?",
+                const=0,
+            ),
+            out("startrack-earth"),
+        ),
+    ),
+    process=(
+        "turn raw images into radiance, reflectance and maps on the terrain",
+        Options(
+            "Reads CHANNEL.fits and CHANNEL-calibration.fits, as `render --calibration` writes "
+            "them. Writes CHANNEL-map.tif and CHANNEL-quality.tif (GeoTIFF; extra `earth`), "
+            "CHANNEL-map.png, and earth.html, a page of camera, images and products. Camera, "
+            "flight and terrain are those of the scene file; of its land nothing is used.",
+            Option(
+                "scene SCENE",
+                "scene file, or one of the catalogue (default: hsrs), that was rendered",
+                many="?",
+            ),
+            Option(
+                "--raw DIR",
+                "folder of the images and frames (default: startrack-earth)",
+                Path,
+                Path("startrack-earth"),
+            ),
+            Option(
+                "--projection",
+                "of the map: UTM in the zone of the image's middle (default), or "
+                "longitude and latitude; on WGS84",
+                ("utm", "geographic"),
+                "utm",
+            ),
+            Option(
+                "--cell METRE",
+                "size of a cell (default: of a pixel in the middle of the image, rounded)",
+                float,
+            ),
+            Option(
+                "--resampling",
+                "how values between pixels are found",
+                ("bilinear", "nearest", "cubic"),
+                "bilinear",
+            ),
+            Option(
+                "--uncertainty",
+                "also write CHANNEL-uncertainty.tif: standard deviations of each "
+                "layer by contributors, from `[knowledge]` of the scene",
+            ),
+            out("startrack-earth"),
+        ),
+    ),
+    terrain=(
+        "print area and heights of height files, and the table that a scene needs",
+        Options(
+            "",
+            Option("files FILE", "height files, or a quoted pattern such as 'dem/*.tif'", many="+"),
+        ),
+    ),
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -129,12 +174,16 @@ def geometry(options: argparse.Namespace) -> int:
             advance(strip.shape[0])
     height = maps["height"]
     result: dict[str, Any] = {
-        "scene": str(path), "lines": lines, "columns": columns, "seen": float(maps["hit"].mean()),
+        "scene": str(path),
+        "lines": lines,
+        "columns": columns,
+        "seen": float(maps["hit"].mean()),
         "shadow": _known(np.nanmean, maps["shadow"]),
         "height_m": [_known(np.nanmin, height), _known(np.nanmax, height)],
         "levels": sorted({int(level) for level in maps["level"][maps["hit"] > 0]}),
-        "png": str(options.out / "geometry.png"), "netcdf": str(options.out / "geometry.nc"),
-    }  # fmt: skip
+        "png": str(options.out / "geometry.png"),
+        "netcdf": str(options.out / "geometry.nc"),
+    }
     save_netcdf(options.out / "geometry.nc", maps, MAPS, ("line", "column"))
     draw_geometry(options.out / "geometry.png", maps, path.stem)
     print_result(options, result, *_text(result))
@@ -152,9 +201,11 @@ def rendered(options: argparse.Namespace) -> int:
         start = options.out / channel.name
         fits, png = start.with_suffix(".fits"), start.with_suffix(".png")
         cards = {
-            "SCENE": path.name, "CHANNEL": channel.name, "SEED": options.seed,
+            "SCENE": path.name,
+            "CHANNEL": channel.name,
+            "SEED": options.seed,
             "CAMERA": (product.camera_id(channel), "parameters of the channel"),
-        }  # fmt: skip
+        }
         with whole(fits) as draft, progress(channel.name, lines) as advance:
             picture = imager.open_fits(draft, lines, columns, cards)
             setting = imager.render(survey, channel, path.parent, options.seed, picture, advance)
@@ -201,14 +252,19 @@ def _picture_values(
     largest = 2**channel.detector.bits - 1
     lines, columns = picture.numbers.shape
     return {
-        "channel": channel.name, "lines": lines, "columns": columns, "period_s": setting.period,
-        "exposure_s": setting.exposure, "smear_px": setting.smear,
-        "electrons_per_radiance": setting.electrons / um, "surroundings": setting.surroundings,
+        "channel": channel.name,
+        "lines": lines,
+        "columns": columns,
+        "period_s": setting.period,
+        "exposure_s": setting.exposure,
+        "smear_px": setting.smear,
+        "electrons_per_radiance": setting.electrons / um,
+        "surroundings": setting.surroundings,
         "seen": float(np.isfinite(picture.latitude).mean()),
         "number_mean": float(picture.numbers.mean()),
         "saturated": float((picture.numbers >= largest).mean()),
         "radiance": {name: float(term.mean()) for name, term in picture.terms._asdict().items()},
-    }  # fmt: skip
+    }
 
 
 def _lens_values(
@@ -274,9 +330,11 @@ def processed(options: argparse.Namespace) -> int:
         start = options.out / f"{channel.name}-map"
         quality = options.out / f"{channel.name}-quality.tif"
         tags = {
-            "CHANNEL": channel.name, "SCENE": path.name, "RESAMPLING": settings.resampling,
+            "CHANNEL": channel.name,
+            "SCENE": path.name,
+            "RESAMPLING": settings.resampling,
             "CAMERA": product.camera_id(channel),
-        }  # fmt: skip
+        }
         product.write_product(
             start.with_suffix(".tif"), mapped.layers, PRODUCT_UNITS, mapped.grid, tags
         )
@@ -284,18 +342,26 @@ def processed(options: argparse.Namespace) -> int:
         if mapped.doubt:
             units = PRODUCT_UNITS | {"place": "m"}
             product.write_product(
-                options.out / f"{channel.name}-uncertainty.tif", mapped.doubt,
-                {name: units[name.partition(":")[0]] for name in mapped.doubt}, mapped.grid, tags,
-            )  # fmt: skip
+                options.out / f"{channel.name}-uncertainty.tif",
+                mapped.doubt,
+                {name: units[name.partition(":")[0]] for name in mapped.doubt},
+                mapped.grid,
+                tags,
+            )
         shown = {name: imager.thinned(layer, PANEL) for name, layer in mapped.layers.items()}
         draw_product(
-            start.with_suffix(".png"), shown, PRODUCT_UNITS, imager.thinned(mapped.quality, PANEL),
-            product.QUALITY, f"{path.stem}: {channel.name}, {_grid_text(mapped)}",
-        )  # fmt: skip
+            start.with_suffix(".png"),
+            shown,
+            PRODUCT_UNITS,
+            imager.thinned(mapped.quality, PANEL),
+            product.QUALITY,
+            f"{path.stem}: {channel.name}, {_grid_text(mapped)}",
+        )
         result = _product_values(channel.name, mapped, settings, raw.truth) | {
-            "map": str(start.with_suffix(".tif")), "quality": str(quality),
+            "map": str(start.with_suffix(".tif")),
+            "quality": str(quality),
             "png": str(start.with_suffix(".png")),
-        }  # fmt: skip
+        }
         print_result(options, result, *_product_text(result, mapped))
         picture = options.raw / f"{channel.name}.png"
         products.append(result | ({"image": picture} if picture.is_file() else {}))
@@ -312,18 +378,24 @@ def _product_values(
     error, rms = (math.nan, math.nan) if truth is None else product.against_truth(mapped, truth)
     grid = mapped.grid
     return {
-        "channel": name, "projection": grid.system, "columns": grid.columns, "rows": grid.rows,
-        "cell": [grid.step_x, grid.step_y], "resampling": settings.resampling,
+        "channel": name,
+        "projection": grid.system,
+        "columns": grid.columns,
+        "rows": grid.rows,
+        "cell": [grid.step_x, grid.step_y],
+        "resampling": settings.resampling,
         "mean": {layer: _known(np.nanmean, values) for layer, values in mapped.layers.items()},
         "flagged": {
             word: float((mapped.quality & bit > 0).mean()) for word, bit in product.QUALITY.items()
         },
-        "surroundings": mapped.surroundings, "radiance_error": error, "radiance_rms": rms,
+        "surroundings": mapped.surroundings,
+        "radiance_error": error,
+        "radiance_rms": rms,
         "uncertainty": {
             layer: {cause: float(np.nanmedian(values)) for cause, values in causes.items()}
             for layer, causes in mapped.uncertainty.items()
         },
-    }  # fmt: skip
+    }
 
 
 def _grid_text(mapped: product.Product) -> str:

@@ -23,57 +23,113 @@ if TYPE_CHECKING:
 
 declare = shared.Parts(
     "",
-    aocs=("write the error of a design as JSON and C, for simulators of attitude control", Options(
-        "Writes startrack_head.json, and startrack_head.c, .h and _data.h, C99 that needs its libm "
-        "alone: errors over time with their noise, errors over the pixel and the field, bias and "
-        "thermo-elastic swing; availability over the slew rate and the angles to Sun, Moon and "
-        "Earth; latency; the convention of the quaternion.",
-        *shared.DESIGN,
-        Option("--unit RANK", "whose error: that of the middle unit, of the one that 95 %% do not "
-               "exceed, of the worst, or the unit as designed, without what differs between units "
-               "(default: 95, at the end of life)", ("middle", "95", "worst", "designed"), "95"),
-        Option("--units N", "units among which it is found", whole(1, 10000), 20),
-        Option("--age YEARS", "of the unit (default: the end of its life)", decimal(0, 100)),
-        shared.SEED,
-        Option("--also FORM", "fmu: startrack_head.fmu (FMI 2.0, co-simulation), with a library "
-               "for this platform where there is a C compiler; basilisk: startrack_basilisk.py, "
-               "for its starTracker module; 42: startrack_42.txt, the block of a spacecraft file",
-               ("fmu", "basilisk", "42"), [], many="+"),
-        Option("--rate DEG/S", "slew rate that --also basilisk and 42 are for (default: that of "
-               "the design)", decimal(0, 360)),
-        out("startrack-export"),
-    )),
+    aocs=(
+        "write the error of a design as JSON and C, for simulators of attitude control",
+        Options(
+            "Writes startrack_head.json, and startrack_head.c, .h and _data.h, C99 that needs its "
+            "libm "
+            "alone: errors over time with their noise, errors over the pixel and the field, bias "
+            "and "
+            "thermo-elastic swing; availability over the slew rate and the angles to Sun, Moon and "
+            "Earth; latency; the convention of the quaternion.",
+            *shared.DESIGN,
+            Option(
+                "--unit RANK",
+                "whose error: that of the middle unit, of the one that 95 %% do not "
+                "exceed, of the worst, or the unit as designed, without what differs between units "
+                "(default: 95, at the end of life)",
+                ("middle", "95", "worst", "designed"),
+                "95",
+            ),
+            Option("--units N", "units among which it is found", whole(1, 10000), 20),
+            Option("--age YEARS", "of the unit (default: the end of its life)", decimal(0, 100)),
+            shared.SEED,
+            Option(
+                "--also FORM",
+                "fmu: startrack_head.fmu (FMI 2.0, co-simulation), with a library "
+                "for this platform where there is a C compiler; basilisk: startrack_basilisk.py, "
+                "for its starTracker module; 42: startrack_42.txt, the block of a spacecraft file",
+                ("fmu", "basilisk", "42"),
+                [],
+                many="+",
+            ),
+            Option(
+                "--rate DEG/S",
+                "slew rate that --also basilisk and 42 are for (default: that of the design)",
+                decimal(0, 360),
+            ),
+            out("startrack-export"),
+        ),
+    ),
     catalogue=(
         "write the guide stars of a design and the triangles of them, for its flight software",
         Options(
-        "Writes startrack_guide.bin (layout: docs/onboard.md), the same bytes as "
-        "startrack_guide_data.h, the stars as startrack_guide.csv, and a reader in C99, "
-        "startrack_guide.c and .h: the star nearest to a direction, the stars in a cone, the "
-        "triangles like a given one, and the stars of a list of directions at an unknown attitude. "
-        "Directions are ICRS, seen from the barycentre. The same arguments give the same files.",
-        *shared.DESIGN,
-        Option("--limit MAG", "magnitude of the faintest star in the band of the instrument: that "
-               "of sunlike stars is their G (default: limit_g of the tracker's catalogue)",
-               decimal(-2, 21)),
-        Option("--epoch YEAR", "Julian year to which proper motions move the stars, such as 2031.5 "
-               "(default: that of the tracker's catalogue)", decimal()),
-        Option("--resolution ARCSEC", "stars closer than this are one star, at their centre of "
-               "light (default: as the design's identification, 1/512 of the field)", positive),
-        Option("--doubles", "stars that are several within the resolution: mark them with a flag, "
-               "or leave them out (default: mark)", ("mark", "omit"), "mark"),
-        Option("--variables", "variable stars of the list: mark them with a flag, or leave them "
-               "out (default: mark)", ("mark", "omit"), "mark"),
-        Option("--variable-list FILE", "CSV with ra, dec (degree, J2000) of variable stars "
-               "(default: 197 of the General Catalogue of Variable Stars that vary by a magnitude "
-               "or more)", Path),
-        Option("--per-field N", "guide stars in the area of a field: a star with N brighter ones "
-               "in the circle of this area around it is left out", whole(3, 40), 16),
-        Option("--pattern-stars N", "the brightest of any circle that fits into a field, which "
-               "form triangles (default: 6); an index of more of them is larger and finds skies "
-               "with more false spots", whole(3, 12), 6),
-        out("startrack-export"),
-    )),
-)  # fmt: skip
+            "Writes startrack_guide.bin (layout: docs/onboard.md), the same bytes as "
+            "startrack_guide_data.h, the stars as startrack_guide.csv, and a reader in C99, "
+            "startrack_guide.c and .h: the star nearest to a direction, the stars in a cone, the "
+            "triangles like a given one, and the stars of a list of directions at an unknown "
+            "attitude. "
+            "Directions are ICRS, seen from the barycentre. The same arguments give the same "
+            "files.",
+            *shared.DESIGN,
+            Option(
+                "--limit MAG",
+                "magnitude of the faintest star in the band of the instrument: that "
+                "of sunlike stars is their G (default: limit_g of the tracker's catalogue)",
+                decimal(-2, 21),
+            ),
+            Option(
+                "--epoch YEAR",
+                "Julian year to which proper motions move the stars, such as 2031.5 "
+                "(default: that of the tracker's catalogue)",
+                decimal(),
+            ),
+            Option(
+                "--resolution ARCSEC",
+                "stars closer than this are one star, at their centre of "
+                "light (default: as the design's identification, 1/512 of the field)",
+                positive,
+            ),
+            Option(
+                "--doubles",
+                "stars that are several within the resolution: mark them with a flag, "
+                "or leave them out (default: mark)",
+                ("mark", "omit"),
+                "mark",
+            ),
+            Option(
+                "--variables",
+                "variable stars of the list: mark them with a flag, or leave them "
+                "out (default: mark)",
+                ("mark", "omit"),
+                "mark",
+            ),
+            Option(
+                "--variable-list FILE",
+                "CSV with ra, dec (degree, J2000) of variable stars "
+                "(default: 197 of the General Catalogue of Variable Stars that vary by a magnitude "
+                "or more)",
+                Path,
+            ),
+            Option(
+                "--per-field N",
+                "guide stars in the area of a field: a star with N brighter ones "
+                "in the circle of this area around it is left out",
+                whole(3, 40),
+                16,
+            ),
+            Option(
+                "--pattern-stars N",
+                "the brightest of any circle that fits into a field, which "
+                "form triangles (default: 6); an index of more of them is larger and finds skies "
+                "with more false spots",
+                whole(3, 12),
+                6,
+            ),
+            out("startrack-export"),
+        ),
+    ),
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -144,22 +200,31 @@ def _also(
 def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str, Any], str]:
     with shared.as_wrong_use(ValueError, FileNotFoundError):
         settings = onboard.GuideSettings(
-            options.limit, options.epoch, options.resolution and options.resolution * arcsec,
-            options.doubles, options.variables, options.per_field, options.pattern_stars,
-        )  # fmt: skip
+            options.limit,
+            options.epoch,
+            options.resolution and options.resolution * arcsec,
+            options.doubles,
+            options.variables,
+            options.per_field,
+            options.pattern_stars,
+        )
         with stage("guide stars"):
             variables = onboard.read_variables(options.variable_list)
             guide = onboard.guide_stars(case, settings, variables)
     files = onboard.write_guide(options.out, guide)
     size = files[0].stat().st_size
     values = {
-        "stars": len(guide), "triangles": len(guide.triangle), "bytes": size,
-        "limit_mag": guide.limit, "epoch": guide.epoch, "field_deg": guide.field_of_view / deg,
+        "stars": len(guide),
+        "triangles": len(guide.triangle),
+        "bytes": size,
+        "limit_mag": guide.limit,
+        "epoch": guide.epoch,
+        "field_deg": guide.field_of_view / deg,
         "resolution_arcsec": guide.resolution / arcsec,
         "doubles": int((guide.flags & onboard.DOUBLE > 0).sum()),
         "variables": int((guide.flags & onboard.VARIABLE > 0).sum()),
         "files": [str(file) for file in files],
-    }  # fmt: skip
+    }
     text = (
         f"{_wrote(options, files)}\n{values['stars']} guide stars to {guide.limit:g} mag in the "
         f"band of the instrument, {values['triangles']} triangles, {size / 1000:.1f} kB\n"

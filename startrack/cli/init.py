@@ -16,12 +16,22 @@ if wanted(__name__):
 declare = Options(
     "Writes a design file with what each value means beside it, to be edited. For example\n\n"
     "  startrack init mine.toml --from imx250",
-    Option("design DESIGN", "file to write; it must not exist yet (default: design.toml)", Path,
-           Path("design.toml"), many="?"),
-    Option("--from DETECTOR", "detector of the catalogue, such as imx250; another name lists all "
-           "(default: a generic CMOS array of 512 x 512 pixels)", default="", dest="product"),
+    Option(
+        "design DESIGN",
+        "file to write; it must not exist yet (default: design.toml)",
+        Path,
+        Path("design.toml"),
+        many="?",
+    ),
+    Option(
+        "--from DETECTOR",
+        "detector of the catalogue, such as imx250; another name lists all "
+        "(default: a generic CMOS array of 512 x 512 pixels)",
+        default="",
+        dest="product",
+    ),
     Option("--all", "add the keys that may be left out, as comments"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:

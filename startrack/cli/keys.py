@@ -21,31 +21,53 @@ WIDEST = 100  # letters of a line
 
 # Words of datasheets that no key is called by, and the keys that set them.
 DATASHEET = {
-    "field of view|fov": ("instrument.optics.focal_length", "instrument.detector.columns",
-                          "instrument.detector.rows", "instrument.detector.pixel_pitch"),
+    "field of view|fov": (
+        "instrument.optics.focal_length",
+        "instrument.detector.columns",
+        "instrument.detector.rows",
+        "instrument.detector.pixel_pitch",
+    ),
     "aperture": ("instrument.optics.f_number", "instrument.optics.focal_length"),
-    "update rate": ("instrument.detector.frame_rate", "instrument.detector.pixel_rate",
-                    "campaign.requirements.min_update_rate"),
+    "update rate": (
+        "instrument.detector.frame_rate",
+        "instrument.detector.pixel_rate",
+        "campaign.requirements.min_update_rate",
+    ),
     "integration time": ("instrument.detector.exposure",),
-    "exclusion|sun": ("campaign.requirements.min_keep_out.sun", "instrument.baffle.angle",
-                      "instrument.tube.length"),
-    "sigma|accuracy": ("campaign.requirements.level", "campaign.requirements.max_across",
-                       "campaign.requirements.max_about"),
-    "slew|angular rate": ("instrument.motion.rate_x", "instrument.motion.rate_y",
-                          "instrument.motion.rate_z"),
+    "exclusion|sun": (
+        "campaign.requirements.min_keep_out.sun",
+        "instrument.baffle.angle",
+        "instrument.tube.length",
+    ),
+    "sigma|accuracy": (
+        "campaign.requirements.level",
+        "campaign.requirements.max_across",
+        "campaign.requirements.max_about",
+    ),
+    "slew|angular rate": (
+        "instrument.motion.rate_x",
+        "instrument.motion.rate_y",
+        "instrument.motion.rate_z",
+    ),
     "radiation": ("instrument.detector.age", "instrument.detector.hits"),
     "mass": ("campaign.requirements.max_mass",),
     "power": ("campaign.requirements.max_power",),
     "nea": ("campaign.requirements.max_across", "campaign.requirements.max_about"),
-    "sensitivity|magnitude limit|limiting magnitude": ("tracker.catalog.limit_g",
-                                                       "tracker.detection.threshold"),
-    "distortion": ("instrument.optics.k1", "instrument.optics.k2", "instrument.optics.k3",
-                   "tracker.calibration.order"),
+    "sensitivity|magnitude limit|limiting magnitude": (
+        "tracker.catalog.limit_g",
+        "tracker.detection.threshold",
+    ),
+    "distortion": (
+        "instrument.optics.k1",
+        "instrument.optics.k2",
+        "instrument.optics.k3",
+        "tracker.calibration.order",
+    ),
     "spot size": ("instrument.optics.blur", "instrument.optics.defocus"),
     "latency": ("tracker.delay", "instrument.detector.exposure", "instrument.detector.pixel_rate"),
     "pixel size": ("instrument.detector.pixel_pitch", "instrument.detector.pixel_pitch_y"),
     "alignment": ("instrument.mounting", "tracker.mounting"),
-}  # fmt: skip
+}
 
 
 declare = Options(
@@ -59,10 +81,14 @@ declare = Options(
     "--schema prints a JSON Schema of them, by which editors complete and check design files: "
     "with taplo, as in VS Code's Even Better TOML, by a first line\n\n"
     "  #:schema ./design.schema.json",
-    Option("table TABLE", "table or key, such as instrument.optics, or words (default: all)",
-           default=[], many="*"),
+    Option(
+        "table TABLE",
+        "table or key, such as instrument.optics, or words (default: all)",
+        default=[],
+        many="*",
+    ),
     Option("--schema", "print the JSON Schema of a whole design file"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -89,8 +115,12 @@ def command(options: argparse.Namespace) -> int:
 def _searched(words: str, keys: Sequence[Key]) -> list[Key]:
     """The keys that words of a datasheet mean, or whose name or meaning has all the words."""
     asked = words.lower().replace("_", " ").replace("-", " ")
-    named = [name for terms, names in DATASHEET.items() for name in names
-             if re.search(rf"\b({terms})\b", asked)]  # fmt: skip
+    named = [
+        name
+        for terms, names in DATASHEET.items()
+        for name in names
+        if re.search(rf"\b({terms})\b", asked)
+    ]
     if named:
         return [key for key in keys if key.name in named]
     parts = asked.split()

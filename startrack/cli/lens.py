@@ -45,47 +45,85 @@ Huygens PSFs and FITS become a file of PSFs (psf_file); catalogs/psfs/README.md 
 
 declare = shared.Parts(
     LENS,
-    import_=("trace a prescription, or take exported PSFs", Options(
-        IMPORT,
-        Option("files FILE", "prescription: Zemax .zmx, CODE V .seq, or optiland .json; or "
-               "Huygens PSFs or wavefront maps saved by Zemax as .txt, one for each wavelength "
-               "and field; or PSFs .fits", Path, many="+"),
-        Option("--field DEG", "of a prescription, needed: largest angle from the axis, to the "
-               "corner of the detector, degree", float),
-        Option("--focal-length MM", "of wavefront maps, needed: mm", float),
-        Option("--f-number N", "of wavefront maps, needed", float),
-        Option("--flip", "wavefront maps are positive where the path is shorter (default: longer)"),
-        Option("--fields N", "field angles from the axis to that", whole(2, 200), 9),
-        Option("--band NM NM", "shortest and longest wavelength, nm (default: 400 1000)", float,
-               (400.0, 1000.0)),
-        Option("--wavelengths N", "wavelengths in the band, denser in the blue", whole(1, 200), 7),
-        Option("--temperatures DEGC", "temperatures of the lens, degC (default: 20)", float, [20.0],
-               many="+"),
-        Option("--terms N", "largest Noll index of the wavefront", whole(4, 231), 66),
-        Option("--vacuum", "trace the lens in vacuum, not in air"),
-        Option("--check", "also trace between the nodes, and print the error of the interpolation"),
-        Option("--name TEXT", "name of the lens (default: that of the file)", dest="title"),
-        Option("--source TEXT", "where its numbers come from (default: name of the file)"),
-        Option("--out FILE", "lens table to write (default: name of the first file with .fits)",
-               Path),
-    )),
-    measure=("reconstruct an oversampled PSF from images of stars", Options(
-        "Takes the brightest stars that stand alone and are not saturated, of all images together, "
-        "and writes the PSF that they share as FITS, for psf_file of a design: fractions of a "
-        "star's light in pixels, with OVERSAMP samples per pixel.",
-        *images(),
-        Option("--half PIXEL", "half side of the box around a star, pixel", whole(3, 50), 7),
-        Option("--oversampling N", "samples per pixel", whole(2, 8), 4),
-        Option("--stars N", "how many stars at most", whole(8, 5000), 300),
-        Option("--saturation FRACTION", "of an image's largest number, at and above which a star "
-               "is left out", float, 0.9),
-        Option("--out FILE", "file to write (default: psf.fits)", Path, Path("psf.fits")),
-    )),
-    show=("print what a lens table holds", Options(
-        "",
-        Option("table TABLE", "lens table, or name of a shipped one"),
-    )),
-)  # fmt: skip
+    import_=(
+        "trace a prescription, or take exported PSFs",
+        Options(
+            IMPORT,
+            Option(
+                "files FILE",
+                "prescription: Zemax .zmx, CODE V .seq, or optiland .json; or "
+                "Huygens PSFs or wavefront maps saved by Zemax as .txt, one for each wavelength "
+                "and field; or PSFs .fits",
+                Path,
+                many="+",
+            ),
+            Option(
+                "--field DEG",
+                "of a prescription, needed: largest angle from the axis, to the "
+                "corner of the detector, degree",
+                float,
+            ),
+            Option("--focal-length MM", "of wavefront maps, needed: mm", float),
+            Option("--f-number N", "of wavefront maps, needed", float),
+            Option(
+                "--flip", "wavefront maps are positive where the path is shorter (default: longer)"
+            ),
+            Option("--fields N", "field angles from the axis to that", whole(2, 200), 9),
+            Option(
+                "--band NM NM",
+                "shortest and longest wavelength, nm (default: 400 1000)",
+                float,
+                (400.0, 1000.0),
+            ),
+            Option(
+                "--wavelengths N", "wavelengths in the band, denser in the blue", whole(1, 200), 7
+            ),
+            Option(
+                "--temperatures DEGC",
+                "temperatures of the lens, degC (default: 20)",
+                float,
+                [20.0],
+                many="+",
+            ),
+            Option("--terms N", "largest Noll index of the wavefront", whole(4, 231), 66),
+            Option("--vacuum", "trace the lens in vacuum, not in air"),
+            Option(
+                "--check", "also trace between the nodes, and print the error of the interpolation"
+            ),
+            Option("--name TEXT", "name of the lens (default: that of the file)", dest="title"),
+            Option("--source TEXT", "where its numbers come from (default: name of the file)"),
+            Option(
+                "--out FILE",
+                "lens table to write (default: name of the first file with .fits)",
+                Path,
+            ),
+        ),
+    ),
+    measure=(
+        "reconstruct an oversampled PSF from images of stars",
+        Options(
+            "Takes the brightest stars that stand alone and are not saturated, of all images "
+            "together, "
+            "and writes the PSF that they share as FITS, for psf_file of a design: fractions of a "
+            "star's light in pixels, with OVERSAMP samples per pixel.",
+            *images(),
+            Option("--half PIXEL", "half side of the box around a star, pixel", whole(3, 50), 7),
+            Option("--oversampling N", "samples per pixel", whole(2, 8), 4),
+            Option("--stars N", "how many stars at most", whole(8, 5000), 300),
+            Option(
+                "--saturation FRACTION",
+                "of an image's largest number, at and above which a star is left out",
+                float,
+                0.9,
+            ),
+            Option("--out FILE", "file to write (default: psf.fits)", Path, Path("psf.fits")),
+        ),
+    ),
+    show=(
+        "print what a lens table holds",
+        Options("", Option("table TABLE", "lens table, or name of a shipped one")),
+    ),
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -129,10 +167,13 @@ def _measure(options: argparse.Namespace) -> int:
     )
     table, step = measured.psf.table, measured.psf.oversampling
     result = {
-        "stars": len(measured.x), "oversampling": step, "peak": float(table.max()),
+        "stars": len(measured.x),
+        "oversampling": step,
+        "peak": float(table.max()),
         "width_px": math.sqrt(float((table > table.max() / 2).sum()) * 4 / math.pi) / step,
-        "residual": measured.residual, "psf": str(options.out),
-    }  # fmt: skip
+        "residual": measured.residual,
+        "psf": str(options.out),
+    }
     text = (
         f"{result['stars']} stars: half of the peak over {result['width_px']:.2f} pixel, "
         f"{result['peak']:.3f} of the light in the brightest pixel, residual "
@@ -169,9 +210,13 @@ def _import_pages(options: argparse.Namespace) -> int:
         if options.focal_length is None or options.f_number is None:
             raise WrongUse("--focal-length and --f-number must be given with wavefront maps")
         table, rest = optics.table_of_pages(
-            paths, options.focal_length * 1e-3, options.f_number, options.title or out.stem,
-            source, options.flip,
-        )  # fmt: skip
+            paths,
+            options.focal_length * 1e-3,
+            options.f_number,
+            options.title or out.stem,
+            source,
+            options.flip,
+        )
     optics.save_lens(out, table)
     left = {"terms_leave_waves": float(rest.max())}
     result = summary(table) | {"table": str(out)} | left
@@ -312,15 +357,20 @@ def summary(table: optics.LensTable) -> dict[str, Any]:
     with np.errstate(invalid="ignore"):
         distortion = np.where(ideal > 0, table.place[t, w] / np.where(ideal > 0, ideal, 1) - 1, 0)
     return {
-        "name": table.name, "source": table.source, "focal_length_mm": table.focal_length * 1e3,
-        "f_number": table.f_number, "temperature_degc": (table.temperature - ZERO_CELSIUS).tolist(),
-        "wavelength_nm": (table.wavelength / nm).tolist(), "terms": int(table.noll.max()),
-        "field_deg": (table.field / deg).tolist(), "place_mm": (table.place[t, w] * 1e3).tolist(),
+        "name": table.name,
+        "source": table.source,
+        "focal_length_mm": table.focal_length * 1e3,
+        "f_number": table.f_number,
+        "temperature_degc": (table.temperature - ZERO_CELSIUS).tolist(),
+        "wavelength_nm": (table.wavelength / nm).tolist(),
+        "terms": int(table.noll.max()),
+        "field_deg": (table.field / deg).tolist(),
+        "place_mm": (table.place[t, w] * 1e3).tolist(),
         "distortion_percent": (100 * distortion).tolist(),
         "lateral_colour_um": (np.ptp(table.place[t], axis=0) / um).tolist(),
         "wavefront_rms_waves": (wavefront / table.wavelength[w]).tolist(),
         "illumination": (table.area[t, w] / table.area[t, w, 0]).tolist(),
-    }  # fmt: skip
+    }
 
 
 def images_summary(psfs: optics.PsfFile) -> dict[str, Any]:
@@ -330,11 +380,16 @@ def images_summary(psfs: optics.PsfFile) -> dict[str, Any]:
     half = psfs.image / psfs.image.max(axis=(2, 3), keepdims=True) > 0.5
     width = np.sqrt(half.sum(axis=(2, 3)) * 4 / math.pi) * size
     return {
-        "source": psfs.source, "unit": "pixel" if unit == 1.0 else "um", "spacing": size,
-        "samples": psfs.image.shape[-1], "pixel_included": psfs.pixel, "energy": psfs.energy,
+        "source": psfs.source,
+        "unit": "pixel" if unit == 1.0 else "um",
+        "spacing": size,
+        "samples": psfs.image.shape[-1],
+        "pixel_included": psfs.pixel,
+        "energy": psfs.energy,
         "wavelength_nm": (psfs.wavelength / nm).tolist() if psfs.varies else [],
-        "field_deg": (psfs.angle / deg).tolist(), "width": width.tolist(),
-    }  # fmt: skip
+        "field_deg": (psfs.angle / deg).tolist(),
+        "width": width.tolist(),
+    }
 
 
 def _images_text(result: dict[str, Any]) -> str:
@@ -355,12 +410,13 @@ def _images_text(result: dict[str, Any]) -> str:
 def _text(result: dict[str, Any]) -> str:
     waves, degrees = result["wavelength_nm"], result["temperature_degc"]
     columns = {
-        "field deg": ("field_deg", ".3f"), "place mm": ("place_mm", ".4f"),
+        "field deg": ("field_deg", ".3f"),
+        "place mm": ("place_mm", ".4f"),
         "distortion %": ("distortion_percent", ".3f"),
         "lateral colour um": ("lateral_colour_um", ".2f"),
         "wavefront waves rms": ("wavefront_rms_waves", ".3f"),
         "illumination": ("illumination", ".4f"),
-    }  # fmt: skip
+    }
     cells = [[format(value, form) for value in result[key]] for key, form in columns.values()]
     lines = [
         f"{result['name']}: {result['focal_length_mm']:.3f} mm, f/{result['f_number']:.3g} "

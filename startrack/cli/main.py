@@ -53,9 +53,20 @@ COMMANDS = {
 }
 # Commands that find or identify stars; at the first run a second core compiles what that takes.
 IDENTIFY = (
-    "simulate", "detect", "solve", "budget", "montecarlo", "compare", "sequence", "verify",
-    "optimize", "sample", "pareto", "sensitivity", "bench",
-)  # fmt: skip
+    "simulate",
+    "detect",
+    "solve",
+    "budget",
+    "montecarlo",
+    "compare",
+    "sequence",
+    "verify",
+    "optimize",
+    "sample",
+    "pareto",
+    "sensitivity",
+    "bench",
+)
 EPILOG = """\
 exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved; 130, 143 stopped
 
@@ -184,9 +195,8 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     for name in called if alone else COMMANDS:
         text = COMMANDS[name]
         command = commands.add_parser(
-            name, help=text, description=text,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )  # fmt: skip
+            name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
         if [name] == called:
             import_module(_module(name)).declare(command)
     return parser

@@ -29,11 +29,18 @@ declare = Options(
     "refused, too, unless they may be missing.",
     Option("parts PART", "stores, or sketches, of montecarlo", Path, many="+"),
     Option("--out FILE", "file to write, of the same kind", Path, required=True),
-    Option("--partial", "accept that trials are missing, such as those of a lost job; their "
-           "numbers are in the result"),
-    Option("--trials N", "of the whole campaign, whose last part may be missing, too (default: as "
-           "many as the parts have)", whole(1)),
-)  # fmt: skip
+    Option(
+        "--partial",
+        "accept that trials are missing, such as those of a lost job; their "
+        "numbers are in the result",
+    ),
+    Option(
+        "--trials N",
+        "of the whole campaign, whose last part may be missing, too (default: as "
+        "many as the parts have)",
+        whole(1),
+    ),
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -75,10 +82,12 @@ def _stores(options: argparse.Namespace, parts: list[Path], advance: Any) -> int
     for first, end in merged.repeated:
         print_message(f"trials {first} to {end - 1} are in several parts, with equal outcomes")
     result = {
-        "merged": str(options.out), "parts": len(parts), "trials": merged.trials,
+        "merged": str(options.out),
+        "parts": len(parts),
+        "trials": merged.trials,
         "repeated": [list(numbers) for numbers in merged.repeated],
         "missing": [list(numbers) for numbers in merged.missing],
-    }  # fmt: skip
+    }
     print_result(options, result, f"{options.out}: {merged.trials} trials of {len(parts)} parts")
     return Exit.DONE
 
@@ -95,8 +104,14 @@ def sketch_rows(sketch: montecarlo.Sketch) -> list[Row]:
         Row("trials", sketch.trials, "trials", PURE, "d", "(intervals: 95 % confidence)"),
         Row("ranges", [list(numbers) for numbers in sketch.ranges]),
         *(
-            Row(f"{name}_rms_arcsec", sketch.rms(name), f"{name} the boresight", ARCSEC, ".4g",
-                "rms")
+            Row(
+                f"{name}_rms_arcsec",
+                sketch.rms(name),
+                f"{name} the boresight",
+                ARCSEC,
+                ".4g",
+                "rms",
+            )
             for name in ("across", "about")
         ),
         Row("availability", sketch.counts["correct"] / sketch.trials),
@@ -104,7 +119,7 @@ def sketch_rows(sketch: montecarlo.Sketch) -> list[Row]:
         Row("availability_95", [there.low, there.high]),
         Row("", there, "availability", PERCENT, ".4g"),
         Row("nees", sketch.mean("nees"), "error^2 / variance", note="(3 expected)"),
-    ]  # fmt: skip
+    ]
     levels = {(part, of): sketch.quantile(of, part) for part in FRACTIONS for of in ("across", "z")}
     of_json = [
         {"of": of, "fraction": part} | bounds_json(level, ARCSEC)

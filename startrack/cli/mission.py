@@ -36,39 +36,88 @@ declare = Options(
     "blind each of its heads, how many heads are valid, and whether the mission's requirements "
     "are met. Writes report.html, summary.json, mission.png, beta.png and timeline.csv. The "
     "status is 3 if a requirement is not met.",
-    Option("mission MISSION.toml", "mission file (default: the example, "
-           "catalogs/missions/sun-synchronous.toml: three heads, a year); several write to "
-           "folders of their names", Path, many="*"),
-    Option("--set KEY=VALUE", "a value over that of the mission file, such as 'time.duration=30 "
-           "d' or 'heads.0.age=5 yr'; may be given several times", default=[], append=True),
+    Option(
+        "mission MISSION.toml",
+        "mission file (default: the example, "
+        "catalogs/missions/sun-synchronous.toml: three heads, a year); several write to "
+        "folders of their names",
+        Path,
+        many="*",
+    ),
+    Option(
+        "--set KEY=VALUE",
+        "a value over that of the mission file, such as 'time.duration=30 "
+        "d' or 'heads.0.age=5 yr'; may be given several times",
+        default=[],
+        append=True,
+    ),
     shared.ALLOW_CODE,
-    Option("--every N", "steps between two rows of the table of the timeline (default: so that it "
-           f"has at most {ROWS} rows)", whole(1, 10**8)),
-    Option("--table", "format of the timeline (default: csv; parquet needs pyarrow)",
-           ("csv", "parquet", "netcdf"), "csv"),
-    Option("--spice", "write orbit and attitude of the rows of the table as kernels of SPICE: "
-           "orbit.bsp, attitude.bc with its clock, attitude.tsc (extra spice)"),
-    Option("--place", "search for better mountings of the heads first, and compare; writes "
-           "placed.toml and placement.png. With --baffle LEAST LARGEST: the lightest heads that "
-           "meet the requirements, directions and angle of the baffles together"),
-    Option("--heads N", "compare so many heads instead, each placed by a coarse search (default "
-           "with --baffle: as many as the mission has)", whole(1, 8), many="+"),
-    Option("--baffle DEG", "compare baffles that keep the Sun out from such angles on instead, "
-           "with their length and mass (default with --heads: the exclusion angle of the first "
-           "head)", shared.decimal(1, 89), many="+"),
-    Option("--units N", "fly so many spacecraft whose heads are drawn units, too: what 95 %% of "
-           "them keep, temperatures, and what alignment in flight gains", whole(1, 10**6)),
-    Option("--frames N", "render all heads at so many random instants, too (fidelity: "
-           "check.fidelity): frames.csv, how far they agree with what the mission expects, and the "
-           "angles between heads before and after a thermal model", whole(1, 10**6)),
-    Option("--frame SECOND", "render what each head sees at this time after the begin instead: "
-           "HEAD.fits, HEAD.png", shared.decimal(0, 1e12)),
-    Option("--scheduler ADDRESS", "fly several missions on the workers of a Dask cluster that "
-           "share the folder of the results (tcp://host:port)", shared.address),
+    Option(
+        "--every N",
+        "steps between two rows of the table of the timeline (default: so that it "
+        f"has at most {ROWS} rows)",
+        whole(1, 10**8),
+    ),
+    Option(
+        "--table",
+        "format of the timeline (default: csv; parquet needs pyarrow)",
+        ("csv", "parquet", "netcdf"),
+        "csv",
+    ),
+    Option(
+        "--spice",
+        "write orbit and attitude of the rows of the table as kernels of SPICE: "
+        "orbit.bsp, attitude.bc with its clock, attitude.tsc (extra spice)",
+    ),
+    Option(
+        "--place",
+        "search for better mountings of the heads first, and compare; writes "
+        "placed.toml and placement.png. With --baffle LEAST LARGEST: the lightest heads that "
+        "meet the requirements, directions and angle of the baffles together",
+    ),
+    Option(
+        "--heads N",
+        "compare so many heads instead, each placed by a coarse search (default "
+        "with --baffle: as many as the mission has)",
+        whole(1, 8),
+        many="+",
+    ),
+    Option(
+        "--baffle DEG",
+        "compare baffles that keep the Sun out from such angles on instead, "
+        "with their length and mass (default with --heads: the exclusion angle of the first "
+        "head)",
+        shared.decimal(1, 89),
+        many="+",
+    ),
+    Option(
+        "--units N",
+        "fly so many spacecraft whose heads are drawn units, too: what 95 %% of "
+        "them keep, temperatures, and what alignment in flight gains",
+        whole(1, 10**6),
+    ),
+    Option(
+        "--frames N",
+        "render all heads at so many random instants, too (fidelity: "
+        "check.fidelity): frames.csv, how far they agree with what the mission expects, and the "
+        "angles between heads before and after a thermal model",
+        whole(1, 10**6),
+    ),
+    Option(
+        "--frame SECOND",
+        "render what each head sees at this time after the begin instead: HEAD.fits, HEAD.png",
+        shared.decimal(0, 1e12),
+    ),
+    Option(
+        "--scheduler ADDRESS",
+        "fly several missions on the workers of a Dask cluster that "
+        "share the folder of the results (tcp://host:port)",
+        shared.address,
+    ),
     shared.WORKERS,
     shared.SEED,
     out("startrack-mission"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -204,14 +253,20 @@ def _render(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
         good = bool(outcome.solved and not outcome.false)
         solved &= good
         result = {
-            "mission": str(path), "second": options.frame, "head": head.name,
-            "blind_by": causes, "fits": str(fits), "png": str(png),
-            **attitude_values(attitude), "solved": good,
-            "stars": outcome.stars, "error_across_arcsec": error / arcsec,
+            "mission": str(path),
+            "second": options.frame,
+            "head": head.name,
+            "blind_by": causes,
+            "fits": str(fits),
+            "png": str(png),
+            **attitude_values(attitude),
+            "solved": good,
+            "stars": outcome.stars,
+            "error_across_arcsec": error / arcsec,
             "error_about_arcsec": outcome.error_z / arcsec,
             "expected_across_rms_arcsec": scene.across / arcsec,
             "expected_about_rms_arcsec": scene.about / arcsec,
-        }  # fmt: skip
+        }
         seen = f"{outcome.stars} stars matched; error across {error / arcsec:.2f}, about "
         seen = f"{seen}{outcome.error_z / arcsec:.2f} arcsec" if good else "no attitude"
         text = f"{title}\n  {seen} (expected rms per axis {scene.across / arcsec:.2f}, "
@@ -277,10 +332,15 @@ def _place(options: argparse.Namespace, path: Path, before: report.Flight) -> in
         for head, (azimuth, elevation) in zip(plan.heads, new, strict=True)
     ]
     result: dict[str, Any] = {
-        "mission": str(path), "evaluations": placement.evaluations, "ending": placement.ending,
-        "mountings": mountings, "before": _values(before), "after": _values(after),
-        "check": report.checks_table(before).json(), "out": str(options.out),
-    }  # fmt: skip
+        "mission": str(path),
+        "evaluations": placement.evaluations,
+        "ending": placement.ending,
+        "mountings": mountings,
+        "before": _values(before),
+        "after": _values(after),
+        "check": report.checks_table(before).json(),
+        "out": str(options.out),
+    }
     mission.save_mission(
         options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew"
     )
@@ -294,9 +354,7 @@ def _place(options: argparse.Namespace, path: Path, before: report.Flight) -> in
         "{name}: azimuth {azimuth_deg:.1f}, elevation {elevation_deg:.1f} deg".format(**mounting)
         for mounting in mountings
     ]
-    text = [
-        "before", *_text(before), "", *lines, "", "after", *_text(after), *_check_lines(after),
-    ]  # fmt: skip
+    text = ["before", *_text(before), "", *lines, "", "after", *_text(after), *_check_lines(after)]
     print_result(options, result, *text)
     return Exit.DONE if after.met else Exit.UNSOLVED
 
@@ -320,26 +378,33 @@ def _values(flight: report.Flight) -> dict[str, Any]:
     plan, _, flown, available = flight
     time, none = plan.loaded.mission.time, available.none
     return {
-        "begin_utc": time.begin, "duration_s": time.duration, "step_s": time.step,
-        "steps": time.steps, "eclipse": float(flown.eclipse.mean()),
+        "begin_utc": time.begin,
+        "duration_s": time.duration,
+        "step_s": time.step,
+        "steps": time.steps,
+        "eclipse": float(flown.eclipse.mean()),
         "availability": {
-            "exactly": available.known.tolist(), "valid": available.heads.tolist(),
+            "exactly": available.known.tolist(),
+            "valid": available.heads.tolist(),
             "at_least": [available.at_least(k) for k in range(len(available.heads))],
         },
         "no_valid_head": {
-            "longest_s": none.longest, "times": len(none.length),
-            "histogram_edges_s": list(mission.EDGES[:-1]), "histogram": none.histogram().tolist(),
+            "longest_s": none.longest,
+            "times": len(none.length),
+            "histogram_edges_s": list(mission.EDGES[:-1]),
+            "histogram": none.histogram().tolist(),
             "worst": report.spells_table(none).json(),
         },
         "heads": [_head_values(flight, h) for h in range(len(plan.heads))],
         "requirements": report.verdict_table(flight.verdicts).json(),
         "by_beta": report.beta_table(flown).json(),
-        "left_out": _left_out(plan), "radiation": _radiation(plan),
+        "left_out": _left_out(plan),
+        "radiation": _radiation(plan),
         "fused_rms_arcsec": (flown.rms / arcsec).tolist(),
         "worst_moments": [
             {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
         ],
-    }  # fmt: skip
+    }
 
 
 def _head_values(flight: report.Flight, h: int) -> dict[str, Any]:
@@ -349,16 +414,19 @@ def _head_values(flight: report.Flight, h: int) -> dict[str, Any]:
     again = mission.reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
     bodies = ("sun", "moon", "earth", "ground")
     return {
-        "name": head.name, "boresight_in_body": np.asarray(head.boresight, float).tolist(),
+        "name": head.name,
+        "boresight_in_body": np.asarray(head.boresight, float).tolist(),
         "exclusion_deg": {name: getattr(head.limits, name) / deg for name in bodies},
         "valid": float(available.alone[h]),
         "blind_by": {
             str(cause.name).lower(): float(available.causes[cause][h]) for cause in mission.Blind
         },
-        "across_rms_arcsec": float(across / arcsec), "about_rms_arcsec": float(about / arcsec),
+        "across_rms_arcsec": float(across / arcsec),
+        "about_rms_arcsec": float(about / arcsec),
         "platform_motion_rms_arcsec": (np.sqrt(head.moved) / arcsec).tolist(),
         "solved": float(total[3] / max(total[0], 1)),
-        "longest_blind_s": blind.longest, "times_blind": len(blind.length),
+        "longest_blind_s": blind.longest,
+        "times_blind": len(blind.length),
         "blind_histogram": blind.histogram().tolist(),
         "reacquisition_s": {"times": again.times, "mean": again.mean, "p99": again.level},
         "closest_deg": dict(
@@ -368,7 +436,7 @@ def _head_values(flight: report.Flight, h: int) -> dict[str, Any]:
         "largest_rate_deg_s": dict(
             zip(("across", "about"), (flown.rate[h] / deg).tolist(), strict=True)
         ),
-    }  # fmt: skip
+    }
 
 
 def _which(plan: mission.Plan) -> str:
@@ -389,13 +457,20 @@ def _frames(plan: mission.Plan, table: Rows) -> tuple[dict[str, Any], list[str]]
     values["heads"] = []
     for h in heads:
         frames = mission.agreement(table, h)
-        values["heads"].append({
-            "name": plan.heads[h].name, "tried": frames.tried, "right": frames.right,
-            "expected": frames.expected, "deviations": frames.deviations,
-            "across_ratio": list(frames.across), "about_ratio": list(frames.about),
-        })  # fmt: skip
-        across, about = (f"{value:.3f} +- {sigma:.3f}" for value, sigma in
-                         (frames.across, frames.about))  # fmt: skip
+        values["heads"].append(
+            {
+                "name": plan.heads[h].name,
+                "tried": frames.tried,
+                "right": frames.right,
+                "expected": frames.expected,
+                "deviations": frames.deviations,
+                "across_ratio": list(frames.across),
+                "about_ratio": list(frames.about),
+            }
+        )
+        across, about = (
+            f"{value:.3f} +- {sigma:.3f}" for value, sigma in (frames.across, frames.about)
+        )
         lines.append(
             f"  {plan.heads[h].name}: {frames.right} of {frames.tried} frames have a right "
             f"attitude, {frames.expected:.1f} expected ({frames.deviations:+.1f} sigma); error "
@@ -409,10 +484,14 @@ def _frames(plan: mission.Plan, table: Rows) -> tuple[dict[str, Any], list[str]]
         except Refused as reason:  # heads that are seldom valid together
             lines.append(f"  angle from {names[0]} to {names[1]}: not judged, {reason}")
             continue
-        values["between"].append({
-            "heads": names, "frames": angle.frames,
-            "before_arcsec": angle.before / arcsec, "after_arcsec": angle.after / arcsec,
-        })  # fmt: skip
+        values["between"].append(
+            {
+                "heads": names,
+                "frames": angle.frames,
+                "before_arcsec": angle.before / arcsec,
+                "after_arcsec": angle.after / arcsec,
+            }
+        )
         lines.append(
             f"  angle from {names[0]} to {names[1]}: {angle.before / arcsec:.2f} arcsec rms, "
             f"{angle.after / arcsec:.2f} after a thermal model ({angle.frames} frames of both)"
@@ -433,7 +512,8 @@ def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
         "rms_arcsec": (fleet.rms / arcsec).tolist(),
         "heads": [
             {
-                "name": head.name, "across_level_95_arcsec": float(high[h, 0]),
+                "name": head.name,
+                "across_level_95_arcsec": float(high[h, 0]),
                 "about_level_95_arcsec": float(high[h, 1]),
                 "swing_rms_arcsec": (fleet.swing[h] / arcsec).tolist(),
                 "kelvin": ends(heat.heads[h]) if heat else None,
@@ -441,7 +521,7 @@ def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
             for h, head in enumerate(plan.heads)
         ],
         "platform_kelvin": ends(heat.platform) if heat else None,
-    }  # fmt: skip
+    }
 
 
 def _fleet_text(plan: mission.Plan, fleet: mission.Fleet) -> str:

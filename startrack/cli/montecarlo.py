@@ -47,48 +47,89 @@ declare = Options(
     "a trial has no correct attitude.",
     *shared.DESIGN,
     Option("--trials N", "number of trials", whole(1, 10**9), 200),
-    Option("--first K", "number of the first trial (default: 0), so that the jobs of a cluster "
-           "run parts of one campaign, which `startrack merge` puts together", whole(0, 2**62),
-           0),
-    Option("--sketch FILE.json", "keep moments, quantiles within 0.1 %% and the worst trial in a "
-           "file of some 1 MB instead of all trials, from which an interrupted run continues; for "
-           "up to 10^9 trials, best of fidelity covariance", Path),
+    Option(
+        "--first K",
+        "number of the first trial (default: 0), so that the jobs of a cluster "
+        "run parts of one campaign, which `startrack merge` puts together",
+        whole(0, 2**62),
+        0,
+    ),
+    Option(
+        "--sketch FILE.json",
+        "keep moments, quantiles within 0.1 %% and the worst trial in a "
+        "file of some 1 MB instead of all trials, from which an interrupted run continues; for "
+        "up to 10^9 trials, best of fidelity covariance",
+        Path,
+    ),
     shared.SEED,
     shared.WORKERS,
-    fidelity("frame: render whole frames (default); window: only the pixels around stars, with "
-             "the same noise, in a fifth of the time, but slower than frames with units behind a "
-             "lens table, each of which has a plan of its own; spots: draw the spots from their "
-             "covariance, without an image, and identify them; covariance: draw the spots, "
-             "identification is assumed to be perfect"),
+    fidelity(
+        "frame: render whole frames (default); window: only the pixels around stars, with "
+        "the same noise, in a fifth of the time, but slower than frames with units behind a "
+        "lens table, each of which has a plan of its own; spots: draw the spots from their "
+        "covariance, without an image, and identify them; covariance: draw the spots, "
+        "identification is assumed to be perfect"
+    ),
     Option("--sobol", "use attitudes from a Sobol sequence; 16 scrambled copies give the interval"),
-    Option("--control", "compute each frame's linearised error as a control variate; 2 times "
-           "fewer trials for the same interval, 5 times with a campaign of fidelity covariance "
-           "(see `combine`)"),
-    Option("--units N", "N units of the design, drawn from its [[variation]] tables and "
-           "calibrated, with --trials of each; the summary has the yield and explains the worst "
-           "unit", whole(1, 10**6)),
-    Option("--environments N", "environments of each unit, its trials shared among them, at most "
-           "one for each (default: 10, or --trials where these are fewer)", whole(1, 10**6)),
+    Option(
+        "--control",
+        "compute each frame's linearised error as a control variate; 2 times "
+        "fewer trials for the same interval, 5 times with a campaign of fidelity covariance "
+        "(see `combine`)",
+    ),
+    Option(
+        "--units N",
+        "N units of the design, drawn from its [[variation]] tables and "
+        "calibrated, with --trials of each; the summary has the yield and explains the worst "
+        "unit",
+        whole(1, 10**6),
+    ),
+    Option(
+        "--environments N",
+        "environments of each unit, its trials shared among them, at most "
+        "one for each (default: 10, or --trials where these are fewer)",
+        whole(1, 10**6),
+    ),
     Option("--age TIME", "age of the units, such as '5 yr' (default: the lifetime of the design)"),
     Option("--out DIR", "folder for store, table and picture", Path),
-    Option("--table FILE", "table of the trials: RA, Dec, roll, rate, angles to Sun, Moon and "
-           "Earth, status, reason, errors; CSV or Parquet, as the name ends", Path),
-    Option("--store FILE", "store of all trials, from which an interrupted run continues "
-           "(default: campaign.sqlite in the folder of --out)", Path),
-    Option("--precision FRACTION", "stop when half the width of the interval of the statistic is "
-           "below this fraction of its value; --trials is then the largest number of trials",
-           shared.decimal(1e-6, 1)),
-    Option("--statistic", "statistic of --precision and --log: rms across (default) or about the "
-           "boresight, the angle that 99.73 %% of the errors across do not exceed, or the "
-           "availability", ("across", "about", "availability", "across-99.73"), "across"),
-    Option("--confidence FRACTION", "confidence of that interval", shared.decimal(0.5, 0.9999),
-           0.95),
+    Option(
+        "--table FILE",
+        "table of the trials: RA, Dec, roll, rate, angles to Sun, Moon and "
+        "Earth, status, reason, errors; CSV or Parquet, as the name ends",
+        Path,
+    ),
+    Option(
+        "--store FILE",
+        "store of all trials, from which an interrupted run continues "
+        "(default: campaign.sqlite in the folder of --out)",
+        Path,
+    ),
+    Option(
+        "--precision FRACTION",
+        "stop when half the width of the interval of the statistic is "
+        "below this fraction of its value; --trials is then the largest number of trials",
+        shared.decimal(1e-6, 1),
+    ),
+    Option(
+        "--statistic",
+        "statistic of --precision and --log: rms across (default) or about the "
+        "boresight, the angle that 99.73 %% of the errors across do not exceed, or the "
+        "availability",
+        ("across", "about", "availability", "across-99.73"),
+        "across",
+    ),
+    Option(
+        "--confidence FRACTION", "confidence of that interval", shared.decimal(0.5, 0.9999), 0.95
+    ),
     Option("--seconds SECONDS", "start no trial after this time, s", positive),
     *shared.SCHEDULER,
-    Option("--log FILE", "append rate, statistic, interval and remaining time, one JSON object "
-           "per line", Path),
+    Option(
+        "--log FILE",
+        "append rate, statistic, interval and remaining time, one JSON object per line",
+        Path,
+    ),
     claims=True,
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -182,9 +223,13 @@ def _save_table(
 
 
 def _run(
-    options: argparse.Namespace, design: Design, sampling: Sampling, where: Path | None,
-    watched: Precision, workers: Workers,
-) -> tuple[Rows, list[tuple[range, str]], float]:  # fmt: skip
+    options: argparse.Namespace,
+    design: Design,
+    sampling: Sampling,
+    where: Path | None,
+    watched: Precision,
+    workers: Workers,
+) -> tuple[Rows, list[tuple[range, str]], float]:
     """Run the trials that the store does not hold yet.
 
     Returns  all trials, blocks of trials that failed, and trials per second
@@ -206,9 +251,15 @@ def _run(
         ):
             advance(min(before, options.trials))
             outcomes = montecarlo.resume(
-                store, executor, options.workers, options.trials, precision, options.seconds,
-                watch, first=options.first,
-            )  # fmt: skip
+                store,
+                executor,
+                options.workers,
+                options.trials,
+                precision,
+                options.seconds,
+                watch,
+                first=options.first,
+            )
         if design.campaign:
             store.keep_campaign(design.campaign)
         failures = store.failures()
@@ -263,9 +314,16 @@ def _sketch(
         terminal.progress("trials", options.trials) as advance,
     ):
         sketch = montecarlo.resume_sketch(
-            options.sketch, case, options.seed, sampling, numbers, executor, options.workers,
-            limits, advance,
-        )  # fmt: skip
+            options.sketch,
+            case,
+            options.seed,
+            sampling,
+            numbers,
+            executor,
+            options.workers,
+            limits,
+            advance,
+        )
     rows = [Row("sketch", str(options.sketch)), Row("seed", options.seed)]
     terminal.print_rows(options, [*rows, Row("fidelity", options.fidelity), *sketch_rows(sketch)])
     return Exit.DONE if sketch.counts["correct"] == sketch.trials else Exit.UNSOLVED
@@ -295,9 +353,10 @@ def _required(
             summary = replace(summary, **known)
             shown = f"{bounds.value / arcsec:.3f} with the interval above ({HALL})"
         required[claim.name] = {
-            "statistic": str(claim.accuracy.objective), "limit_arcsec": claim.limit / arcsec,
+            "statistic": str(claim.accuracy.objective),
+            "limit_arcsec": claim.limit / arcsec,
             **{f"{n}_arcsec": v for n, v in metrics.bounds_json(bounds, ARCSEC).items()},
-        }  # fmt: skip
+        }
         lines.append(
             f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
             f"{shown}: {claim.answer(bounds).value} with {100 * needs.confidence:g} %"

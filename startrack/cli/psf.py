@@ -32,7 +32,7 @@ declare = Options(
     "pixels, and the MTF at the Nyquist frequency factor by factor. Writes psf.png and psf.json.",
     *DESIGN,
     out("startrack-psf"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -100,15 +100,19 @@ def _values(
     judged: optics.Quality, choice: optics.Choice, mean: float, curves: list[Curves]
 ) -> dict[str, Any]:
     return {
-        "model": choice.model, "model_error": choice.error, "model_reason": choice.reason,
-        "model_errors": choice.errors, "mean_wavelength_nm": mean * 1e9, "fwhm_x_px": judged.fwhm_x,
+        "model": choice.model,
+        "model_error": choice.error,
+        "model_reason": choice.reason,
+        "model_errors": choice.errors,
+        "mean_wavelength_nm": mean * 1e9,
+        "fwhm_x_px": judged.fwhm_x,
         "fwhm_y_px": judged.fwhm_y,
         "encircled_energy": dict(zip(map(str, optics.RADII), judged.encircled, strict=True)),
         "ensquared_energy": dict(zip(map(str, optics.BLOCKS), judged.ensquared, strict=True)),
         "energy_in_table": judged.energy,
         "mtf_nyquist_x": {name: float(curve[-1]) for name, curve in curves[0].items()},
         "mtf_nyquist_y": {name: float(curve[-1]) for name, curve in curves[1].items()},
-    }  # fmt: skip
+    }
 
 
 def _energies(form: str, sizes: Sequence[float], fractions: Sequence[float]) -> str:
@@ -129,7 +133,7 @@ def _text(judged: optics.Quality, choice: optics.Choice, mean: float, curves: li
         "energy in pixels    " + _energies("{0} x {0}", optics.BLOCKS, judged.ensquared),
         f"outside the table   {100 * (1 - judged.energy):.2g} %",
         "MTF at Nyquist         x      y",
-    ]  # fmt: skip
+    ]
     for name in curves[0]:
         lines.append(f"  {name:<17} {curves[0][name][-1]:6.3f} {curves[1][name][-1]:6.3f}")
     return "\n".join(lines)

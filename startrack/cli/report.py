@@ -29,10 +29,14 @@ declare = Options(
     Option("--budget N", "trials that the error budget is measured on", whole(2), 60),
     Option("--fidelity-trials N", "trials at each fidelity, to compare them", whole(2), 60),
     Option("--worst N", "worst trials to show with their frames", whole(0), 3),
-    Option("--conditions N", "trials in each condition of the verdict, but the design's own",
-           whole(2), 200),
+    Option(
+        "--conditions N",
+        "trials in each condition of the verdict, but the design's own",
+        whole(2),
+        200,
+    ),
     Option("--rungs", argparse.SUPPRESS, whole(2), dest="fidelity_trials"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -42,9 +46,13 @@ def command(options: argparse.Namespace) -> int:
     title = options.title or f"Campaign {options.campaign}"
     with as_wrong_use():
         depth = Depth(
-            options.stars, options.slews, options.budget, options.fidelity_trials, options.worst,
+            options.stars,
+            options.slews,
+            options.budget,
+            options.fidelity_trials,
+            options.worst,
             options.conditions,
-        )  # fmt: skip
+        )
         store = Store(options.campaign)
         store.require_inputs()
     with store, progress("trials repeated", repeated(store, depth)) as advance:

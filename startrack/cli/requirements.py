@@ -30,7 +30,7 @@ declare = Options(
     "Prints the margin of each requirement and the error by the analytic budget. The status is 3 "
     "if a requirement is not met.",
     *campaign(EARTH_TOO),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -52,10 +52,12 @@ def command(options: argparse.Namespace) -> int:
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
     needs = campaign.requirements
     costs = {
-        "mass_kg": needs.mass(design.case), "volume_m3": needs.volume(design.case),
-        "power_w": needs.power(design.case), "data_rate_bit_per_s": needs.data_rate(design.case),
+        "mass_kg": needs.mass(design.case),
+        "volume_m3": needs.volume(design.case),
+        "power_w": needs.power(design.case),
+        "data_rate_bit_per_s": needs.data_rate(design.case),
         "cost": needs.cost(design.case),
-    }  # fmt: skip
+    }
     result = {"design": str(path), "met": met, "margins": margins, **costs}
     result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
     result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
@@ -67,11 +69,13 @@ def command(options: argparse.Namespace) -> int:
     needed = needed_magnitude(design.case, needs.min_stars, needs.sky_fraction)
     rows = [
         [
-            name, *_limited(needs, name, margin, needed), f"{margin:+.3f}",
+            name,
+            *_limited(needs, name, margin, needed),
+            f"{margin:+.3f}",
             "" if margin >= 0 else "NOT MET",
         ]
         for name, margin in margins.items()
-    ]  # fmt: skip
+    ]
     rows += [
         [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]
         for body, angle in needs.min_keep_out.angles.items()
@@ -109,8 +113,10 @@ def _limited(needs: Requirements, name: str, margin: float, needed: float) -> tu
         "cost": (needs.max_cost, ""),
         **{accuracy.name: (accuracy.most / arcsec, "arcsec") for accuracy in needs.accuracy},
     }
-    least = {"update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
-             "availability": (needs.min_availability, "", 1.0)}  # fmt: skip
+    least = {
+        "update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
+        "availability": (needs.min_availability, "", 1.0),
+    }
     asked = name.partition(" (")[0]
     if asked == "stars in the sky":
         return f"G {needed + margin:.2f}", f"G {needed:.2f}"
@@ -147,10 +153,13 @@ def _earth_requirements(options: argparse.Namespace) -> int | None:
             margins = imager.margins_of(channel, figures)
             met = met and all(margin >= 0 for margin in margins.values())
             result = {
-                "channel": channel.name, "height_m": height, **asdict(figures),
+                "channel": channel.name,
+                "height_m": height,
+                **asdict(figures),
                 "required": imager.known(channel.required),
-                "measured": imager.known(channel.measured), "margins": margins,
-            }  # fmt: skip
+                "measured": imager.known(channel.measured),
+                "margins": margins,
+            }
             print_result(options, result, *_figures_text(channel, figures, height, margins))
         return Exit.DONE if met else Exit.UNSOLVED
 

@@ -18,7 +18,7 @@ declare = Options(
     "of [campaign] and that meet its requirements. Writes tolerance.md, corner.png, samples.csv "
     "and result.json. If the chains did not converge it writes nothing, and the status is 3.",
     *study("sample"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:

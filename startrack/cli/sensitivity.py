@@ -26,9 +26,14 @@ declare = Options(
     "its Sobol indices over the ranges of all variables. Writes sensitivity.md, tornado.png and "
     "result.json.",
     *study("sensitivity"),
-    Option("--designs N", "number of designs over the ranges that the Sobol indices are computed "
-           "from, a power of two", power_of_two, 128),
-)  # fmt: skip
+    Option(
+        "--designs N",
+        "number of designs over the ranges that the Sobol indices are computed "
+        "from, a power of two",
+        power_of_two,
+        128,
+    ),
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -55,15 +60,18 @@ def _table(variables: list[Sensitivity], objective: str, labels: dict[str, str])
             Column("", "variable", lambda row: labels[row.name]),
             Column("low_arcsec", "", lambda row: row.low),
             Column("high_arcsec", "", lambda row: row.high),
-            Column("", f"{objective} at its bounds (arcsec)",
-                   lambda row: f"{_text(row.low)} to {_text(row.high)}"),
+            Column(
+                "",
+                f"{objective} at its bounds (arcsec)",
+                lambda row: f"{_text(row.low)} to {_text(row.high)}",
+            ),
             Column("slope", "", lambda row: row.slope),
             Column("", "d ln error / d ln variable", lambda row: _slope(row.slope)),
             Column("first", "first-order index", lambda row: row.first, form=".2f"),
             Column("total", "total index", lambda row: row.total, form=".2f"),
         ],
         variables,
-    )  # fmt: skip
+    )
 
 
 def _slope(slope: float) -> str:

@@ -22,21 +22,37 @@ declare = Options(
     "filter beside those of single frames. Writes frames.csv, sequence.png and summary.json. The "
     "status is 3 if the attitude was not known after each frame.",
     *DESIGN,
-    Option("--profile PROFILE.toml", "file with the legs of the attitude profile, frame rate and "
-           "gyroscope, and further heads, or the name of a shipped one: slew, with a slew too fast "
-           "for an attitude (the default), or two_heads", Path),
+    Option(
+        "--profile PROFILE.toml",
+        "file with the legs of the attitude profile, frame rate and "
+        "gyroscope, and further heads, or the name of a shipped one: slew, with a slew too fast "
+        "for an attitude (the default), or two_heads",
+        Path,
+    ),
     Option("--sequences N", "number of sequences, from random attitudes", whole(1), 8),
-    Option("--frames", "keep the frames of all sequences in the folder frames: FITS with WCS, "
-           "16-bit PNG, SER, raw, or lossless video (mkv), and a table of their times and true "
-           "attitudes for each sequence", ("fits", "png", "ser", "raw", "mkv")),
-    Option("--stars", "keep the images and places of each matched star over time, in the folder "
-           "frames, as compare-flight reads them"),
-    Option("--fidelity", "frame, or window: only windows of each frame are rendered, which is "
-           "faster where pixels do not flicker", ("frame", "window"), "frame"),
+    Option(
+        "--frames",
+        "keep the frames of all sequences in the folder frames: FITS with WCS, "
+        "16-bit PNG, SER, raw, or lossless video (mkv), and a table of their times and true "
+        "attitudes for each sequence",
+        ("fits", "png", "ser", "raw", "mkv"),
+    ),
+    Option(
+        "--stars",
+        "keep the images and places of each matched star over time, in the folder "
+        "frames, as compare-flight reads them",
+    ),
+    Option(
+        "--fidelity",
+        "frame, or window: only windows of each frame are rendered, which is "
+        "faster where pixels do not flicker",
+        ("frame", "window"),
+        "frame",
+    ),
     SEED,
     WORKERS,
     out("startrack-sequence"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -51,9 +67,15 @@ def command(options: argparse.Namespace) -> int:
         terminal.progress("sequences", options.sequences) as advance,
     ):
         table = fly_sequences(
-            case, sequence, options.sequences, options.seed, executor, advance, recording,
+            case,
+            sequence,
+            options.sequences,
+            options.seed,
+            executor,
+            advance,
+            recording,
             Fidelity(options.fidelity),
-        )  # fmt: skip
+        )
     tracking = summarise_sequences(table)
     result = {"design": str(design), "profile": str(profile), "seed": options.seed}
     rows = _rows(tracking, len(sequence.heads))
@@ -73,19 +95,42 @@ def command(options: argparse.Namespace) -> int:
 
 def _rows(tracking: Tracking, heads: int) -> list[Row]:
     return [
-        Row("across_rms_arcsec", tracking.across, "filter across the boresight", ARCSEC,
-            note="rms per axis, after frames that measured it"),
+        Row(
+            "across_rms_arcsec",
+            tracking.across,
+            "filter across the boresight",
+            ARCSEC,
+            note="rms per axis, after frames that measured it",
+        ),
         Row("about_rms_arcsec", tracking.about, "filter about the boresight", ARCSEC, note="rms"),
-        Row("single_rms_arcsec", tracking.single, "frames alone, across", ARCSEC,
-            note="rms per axis"),
-        Row("coasted_rms_arcsec", tracking.coasted, "while it coasts, across", ARCSEC,
-            note="rms per axis, of all frames"),
+        Row(
+            "single_rms_arcsec",
+            tracking.single,
+            "frames alone, across",
+            ARCSEC,
+            note="rms per axis",
+        ),
+        Row(
+            "coasted_rms_arcsec",
+            tracking.coasted,
+            "while it coasts, across",
+            ARCSEC,
+            note="rms per axis, of all frames",
+        ),
         Row("worst_arcsec", tracking.worst, "worst, all axes", ARCSEC, note="of all frames"),
         Row("beyond", tracking.beyond, "half a degree off or more", PERCENT, note="of the frames"),
         Row("known", tracking.known, "attitude known", PERCENT, note="of the frames"),
         Row("losses_per_hour", tracking.losses_per_hour, "losses of track, per hour"),
         Row("reacquisition", tracking.reacquisition, "from loss to attitude", SECOND),
-        *[Row("alignment_rms_arcsec", tracking.alignment, "alignment of further heads", ARCSEC,
-              note="rms per axis, at the end")] * bool(heads),
+        *[
+            Row(
+                "alignment_rms_arcsec",
+                tracking.alignment,
+                "alignment of further heads",
+                ARCSEC,
+                note="rms per axis, at the end",
+            )
+        ]
+        * bool(heads),
         Row("sequences", tracking.sequences),
-    ]  # fmt: skip
+    ]

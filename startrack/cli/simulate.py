@@ -35,10 +35,14 @@ declare = Options(
     Option("--roll DEG", "celestial north, counter-clockwise from image up, degree", decimal()),
     shared.SEED,
     Option("--trial N", "number of the trial within the seed", whole(0, shared.LARGEST_SEED), 0),
-    Option("--pixels", "write the image also as pixels.png of 16 bits, pixels.ser or "
-           "pixels-*.raw, with time and true attitude in pixels.csv", ("png", "ser", "raw")),
+    Option(
+        "--pixels",
+        "write the image also as pixels.png of 16 bits, pixels.ser or "
+        "pixels-*.raw, with time and true attitude in pixels.csv",
+        ("png", "ser", "raw"),
+    ),
     out("startrack-simulate"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -73,11 +77,16 @@ def command(options: argparse.Namespace) -> int:
     )
     raw = draw_record(png, case, record, f"{title}\n{summary}")
     result = {
-        "fits": str(fits), "png": str(png), "raw_png": str(raw) if raw else None,
-        "pixels": [str(file) for file in pixels], **terminal.attitude_values(attitude),
-        "fov_x_deg": math.degrees(camera.fov_x), "spots": record.outcome.spots,
-        "matches": record.outcome.stars, "status": str(record.estimate.status),
-    }  # fmt: skip
+        "fits": str(fits),
+        "png": str(png),
+        "raw_png": str(raw) if raw else None,
+        "pixels": [str(file) for file in pixels],
+        **terminal.attitude_values(attitude),
+        "fov_x_deg": math.degrees(camera.fov_x),
+        "spots": record.outcome.spots,
+        "matches": record.outcome.stars,
+        "status": str(record.estimate.status),
+    }
     written = ", ".join(str(file) for file in (fits, *pixels, raw) if file)
     terminal.print_result(options, result, title, summary, f"wrote {written} and {png}")
     return Exit.DONE

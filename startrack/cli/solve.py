@@ -33,24 +33,51 @@ declare = Options(
     "with square pixels would see it, and says so. The status is 3 if an image has no attitude, "
     "with the reason, and 1 if one cannot be read.",
     *images(),
-    Option("--fov DEG", "field of view across the columns, degree, which is tried first (default: "
-           "that of the file's EXIF, then a search from 1.5 to 90, and fisheyes to 180)", float),
-    Option("--aspect RATIO", "width of a pixel over its height (default: 1, then those of images "
-           "that were squeezed from another shape)", shared.decimal(0.1, 10)),
-    Option("--exposure S", "exposure time, second, of images whose files do not say it: gives the "
-           "rate of a camera that turned while its stars became streaks",
-           shared.decimal(1e-9, 1e9)),
+    Option(
+        "--fov DEG",
+        "field of view across the columns, degree, which is tried first (default: "
+        "that of the file's EXIF, then a search from 1.5 to 90, and fisheyes to 180)",
+        float,
+    ),
+    Option(
+        "--aspect RATIO",
+        "width of a pixel over its height (default: 1, then those of images "
+        "that were squeezed from another shape)",
+        shared.decimal(0.1, 10),
+    ),
+    Option(
+        "--exposure S",
+        "exposure time, second, of images whose files do not say it: gives the "
+        "rate of a camera that turned while its stars became streaks",
+        shared.decimal(1e-9, 1e9),
+    ),
     *shared.FIELD_AND_SKY,
-    Option("--camera FILE", "calibrated camera, from `calibrate --camera`, or a design with "
-           "[tracker.camera]", Path),
-    Option("--tables DIR", "folder for FITS files as astrometry.net writes them: spots (.axy), "
-           "matches (.corr) and WCS (.wcs) of each image", Path),
-    Option("--keys", "names of the values of --json: its own (default), or those of tetra3, "
-           "described in docs/json.md", ("startrack", "tetra3"), "startrack"),
+    Option(
+        "--camera FILE",
+        "calibrated camera, from `calibrate --camera`, or a design with [tracker.camera]",
+        Path,
+    ),
+    Option(
+        "--tables DIR",
+        "folder for FITS files as astrometry.net writes them: spots (.axy), "
+        "matches (.corr) and WCS (.wcs) of each image",
+        Path,
+    ),
+    Option(
+        "--keys",
+        "names of the values of --json: its own (default), or those of tetra3, "
+        "described in docs/json.md",
+        ("startrack", "tetra3"),
+        "startrack",
+    ),
     Option("--overlay DIR", "folder for pictures of the images with their stars", Path),
-    Option("--workers N", "number of processes, each of which reads the catalogue; results do not "
-           "depend on it", whole(1, 1024), 1),
-)  # fmt: skip
+    Option(
+        "--workers N",
+        "number of processes, each of which reads the catalogue; results do not depend on it",
+        whole(1, 1024),
+        1,
+    ),
+)
 
 
 # What all images of a process share: the options of these names, and the function that reads an
@@ -59,9 +86,16 @@ SHARED = "fov_tolerance", "plane", "bayer", "colour", "raw", "dark", "catalog", 
 # Values of JSON that an image without an attitude has not.
 ATTITUDE = "icrs_to_camera_xyzw", "ra_deg", "dec_deg", "roll_deg", "fov_x_deg"
 IMAGE = (
-    "mirrored", "aspect", "middle_px", "streak_px", "rate_deg_s", "as_hinted", "lens",
-    "residual_rms_px", "sigma_arcsec",
-)  # fmt: skip
+    "mirrored",
+    "aspect",
+    "middle_px",
+    "streak_px",
+    "rate_deg_s",
+    "as_hinted",
+    "lens",
+    "residual_rms_px",
+    "sigma_arcsec",
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -126,9 +160,14 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
     if how.overlay:
         name = how.overlay / f"{path.stem}.solved.png"
         draw_solution(
-            name, solved.view.frame(frame), solved.spots, solved.matches,
-            solved.estimate.icrs_to_camera, stars, f"{path.name}\n{_text(solved)}",
-        )  # fmt: skip
+            name,
+            solved.view.frame(frame),
+            solved.spots,
+            solved.matches,
+            solved.estimate.icrs_to_camera,
+            stars,
+            f"{path.name}\n{_text(solved)}",
+        )
         result["overlay"] = str(name)
     if how.tables:
         name = how.tables / path.stem
@@ -161,23 +200,29 @@ def _values(solved: Photograph, exposure: float) -> dict[str, Any]:
     spots, matches, estimate, axis = solved.spots, solved.matches, solved.estimate, solved.axis
     result: dict[str, Any] = {
         "status": "solved" if estimate.icrs_to_camera is not None else str(estimate.status),
-        "reason": estimate.reason, **dict.fromkeys(ATTITUDE), "spots": len(spots),
-        "matches": estimate.stars, **dict.fromkeys(IMAGE),
+        "reason": estimate.reason,
+        **dict.fromkeys(ATTITUDE),
+        "spots": len(spots),
+        "matches": estimate.stars,
+        **dict.fromkeys(IMAGE),
         "false_probability": estimate.false_probability,
-    }  # fmt: skip
+    }
     if estimate.icrs_to_camera is not None and axis is not None:
         result |= terminal.attitude_values(axis) | {
-            "fov_x_deg": math.degrees(matches.camera.fov_x), "mirrored": solved.view.mirrored,
-            "aspect": solved.aspect, "middle_px": solved.view.middle,
+            "fov_x_deg": math.degrees(matches.camera.fov_x),
+            "mirrored": solved.view.mirrored,
+            "aspect": solved.aspect,
+            "middle_px": solved.view.middle,
             "streak_px": solved.streak and list(solved.streak),
-            "rate_deg_s": _rate(solved, exposure), "as_hinted": solved.as_hinted,
+            "rate_deg_s": _rate(solved, exposure),
+            "as_hinted": solved.as_hinted,
             "lens": {
                 "icrs_to_lens_xyzw": terminal.quaternion(estimate.icrs_to_camera),
                 "camera": to_table(matches.camera),
             },
             "residual_rms_px": estimate.residual_rms,
             "sigma_arcsec": [3600 * math.degrees(v**0.5) for v in estimate.covariance.diagonal()],
-        }  # fmt: skip
+        }
     return result
 
 

@@ -70,9 +70,10 @@ def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a desi
     stem = path.stem.lower()
     close = get_close_matches(stem, [file.stem for file in shipped.values()], 3, 0.75)
     names = [
-        name for name, file in shipped.items()
+        name
+        for name, file in shipped.items()
         if file.stem in close or (len(stem) >= FEWEST_LETTERS and stem in file.stem)
-    ]  # fmt: skip
+    ]
     if names:
         close_names = ", ".join(names)
         raise ValueError(f"{path} must be {kind}, but there is none; shipped are {close_names}")
@@ -228,10 +229,12 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
     from rich import progress as rich
 
     columns = (
-        rich.TextColumn("{task.description}"), rich.BarColumn(), rich.MofNCompleteColumn(),
+        rich.TextColumn("{task.description}"),
+        rich.BarColumn(),
+        rich.MofNCompleteColumn(),
         rich.TimeRemainingColumn(elapsed_when_finished=True),
         rich.TextColumn("{task.fields[note]}"),
-    )  # fmt: skip
+    )
     with rich.Progress(*columns, console=console.Console(stderr=True)) as bars:
         task = bars.add_task(title, total=total, note="")
 

@@ -88,10 +88,15 @@ def gains_of(
             case, objective, required, fraction, options.seed, options.units, changes, advance
         )
     before = _costs(needs, case)
-    values, entries = {
-        "objective": str(objective), "fraction": fraction, "age_years": allocated.age / YEAR,
-        "level_arcsec": allocated.level / arcsec,
-    }, list[dict[str, Any]]()  # fmt: skip
+    values, entries = (
+        {
+            "objective": str(objective),
+            "fraction": fraction,
+            "age_years": allocated.age / YEAR,
+            "level_arcsec": allocated.level / arcsec,
+        },
+        list[dict[str, Any]](),
+    )
     yields = [f"yield, {limit.name} (%)" for limit in required]
     lever = any(change.text for change in changes)
     costs = ["mass (g)", "power (mW)", "calibration (h)"] if lever else []
@@ -108,14 +113,23 @@ def gains_of(
             }
             | ({"change": change.text, **more} if lever else {"price": change.price})
         )
-        rows.append([
-            f"{change.name} {change.text}".strip(),
-            bracketed(gain.level, "+.3f", arcsec),
-            *(bracketed(share, "+.1f", 0.01) for share in gain.yields),
-            *([f"{1e3 * more['mass_kg']:+.3g}", f"{1e3 * more['power_w']:+.3g}",
-               f"{more['calibration_h']:+.3g}"] if lever else []),
-            f"{more['price']:.4g}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                f"{change.name} {change.text}".strip(),
+                bracketed(gain.level, "+.3f", arcsec),
+                *(bracketed(share, "+.1f", 0.01) for share in gain.yields),
+                *(
+                    [
+                        f"{1e3 * more['mass_kg']:+.3g}",
+                        f"{1e3 * more['power_w']:+.3g}",
+                        f"{more['calibration_h']:+.3g}",
+                    ]
+                    if lever
+                    else []
+                ),
+                f"{more['price']:.4g}",
+            ]
+        )
     values["levers" if lever else "halved"] = entries
     text = [
         f"{objective} that {100 * fraction:g} % of {options.units} units at "
@@ -135,9 +149,11 @@ def gains_of(
 
 def _costs(needs: design.Requirements, case: Case) -> dict[str, float]:
     return {
-        "mass_kg": needs.mass(case), "power_w": needs.power(case),
-        "calibration_h": needs.calibration_time(case) / 3600, "price": needs.cost(case),
-    }  # fmt: skip
+        "mass_kg": needs.mass(case),
+        "power_w": needs.power(case),
+        "calibration_h": needs.calibration_time(case) / 3600,
+        "price": needs.cost(case),
+    }
 
 
 def trials_of(
@@ -192,7 +208,8 @@ def _yield_share(values: dict[str, Any]) -> str:
 
 def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any]:
     return {
-        "age_years": budgets.age / YEAR, "units": len(budgets),
+        "age_years": budgets.age / YEAR,
+        "units": len(budgets),
         "classes_rms_arcsec": {
             term.value: _pair(errors) for term, errors in _classes(budgets).items()
         },
@@ -217,7 +234,7 @@ def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, A
             _yield_values(limit, yield_of(limit, units_expected(limit.objective, budgets)))
             for limit in required
         ],
-    }  # fmt: skip
+    }
 
 
 def _classes(budgets: UnitBudgets) -> dict[Term, Floats]:

@@ -33,17 +33,24 @@ declare = Options(
     "requirement is not met, or not shown.",
     *campaign(),
     Option("--trials N", "trials in each condition at most", whole(2, 10**8), 8192),
-    Option("--first N", "trials in each condition at the first test (default: 256, or --trials if "
-           "fewer)", whole(2, 10**8), 256),
+    Option(
+        "--first N",
+        "trials in each condition at the first test (default: 256, or --trials if fewer)",
+        whole(2, 10**8),
+        256,
+    ),
     fidelity("frame: render whole frames (default); window, spots, covariance: see montecarlo"),
     shared.SEED,
     shared.WORKERS,
-    Option("--units N", "judge N units of the design instead, by the share that meets each "
-           "requirement, at the begin and the end of life; fidelity window by default",
-           whole(2, 10**5)),
+    Option(
+        "--units N",
+        "judge N units of the design instead, by the share that meets each "
+        "requirement, at the begin and the end of life; fidelity window by default",
+        whole(2, 10**5),
+    ),
     Option("--out DIR", "folder for results", Path),
     fidelity=None,
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -89,9 +96,13 @@ def command(options: argparse.Namespace) -> int:
             table = verification.unit_text(by_units)
         else:
             verified = verification.verify(
-                case, campaign, trials, options.seed, looks,
+                case,
+                campaign,
+                trials,
+                options.seed,
+                looks,
                 lambda name, number: advance(0, f"{name}: {number} trials"),
-            )  # fmt: skip
+            )
             answer, values = verified.answer, verification.verdict_values(verified)
             table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}

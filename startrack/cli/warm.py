@@ -34,10 +34,13 @@ declare = Options(
     "package, or in the folder that NUMBA_CACHE_DIR names, and serves this kind of processor and "
     "these versions of Python, numba and NumPy; another machine compiles again. Kernels of other "
     "designs, such as line scanners, are compiled when they are first used.",
-    Option("--part NAME", "one part alone, such as `identification`; more than once for more "
-           "(default: all)", append=True),
+    Option(
+        "--part NAME",
+        "one part alone, such as `identification`; more than once for more (default: all)",
+        append=True,
+    ),
     Option("--earth", "also the kernels of Earth cameras (extra `earth`)"),
-)  # fmt: skip
+)
 
 
 def command(options: argparse.Namespace) -> int:
@@ -61,10 +64,12 @@ def command(options: argparse.Namespace) -> int:
         (folder / READY).touch()
     files = list(folder.rglob("*.nbc")) if folder else []
     result = {
-        "seconds": time.perf_counter() - began, "files": len(files),
-        "mb": sum(file.stat().st_size for file in files) / MB, "folders": int(folder is not None),
+        "seconds": time.perf_counter() - began,
+        "files": len(files),
+        "mb": sum(file.stat().st_size for file in files) / MB,
+        "folders": int(folder is not None),
         "not_kept": int(folder is None),
-    }  # fmt: skip
+    }
     size = f"{len(files)} files of compiled code, {result['mb']:.0f} MB"
     terminal.print_result(options, result, f"compiled in {result['seconds']:.0f} s; {size}")
     return Exit.DONE if folder else Exit.FAILED

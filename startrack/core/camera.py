@@ -42,10 +42,12 @@ class FieldPolynomial(Parameters):
     y: Annotated[tuple[float, ...], COEFFICIENTS] = ()
     x_per_kelvin: Annotated[tuple[float, ...], "growth of these coefficients"] = ()
     y_per_kelvin: Annotated[tuple[float, ...], "growth of these coefficients"] = ()
-    temperature: Annotated[float, Unit("K", "degC", absolute=True), Range(1, 1000),
-        "T, that the camera has"] = ROOM  # fmt: skip
-    reference: Annotated[float, Unit("K", "degC", absolute=True), Range(1, 1000),
-        "T0, to which x and y belong"] = ROOM  # fmt: skip
+    temperature: Annotated[
+        float, Unit("K", "degC", absolute=True), Range(1, 1000), "T, that the camera has"
+    ] = ROOM
+    reference: Annotated[
+        float, Unit("K", "degC", absolute=True), Range(1, 1000), "T0, to which x and y belong"
+    ] = ROOM
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -122,11 +124,13 @@ class Camera(Parameters):
     p1: Annotated[float, FINITE, COEFFICIENT] = 0.0
     p2: Annotated[float, FINITE, COEFFICIENT] = 0.0
     k3: Annotated[float, FINITE, COEFFICIENT] = 0.0
-    polynomial: Annotated[FieldPolynomial | None,
-        "over the field, as `calibrate` fits it to a table of stars; None: none"
-    ] = None  # fmt: skip
-    residual: Annotated[Displacement | None,
-        "displacement by which places differ from this model; None: nowhere"] = None  # fmt: skip
+    polynomial: Annotated[
+        FieldPolynomial | None,
+        "over the field, as `calibrate` fits it to a table of stars; None: none",
+    ] = None
+    residual: Annotated[
+        Displacement | None, "displacement by which places differ from this model; None: nowhere"
+    ] = None
 
     @classmethod
     def from_field_of_view(cls, columns: int, rows: int, fov_x: float) -> Camera:
@@ -209,9 +213,13 @@ class Camera(Parameters):
         x, y = (solution / monomials(np.full((1, 2), size)).T).T
         polynomial = FieldPolynomial(tuple(x.tolist()), tuple(y.tolist()))
         return Camera(
-            self.columns, self.rows, self.focal_length_px, self.principal_x, self.principal_y,
+            self.columns,
+            self.rows,
+            self.focal_length_px,
+            self.principal_x,
+            self.principal_y,
             polynomial=polynomial,
-        )  # fmt: skip
+        )
 
     def _model(self, direction: Floats) -> Floats:
         if not self.distorted:

@@ -37,8 +37,11 @@ class Refused(ValueError):
         key = f"{place}.{self.key}" if self.key else place
         return Refused(
             f"{place}: {message or self}",
-            key=key, rule=self.rule, value=self.value, lasting=self.lasting,
-        )  # fmt: skip
+            key=key,
+            rule=self.rule,
+            value=self.value,
+            lasting=self.lasting,
+        )
 
 
 class WrongType(Refused, TypeError):

@@ -147,9 +147,15 @@ class FieldPsf:
 
 @kernel
 def _add_near(
-    value: Floats, node_x: Floats, node_y: Floats, node_c: Floats, x: Floats, y: Floats,
-    colour: Floats, total: Floats,
-) -> None:  # fmt: skip
+    value: Floats,
+    node_x: Floats,
+    node_y: Floats,
+    node_c: Floats,
+    x: Floats,
+    y: Floats,
+    colour: Floats,
+    total: Floats,
+) -> None:
     """Add the weighted values of the nodes around each place."""
     near_x, near_y, near_c = np.empty(4), np.empty(4), np.empty(len(node_c))
     even = np.arange(4.0)
@@ -174,9 +180,15 @@ def _add_near(
 
 @instead_of(_add_near)
 def _add_near_of_arrays(
-    value: Floats, node_x: Floats, node_y: Floats, node_c: Floats, x: Floats, y: Floats,
-    colour: Floats, total: Floats,
-) -> None:  # fmt: skip
+    value: Floats,
+    node_x: Floats,
+    node_y: Floats,
+    node_c: Floats,
+    x: Floats,
+    y: Floats,
+    colour: Floats,
+    total: Floats,
+) -> None:
     (u, near_x), (v, near_y) = local_weights(node_x, x), local_weights(node_y, y)
     near_c = lagrange_weights(node_c, np.clip(colour, node_c[0], node_c[-1]))
     for c, j, i in np.ndindex(len(value), 4, 4):

@@ -117,8 +117,9 @@ class Curve(Parameters):
     A curve with one value and no wavelength is the same everywhere.
     """
 
-    wavelength: Annotated[tuple[float, ...], Unit("m", "nm"), POSITIVE,
-        "rising, one for each value"] = ()  # fmt: skip
+    wavelength: Annotated[
+        tuple[float, ...], Unit("m", "nm"), POSITIVE, "rising, one for each value"
+    ] = ()
     value: Annotated[tuple[float, ...], Range(0, 1), "at each wavelength, or one for all"] = (1.0,)
 
     def __post_init__(self) -> None:

@@ -24,9 +24,16 @@ import numpy as np
 PACKAGE = Path(__file__).parents[1]
 # Rooms without kernels, none of whose values are compiled into those of other rooms.
 WITHOUT_KERNELS = {
-    "benchmark", "calibration", "cli", "mission", "onboard", "optimise", "plots",
-    "report", "verification",
-}  # fmt: skip
+    "benchmark",
+    "calibration",
+    "cli",
+    "mission",
+    "onboard",
+    "optimise",
+    "plots",
+    "report",
+    "verification",
+}
 config: Any = numba.config  # its names are made when it is read
 NAME = "kernels-"  # begins the name of a folder of compiled code
 PRIVATE = 0o700  # mode of a folder

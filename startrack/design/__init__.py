@@ -52,7 +52,21 @@ from startrack.design.variation import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Accuracy", "CameraCalibration", "Campaign", "Change", "Choice", "Condition", "DesignSpace",
-    "KeepOut", "Link", "Objective", "OverUnits", "Requirements", "Scope", "Structure", "Variable",
-    "Variation", "replaced",
-]  # fmt: skip
+    "Accuracy",
+    "CameraCalibration",
+    "Campaign",
+    "Change",
+    "Choice",
+    "Condition",
+    "DesignSpace",
+    "KeepOut",
+    "Link",
+    "Objective",
+    "OverUnits",
+    "Requirements",
+    "Scope",
+    "Structure",
+    "Variable",
+    "Variation",
+    "replaced",
+]

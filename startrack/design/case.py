@@ -52,31 +52,47 @@ class CameraCalibration(Parameters):
     `frames`: they last less than an environment does.
     """
 
-    place: Annotated[str, Range(choices=PLACES),
+    place: Annotated[
+        str,
+        Range(choices=PLACES),
         '"ground": before launch, so that steps of the launch come after; "orbit": once after it; '
         '"recursive": as "orbit", and then focal length, distortion and map again and again, so '
         "that they follow age and temperature; principal point and mounting stay, because stars "
-        "hardly tell them from a turn"
-    ] = "ground"  # fmt: skip
+        "hardly tell them from a turn",
+    ] = "ground"
     positions: Annotated[int, Range(10, 10**5), "on the ground"] = 100
     frames: Annotated[int, Range(1, 10**5), "in orbit"] = 50
     stars: Annotated[int, Range(3, 1000), "in each of these frames"] = 10
-    noise: Annotated[float, NON_NEGATIVE,
-        "pixel rms per axis, of the mean centroid of a star at a position, or in a frame"
-    ] = 0.02  # fmt: skip
-    direction: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
-        "radian rms per axis, error of the direction of a position of the collimator"
-    ] = 0.0  # fmt: skip
-    temperature: Annotated[float, Unit("K"), FINITE,
-        "of the instrument above its reference, at which the residual is seen"] = 0.0  # fmt: skip
-    order: Annotated[int,
+    noise: Annotated[
+        float,
+        NON_NEGATIVE,
+        "pixel rms per axis, of the mean centroid of a star at a position, or in a frame",
+    ] = 0.02
+    direction: Annotated[
+        float,
+        Unit("rad", "arcsec"),
+        NON_NEGATIVE,
+        "radian rms per axis, error of the direction of a position of the collimator",
+    ] = 0.0
+    temperature: Annotated[
+        float,
+        Unit("K"),
+        FINITE,
+        "of the instrument above its reference, at which the residual is seen",
+    ] = 0.0
+    order: Annotated[
+        int,
         "of the polynomial of distortion in the fit: 1: focal length and principal point alone; "
-        "3: k1 too; 5: and k2; 7: and k3"] = 3  # fmt: skip
+        "3: k1 too; 5: and k2; 7: and k3",
+    ] = 3
     tangential: Annotated[bool, "whether p1 and p2 are fitted too"] = False
-    map: Annotated[int, Range(0, 9),
+    map: Annotated[
+        int,
+        Range(0, 9),
         "nodes along each side of a table of displacements, to which what the polynomial leaves "
         "is fitted, with straight lines between them; 0: none; 1, a shift of all, is none, too: "
-        "it is the principal point"] = 0  # fmt: skip
+        "it is the principal point",
+    ] = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -115,9 +131,12 @@ class Fidelity(StrEnum):
 class Temperatures(Parameters):
     """Temperatures of an instrument; that of its detector is in the detector."""
 
-    lens: Annotated[float, Unit("K", "degC", absolute=True), Range(1, 1000),
-        "of the lens, whose table then gives focal length, focus and distortion"
-    ] = ROOM  # fmt: skip
+    lens: Annotated[
+        float,
+        Unit("K", "degC", absolute=True),
+        Range(1, 1000),
+        "of the lens, whose table then gives focal length, focus and distortion",
+    ] = ROOM
 
 
 MOST_OUTSIDE = 0.02  # of the light of a sunlike star, that may have no bin of wavelength
@@ -125,9 +144,14 @@ MOST_OUTSIDE = 0.02  # of the light of a sunlike star, that may have no bin of w
 
 @lru_cache(maxsize=16)
 def _traced_camera(
-    optics: Optics, kelvin: float, columns: int, rows: int, pitch: float,
-    principal: tuple[float, float], photons: bytes,
-) -> core.Camera:  # fmt: skip
+    optics: Optics,
+    kelvin: float,
+    columns: int,
+    rows: int,
+    pitch: float,
+    principal: tuple[float, float],
+    photons: bytes,
+) -> core.Camera:
     """`fit_camera`; kept for the 16 last lenses, as units and their environments share one.
 
     photons  of `Instrument.detected_spectra`
@@ -145,32 +169,40 @@ class Instrument(Parameters):
     """
 
     optics: Annotated[Optics, "A lens."]
-    detector: Annotated[Detector,
-        "A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0)."
-    ]  # fmt: skip
-    motion: Annotated[Motion,
-        "How the camera turns in an exposure, about its own axes."
-    ] = field(default_factory=Motion)  # fmt: skip
-    mounting: Annotated[Mounting,
-        "how the camera sits on the spacecraft"] = field(default_factory=Mounting)  # fmt: skip
-    delay: Annotated[float, Unit("s", "ms"), FINITE,
-        "by which the time stamp of a frame lies after the middle of its exposure"
-    ] = 0.0  # fmt: skip
-    baffle: Annotated[Baffle | None,
-        "what it lets through of Sun, Moon and Earth; None: nothing"] = None  # fmt: skip
-    tube: Annotated[BaffleTube | None,
-        "the baffle by its geometry, in place of a curve; None: as `baffle` says"
-    ] = None  # fmt: skip
+    detector: Annotated[
+        Detector, "A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0)."
+    ]
+    motion: Annotated[Motion, "How the camera turns in an exposure, about its own axes."] = field(
+        default_factory=Motion
+    )
+    mounting: Annotated[Mounting, "how the camera sits on the spacecraft"] = field(
+        default_factory=Mounting
+    )
+    delay: Annotated[
+        float,
+        Unit("s", "ms"),
+        FINITE,
+        "by which the time stamp of a frame lies after the middle of its exposure",
+    ] = 0.0
+    baffle: Annotated[
+        Baffle | None, "what it lets through of Sun, Moon and Earth; None: nothing"
+    ] = None
+    tube: Annotated[
+        BaffleTube | None, "the baffle by its geometry, in place of a curve; None: as `baffle` says"
+    ] = None
     thermal: Annotated[Temperatures | None, "temperatures; None: the lens is at 20 degC"] = None
-    ghosts: Annotated[Ghosts | None,
-        "reflections in the lens that make ghosts of bright sources; None: no ghosts"
-    ] = None  # fmt: skip
-    residual: Annotated[Residual | None,
-        "displacements that no camera model holds, which a calibration leaves; None: none"
-    ] = None  # fmt: skip
-    structure: Annotated[Structure | None,
+    ghosts: Annotated[
+        Ghosts | None, "reflections in the lens that make ghosts of bright sources; None: no ghosts"
+    ] = None
+    residual: Annotated[
+        Residual | None,
+        "displacements that no camera model holds, which a calibration leaves; None: none",
+    ] = None
+    structure: Annotated[
+        Structure | None,
         "what carries lens and detector, and how warm it becomes; what follows from it differs "
-        "as a [[variation]] does; None: nothing"] = None  # fmt: skip
+        "as a [[variation]] does; None: nothing",
+    ] = None
     imaged: Instrument | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
@@ -246,9 +278,17 @@ class Instrument(Parameters):
                 return camera_of_cube(optics, *where, WAVELENGTH, spectrum)
             return _traced_camera(optics, self.lens_temperature, *where, spectrum.tobytes())
         return core.Camera(
-            columns, rows, optics.focal_length / self.detector.pitch, *principal,
-            optics.k1, optics.k2, optics.p1, optics.p2, optics.k3, optics.polynomial,
-        )  # fmt: skip
+            columns,
+            rows,
+            optics.focal_length / self.detector.pitch,
+            *principal,
+            optics.k1,
+            optics.k2,
+            optics.p1,
+            optics.p2,
+            optics.k3,
+            optics.polynomial,
+        )
 
     def detected_spectra(self, temperature: Floats) -> Floats:
         """Photons per second of blackbodies that are detected in each spectral bin, on any scale.
@@ -286,61 +326,90 @@ class Instrument(Parameters):
 class Tracker(Parameters):
     """What the flight software believes and how it works."""
 
-    detection: Annotated[Detection,
-        "How spots are found and measured. The defaults serve real images of many cameras."
-    ] = field(default_factory=Detection)  # fmt: skip
-    identification: Annotated[Identification,
-        "Settings of the identification of spots, for calibrated cameras by default."
-    ] = field(default_factory=Identification)  # fmt: skip
-    attitude: Annotated[SolverSettings,
-        "How matched stars are weighted, and when one is left out."
-    ] = field(default_factory=SolverSettings)  # fmt: skip
-    camera: Annotated[core.Camera | None,
-        "its calibration; None for a perfect one, which follows the instrument's design"
-    ] = None  # fmt: skip
-    camera_model: Annotated[str, Range(choices=("radial", "polynomial")),
+    detection: Annotated[
+        Detection,
+        "How spots are found and measured. The defaults serve real images of many cameras.",
+    ] = field(default_factory=Detection)
+    identification: Annotated[
+        Identification,
+        "Settings of the identification of spots, for calibrated cameras by default.",
+    ] = field(default_factory=Identification)
+    attitude: Annotated[
+        SolverSettings, "How matched stars are weighted, and when one is left out."
+    ] = field(default_factory=SolverSettings)
+    camera: Annotated[
+        core.Camera | None,
+        "its calibration; None for a perfect one, which follows the instrument's design",
+    ] = None
+    camera_model: Annotated[
+        str,
+        Range(choices=("radial", "polynomial")),
         'model of that perfect calibration: "radial", focal length and three radial '
-        'coefficients; "polynomial", to the third order in x and y'] = "radial"  # fmt: skip
-    catalog: Annotated[Selection | None,
-        "its cut of the star catalogue, None for the one that the sky is made of"
-    ] = None  # fmt: skip
-    mounting: Annotated[Mounting | None,
-        "mounting that it assumes, None for the true one without its swing"] = None  # fmt: skip
-    delay: Annotated[float | None, Unit("s", "ms"), FINITE,
-        "second that it takes off its time stamps, None for all of the delay there is"
-    ] = None  # fmt: skip
-    motion: Annotated[Motion | None,
+        'coefficients; "polynomial", to the third order in x and y',
+    ] = "radial"
+    catalog: Annotated[
+        Selection | None, "its cut of the star catalogue, None for the one that the sky is made of"
+    ] = None
+    mounting: Annotated[
+        Mounting | None, "mounting that it assumes, None for the true one without its swing"
+    ] = None
+    delay: Annotated[
+        float | None,
+        Unit("s", "ms"),
+        FINITE,
+        "second that it takes off its time stamps, None for all of the delay there is",
+    ] = None
+    motion: Annotated[
+        Motion | None,
         "how it believes the camera to turn, None for as it does, jitter apart; where lines "
-        "scan, each spot has its own time"] = None  # fmt: skip
-    rate: Annotated[str, Range(choices=("known", "images")),
+        "scan, each spot has its own time",
+    ] = None
+    rate: Annotated[
+        str,
+        Range(choices=("known", "images")),
         'how it knows the smear of its stars without a prediction: "known", by its motion; '
-        '"images", by the streaks of the frame itself, whose sign stays open'
-    ] = "known"  # fmt: skip
-    reference: Annotated[str, Range(choices=("instant", "mean")),
+        '"images", by the streaks of the frame itself, whose sign stays open',
+    ] = "known"
+    reference: Annotated[
+        str,
+        Range(choices=("instant", "mean")),
         'attitude that it is judged by: "instant", that in the middle of the exposure, for which '
         'control wants it and ECSS-E-ST-60-20C states errors; "mean", that over the exposure, '
-        "which leaves jitter within the exposure to the spacecraft, as makers' noise figures do"
-    ] = "instant"  # fmt: skip
-    row_delay: Annotated[float | None, Unit("s", "us"), NON_NEGATIVE,
+        "which leaves jitter within the exposure to the spacecraft, as makers' noise figures do",
+    ] = "instant"
+    row_delay: Annotated[
+        float | None,
+        Unit("s", "us"),
+        NON_NEGATIVE,
         "second between the exposures of two rows, by which it moves each spot to the middle of "
         "the frame's exposure at the rates that it knows; None for that of the detector as "
-        "designed, 0 for no correction"] = None  # fmt: skip
-    calibrated_at: Annotated[float | None, Unit("K", "degC", absolute=True), Range(1, 1000),
+        "designed, 0 for no correction",
+    ] = None
+    calibrated_at: Annotated[
+        float | None,
+        Unit("K", "degC", absolute=True),
+        Range(1, 1000),
         "temperature of the lens when the camera was calibrated, None for that which it has; a "
-        "lens table says what differs"] = None  # fmt: skip
-    focal_length_by_colour: Annotated[bool,
+        "lens table says what differs",
+    ] = None
+    focal_length_by_colour: Annotated[
+        bool,
         "whether it scales the place of each star by a focal length of the star's colour in its "
-        "catalogue, as calibrated: it takes off most of the lateral colour of a lens table"
-    ] = False  # fmt: skip
-    acquisition: Annotated[str, Range(choices=("whole", "box")),
+        "catalogue, as calibrated: it takes off most of the lateral colour of a lens table",
+    ] = False
+    acquisition: Annotated[
+        str,
+        Range(choices=("whole", "box")),
         'how it finds its stars where it expects an attitude: "whole" searches the frame, "box" '
         "a box about the place of each star, whose light it takes for the star's. In a sequence "
-        "the first attitude comes from the whole frame; a single trial expects one"
-    ] = "whole"  # fmt: skip
+        "the first attitude comes from the whole frame; a single trial expects one",
+    ] = "whole"
     box: Annotated[Box, "these boxes"] = field(default_factory=Box)
-    calibration: Annotated[CameraCalibration | None,
+    calibration: Annotated[
+        CameraCalibration | None,
         "how the camera of each unit is calibrated, where units vary; None: not at all, it is "
-        "believed to be as designed"] = None  # fmt: skip
+        "believed to be as designed",
+    ] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -369,20 +438,27 @@ class Case(core.CarriesCode):
     Raises  ValueError where the catalogue contradicts the scene.
     """
 
-    instrument: Annotated[Instrument,
-        "The truth that makes the frame, and that its attitude is judged by."]  # fmt: skip
-    tracker: Annotated[Tracker,
-        "What the flight software believes and how it works."
-    ] = field(default_factory=Tracker)  # fmt: skip
-    scene: Annotated[Scene,
-        "Background and bodies besides the stars, date and observer."
-    ] = field(default_factory=Scene)  # fmt: skip
+    instrument: Annotated[
+        Instrument, "The truth that makes the frame, and that its attitude is judged by."
+    ]
+    tracker: Annotated[Tracker, "What the flight software believes and how it works."] = field(
+        default_factory=Tracker
+    )
+    scene: Annotated[Scene, "Background and bodies besides the stars, date and observer."] = field(
+        default_factory=Scene
+    )
     catalog: Annotated[Selection, "The stars that a sky holds."] = field(default_factory=Selection)
-    variation: Annotated[tuple[Variation, ...],
+    variation: Annotated[
+        tuple[Variation, ...],
         "what differs between units, launches, environments and in time; a trial without units "
-        "leaves it out"] = ()  # fmt: skip
-    lifetime: Annotated[float, Unit("s", "yr"), NON_NEGATIVE,
-        "age at the end of life; 0: that of the detector, if it has one"] = 0.0  # fmt: skip
+        "leaves it out",
+    ] = ()
+    lifetime: Annotated[
+        float,
+        Unit("s", "yr"),
+        NON_NEGATIVE,
+        "age at the end of life; 0: that of the detector, if it has one",
+    ] = 0.0
     design: Case | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:

@@ -30,20 +30,30 @@ class Condition(Parameters):
     """A condition in which a design is judged, besides that of the file itself."""
 
     name: Annotated[str, "for tables and messages"]
-    weight: Annotated[float, NON_NEGATIVE,
+    weight: Annotated[
+        float,
+        NON_NEGATIVE,
         "of its error in the objective, in which the file's own condition has 1; 0: only its "
-        "requirements count"] = 1.0  # fmt: skip
-    rate: Annotated[float | None, Unit("rad/s", "deg/s"), NON_NEGATIVE,
+        "requirements count",
+    ] = 1.0
+    rate: Annotated[
+        float | None,
+        Unit("rad/s", "deg/s"),
+        NON_NEGATIVE,
         "slew rate, about the axis about which the design turns; where it does not, across the "
-        "boresight at 45 degrees to the columns. None: as the design"] = None  # fmt: skip
-    background_g: Annotated[float | None,
-        "magnitude per square arcsecond of the sky; None: as the design"] = None  # fmt: skip
-    change: Annotated[tuple[Change, ...],
-        "any other parameter, such as the dark current at the end of life"] = ()  # fmt: skip
+        "boresight at 45 degrees to the columns. None: as the design",
+    ] = None
+    background_g: Annotated[
+        float | None, "magnitude per square arcsecond of the sky; None: as the design"
+    ] = None
+    change: Annotated[
+        tuple[Change, ...], "any other parameter, such as the dark current at the end of life"
+    ] = ()
     max_across: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
     max_about: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
-    min_availability: Annotated[float | None, Range(0, 1),
-        "limits in this condition; None: those of the requirements"] = None  # fmt: skip
+    min_availability: Annotated[
+        float | None, Range(0, 1), "limits in this condition; None: those of the requirements"
+    ] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

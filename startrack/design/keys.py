@@ -53,9 +53,13 @@ OF_FILES = (
     Key("include", "list of texts", "", "", "none", "files over the base, below this one"),
 )
 PRODUCT = Key(
-    "instrument.detector.product", "text", "", "", "none",
+    "instrument.detector.product",
+    "text",
+    "",
+    "",
+    "none",
     "detector of the catalogue, whose values hold where the file has none",
-)  # fmt: skip
+)
 CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to a design.")
 
 

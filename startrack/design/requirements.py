@@ -168,79 +168,130 @@ class Requirements(core.CarriesCode):
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"sky_share": "sky_fraction"}
 
-    max_mass: Annotated[float, Unit("kg"), POSITIVE,
-        "of lens, baffle and electronics, by these models"] = 1.0  # fmt: skip
-    mass_fixed: Annotated[float, Unit("kg"), NON_NEGATIVE,
-        "mass of what does not grow with the aperture"] = 0.15  # fmt: skip
-    mass_per_volume: Annotated[float, Unit("kg / m3"), NON_NEGATIVE,
-        "mass of lens and baffle over the cube of the aperture"] = 6000.0  # fmt: skip
-    density: Annotated[float | None, Unit("kg / m3"), POSITIVE,
+    max_mass: Annotated[
+        float, Unit("kg"), POSITIVE, "of lens, baffle and electronics, by these models"
+    ] = 1.0
+    mass_fixed: Annotated[
+        float, Unit("kg"), NON_NEGATIVE, "mass of what does not grow with the aperture"
+    ] = 0.15
+    mass_per_volume: Annotated[
+        float,
+        Unit("kg / m3"),
+        NON_NEGATIVE,
+        "mass of lens and baffle over the cube of the aperture",
+    ] = 6000.0
+    density: Annotated[
+        float | None,
+        Unit("kg / m3"),
+        POSITIVE,
         "of the whole tracker, which then has the mass of its volume; None: the mass is that of "
-        "the aperture. Of seven that were built 950 kg/m3 in the median"] = None  # fmt: skip
-    baffle_angle: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi / 2),
+        "the aperture. Of seven that were built 950 kg/m3 in the median",
+    ] = None
+    baffle_angle: Annotated[
+        float | None,
+        Unit("rad", "deg"),
+        Range(0, math.pi / 2),
         "from the boresight, from which on the baffle keeps the Sun from the lens; None: no "
-        "baffle, or one within the other terms"] = None  # fmt: skip
-    shielding: Annotated[float, Unit("m", "mm"), NON_NEGATIVE,
-        "thickness of a layer of aluminium around the tracker; 0: none but its housing"
-    ] = 0.0  # fmt: skip
-    max_power: Annotated[float, Unit("W"), POSITIVE,
-        "of lens, baffle and electronics, by these models"] = 2.0  # fmt: skip
-    power_fixed: Annotated[float, Unit("W"), NON_NEGATIVE,
-        "power of what does not grow with the data rate"] = 0.4  # fmt: skip
-    energy_per_bit: Annotated[float, Unit("J / bit", "nJ / bit"), NON_NEGATIVE,
-        "of reading out and processing"] = 20e-9  # fmt: skip
-    max_volume: Annotated[float | None, Unit("m3", "cm3"), POSITIVE,
-        "None where there is no such limit"] = None  # fmt: skip
-    volume_fixed: Annotated[float, Unit("m3", "cm3"), NON_NEGATIVE,
-        "volume of all but the lens"] = 100e-6  # fmt: skip
+        "baffle, or one within the other terms",
+    ] = None
+    shielding: Annotated[
+        float,
+        Unit("m", "mm"),
+        NON_NEGATIVE,
+        "thickness of a layer of aluminium around the tracker; 0: none but its housing",
+    ] = 0.0
+    max_power: Annotated[
+        float, Unit("W"), POSITIVE, "of lens, baffle and electronics, by these models"
+    ] = 2.0
+    power_fixed: Annotated[
+        float, Unit("W"), NON_NEGATIVE, "power of what does not grow with the data rate"
+    ] = 0.4
+    energy_per_bit: Annotated[
+        float, Unit("J / bit", "nJ / bit"), NON_NEGATIVE, "of reading out and processing"
+    ] = 20e-9
+    max_volume: Annotated[
+        float | None, Unit("m3", "cm3"), POSITIVE, "None where there is no such limit"
+    ] = None
+    volume_fixed: Annotated[
+        float, Unit("m3", "cm3"), NON_NEGATIVE, "volume of all but the lens"
+    ] = 100e-6
     length_ratio: Annotated[float, POSITIVE, "length of the tube over the focal length"] = 2.0
-    max_data_rate: Annotated[float | None, Unit("bit / s", "Mbit / s"), POSITIVE,
-        "None where there is no such limit"] = None  # fmt: skip
+    max_data_rate: Annotated[
+        float | None, Unit("bit / s", "Mbit / s"), POSITIVE, "None where there is no such limit"
+    ] = None
     max_cost: Annotated[float | None, POSITIVE, "None where there is no such limit"] = None
     cost_fixed: Annotated[float, NON_NEGATIVE, "cost of all but the lens, in any currency"] = 0.0
-    cost_of_metre: Annotated[float, NON_NEGATIVE,
-        "cost of a lens with an aperture of one metre"] = 20e6  # fmt: skip
+    cost_of_metre: Annotated[
+        float, NON_NEGATIVE, "cost of a lens with an aperture of one metre"
+    ] = 20e6
     cost_power: Annotated[float, POSITIVE, "with which the cost grows with the aperture"] = 1.7
-    position_time: Annotated[float, Unit("s"), NON_NEGATIVE,
-        "of a position of a calibration on the ground; assumed"] = 30.0  # fmt: skip
-    calibration_price: Annotated[float, NON_NEGATIVE,
-        "of an hour of a calibration on the ground, in the unit of the cost"] = 0.0  # fmt: skip
-    cost_of_part: Annotated[float, NON_NEGATIVE,
-        "cost of a kilogram of a structure in aluminium, machined; assumed"] = 500.0  # fmt: skip
+    position_time: Annotated[
+        float, Unit("s"), NON_NEGATIVE, "of a position of a calibration on the ground; assumed"
+    ] = 30.0
+    calibration_price: Annotated[
+        float, NON_NEGATIVE, "of an hour of a calibration on the ground, in the unit of the cost"
+    ] = 0.0
+    cost_of_part: Annotated[
+        float, NON_NEGATIVE, "cost of a kilogram of a structure in aluminium, machined; assumed"
+    ] = 500.0
     min_update_rate: Annotated[float, Unit("Hz"), NON_NEGATIVE, "attitudes in a second"] = 1.0
-    min_stars: Annotated[int, Range(1, 100),
-        "stars above the detection threshold that `sky_fraction` of the sky must show"
-    ] = 5  # fmt: skip
-    sky_fraction: Annotated[float, Range(0, 1),
-        "fraction of the sky that must show `min_stars`"] = 0.99  # fmt: skip
-    min_availability: Annotated[float, Range(0, 1),
-        "fraction of trials with a correct attitude, see `limits`"] = 0.99  # fmt: skip
+    min_stars: Annotated[
+        int,
+        Range(1, 100),
+        "stars above the detection threshold that `sky_fraction` of the sky must show",
+    ] = 5
+    sky_fraction: Annotated[
+        float, Range(0, 1), "fraction of the sky that must show `min_stars`"
+    ] = 0.99
+    min_availability: Annotated[
+        float, Range(0, 1), "fraction of trials with a correct attitude, see `limits`"
+    ] = 0.99
     max_across: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
     max_about: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
-    level: Annotated[str,
+    level: Annotated[
+        str,
         'of these errors: "rms", or a percentage such as "99.73 %" that they must not exceed in '
-        "so many cases"] = "rms"  # fmt: skip
-    kind: Annotated[str, Range(choices=KINDS),
+        "so many cases",
+    ] = "rms"
+    kind: Annotated[
+        str,
+        Range(choices=KINDS),
         '"per axis": of the errors about single axes; "radial": of their length. About the '
-        "boresight, both are the same"] = "per axis"  # fmt: skip
-    sky: Annotated[str, Range(choices=SKIES),
-        '"whole": over the whole sky; "worst": in the worst of 12 regions of equal area'
-    ] = "whole"  # fmt: skip
-    confidence: Annotated[float, Range(0.5, 0.9999),
-        "with which trials must show what they show"] = 0.95  # fmt: skip
-    max_rate: Annotated[float | None, Unit("rad/s", "deg/s"), POSITIVE,
-        "slew rate at which accuracy and availability must hold, too"] = None  # fmt: skip
-    min_keep_out: Annotated[KeepOut,
-        "angles to Sun, Moon and Earth at which they must hold, too"
-    ] = field(default_factory=KeepOut)  # fmt: skip
-    blinded: Annotated[str, Range(choices=BLINDED),
+        "boresight, both are the same",
+    ] = "per axis"
+    sky: Annotated[
+        str,
+        Range(choices=SKIES),
+        '"whole": over the whole sky; "worst": in the worst of 12 regions of equal area',
+    ] = "whole"
+    confidence: Annotated[
+        float, Range(0.5, 0.9999), "with which trials must show what they show"
+    ] = 0.95
+    max_rate: Annotated[
+        float | None,
+        Unit("rad/s", "deg/s"),
+        POSITIVE,
+        "slew rate at which accuracy and availability must hold, too",
+    ] = None
+    min_keep_out: Annotated[
+        KeepOut, "angles to Sun, Moon and Earth at which they must hold, too"
+    ] = field(default_factory=KeepOut)
+    blinded: Annotated[
+        str,
+        Range(choices=BLINDED),
         "whether trials in which Sun, Moon or Earth are nearer than min_keep_out count in the "
-        'availability and the errors: "counted" or "left out"'] = "counted"  # fmt: skip
-    cost_model: Annotated[str, Range(choices=COST_MODELS, code="costs"),
-        "\"aperture\": as above; or code of one's own, see docs/extensions.md"
-    ] = "aperture"  # fmt: skip
-    checks: Annotated[tuple[str, ...], Range(code="requirements"),
-        "code of one's own, each of whose margins must not be negative"] = ()  # fmt: skip
+        'availability and the errors: "counted" or "left out"',
+    ] = "counted"
+    cost_model: Annotated[
+        str,
+        Range(choices=COST_MODELS, code="costs"),
+        '"aperture": as above; or code of one\'s own, see docs/extensions.md',
+    ] = "aperture"
+    checks: Annotated[
+        tuple[str, ...],
+        Range(code="requirements"),
+        "code of one's own, each of whose margins must not be negative",
+    ] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

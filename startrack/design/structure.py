@@ -111,93 +111,156 @@ class Structure(Parameters):
               gradient, 18 % with a flux and 15 % where the panel bends the base.
     """
 
-    material: Annotated[str, Range(choices=tuple(MATERIALS)),
-        "of tube, base and feet"] = "aluminium"  # fmt: skip
-    expansion: Annotated[float | None, EXPANSION, FINITE,
-        "in place of the material's"] = None  # fmt: skip
-    conductivity: Annotated[float | None, Unit("W / (m K)"), POSITIVE,
-        "in place of the material's"] = None  # fmt: skip
-    length: Annotated[float | None, LENGTH, NON_NEGATIVE,
-        "L, from the middle of the base to the lens; None: the focal length, the detector is there"
-    ] = None  # fmt: skip
-    diameter: Annotated[float | None, LENGTH, POSITIVE,
-        "D, of the tube; None: 1.96 apertures, as of nine lenses"] = None  # fmt: skip
+    material: Annotated[str, Range(choices=tuple(MATERIALS)), "of tube, base and feet"] = (
+        "aluminium"
+    )
+    expansion: Annotated[float | None, EXPANSION, FINITE, "in place of the material's"] = None
+    conductivity: Annotated[
+        float | None, Unit("W / (m K)"), POSITIVE, "in place of the material's"
+    ] = None
+    length: Annotated[
+        float | None,
+        LENGTH,
+        NON_NEGATIVE,
+        "L, from the middle of the base to the lens; None: the focal length, the detector is there",
+    ] = None
+    diameter: Annotated[
+        float | None, LENGTH, POSITIVE, "D, of the tube; None: 1.96 apertures, as of nine lenses"
+    ] = None
     wall: Annotated[float, LENGTH, POSITIVE, "u, thickness of the tube; assumed"] = 2e-3
-    feet_span: Annotated[float | None, LENGTH, POSITIVE,
-        "S, between opposite feet's middles; None: 1.5 diameters, assumed"] = None  # fmt: skip
+    feet_span: Annotated[
+        float | None,
+        LENGTH,
+        POSITIVE,
+        "S, between opposite feet's middles; None: 1.5 diameters, assumed",
+    ] = None
     height: Annotated[float, LENGTH, POSITIVE, "h, of the feet; assumed"] = 10e-3
-    feet_thickness: Annotated[float, LENGTH, POSITIVE,
-        "w, of a foot along the span: thin ones give way; assumed"] = 5e-3  # fmt: skip
+    feet_thickness: Annotated[
+        float, LENGTH, POSITIVE, "w, of a foot along the span: thin ones give way; assumed"
+    ] = 5e-3
     base: Annotated[float, LENGTH, POSITIVE, "c, thickness of the base; assumed"] = 5e-3
-    offset: Annotated[float, LENGTH, FINITE,
+    offset: Annotated[
+        float,
+        LENGTH,
+        FINITE,
         "o, of the lens along x from the middle of the feet, by their stiffness: 0 where they are "
-        "alike about it"] = 0.0  # fmt: skip
-    plate_expansion: Annotated[float, EXPANSION, FINITE,
-        "p, of the panel of the platform: aluminium"] = 23.6e-6  # fmt: skip
-    bracket: Annotated[float, LENGTH, NON_NEGATIVE,
+        "alike about it",
+    ] = 0.0
+    plate_expansion: Annotated[
+        float, EXPANSION, FINITE, "p, of the panel of the platform: aluminium"
+    ] = 23.6e-6
+    bracket: Annotated[
+        float,
+        LENGTH,
+        NON_NEGATIVE,
         "H, of what stands between the panel and the feet, made as the panel: 0 for errors at the "
-        "head's flange"] = 0.0  # fmt: skip
-    lens_expansion: Annotated[float, EXPANSION, FINITE,
-        "e, relative change of the focal length of the lens alone, by its glasses"
-    ] = 5e-6  # fmt: skip
-    telecentric: Annotated[float, Range(0, 1),
+        "head's flange",
+    ] = 0.0
+    lens_expansion: Annotated[
+        float,
+        EXPANSION,
+        FINITE,
+        "e, relative change of the focal length of the lens alone, by its glasses",
+    ] = 5e-6
+    telecentric: Annotated[
+        float,
+        Range(0, 1),
         "T, 0: the exit pupil is at the nodal point; 1: it is infinitely far. By default the scale "
-        "changes as that of the shipped Petzval lens, which is traced in aluminium: 20 um / (m K)"
-    ] = 0.2  # fmt: skip
-    detector_offset: Annotated[float, LENGTH, FINITE,
-        "along x, of the detector's middle from where its board is fixed"] = 0.0  # fmt: skip
-    board_expansion: Annotated[float, EXPANSION, FINITE,
-        "of that board: of glass and epoxy"] = 15e-6  # fmt: skip
-    swing: Annotated[float, KELVIN, NON_NEGATIVE,
-        "amplitude of the mean temperature over an orbit"] = 0.0  # fmt: skip
-    gradient_x: Annotated[float, GRADIENT, NON_NEGATIVE,
-        "G, amplitude over an orbit of the growth along x, in the panel, and as steep in the head"
-    ] = 0.0  # fmt: skip
+        "changes as that of the shipped Petzval lens, which is traced in aluminium: 20 um / (m K)",
+    ] = 0.2
+    detector_offset: Annotated[
+        float, LENGTH, FINITE, "along x, of the detector's middle from where its board is fixed"
+    ] = 0.0
+    board_expansion: Annotated[float, EXPANSION, FINITE, "of that board: of glass and epoxy"] = (
+        15e-6
+    )
+    swing: Annotated[
+        float, KELVIN, NON_NEGATIVE, "amplitude of the mean temperature over an orbit"
+    ] = 0.0
+    gradient_x: Annotated[
+        float,
+        GRADIENT,
+        NON_NEGATIVE,
+        "G, amplitude over an orbit of the growth along x, in the panel, and as steep in the head",
+    ] = 0.0
     gradient_y: Annotated[float, GRADIENT, NON_NEGATIVE, "likewise of y"] = 0.0
-    phase_x: Annotated[float, FINITE,
+    phase_x: Annotated[
+        float,
+        FINITE,
         "of the gradient along x, in periods before the mean temperature, which follows heat by a "
-        "quarter"] = 0.25  # fmt: skip
-    phase_y: Annotated[float, FINITE,
-        "likewise of y: a quarter more, the warm side goes round"] = 0.5  # fmt: skip
-    flux: Annotated[float, Unit("W / m2"), NON_NEGATIVE,
+        "quarter",
+    ] = 0.25
+    phase_y: Annotated[float, FINITE, "likewise of y: a quarter more, the warm side goes round"] = (
+        0.5
+    )
+    flux: Annotated[
+        float,
+        Unit("W / m2"),
+        NON_NEGATIVE,
         "q, amplitude over an orbit of what the tube takes up on one side, in the middle of it, "
-        "less on the other; about both axes, in phase with the gradients"] = 0.0  # fmt: skip
-    mean_profile: Annotated[tuple[float, ...], KELVIN,
+        "less on the other; about both axes, in phase with the gradients",
+    ] = 0.0
+    mean_profile: Annotated[
+        tuple[float, ...],
+        KELVIN,
         "temperature above that of the calibration, evenly over an orbit; in place of `swing`, "
-        "whatever the heater does"
-    ] = ()  # fmt: skip
-    gradient_x_profile: Annotated[tuple[float, ...], GRADIENT,
-        "likewise of the gradient, in place of `gradient_x`"] = ()  # fmt: skip
+        "whatever the heater does",
+    ] = ()
+    gradient_x_profile: Annotated[
+        tuple[float, ...], GRADIENT, "likewise of the gradient, in place of `gradient_x`"
+    ] = ()
     gradient_y_profile: Annotated[tuple[float, ...], GRADIENT, "likewise of y"] = ()
-    heat: Annotated[Heat | None,
+    heat: Annotated[
+        Heat | None,
         "orbit, surfaces and heat capacities that give mean temperature and flux over an orbit, "
-        "in place of `swing`, `flux` and their phases; gradients in the panel remain"
-    ] = None  # fmt: skip
-    displacements: Annotated[str, core.FILE,
+        "in place of `swing`, `flux` and their phases; gradients in the panel remain",
+    ] = None
+    displacements: Annotated[
+        str,
+        core.FILE,
         "CSV of a thermo-elastic program, of nodes by kelvin, or kelvin / metre of a gradient: "
         "part (feet, detector, lens), load (mean, gradient_x, gradient_y, flux_x, flux_y), x, y, "
         "z, dx, dy, dz (metre, in the camera's axes); for the loads that it has, in place of the "
-        'formulas; "": none'] = ""  # fmt: skip
-    calibration_offset: Annotated[float, KELVIN, NON_NEGATIVE,
-        "sigma, between units, of the mean temperature in flight from that of the calibration"
-    ] = 0.0  # fmt: skip
-    gradient_offset: Annotated[float, GRADIENT, NON_NEGATIVE,
-        "likewise of the gradient, per axis"] = 0.0  # fmt: skip
-    rise: Annotated[float, KELVIN, NON_NEGATIVE,
-        "by which the head warms itself after it is switched on"] = 0.0  # fmt: skip
+        'formulas; "": none',
+    ] = ""
+    calibration_offset: Annotated[
+        float,
+        KELVIN,
+        NON_NEGATIVE,
+        "sigma, between units, of the mean temperature in flight from that of the calibration",
+    ] = 0.0
+    gradient_offset: Annotated[
+        float, GRADIENT, NON_NEGATIVE, "likewise of the gradient, per axis"
+    ] = 0.0
+    rise: Annotated[
+        float, KELVIN, NON_NEGATIVE, "by which the head warms itself after it is switched on"
+    ] = 0.0
     rise_time: Annotated[float, Unit("s", "min"), POSITIVE, "time constant of it"] = 1800.0
-    since: Annotated[float | None, Unit("s", "min"), NON_NEGATIVE,
-        "time since it was switched on; None: long ago, as at the calibration"] = None  # fmt: skip
-    heater: Annotated[float, Unit("W"), NON_NEGATIVE,
+    since: Annotated[
+        float | None,
+        Unit("s", "min"),
+        NON_NEGATIVE,
+        "time since it was switched on; None: long ago, as at the calibration",
+    ] = None
+    heater: Annotated[
+        float,
+        Unit("W"),
+        NON_NEGATIVE,
         "mean power of heaters at the feet, or below the bracket, each controlled by itself: where "
         "a foot swings by A, with the gradient, it takes power / (conductance A) off swing and "
-        "gradients"] = 0.0  # fmt: skip
-    conductance: Annotated[float, Unit("W / K"), POSITIVE,
-        "from the head to the platform, with its heat capacity: |G + i 2 pi C / orbit|, assumed"
-    ] = 0.5  # fmt: skip
-    focus: Annotated[bool,
+        "gradients",
+    ] = 0.0
+    conductance: Annotated[
+        float,
+        Unit("W / K"),
+        POSITIVE,
+        "from the head to the platform, with its heat capacity: |G + i 2 pi C / orbit|, assumed",
+    ] = 0.5
+    focus: Annotated[
+        bool,
         "whether the defocus changes, too: images are then those of each environment, in several "
-        "times the time"] = False  # fmt: skip
+        "times the time",
+    ] = False
 
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
@@ -263,11 +326,13 @@ class Structure(Parameters):
         shear = SHEAR * (foot / high) ** 2
         stiff = foot**3 / 12 / (1 + shear)
         k1, k2, k4 = stiff * np.array([12 / high**3, 6 / high**2, (4 + shear) / high])
-        balance = np.array([
-            [k2, 1.0, -k1],
-            [thick / 2, between / (2 * thick), 1.0],
-            [thick**3 / (6 * between) + k4, -thick / 2, -k2],
-        ])  # fmt: skip
+        balance = np.array(
+            [
+                [k2, 1.0, -k1],
+                [thick / 2, between / (2 * thick), 1.0],
+                [thick**3 / (6 * between) + k4, -thick / 2, -k2],
+            ]
+        )
         moved = (self.made_of.expansion - self.plate_expansion) * span / 2
         return float(2 * np.linalg.solve(balance, [0.0, moved, 0.0])[0] / between)
 
@@ -288,11 +353,13 @@ class Structure(Parameters):
         twist = -own * self.offset
         scale = np.array([own, *NONE])
         board = (self.board_expansion - own) * self.detector_offset / pitch
-        turns = np.array([
-            [0.0, 0.0, turn, 0.0, tube],
-            [bent, -turn, 0.0, -tube, 0.0],
-            [0.0, 0.0, twist, 0.0, twist / diameter],
-        ])  # fmt: skip
+        turns = np.array(
+            [
+                [0.0, 0.0, turn, 0.0, tube],
+                [bent, -turn, 0.0, -tube, 0.0],
+                [0.0, 0.0, twist, 0.0, twist / diameter],
+            ]
+        )
         if self.displacements:
             content = core.file_digest(regular_file(Path(self.displacements)))
             for load, (by, stretch) in read_displacements(self.displacements, content).items():
@@ -335,17 +402,26 @@ class Structure(Parameters):
             elif not tabulated and over[0]:
                 amplitude, phase = float(abs(over[0])), cmath.phase(over[0]) / math.tau
                 yield Variation(
-                    name, "sinusoid", amplitude=_text(name, amplitude), phase=phase, vary=vary,
-                    per=Scope.ENVIRONMENT, group=ORBIT,
-                )  # fmt: skip
+                    name,
+                    "sinusoid",
+                    amplitude=_text(name, amplitude),
+                    phase=phase,
+                    vary=vary,
+                    per=Scope.ENVIRONMENT,
+                    group=ORBIT,
+                )
             parts, mean = response * sigma, -cold * float(response[0])
             total = float(np.sqrt(parts @ parts))
             if total or mean:
                 yield Variation(
-                    name, sigma=_text(name, total), mean=_text(name, mean), vary=vary,
-                    per=Scope.LAUNCH, group=LAUNCH,
+                    name,
+                    sigma=_text(name, total),
+                    mean=_text(name, mean),
+                    vary=vary,
+                    per=Scope.LAUNCH,
+                    group=LAUNCH,
                     correlation=float(np.clip(parts[0] / total, -1, 1)) if total else 1.0,
-                )  # fmt: skip
+                )
 
     def _over_orbit(self, optics: Optics) -> NDArray[np.complexfloating] | Floats:
         """Kelvin and kelvin / metre (5, n) of `responses`, evenly over an orbit with its ends.

@@ -21,13 +21,16 @@ from startrack.io import from_table, to_table
 class Variable(Parameters):
     """One parameter that may change."""
 
-    name: Annotated[str,
+    name: Annotated[
+        str,
         'path in the case, such as "instrument.optics.focal_length"; in a list by number, such '
-        'as "instrument.motion.tones.0.rms_x". A whole number is rounded']  # fmt: skip
+        'as "instrument.motion.tones.0.rms_x". A whole number is rounded',
+    ]
     low: Annotated[float | str, "bounds, with a unit where the parameter has one"]
     high: Annotated[float | str, "bounds, with a unit where the parameter has one"]
-    scale: Annotated[str, Range(choices=("linear", "log")),
-        '"linear" or "log": how the range is walked through'] = "linear"  # fmt: skip
+    scale: Annotated[
+        str, Range(choices=("linear", "log")), '"linear" or "log": how the range is walked through'
+    ] = "linear"
 
 
 @dataclass(frozen=True)
@@ -40,9 +43,9 @@ class Link(Parameters):
     """
 
     name: Annotated[str, "path of the parameter that follows"]
-    to: Annotated[str,
-        "path of the one that it follows, which may be no variable itself but follow one"
-    ]  # fmt: skip
+    to: Annotated[
+        str, "path of the one that it follows, which may be no variable itself but follow one"
+    ]
     power: Annotated[float, FINITE, "see above; 0 keeps the value"] = 1.0
 
 
@@ -210,13 +213,15 @@ OF_DEVICE = ("depleted",)  # of the age
 class Choice:
     """One parameter that takes one of some values."""
 
-    name: Annotated[str,
+    name: Annotated[
+        str,
         'path in the case; "instrument.detector" for a product of the catalogue, whose values '
         "take the place of all but exposure, frame rate, binning, row delay and age (whose "
-        "`depleted` is the product's)"
-    ]  # fmt: skip
-    values: Annotated[tuple[float | str, ...],
-        "numbers, texts with a unit where the parameter has one, or names"]  # fmt: skip
+        "`depleted` is the product's)",
+    ]
+    values: Annotated[
+        tuple[float | str, ...], "numbers, texts with a unit where the parameter has one, or names"
+    ]
 
     def __post_init__(self) -> None:
         if not self.values or len(set(self.values)) < len(self.values):

@@ -62,9 +62,11 @@ class Variation(Parameters):
                    over a period
     """
 
-    name: Annotated[str,
+    name: Annotated[
+        str,
         'dotted, of the truth: "instrument.optics.focal_length"; a curve over wavelength '
-        "changes relatively, all values alike"]  # fmt: skip
+        "changes relatively, all values alike",
+    ]
     law: Annotated[str, Range(choices=LAWS), "see above"] = "normal"
     sigma: Annotated[float | str, DIFFERENCE] = 0.0
     low: Annotated[float | str, DIFFERENCE] = 0.0
@@ -73,18 +75,28 @@ class Variation(Parameters):
     amplitude: Annotated[float | str, DIFFERENCE] = 0.0
     values: Annotated[tuple[float | str, ...], "of the table, likewise"] = ()
     phase: Annotated[float, FINITE, "of a sinusoid, in periods: ahead of others of its group"] = 0.0
-    vary: Annotated[str, Range(choices=(ABSOLUTE, RELATIVE)),
-        '"absolute" or "relative": how the difference is meant'] = ABSOLUTE  # fmt: skip
+    vary: Annotated[
+        str,
+        Range(choices=(ABSOLUTE, RELATIVE)),
+        '"absolute" or "relative": how the difference is meant',
+    ] = ABSOLUTE
     per: Annotated[Scope, "unit, launch, environment, life or frame"] = Scope.UNIT
     group: Annotated[str, 'variations of one group and scope share their z; "": its own'] = ""
-    correlation: Annotated[float, Range(-1, 1),
-        "with the z of its group; a sinusoid's phase is that of its group"] = 1.0  # fmt: skip
-    scale: Annotated[float, NON_NEGATIVE,
+    correlation: Annotated[
+        float, Range(-1, 1), "with the z of its group; a sinusoid's phase is that of its group"
+    ] = 1.0
+    scale: Annotated[
+        float,
+        NON_NEGATIVE,
         "factor on all differences from the mean: a tolerance, which may be a variable of a "
-        'campaign, such as "variation.0.scale"'] = 1.0  # fmt: skip
-    price: Annotated[float, NON_NEGATIVE,
+        'campaign, such as "variation.0.scale"',
+    ] = 1.0
+    price: Annotated[
+        float,
+        NON_NEGATIVE,
         "what it costs to halve `scale` from 1, in the unit of the requirements' cost; each "
-        "further halving costs as much, and doubling it saves as much"] = 0.0  # fmt: skip
+        "further halving costs as much, and doubling it saves as much",
+    ] = 0.0
     source: Annotated[str, "where the numbers are from; it has no effect"] = ""
 
     def __post_init__(self) -> None:

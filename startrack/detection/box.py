@@ -46,21 +46,32 @@ class Box(Parameters):
     averaged is assumed.
     """
 
-    half_width: Annotated[float, core.Unit("rad", "arcsec"), POSITIVE,
-        "half side of a box"] = 120 * arcsec  # fmt: skip
+    half_width: Annotated[float, core.Unit("rad", "arcsec"), POSITIVE, "half side of a box"] = (
+        120 * arcsec
+    )
     size: Annotated[int, "pixel, side of an image: 4, 6 (without its corners) or 8"] = 6
-    background: Annotated[str, core.Range(choices=BACKGROUNDS),
-        '"dynamic": middle half of eight pixels at the corners of 8 x 8; "none": 0'
-    ] = "dynamic"  # fmt: skip
+    background: Annotated[
+        str,
+        core.Range(choices=BACKGROUNDS),
+        '"dynamic": middle half of eight pixels at the corners of 8 x 8; "none": 0',
+    ] = "dynamic"
     fainter: Annotated[float, POSITIVE, APPARENT] = 1.5
     brighter: Annotated[float, POSITIVE, APPARENT] = 1.5
-    moves: Annotated[float, core.Range(0.4, 2.0),
-        "pixel, of the moment from the middle, from which on an image moves"] = 0.53  # fmt: skip
-    stars: Annotated[int, core.Range(2, 1000),
-        "boxes, about the brightest stars of the catalogue in the field"] = 8  # fmt: skip
-    prior: Annotated[float, core.Unit("rad", "arcsec"), POSITIVE,
+    moves: Annotated[
+        float,
+        core.Range(0.4, 2.0),
+        "pixel, of the moment from the middle, from which on an image moves",
+    ] = 0.53
+    stars: Annotated[
+        int, core.Range(2, 1000), "boxes, about the brightest stars of the catalogue in the field"
+    ] = 8
+    prior: Annotated[
+        float,
+        core.Unit("rad", "arcsec"),
+        POSITIVE,
         "radian rms per axis, error of the attitude that a single trial expects the stars by; "
-        "in a sequence it is that of the filter"] = 4 * arcsec  # fmt: skip
+        "in a sequence it is that of the filter",
+    ] = 4 * arcsec
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -117,9 +128,14 @@ def box_reach(box: Box, focal_length_px: float) -> float:
 
 
 def take(
-    frame: core.Frame, place: Floats, flux: Floats, reach: float, box: Box, plan: DetectionPlan,
+    frame: core.Frame,
+    place: Floats,
+    flux: Floats,
+    reach: float,
+    box: Box,
+    plan: DetectionPlan,
     corners: Ints | None = None,
-) -> Taken:  # fmt: skip
+) -> Taken:
     """Search a box about each place.
 
     place    (m, 2) pixel (x, y), where stars are expected
@@ -188,8 +204,11 @@ def star_image(psf: core.Psf, box: Box) -> StarImage:
     weight = np.outer(share, share).ravel() / share.sum() ** 2
     mean = weight @ np.array(moments)
     scatter = np.sqrt(weight @ (np.array(moments) - mean) ** 2)
-    return StarImage(float(weight @ sums), (float(mean[0]), float(mean[1])),
-                     (float(scatter[0]), float(scatter[1])))  # fmt: skip
+    return StarImage(
+        float(weight @ sums),
+        (float(mean[0]), float(mean[1])),
+        (float(scatter[0]), float(scatter[1])),
+    )
 
 
 def corner_level(pixel: NDArray[Any]) -> float:
@@ -225,9 +244,14 @@ def _moment(light: Floats) -> Floats:
 
 
 def _search(
-    image: Singles, at: Floats, flux: float, half_side: float, box: Box,
-    expected: StarImage, offset: float,
-) -> tuple[int, int] | None:  # fmt: skip
+    image: Singles,
+    at: Floats,
+    flux: float,
+    half_side: float,
+    box: Box,
+    expected: StarImage,
+    offset: float,
+) -> tuple[int, int] | None:
     """Column and row of the pixel right below the middle of the image that is taken."""
     rows, columns = image.shape
     # The middle of an even image lies between pixels.

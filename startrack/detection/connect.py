@@ -167,9 +167,16 @@ def split(image: Singles, merged: Peaks, sky: Sky, noise: float, shot: float, bo
 
 @kernel
 def _maxima(
-    image: Singles, x: int, y: int, level: float, sigma: float, shot: float,
-    border: int, near_x: Ints, near_y: Ints,
-) -> int:  # fmt: skip
+    image: Singles,
+    x: int,
+    y: int,
+    level: float,
+    sigma: float,
+    shot: float,
+    border: int,
+    near_x: Ints,
+    near_y: Ints,
+) -> int:
     """Write the brightest maxima about a pixel between which the image dips; how many."""
     rows, columns = image.shape
     count = 0

@@ -53,9 +53,15 @@ def stands_out(
 
 @kernel
 def levels_to_pass(
-    filtered: Singles, x: Ints, y: Ints, ring_half: int, sigmas: Singles, sky: Sky, floor: float,
+    filtered: Singles,
+    x: Ints,
+    y: Ints,
+    ring_half: int,
+    sigmas: Singles,
+    sky: Sky,
+    floor: float,
     peaks: Ints,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """Digital number (n,) that a star must show at some places to pass `stands_out`.
 
     peaks  (2, k) x and y of the frame's own, which its rings leave out; else as `stands_out`
@@ -91,9 +97,15 @@ def _others(x: int, y: int, ring_half: int, peaks_x: Ints, peaks_y: Ints) -> Int
 
 @kernel
 def _of_ring(
-    filtered: Singles, x: int, y: int, ring_half: int, floor: float, others: Ints, level: float,
+    filtered: Singles,
+    x: int,
+    y: int,
+    ring_half: int,
+    floor: float,
+    others: Ints,
+    level: float,
     noise: float,
-) -> tuple[float, float]:  # fmt: skip
+) -> tuple[float, float]:
     """Level and noise, those of the ring where it is brighter or less even."""
     ring, _, _, spread, _ = around_among(filtered, x, y, ring_half, floor, others[0], others[1])
     level = ring if ring > level + HIGHER * noise else level

@@ -210,10 +210,17 @@ def _rules(pixels: Pixels, plan: DetectionPlan) -> _Rules:
 
 @kernel
 def _choose(
-    value: Singles, dead: NDArray[np.uint8], image: Singles, bright: Ints,
-    waiting: NDArray[np.uint8], ground: Sky, far: Singles, filters: Floats, regions: Ints,
+    value: Singles,
+    dead: NDArray[np.uint8],
+    image: Singles,
+    bright: Ints,
+    waiting: NDArray[np.uint8],
+    ground: Sky,
+    far: Singles,
+    filters: Floats,
+    regions: Ints,
     rules: _Rules,
-) -> tuple[Ints, Ints, Ints]:  # fmt: skip
+) -> tuple[Ints, Ints, Ints]:
     """Columns, rows and areas of the peaks that `choose` keeps."""
     merged = peaks(image, bright, waiting, rules.min_area, rules.max_area, rules.half, rules.border)
     x, y, area = split(value, merged, ground, rules.noise, rules.shot, rules.border)

@@ -29,55 +29,84 @@ SMEAR = (
 class Detection(Parameters):
     """How spots are found and measured. The defaults serve real images of many cameras."""
 
-    centroid: Annotated[str, Range(choices=CENTROIDS, code="centroids"),
+    centroid: Annotated[
+        str,
+        Range(choices=CENTROIDS, code="centroids"),
         '"gravity": centre of gravity; "weighted": under a Gaussian weight that follows the '
-        "star; \"gaussian\": fit of a Gaussian, its width too; \"likelihood\": fit of the design's "
-        "PSF; or code of one's own, see docs/extensions.md"] = "gravity"  # fmt: skip
-    compensation: Annotated[str, Range(choices=COMPENSATIONS),
+        'star; "gaussian": fit of a Gaussian, its width too; "likelihood": fit of the design\'s '
+        "PSF; or code of one's own, see docs/extensions.md",
+    ] = "gravity"
+    compensation: Annotated[
+        str,
+        Range(choices=COMPENSATIONS),
         'of "gravity" for what its window cuts off and pixels average: "none", "gaussian" as '
-        "for a Gaussian star of unknown width, \"psf\" by the design's PSF"
-    ] = "gaussian"  # fmt: skip
-    kernel: Annotated[str, Range(choices=KERNELS),
-        "of the matched filter: \"gaussian\" of kernel_sigma, or the design's \"psf\""
-    ] = "gaussian"  # fmt: skip
+        'for a Gaussian star of unknown width, "psf" by the design\'s PSF',
+    ] = "gaussian"
+    kernel: Annotated[
+        str,
+        Range(choices=KERNELS),
+        'of the matched filter: "gaussian" of kernel_sigma, or the design\'s "psf"',
+    ] = "gaussian"
     smear_x: Annotated[float | None, SMEAR] = None
     smear_y: Annotated[float | None, SMEAR] = None
-    threshold: Annotated[float, POSITIVE,
-        "sigma of the filtered frame, above the background, that a spot must exceed"
-    ] = 5.5  # fmt: skip
-    false_per_frame: Annotated[float | None, Range(1e-12, 1e3),
+    threshold: Annotated[
+        float,
+        POSITIVE,
+        "sigma of the filtered frame, above the background, that a spot must exceed",
+    ] = 5.5
+    false_per_frame: Annotated[
+        float | None,
+        Range(1e-12, 1e3),
         "false spots that noise may make on average in what is searched; where given, the "
-        "threshold follows from it"] = None  # fmt: skip
-    kernel_sigma: Annotated[float, Range(0.3, 10),
-        "pixel, sigma of the Gaussian matched filter; best near that of the stars"
-    ] = 1.0  # fmt: skip
-    window: Annotated[int, Range(3, 31),
-        "pixel, odd side of the square whose centre of gravity is taken"] = 5  # fmt: skip
-    mesh: Annotated[int, Range(8, 1024),
-        "pixel, side of the tiles that background and noise are estimated on"] = 32  # fmt: skip
-    min_area: Annotated[int, Range(1, 2**30),
-        "pixel, smallest connected component above the threshold"] = 1  # fmt: skip
-    max_area: Annotated[int, Range(1, 2**30),
-        "pixel, largest one; trees, clouds and the Earth's limb are larger"] = 1000  # fmt: skip
+        "threshold follows from it",
+    ] = None
+    kernel_sigma: Annotated[
+        float,
+        Range(0.3, 10),
+        "pixel, sigma of the Gaussian matched filter; best near that of the stars",
+    ] = 1.0
+    window: Annotated[
+        int, Range(3, 31), "pixel, odd side of the square whose centre of gravity is taken"
+    ] = 5
+    mesh: Annotated[
+        int, Range(8, 1024), "pixel, side of the tiles that background and noise are estimated on"
+    ] = 32
+    min_area: Annotated[
+        int, Range(1, 2**30), "pixel, smallest connected component above the threshold"
+    ] = 1
+    max_area: Annotated[
+        int, Range(1, 2**30), "pixel, largest one; trees, clouds and the Earth's limb are larger"
+    ] = 1000
     max_spots: Annotated[int, Range(1, 2**30), "the brightest so many are kept"] = 100
-    sharpest_sigma: Annotated[float, NON_NEGATIVE,
-        "pixel, sigma of the sharpest star; what is sharper is a hot pixel. 0 keeps all"
-    ] = 0.35  # fmt: skip
-    saturation: Annotated[float | None, POSITIVE,
-        "digital number from which a pixel's value is no longer known; None if never"
-    ] = None  # fmt: skip
-    edge: Annotated[int, Range(0, 2**20),
-        "pixel, how far a window must stay from the border of the frame"] = 0  # fmt: skip
-    dark_map: Annotated[DarkMap | None,
-        "what the tracker knows of the dark signal of its pixels; None: nothing"
-    ] = None  # fmt: skip
-    dark_map_age: Annotated[float | None, Unit("s", "yr"), NON_NEGATIVE,
-        "second in orbit at which its dark map is made; before, and None: of the same day"
-    ] = None  # fmt: skip
-    search: Annotated[str, Range(choices=SEARCHES, code="detections"),
-        "\"filter\": peaks of the matched filter above the threshold; or code of one's own, see "
+    sharpest_sigma: Annotated[
+        float,
+        NON_NEGATIVE,
+        "pixel, sigma of the sharpest star; what is sharper is a hot pixel. 0 keeps all",
+    ] = 0.35
+    saturation: Annotated[
+        float | None,
+        POSITIVE,
+        "digital number from which a pixel's value is no longer known; None if never",
+    ] = None
+    edge: Annotated[
+        int, Range(0, 2**20), "pixel, how far a window must stay from the border of the frame"
+    ] = 0
+    dark_map: Annotated[
+        DarkMap | None, "what the tracker knows of the dark signal of its pixels; None: nothing"
+    ] = None
+    dark_map_age: Annotated[
+        float | None,
+        Unit("s", "yr"),
+        NON_NEGATIVE,
+        "second in orbit at which its dark map is made; before, and None: of the same day",
+    ] = None
+    search: Annotated[
+        str,
+        Range(choices=SEARCHES, code="detections"),
+        '"filter": peaks of the matched filter above the threshold; or code of one\'s own, see '
         "docs/extensions.md, which finds the stars of whole frames without threshold, kernel, "
-        "mesh and areas"] = "filter"  # fmt: skip
+        "mesh and areas",
+    ] = "filter"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -27,18 +27,22 @@ class DarkMap(Parameters):
     own number, because its shot noise cannot be subtracted.
     """
 
-    frames: Annotated[int, core.Range(1, LONGEST_MEAN),
-        "dark frames with the exposure and temperature of the flight, whose mean it is"
-    ] = 64  # fmt: skip
+    frames: Annotated[
+        int,
+        core.Range(1, LONGEST_MEAN),
+        "dark frames with the exposure and temperature of the flight, whose mean it is",
+    ] = 64
     step: Annotated[
         float, core.POSITIVE, "digital number, to whose multiples the map is rounded"
     ] = 1.0
-    hot: Annotated[float, core.POSITIVE,
-        "sigma of a pixel's noise by which the dark signal of a hot pixel exceeds the median"
-    ] = 5.0  # fmt: skip
-    subtracted: Annotated[bool,
-        "whether dark signal is subtracted; if not, the tracker has a list of hot pixels only"
-    ] = True  # fmt: skip
+    hot: Annotated[
+        float,
+        core.POSITIVE,
+        "sigma of a pixel's noise by which the dark signal of a hot pixel exceeds the median",
+    ] = 5.0
+    subtracted: Annotated[
+        bool, "whether dark signal is subtracted; if not, the tracker has a list of hot pixels only"
+    ] = True
 
 
 @printed

@@ -221,6 +221,8 @@ def _lines(far: int, sigma: float) -> tuple[Floats, Floats, Floats, Floats]:
         place.append(far + np.outer(points, s[::-1]))
         weight.append(taper)
     return (
-        np.column_stack([np.array(ends), first]), np.concatenate(place).T,
-        np.concatenate(weight), np.array(norm),
-    )  # fmt: skip
+        np.column_stack([np.array(ends), first]),
+        np.concatenate(place).T,
+        np.concatenate(weight),
+        np.array(norm),
+    )

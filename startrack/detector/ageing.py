@@ -204,13 +204,19 @@ class Flicker(Parameters):
 
     down: Annotated[float, Range(0, 1), "fraction of the jumps below the mean"] = 0.448
     step: Annotated[float, POSITIVE, "scale of the jumps of the coldest pixels, in decades"] = 0.117
-    current: Annotated[float, Unit("electron / s"), POSITIVE,
-        "electron / second, at which the scale is half of that"] = 344.0  # fmt: skip
-    power: Annotated[float, POSITIVE,
-        "exponent with which the scale falls with the current"] = 0.695  # fmt: skip
+    current: Annotated[
+        float,
+        Unit("electron / s"),
+        POSITIVE,
+        "electron / second, at which the scale is half of that",
+    ] = 344.0
+    power: Annotated[float, POSITIVE, "exponent with which the scale falls with the current"] = (
+        0.695
+    )
     largest: Annotated[float, POSITIVE, "decades; a longer jump ends there"] = 0.35
-    least: Annotated[float, Unit("electron / s"), NON_NEGATIVE,
-        "electron / second, of a pixel that flickers"] = 50.0  # fmt: skip
+    least: Annotated[
+        float, Unit("electron / s"), NON_NEGATIVE, "electron / second, of a pixel that flickers"
+    ] = 50.0
     dwell: Annotated[float, Unit("s"), POSITIVE, "mean time between jumps"] = 10e3
 
     def scale(self, current: Floats) -> Floats:
@@ -247,51 +253,92 @@ class Age(Parameters):
     distribution, whose mean is published between some 3000 and 6000 electron / s at 296 K.
     """
 
-    time: Annotated[float | None, Unit("s", "yr"), Range(0, 100 * YEAR),
-        "second in orbit; None: from `year` and `launch`"] = None  # fmt: skip
+    time: Annotated[
+        float | None,
+        Unit("s", "yr"),
+        Range(0, 100 * YEAR),
+        "second in orbit; None: from `year` and `launch`",
+    ] = None
     year: Annotated[
         float | None, Range(1950, 2150), "calendar years, such as 2017.0 and 1999.56"
     ] = None
     launch: Annotated[
         float | None, Range(1950, 2150), "calendar years, such as 2017.0 and 1999.56"
     ] = None
-    family: Annotated[str, Range(choices=FAMILIES),
-        '"interactions" or "chandra-aca"'] = "interactions"  # fmt: skip
-    fluence: Annotated[float, Unit("m-2 / s", "cm-2 / yr"), NON_NEGATIVE,
+    family: Annotated[str, Range(choices=FAMILIES), '"interactions" or "chandra-aca"'] = (
+        "interactions"
+    )
+    fluence: Annotated[
+        float,
+        Unit("m-2 / s", "cm-2 / yr"),
+        NON_NEGATIVE,
         "proton equivalents of 10 MeV, of a square metre and a second, behind the shield; of "
-        'the family "interactions"'] = 0.0  # fmt: skip
-    inclination: Annotated[float | None, Unit("rad", "deg"),
-        "of a circular orbit, from which the fluence of trapped particles then follows"
-    ] = None  # fmt: skip
-    altitude: Annotated[float, Unit("m", "km"), Range(150e3, 4e7),
+        'the family "interactions"',
+    ] = 0.0
+    inclination: Annotated[
+        float | None,
+        Unit("rad", "deg"),
+        "of a circular orbit, from which the fluence of trapped particles then follows",
+    ] = None
+    altitude: Annotated[
+        float,
+        Unit("m", "km"),
+        Range(150e3, 4e7),
         "of that orbit; for others than 550 km, which has a table of protons alone, extra "
-        "`radiation`"
-    ] = ALTITUDE  # fmt: skip
-    solar_events: Annotated[float, Unit("s-1", "yr-1"), NON_NEGATIVE,
+        "`radiation`",
+    ] = ALTITUDE
+    solar_events: Annotated[
+        float,
+        Unit("s-1", "yr-1"),
+        NON_NEGATIVE,
         "anomalously large events of the Sun, as of August 1972, whose protons are added (extra "
-        "`radiation`): one in an active period of seven years was seen in 1964 to 1972"
-    ] = 0.0  # fmt: skip
-    shielding: Annotated[float | None, Unit("m", "mm"),
+        "`radiation`): one in an active period of seven years was seen in 1964 to 1972",
+    ] = 0.0
+    shielding: Annotated[
+        float | None,
+        Unit("m", "mm"),
         Range(float(THICKNESS[0]), float(THICKNESS[-1])),
-        "of aluminium around the detector in that orbit"] = None  # fmt: skip
-    dose: Annotated[float | None, Unit("Gy / s", "krad / yr"), NON_NEGATIVE,
+        "of aluminium around the detector in that orbit",
+    ] = None
+    dose: Annotated[
+        float | None,
+        Unit("Gy / s", "krad / yr"),
+        NON_NEGATIVE,
         "gray / second, ionising, of protons in silicon behind the shield, from which the "
         "fluence then follows: of any orbit, and with those of the Sun, such as SPENVIS "
-        "computes by the models of ECSS-E-ST-10-04C"] = None  # fmt: skip
-    depleted: Annotated[float, Unit("m", "um"), POSITIVE,
-        "depth of the silicon whose damage makes dark current; of the same"] = 10e-6  # fmt: skip
-    interaction: Annotated[float, Unit("electron / s"), POSITIVE,
-        "electron / second, mean dark current of an interaction, at 296 K; of the same"
-    ] = 4000.0  # fmt: skip
-    annealed: Annotated[float, Range(0, 1),
-        "fraction of the damage's dark current that annealing took away"] = 0.0  # fmt: skip
-    flicker: Annotated[Flicker | None,
-        "pixels with random telegraph signal; None: none flicker"] = None  # fmt: skip
-    sensitivity_loss: Annotated[float, Unit("s-1", "yr-1"), NON_NEGATIVE,
-        "of the light: glass that darkens, quantum efficiency that falls"] = 0.0  # fmt: skip
-    transfer_loss: Annotated[float, Unit("s-1", "yr-1"), Range(0, 1e-3 / YEAR),
+        "computes by the models of ECSS-E-ST-10-04C",
+    ] = None
+    depleted: Annotated[
+        float,
+        Unit("m", "um"),
+        POSITIVE,
+        "depth of the silicon whose damage makes dark current; of the same",
+    ] = 10e-6
+    interaction: Annotated[
+        float,
+        Unit("electron / s"),
+        POSITIVE,
+        "electron / second, mean dark current of an interaction, at 296 K; of the same",
+    ] = 4000.0
+    annealed: Annotated[
+        float, Range(0, 1), "fraction of the damage's dark current that annealing took away"
+    ] = 0.0
+    flicker: Annotated[
+        Flicker | None, "pixels with random telegraph signal; None: none flicker"
+    ] = None
+    sensitivity_loss: Annotated[
+        float,
+        Unit("s-1", "yr-1"),
+        NON_NEGATIVE,
+        "of the light: glass that darkens, quantum efficiency that falls",
+    ] = 0.0
+    transfer_loss: Annotated[
+        float,
+        Unit("s-1", "yr-1"),
+        Range(0, 1e-3 / YEAR),
         "by which the fraction of the charge that a CCD leaves behind in a transfer from row to "
-        "row grows; it follows in the next row. Rows are read from the first on"] = 0.0  # fmt: skip
+        "row grows; it follows in the next row. Rows are read from the first on",
+    ] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -375,8 +422,10 @@ def pixels_above(law: TailLaw, current: Floats, years: float) -> Floats:
     """
     after = years - law.middle
     a, (g1, g2, g3), knee = (
-        _at(law.density, after), [_at(slope, after) for slope in law.slopes], _at(law.knee, after),
-    )  # fmt: skip
+        _at(law.density, after),
+        [_at(slope, after) for slope in law.slopes],
+        _at(law.knee, after),
+    )
     a, second, r = max(a, 0.0), law.second, law.at
     a2 = a * (knee / r) ** (g2 - g1)
     a3 = a2 * (second / r) ** (g3 - g2)
@@ -457,9 +506,12 @@ def _poisson_quantile(chance: Floats, mean: float) -> Floats:
 def mean_damage(age: Age, area: float, kelvin: float) -> float:
     """Mean of `damage` over the pixels."""
     mean = (
-        DAMAGE_FACTOR * NIEL * (age.protons * age.years * YEAR * SQUARE_CM)
-        * (area * age.depleted / CUBIC_CM) * (1 - age.annealed)
-    )  # fmt: skip
+        DAMAGE_FACTOR
+        * NIEL
+        * (age.protons * age.years * YEAR * SQUARE_CM)
+        * (area * age.depleted / CUBIC_CM)
+        * (1 - age.annealed)
+    )
     return mean * growth_of(DAMAGE_ACTIVATION, kelvin, DAMAGE_KELVIN)
 
 

@@ -287,9 +287,12 @@ def _cells_of_levels_of_arrays(mean, random, tables, at):  # type: ignore[no-unt
 
 @kernel
 def _settle(
-    out: NDArray[Any], at: NDArray[np.uint32], random: NDArray[np.uint32],
-    other: NDArray[np.uint32], tables: Tables,
-) -> int:  # fmt: skip
+    out: NDArray[Any],
+    at: NDArray[np.uint32],
+    random: NDArray[np.uint32],
+    other: NDArray[np.uint32],
+    tables: Tables,
+) -> int:
     """Write the numbers that entries settle, and the columns of the other pixels; how many."""
     entry, lowest = tables.entry, U32(tables.lowest)
     mask = U32((1 << (ENTRY_BITS - tables.cells)) - 1)

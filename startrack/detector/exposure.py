@@ -215,9 +215,13 @@ def seen(
 
 
 def draw(
-    electrons: Floats, psf: core.Psf | core.FieldPsf, places: Iterable[Places], star: Floats,
-    detector: Detector, colour: Floats | None = None,
-) -> None:  # fmt: skip
+    electrons: Floats,
+    psf: core.Psf | core.FieldPsf,
+    places: Iterable[Places],
+    star: Floats,
+    detector: Detector,
+    colour: Floats | None = None,
+) -> None:
     """Add what the stars leave in the pixels, in place.
 
     places  weights (m,), x and y (m, n) of some points of the paths after the other

@@ -31,13 +31,22 @@ class Thermal(Parameters):
     """
 
     temperature: Annotated[float, Unit("K", absolute=True), Range(0, 500), "of the pixels"]
-    reference: Annotated[float, Unit("K", absolute=True), POSITIVE,
-        "of the dark_current of the detector"] = 293.15  # fmt: skip
+    reference: Annotated[
+        float, Unit("K", absolute=True), POSITIVE, "of the dark_current of the detector"
+    ] = 293.15
     doubling: Annotated[float, Unit("K"), POSITIVE, "in which the dark current doubles"] = 8.0
-    activation: Annotated[float, Unit("J", "eV"), NON_NEGATIVE,
-        "joule, activation energy of the dark current; 0: it doubles in steps"] = 0.0  # fmt: skip
-    capacitance: Annotated[float, Unit("F", "fF"), NON_NEGATIVE,
-        "farad, of the sense node; 0 with correlated double sampling"] = 0.0  # fmt: skip
+    activation: Annotated[
+        float,
+        Unit("J", "eV"),
+        NON_NEGATIVE,
+        "joule, activation energy of the dark current; 0: it doubles in steps",
+    ] = 0.0
+    capacitance: Annotated[
+        float,
+        Unit("F", "fF"),
+        NON_NEGATIVE,
+        "farad, of the sense node; 0 with correlated double sampling",
+    ] = 0.0
 
     @property
     def growth(self) -> float:
@@ -71,10 +80,15 @@ class Hits(Parameters):
     micrometre (Particle Data Group, Passage of particles through matter).
     """
 
-    rate: Annotated[float, Unit("m-2 s-1", "cm-2 s-1"), NON_NEGATIVE,
-        "particle / m^2 / s through the surface, from both sides"]  # fmt: skip
-    charge: Annotated[float, Unit("electron / m", "electron / um"), POSITIVE,
-        "electron / m along the track"] = 80e6  # fmt: skip
+    rate: Annotated[
+        float,
+        Unit("m-2 s-1", "cm-2 s-1"),
+        NON_NEGATIVE,
+        "particle / m^2 / s through the surface, from both sides",
+    ]
+    charge: Annotated[
+        float, Unit("electron / m", "electron / um"), POSITIVE, "electron / m along the track"
+    ] = 80e6
     depth: Annotated[float, Unit("m", "um"), POSITIVE, "of the sensitive layer"] = 10e-6
 
 
@@ -122,12 +136,19 @@ class Defects(Parameters):
     Transactions on Nuclear Science 43, 614).
     """
 
-    dsnu: Annotated[float, Unit("electron / s"), NON_NEGATIVE,
-        "electron / second rms over the pixels, at the reference temperature"] = 0.0  # fmt: skip
+    dsnu: Annotated[
+        float,
+        Unit("electron / s"),
+        NON_NEGATIVE,
+        "electron / second rms over the pixels, at the reference temperature",
+    ] = 0.0
     hot: Annotated[float, Range(0, 1), "fraction of the pixels"] = 0.0
-    hot_current: Annotated[float, Unit("electron / s"), NON_NEGATIVE,
-        "electron / second, mean over the hot pixels, at the reference temperature"
-    ] = 0.0  # fmt: skip
+    hot_current: Annotated[
+        float,
+        Unit("electron / s"),
+        NON_NEGATIVE,
+        "electron / second, mean over the hot pixels, at the reference temperature",
+    ] = 0.0
     dead: Annotated[float, Range(0, 1), "fraction of the pixels"] = 0.0
     dead_columns: Annotated[int, Range(0, 2**16), "number of columns without response"] = 0
 
@@ -174,8 +195,12 @@ class Pattern(Parameters):
 
     row: Annotated[float, Unit("electron"), NON_NEGATIVE, LINE_NOISE] = 0.0
     column: Annotated[float, Unit("electron"), NON_NEGATIVE, LINE_NOISE] = 0.0
-    column_offset: Annotated[float, Unit("electron"), NON_NEGATIVE,
-        "electron rms over the columns, fixed for each device"] = 0.0  # fmt: skip
+    column_offset: Annotated[
+        float,
+        Unit("electron"),
+        NON_NEGATIVE,
+        "electron rms over the columns, fixed for each device",
+    ] = 0.0
 
 
 def offsets(

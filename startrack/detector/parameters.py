@@ -19,11 +19,13 @@ class Line(Parameters):
 
     row: Annotated[float, FINITE, "pixel of the camera"]
     shift: Annotated[float, FINITE, "pixel of the camera, of its first column"] = 0.0
-    delay: Annotated[float, FINITE,
-        "exposures, of its exposure behind that of a line without delay"] = 0.0  # fmt: skip
+    delay: Annotated[
+        float, FINITE, "exposures, of its exposure behind that of a line without delay"
+    ] = 0.0
     gain: Annotated[float, FINITE, "factor on what the pixels of the line collect"] = 1.0
-    phase: Annotated[int, Range(0, 15),
-        "number of the interleaved lines of the image to which it adds"] = 0  # fmt: skip
+    phase: Annotated[
+        int, Range(0, 15), "number of the interleaved lines of the image to which it adds"
+    ] = 0
 
 
 def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...]:
@@ -54,9 +56,11 @@ class Scan(Parameters):
     image.
     """
 
-    kind: Annotated[str, Range(choices=KINDS),
-        '"line", "staggered", "tdi", or "lines" for any others, given in `lines`'
-    ] = "line"  # fmt: skip
+    kind: Annotated[
+        str,
+        Range(choices=KINDS),
+        '"line", "staggered", "tdi", or "lines" for any others, given in `lines`',
+    ] = "line"
     stages: Annotated[int, Range(1, 2**12), "of a TDI"] = 1
     distance: Annotated[float, NON_NEGATIVE, "pixel between staggered lines"] = 4.0
     upward: Annotated[bool, "whether the charge of a TDI moves to smaller rows"] = False
@@ -131,74 +135,125 @@ class Detector(Parameters):
     quantum_efficiency: Annotated[core.Curve, "electron / photon over wavelength"] = core.ALL
     fill_factor: Annotated[float, Range(0.01, 1), "fraction of a pixel that detects"] = 1.0
     dark_current: Annotated[float, Unit("electron / s"), NON_NEGATIVE, "electron / second"] = 0.0
-    read_noise: Annotated[float, Unit("electron"), NON_NEGATIVE,
-        "electron rms, temporal dark noise of the signal chain"] = 0.0  # fmt: skip
-    read_noise_rate: Annotated[float | None, Unit("pix / s", "Mpix / s"), POSITIVE,
+    read_noise: Annotated[
+        float,
+        Unit("electron"),
+        NON_NEGATIVE,
+        "electron rms, temporal dark noise of the signal chain",
+    ] = 0.0
+    read_noise_rate: Annotated[
+        float | None,
+        Unit("pix / s", "Mpix / s"),
+        POSITIVE,
         "pixel / second at which read_noise holds, where a datasheet says it; budgets and trials "
-        "do not change with it, and name a faster pixel_rate"] = None  # fmt: skip
+        "do not change with it, and name a faster pixel_rate",
+    ] = None
     prnu: Annotated[float, Range(0, 0.5), "rms of the photo response over the pixels"] = 0.0
     full_well: Annotated[float, Unit("electron"), POSITIVE, "electron"] = 50e3
-    bits: Annotated[int, Range(1, 24),
-        "of the converter; its largest number is the full well over `gain`"] = 12  # fmt: skip
+    bits: Annotated[
+        int, Range(1, 24), "of the converter; its largest number is the full well over `gain`"
+    ] = 12
     offset: Annotated[int, Range(0), "digital number of an empty pixel"] = 0
-    pixel_rate: Annotated[float, Unit("pix / s", "Mpix / s"), POSITIVE,
-        "pixel / second of the read-out, which sets the update rate"] = 40e6  # fmt: skip
-    frame_rate: Annotated[float | None, Unit("Hz"), POSITIVE,
+    pixel_rate: Annotated[
+        float,
+        Unit("pix / s", "Mpix / s"),
+        POSITIVE,
+        "pixel / second of the read-out, which sets the update rate",
+    ] = 40e6
+    frame_rate: Annotated[
+        float | None,
+        Unit("Hz"),
+        POSITIVE,
         "frames a second; None: the next exposure begins when the frame before is read. At most "
-        "such that the longer of exposure and read-out fits into a period"] = None  # fmt: skip
+        "such that the longer of exposure and read-out fits into a period",
+    ] = None
     device_seed: Annotated[int, Range(0, 2**63 - 1), "seed of the maps of one device"] = 0
-    binning: Annotated[int, Range(1, 64),
+    binning: Annotated[
+        int,
+        Range(1, 64),
         "pixels of the array on a side of a pixel of the image, added as charge; dark_current, "
-        "prnu and defects are those of a pixel of the array"] = 1  # fmt: skip
-    region: Annotated[RegionOfInterest | None,
-        "part of the array that is the image, None for all"] = None  # fmt: skip
-    row_delay: Annotated[float, Unit("s", "us"), NON_NEGATIVE,
-        "by which each row's exposure starts after the one before: 0 for a global shutter"
-    ] = 0.0  # fmt: skip
-    thermal: Annotated[Thermal | None,
-        "temperature; None: dark_current is that of the operating temperature"] = None  # fmt: skip
+        "prnu and defects are those of a pixel of the array",
+    ] = 1
+    region: Annotated[
+        RegionOfInterest | None, "part of the array that is the image, None for all"
+    ] = None
+    row_delay: Annotated[
+        float,
+        Unit("s", "us"),
+        NON_NEGATIVE,
+        "by which each row's exposure starts after the one before: 0 for a global shutter",
+    ] = 0.0
+    thermal: Annotated[
+        Thermal | None, "temperature; None: dark_current is that of the operating temperature"
+    ] = None
     defects: Annotated[Defects | None, "hot and dead pixels"] = None
-    diffusion: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
-        "sigma per axis of the Gaussian by which charge spreads before it is collected"
-    ] = 0.0  # fmt: skip
-    crosstalk: Annotated[float, Range(0, 0.25),
-        "fraction of a pixel's electrons that diffuses to each of its four sides"
-    ] = 0.0  # fmt: skip
-    lag: Annotated[float, Range(0, 0.99),
-        "fraction of the charge that remains for the next frame"] = 0.0  # fmt: skip
+    diffusion: Annotated[
+        float,
+        Unit("m", "um"),
+        NON_NEGATIVE,
+        "sigma per axis of the Gaussian by which charge spreads before it is collected",
+    ] = 0.0
+    crosstalk: Annotated[
+        float,
+        Range(0, 0.25),
+        "fraction of a pixel's electrons that diffuses to each of its four sides",
+    ] = 0.0
+    lag: Annotated[
+        float, Range(0, 0.99), "fraction of the charge that remains for the next frame"
+    ] = 0.0
     hits: Annotated[Hits | None, "cosmic rays and protons"] = None
-    blooming: Annotated[bool,
-        "whether charge above the full well flows along the column, or is lost"
-    ] = False  # fmt: skip
-    em_gain: Annotated[float, Range(1, 1e5),
-        "gain of the multiplication register of an EMCCD"] = 1.0  # fmt: skip
+    blooming: Annotated[
+        bool, "whether charge above the full well flows along the column, or is lost"
+    ] = False
+    em_gain: Annotated[float, Range(1, 1e5), "gain of the multiplication register of an EMCCD"] = (
+        1.0
+    )
     em_stages: Annotated[
         int, Range(100, 10000), "stages of that register, each with a little gain"
     ] = 536
     # Beyond these limits, more light would give less signal.
-    nonlinearity: Annotated[float, Range(-0.49, 0.49),
-        "fraction by which the signal of a full pixel is too small"] = 0.0  # fmt: skip
+    nonlinearity: Annotated[
+        float, Range(-0.49, 0.49), "fraction by which the signal of a full pixel is too small"
+    ] = 0.0
     pattern: Annotated[Pattern | None, "noise of rows and columns"] = None
-    settling: Annotated[float, Range(0, 0.99),
-        "fraction of the signal of a pixel that remains for the next one read"] = 0.0  # fmt: skip
-    read_noise_spread: Annotated[float, Range(0, 2),
+    settling: Annotated[
+        float,
+        Range(0, 0.99),
+        "fraction of the signal of a pixel that remains for the next one read",
+    ] = 0.0
+    read_noise_spread: Annotated[
+        float,
+        Range(0, 2),
         "rms of the logarithm of the read noise over the pixels of a CMOS array, whose median "
-        "is `read_noise`"] = 0.0  # fmt: skip
+        "is `read_noise`",
+    ] = 0.0
     gain: Annotated[float, POSITIVE, "of the amplifier before the converter"] = 1.0
-    adc_inl: Annotated[float, FINITE,
-        "digital number, integral non-linearity of the converter at half scale"] = 0.0  # fmt: skip
+    adc_inl: Annotated[
+        float, FINITE, "digital number, integral non-linearity of the converter at half scale"
+    ] = 0.0
     scan: Annotated[Scan | None, "lines that sweep over the sky; None for a matrix"] = None
     age: Annotated[Age | None, "damage by radiation in orbit; None: as at launch"] = None
-    charge_effects: Annotated[tuple[str, ...], Range(code="charge_effects"),
+    charge_effects: Annotated[
+        tuple[str, ...],
+        Range(code="charge_effects"),
         "code of one's own, one after the other, that changes the charge of all pixels at the "
-        "end of the exposure, see docs/extensions.md"] = ()  # fmt: skip
-    signal_effects: Annotated[tuple[str, ...], Range(code="signal_effects"),
-        "the same of the signal at the input of the converter"] = ()  # fmt: skip
-    image_effects: Annotated[tuple[str, ...], Range(code="image_effects"),
-        "the same of the digital numbers"] = ()  # fmt: skip
-    pixel_pitch_y: Annotated[float | None, Unit("m", "um"), POSITIVE,
+        "end of the exposure, see docs/extensions.md",
+    ] = ()
+    signal_effects: Annotated[
+        tuple[str, ...],
+        Range(code="signal_effects"),
+        "the same of the signal at the input of the converter",
+    ] = ()
+    image_effects: Annotated[
+        tuple[str, ...], Range(code="image_effects"), "the same of the digital numbers"
+    ] = ()
+    pixel_pitch_y: Annotated[
+        float | None,
+        Unit("m", "um"),
+        POSITIVE,
         "from row to row, where a datasheet has two: refused where it is not pixel_pitch, with "
-        "the square pixels that come closest"] = None  # fmt: skip
+        "the square pixels that come closest",
+    ] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

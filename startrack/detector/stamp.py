@@ -116,9 +116,18 @@ def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-unty
 
 @kernel(borrows=True, forceinline=True)
 def add_path(
-    image: Floats, shape: PsfTable, weight: Floats, x: Floats, y: Floats, electrons: Floats,
-    n: int, left: int, top: int, gain: Floats, work: Work,
-) -> None:  # fmt: skip
+    image: Floats,
+    shape: PsfTable,
+    weight: Floats,
+    x: Floats,
+    y: Floats,
+    electrons: Floats,
+    n: int,
+    left: int,
+    top: int,
+    gain: Floats,
+    work: Work,
+) -> None:
     """Add the image of the point n, which moves along a path, with the electrons of each table.
 
     Points about one pixel share samples of the table: the weights of each sample are added first.
@@ -139,9 +148,16 @@ def add_path(
 
 @kernel(borrows=True)
 def _places(
-    size: tuple[int, int], shape: PsfTable, weight: Floats, x: Floats, y: Floats, n: int,
-    left: int, top: int, work: Work,
-) -> int:  # fmt: skip
+    size: tuple[int, int],
+    shape: PsfTable,
+    weight: Floats,
+    x: Floats,
+    y: Floats,
+    n: int,
+    left: int,
+    top: int,
+    work: Work,
+) -> int:
     """Write the places of the points whose light reaches an image; how many."""
     rows, columns = size
     many = 0
@@ -185,9 +201,15 @@ def _place(centre: float, pixels: int, shape: PsfTable) -> tuple[int, int, int, 
 
 @kernel(borrows=True, forceinline=True)
 def _add_product(
-    image: Floats, shape: PsfTable, weight: float, u: float, v: float, light: float,
-    gain: Floats, work: Work,
-) -> None:  # fmt: skip
+    image: Floats,
+    shape: PsfTable,
+    weight: float,
+    u: float,
+    v: float,
+    light: float,
+    gain: Floats,
+    work: Work,
+) -> None:
     """Add the image of one point, of a table that is the product of a line and a column."""
     rows, columns = image.shape
     if weight == 0.0 or not _is_seen(u, v, rows, columns, shape):

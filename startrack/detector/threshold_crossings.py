@@ -278,9 +278,17 @@ def _give_to_neighbours(
 
 @kernel
 def _cumulants(
-    probability: Floats, place: Singles, theta: float, weight: Floats, kind: Ints,
-    sums: Floats, complete: Flags, shift: Singles, mesh: int, border: int,
-) -> Floats:  # fmt: skip
+    probability: Floats,
+    place: Singles,
+    theta: float,
+    weight: Floats,
+    kind: Ints,
+    sums: Floats,
+    complete: Flags,
+    shift: Singles,
+    mesh: int,
+    border: int,
+) -> Floats:
     """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn."""
     rows, columns = place.shape
     down, across = -(-rows // mesh), -(-columns // mesh)
@@ -334,9 +342,17 @@ def _folded_cumulant(probability, place, x, y, tilts):  # type: ignore[no-untype
 
 @kernel
 def _propose(
-    pixel: Ints, drawn: Ints, start: np.uint64, rates: ProposalRates, mesh: int, border: int,
-    regions: Ints, tilt: TiltedLaw, probability: Floats, place: Singles,
-) -> int:  # fmt: skip
+    pixel: Ints,
+    drawn: Ints,
+    start: np.uint64,
+    rates: ProposalRates,
+    mesh: int,
+    border: int,
+    regions: Ints,
+    tilt: TiltedLaw,
+    probability: Floats,
+    place: Singles,
+) -> int:
     """Write the accepted proposals; returns their number."""
     size = np.uint64(3 + tilt.weight.size)
     tiles, x, y = _places(len(pixel), start, size, rates, mesh, border, tilt)
@@ -364,9 +380,14 @@ def _propose(
 
 @kernel
 def _places(
-    count: int, start: np.uint64, size: np.uint64, rates: ProposalRates, mesh: int, border: int,
+    count: int,
+    start: np.uint64,
+    size: np.uint64,
+    rates: ProposalRates,
+    mesh: int,
+    border: int,
     tilt: TiltedLaw,
-) -> tuple[Ints, Ints, Ints]:  # fmt: skip
+) -> tuple[Ints, Ints, Ints]:
     """Tiles, x and y (n,) of proposals; step by step for all, as a processor waits for the memory
     of many at once.
 
@@ -466,9 +487,16 @@ def _draw_by_sums(
 
 @kernel
 def _draw(
-    numbers: Ints, start: np.uint64, at: np.uint64, x: int, y: int, theta: float,
-    folded: Floats, probability: Floats, place: Singles,
-) -> float:  # fmt: skip
+    numbers: Ints,
+    start: np.uint64,
+    at: np.uint64,
+    x: int,
+    y: int,
+    theta: float,
+    folded: Floats,
+    probability: Floats,
+    place: Singles,
+) -> float:
     """Write numbers of the tilted law around a pixel; returns the filtered number."""
     rows, columns = place.shape
     down, across = folded.shape[0] // 2, folded.shape[1] // 2

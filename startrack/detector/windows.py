@@ -158,9 +158,14 @@ def _add_hits(image, window, electrons, hit, extra, draws):  # type: ignore[no-u
 
 @kernel
 def _window_electrons(
-    window: Ints, rows: int, columns: int, pixels: PixelMaps, points: StarPaths, ends: Floats,
+    window: Ints,
+    rows: int,
+    columns: int,
+    pixels: PixelMaps,
+    points: StarPaths,
+    ends: Floats,
     work: Work,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """Electrons of the background and of the stars near a window, summed in the order of a frame.
 
     The map of `background` is not read besides that of the response: access to memory is slow.
@@ -181,9 +186,18 @@ def _window_electrons(
         if not (near and low_y < lower + far and high_y > upper - far):
             continue
         add_path(
-            electrons, points.shape, points.weight, points.x, points.y, points.star, n,
-            first, upper, gain, work,
-        )  # fmt: skip
+            electrons,
+            points.shape,
+            points.weight,
+            points.x,
+            points.y,
+            points.star,
+            n,
+            first,
+            upper,
+            gain,
+            work,
+        )
     if pixels.crosstalk > 0:
         electrons = _diffused(electrons, pixels.crosstalk)
     return electrons[top - upper : bottom - upper, left - first : right - first]

@@ -238,9 +238,11 @@ def _without_blocks(spots: Spots, best: _Fit) -> list[_Fit]:
     for left_out in range(across * down):
         kept = block != left_out
         some = replace(
-            matches, spot=matches.spot[kept], star=matches.star[kept],
+            matches,
+            spot=matches.spot[kept],
+            star=matches.star[kept],
             direction=matches.direction[kept],
-        )  # fmt: skip
+        )
         fits.append(_Fit(spots, some, best.free))
     return fits
 
@@ -261,9 +263,16 @@ def _rematched(
         fixed = replace(settings, focal_tolerance=0.0, match_radius=settings.match_radius * wider)
         assert fit.matches.icrs_to_camera is not None
         again = refined(
-            spots, usable(spots), fit.matches.camera, stars, index, fixed,
-            fit.matches.icrs_to_camera.as_matrix(), 1.0, log_p,
-        )  # fmt: skip
+            spots,
+            usable(spots),
+            fit.matches.camera,
+            stars,
+            index,
+            fixed,
+            fit.matches.icrs_to_camera.as_matrix(),
+            1.0,
+            log_p,
+        )
         if again.icrs_to_camera is None or len(again) < LEAST_FREE // 2 + len(free):
             break
         same = np.array_equal(again.star, fit.matches.star)
@@ -395,11 +404,17 @@ class _Fit:
 def _values_of(camera: core.Camera) -> Floats:
     """What `NAMES` are of a camera: logarithm of the focal length, principal point over width."""
     grid = camera.polynomial
-    return np.array([
-        math.log(camera.focal_length_px), camera.k1, camera.principal_x / camera.columns,
-        camera.principal_y / camera.columns, camera.k2,
-        2 * grid.x[1] if grid else 0.0, grid.x[2] if grid else 0.0,
-    ])  # fmt: skip
+    return np.array(
+        [
+            math.log(camera.focal_length_px),
+            camera.k1,
+            camera.principal_x / camera.columns,
+            camera.principal_y / camera.columns,
+            camera.k2,
+            2 * grid.x[1] if grid else 0.0,
+            grid.x[2] if grid else 0.0,
+        ]
+    )
 
 
 def _with_values(camera: core.Camera, values: Floats) -> core.Camera:
@@ -407,9 +422,14 @@ def _with_values(camera: core.Camera, values: Floats) -> core.Camera:
     focal, k1, x, y, k2, oblong, shear = values.tolist()
     grid = core.FieldPolynomial((0.0, oblong / 2, shear), (0.0, 0.0, -oblong / 2))
     return replace(
-        camera, focal_length_px=math.exp(focal), k1=k1, k2=k2, principal_x=x * camera.columns,
-        principal_y=y * camera.columns, polynomial=grid if oblong or shear else None,
-    )  # fmt: skip
+        camera,
+        focal_length_px=math.exp(focal),
+        k1=k1,
+        k2=k2,
+        principal_x=x * camera.columns,
+        principal_y=y * camera.columns,
+        polynomial=grid if oblong or shear else None,
+    )
 
 
 def _project(camera: core.Camera, values: Floats, direction: Floats) -> tuple[Floats, Floats]:

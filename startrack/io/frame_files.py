@@ -48,9 +48,14 @@ class FrameFiles:
         self._stream: BinaryIO | None = None
 
     def add(
-        self, frame: Frame, time: float, icrs_to_camera: Rotation, camera: Camera | None = None,
-        stars: Stars | None = None, history: str = "",
-    ) -> None:  # fmt: skip
+        self,
+        frame: Frame,
+        time: float,
+        icrs_to_camera: Rotation,
+        camera: Camera | None = None,
+        stars: Stars | None = None,
+        history: str = "",
+    ) -> None:
         """Write the next frame.
 
         time            second, of the middle of its exposure
@@ -75,11 +80,17 @@ class FrameFiles:
             path = self._path
         self._dates.append(begun)
         place = number if self._format in ("ser", "raw", "mkv") else 0
-        self._rows.append([
-            path.name, place, repr(float(time)), date_text(begun), repr(float(exposure)),
-            *(repr(float(component)) for component in icrs_to_camera.as_quat(canonical=True)),
-            *(f"{angle:.9f}" for angle in celestial(icrs_to_camera)),
-        ])  # fmt: skip
+        self._rows.append(
+            [
+                path.name,
+                place,
+                repr(float(time)),
+                date_text(begun),
+                repr(float(exposure)),
+                *(repr(float(component)) for component in icrs_to_camera.as_quat(canonical=True)),
+                *(f"{angle:.9f}" for angle in celestial(icrs_to_camera)),
+            ]
+        )
 
     def _append(self, image: NDArray[Any]) -> None:
         if self._kind is None:

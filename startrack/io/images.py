@@ -136,9 +136,14 @@ def require_image_memory(path: Path, columns: int, rows: int, pixel: int) -> Non
 
 
 def write_fits(
-    path: Path, frame: Frame, camera: Camera | None, icrs_to_camera: Rotation,
-    stars: Stars | None = None, history: str = "", begun: datetime | None = None,
-) -> None:  # fmt: skip
+    path: Path,
+    frame: Frame,
+    camera: Camera | None,
+    icrs_to_camera: Rotation,
+    stars: Stars | None = None,
+    history: str = "",
+    begun: datetime | None = None,
+) -> None:
     """Save a frame with the WCS of its true attitude, and its stars as the table TRUTH.
 
     begun   start of the exposure, as DATE-OBS; None: not known, and not written
@@ -194,9 +199,13 @@ def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ign
     ra = np.degrees(np.arctan2(stars.direction[:, 1], stars.direction[:, 0])) % 360
     dec = np.degrees(np.arcsin(np.clip(stars.direction[:, 2], -1, 1)))
     columns = {
-        "X": ("pixel", x), "Y": ("pixel", y), "RA": ("deg", ra), "DEC": ("deg", dec),
-        "G": ("mag", stars.magnitude_g), "BP_RP": ("mag", stars.colour),
-    }  # fmt: skip
+        "X": ("pixel", x),
+        "Y": ("pixel", y),
+        "RA": ("deg", ra),
+        "DEC": ("deg", dec),
+        "G": ("mag", stars.magnitude_g),
+        "BP_RP": ("mag", stars.colour),
+    }
     return fits.BinTableHDU.from_columns(
         [
             fits.Column("IDENTIFIER", "K", array=stars.identifier),

@@ -68,9 +68,12 @@ def regular_file(path: Path, what: str = "a file") -> Path:
 def kind_of(mode: int) -> str:
     """What a file's mode says that it is, in words."""
     names = {
-        stat.S_ISDIR: "a folder", stat.S_ISFIFO: "a FIFO", stat.S_ISCHR: "a device",
-        stat.S_ISBLK: "a device", stat.S_ISSOCK: "a socket",
-    }  # fmt: skip
+        stat.S_ISDIR: "a folder",
+        stat.S_ISFIFO: "a FIFO",
+        stat.S_ISCHR: "a device",
+        stat.S_ISBLK: "a device",
+        stat.S_ISSOCK: "a socket",
+    }
     return next((name for holds, name in names.items() if holds(mode)), "none")
 
 

@@ -156,9 +156,11 @@ def _titles(artist: Artist) -> Iterator[Text]:
 
 
 def save_netcdf(
-    path: Path, maps: Mapping[str, Floats], about: Mapping[str, tuple[str, str]],
+    path: Path,
+    maps: Mapping[str, Floats],
+    about: Mapping[str, tuple[str, str]],
     axes: tuple[str, ...],
-) -> None:  # fmt: skip
+) -> None:
     """Write arrays of one shape as a NetCDF file (classic format) whole.
 
     maps   the arrays by their names

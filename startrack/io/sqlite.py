@@ -46,9 +46,12 @@ class Database:
     """
 
     def __init__(
-        self, path: Path | None, kind: FileKind, create: bool = True,
+        self,
+        path: Path | None,
+        kind: FileKind,
+        create: bool = True,
         begin: Callable[[Execute], None] | None = None,
-    ):  # fmt: skip
+    ):
         """Open a file, or begin one.
 
         path    None keeps it in memory

@@ -85,9 +85,11 @@ def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[tuple[
             near = difflib.get_close_matches(str(key)[:LONGEST_NAME], fields, 1)
             names = ", ".join(fields) or "no keys"
             text = f"{_join(place, core.shown(key)[1:-1])} is unknown"
-            yield (f"{text}; did you mean {near[0]}?", "") if near else (
-                text, f"; known here are {names}"
-            )  # fmt: skip
+            yield (
+                (f"{text}; did you mean {near[0]}?", "")
+                if near
+                else (text, f"; known here are {names}")
+            )
         elif dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
             yield from _unknown(inner, value, _join(place, key))
 
@@ -250,9 +252,12 @@ class Layers:
     origin: dict[str, str] = field(default_factory=dict)
 
     def lay(
-        self, above: dict[str, Any], origin: str | dict[str, str], place: str = "",
+        self,
+        above: dict[str, Any],
+        origin: str | dict[str, str],
+        place: str = "",
         joined: Joined = NOT_JOINED,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Put a table over this one: tables are merged by their keys, all else is replaced.
 
         joined  as `read_layers` has it

@@ -176,12 +176,19 @@ def write_solution(
     place = camera.project(attitude.apply(matches.direction))
     field, index = ra_dec(toward), ra_dec(matches.direction)
     matched: dict[str, NDArray[Any]] = {
-        "field_x": seen[:, 0] + 1, "field_y": seen[:, 1] + 1, "field_ra": field[:, 0],
-        "field_dec": field[:, 1], "index_x": place[:, 0] + 1, "index_y": place[:, 1] + 1,
-        "index_ra": index[:, 0], "index_dec": index[:, 1],
-        "index_id": stars.identifier[matches.star], "field_id": np.asarray(matches.spot),
-        "FLUX": spots.flux[matches.spot], "MAG_G": stars.magnitude_g[matches.star],
-    }  # fmt: skip
+        "field_x": seen[:, 0] + 1,
+        "field_y": seen[:, 1] + 1,
+        "field_ra": field[:, 0],
+        "field_dec": field[:, 1],
+        "index_x": place[:, 0] + 1,
+        "index_y": place[:, 1] + 1,
+        "index_ra": index[:, 0],
+        "index_dec": index[:, 1],
+        "index_id": stars.identifier[matches.star],
+        "field_id": np.asarray(matches.spot),
+        "FLUX": spots.flux[matches.spot],
+        "MAG_G": stars.magnitude_g[matches.star],
+    }
     save("corr", fits.PrimaryHDU(), _table(matched))
     save("wcs", fits.PrimaryHDU(header=wcs_header(camera, attitude)))
     return written
@@ -218,10 +225,14 @@ def tetra3_values(
     place = np.column_stack([spots.y, spots.x])[matches.spot] + 0.5
     g = stars.magnitude_g[matches.star]
     return {
-        "RA": ra, "Dec": dec, "Roll": roll, "FOV": float(np.degrees(camera.fov_x)),
+        "RA": ra,
+        "Dec": dec,
+        "Roll": roll,
+        "FOV": float(np.degrees(camera.fov_x)),
         "RMSE": float(estimate.residual_rms / camera.focal_length_px / arcsec),
-        "Prob": float(estimate.false_probability), "Matches": int(estimate.stars),
+        "Prob": float(estimate.false_probability),
+        "Matches": int(estimate.stars),
         "matched_centroids": place.tolist(),
         "matched_stars": np.column_stack([ra_dec(matches.direction), g]).tolist(),
         "matched_catID": stars.identifier[matches.star].tolist(),
-    }  # fmt: skip
+    }

@@ -64,6 +64,13 @@ from startrack.metrics.summary import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Limits", "Star", "attitude_bound", "centroid_bound", "fraction_interval", "judge",
-    "reproducibility", "rms_interval", "summarise",
-]  # fmt: skip
+    "Limits",
+    "Star",
+    "attitude_bound",
+    "centroid_bound",
+    "fraction_interval",
+    "judge",
+    "reproducibility",
+    "rms_interval",
+    "summarise",
+]

@@ -22,8 +22,9 @@ class Star(Parameters):
 
     flux: Annotated[float, POSITIVE, "electron"]
     sigma: Annotated[float, POSITIVE, "pixel, of the Gaussian before the pixels integrate it"]
-    background: Annotated[float, NON_NEGATIVE,
-        "electron per pixel, of sky background, dark current and stray light"] = 0.0  # fmt: skip
+    background: Annotated[
+        float, NON_NEGATIVE, "electron per pixel, of sky background, dark current and stray light"
+    ] = 0.0
     read_noise: Annotated[float, NON_NEGATIVE, "electron rms"] = 0.0
     smear: Annotated[float, NON_NEGATIVE, "pixel, length of a uniform motion along x"] = 0.0
 

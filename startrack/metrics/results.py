@@ -132,13 +132,15 @@ def to_lines(rows: Iterable[Row]) -> list[str]:
         " ".join(
             part
             for part in (
-                f"{row.label:{width}}  {value:>{wide}}", row.unit.name, _bounds(row.value, row),
+                f"{row.label:{width}}  {value:>{wide}}",
+                row.unit.name,
+                _bounds(row.value, row),
                 row.note,
             )
             if part
         )
         for row, value in zip(shown, values, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def to_cells(rows: Iterable[Row]) -> list[list[str]]:
@@ -228,17 +230,29 @@ def summary_rows(summary: Summary, limits: Limits = STATED_ALONE) -> list[Row]:
     off = f"(off by more than {limits_text(limits)})"
     trusted = "(3 if the tracker's covariance is right)"
     return [
-        Row("across_rms_arcsec", summary.across, "error across the boresight", ARCSEC,
-            note="rms per axis"),
+        Row(
+            "across_rms_arcsec",
+            summary.across,
+            "error across the boresight",
+            ARCSEC,
+            note="rms per axis",
+        ),
         Row("about_rms_arcsec", summary.about, "error about the boresight", ARCSEC, note="rms"),
-        Row("availability", summary.availability, "availability", PERCENT, ".2f",
-            "(trials with a correct attitude)"),
+        Row(
+            "availability",
+            summary.availability,
+            "availability",
+            PERCENT,
+            ".2f",
+            "(trials with a correct attitude)",
+        ),
         Row("false_attitudes", summary.false, "false attitudes", PERCENT, ".2f", false),
-        Row("inaccurate_attitudes", summary.inaccurate, "inaccurate attitudes", PERCENT, ".2f",
-            off),
+        Row(
+            "inaccurate_attitudes", summary.inaccurate, "inaccurate attitudes", PERCENT, ".2f", off
+        ),
         Row("nees", summary.nees, "error^2 / variance", PURE, ".2f", trusted),
         Row("beyond_ten_sigma", summary.beyond),
         Row("covariance_doubt", summary.doubt),
         Row("stars", summary.stars, "matched stars", PURE, ".1f"),
         Row("trials", summary.trials, "trials", PURE, "d", "(intervals: 95 % confidence)"),
-    ]  # fmt: skip
+    ]

@@ -132,10 +132,16 @@ def summarise(outcomes: Rows, limits: Limits = STATED_ALONE) -> Summary:
         float(solved[name].mean()) if len(solved) else float("nan") for name in ("nees", "stars")
     )
     return Summary(
-        rms_interval(across), rms_interval(solved["error_z"] ** 2), fraction_interval(hits, n),
-        fraction_interval(false, n), nees, stars, n, beyond_ten_sigma(outcomes[outcomes["solved"]]),
+        rms_interval(across),
+        rms_interval(solved["error_z"] ** 2),
+        fraction_interval(hits, n),
+        fraction_interval(false, n),
+        nees,
+        stars,
+        n,
+        beyond_ten_sigma(outcomes[outcomes["solved"]]),
         fraction_interval(len(solved) - hits, n),
-    )  # fmt: skip
+    )
 
 
 def beyond_ten_sigma(solved: Rows) -> int:

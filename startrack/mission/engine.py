@@ -287,12 +287,22 @@ def fly_part(plan: Plan, first: int, count: int) -> Flown:
     require_memory(time.steps * (2 * heads + 16), f"a mission of {time.steps} steps")
     shape = (SEASONS, PHASES)
     flown = Flown(
-        time.step, np.empty((heads, count), np.uint8), np.empty(count, bool),
-        np.full((heads, 3), np.inf), np.zeros((heads, len(PLANETS))), np.zeros((heads, 2)),
-        np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros((3, *shape)),
+        time.step,
+        np.empty((heads, count), np.uint8),
+        np.empty(count, bool),
+        np.full((heads, 3), np.inf),
+        np.zeros((heads, len(PLANETS))),
+        np.zeros((heads, 2)),
+        np.zeros(shape),
+        np.zeros(shape),
+        np.zeros(shape),
+        np.zeros((3, *shape)),
         np.zeros((heads, 4)),
-        np.zeros(heads + 1), [], np.zeros((7, BETAS, PHASES)), tuple([] for _ in range(heads)),
-    )  # fmt: skip
+        np.zeros(heads + 1),
+        [],
+        np.zeros((7, BETAS, PHASES)),
+        tuple([] for _ in range(heads)),
+    )
     before = np.zeros(heads, np.uint8)
     if first:
         last = at(plan, plan.motion.at((first - 1) * time.step, time.step, 1))

@@ -41,10 +41,13 @@ AT_REST = 400  # of the unit of the model, for its swing; chosen by hand: some s
 SWING_KNOWN = (2 * AT_REST) ** -0.5  # relative sigma of the rms of so many normal draws
 RANKS = {"middle": 0.5, "95": 0.95, "worst": 1.0, "designed": math.nan}
 CLASSES = {  # of the model, by those of ECSS-E-ST-60-20C
-    "noise": (Term.NOISE,), "pixel": (Term.PIXEL,), "field": (Term.FIELD,),
+    "noise": (Term.NOISE,),
+    "pixel": (Term.PIXEL,),
+    "field": (Term.FIELD,),
     "bias": (Term.BIAS, Term.ABERRATION, Term.MEASUREMENT_DATE),
-    "swing": (Term.THERMO_ELASTIC,), "platform": (Term.PLATFORM,),
-}  # fmt: skip
+    "swing": (Term.THERMO_ELASTIC,),
+    "platform": (Term.PLATFORM,),
+}
 CHANGING = ("noise", "pixel", "field")  # with the rate
 SOURCES = ("startrack_head.c", "startrack_head.h")
 CONVENTION = (
@@ -175,14 +178,25 @@ def head_model(
             "where they are in the field"
         )
     return HeadModel(
-        name, *timing_of(case), tuple(rates),
-        over_rates("noise"), over_rates("pixel"), over_rates("field"),
-        tuple(rms["available"][0] for rms in classes), classes[0]["bias"], classes[0]["swing"],
+        name,
+        *timing_of(case),
+        tuple(rates),
+        over_rates("noise"),
+        over_rates("pixel"),
+        over_rates("field"),
+        tuple(rms["available"][0] for rms in classes),
+        classes[0]["bias"],
+        classes[0]["swing"],
         PIXEL_LENGTH / camera.focal_length_px,
         2 * math.atan(min(detector.columns, detector.rows) / 2 / camera.focal_length_px),
-        limits.sun, limits.moon, limits.earth, unit.name, unit.begin, tuple(left_out),
+        limits.sun,
+        limits.moon,
+        limits.earth,
+        unit.name,
+        unit.begin,
+        tuple(left_out),
         classes[0]["platform"],
-    )  # fmt: skip
+    )
 
 
 Classes = dict[str, tuple[float, float]]  # radian rms, across and about; "available": 1, twice
@@ -285,10 +299,14 @@ def model_sources(model: HeadModel) -> dict[str, str]:
 def _data(model: HeadModel) -> str:
     count = len(model.rate)
     single = {
-        "PERIOD": model.period, "LATENCY": model.latency,
-        "PIXEL": model.pixel_length, "FIELD": model.field_length,
-        "SUN": model.sun, "MOON": model.moon, "LIMB": model.limb,
-    }  # fmt: skip
+        "PERIOD": model.period,
+        "LATENCY": model.latency,
+        "PIXEL": model.pixel_length,
+        "FIELD": model.field_length,
+        "SUN": model.sun,
+        "MOON": model.moon,
+        "LIMB": model.limb,
+    }
     lines = [
         "/* Numbers of one design for startrack_head.c; radian and second.",
         *(f"   {line}" for line in fill(said_of(model), 96).splitlines()),
@@ -486,15 +504,26 @@ def write_basilisk(path: Path, model: HeadModel, rate: float) -> None:
     """
     across, about = one_process(model, rate)
     axes = (across, across, about)
-    save_text(path, _BASILISK.format(
-        name=model.name, rate=rate, period=model.period, latency=model.latency,
-        keep=[keep for _, keep in axes], bound=[10 * sigma for sigma, _ in axes],
-        step=[sigma * math.sqrt(1 - keep * keep) for sigma, keep in axes],
-        sun=model.sun, moon=model.moon, limb=model.limb, bias=model.bias, swing=model.swing,
-        platform=model.platform,
-        said=fill(said_of(model), 99),
-        available=float(np.interp(rate, model.rate, model.available)),
-    ))  # fmt: skip
+    save_text(
+        path,
+        _BASILISK.format(
+            name=model.name,
+            rate=rate,
+            period=model.period,
+            latency=model.latency,
+            keep=[keep for _, keep in axes],
+            bound=[10 * sigma for sigma, _ in axes],
+            step=[sigma * math.sqrt(1 - keep * keep) for sigma, keep in axes],
+            sun=model.sun,
+            moon=model.moon,
+            limb=model.limb,
+            bias=model.bias,
+            swing=model.swing,
+            platform=model.platform,
+            said=fill(said_of(model), 99),
+            available=float(np.interp(rate, model.rate, model.available)),
+        ),
+    )
 
 
 _BASILISK = '''"""Error of the star tracker {name!r} for Basilisk's starTracker, by startrack.

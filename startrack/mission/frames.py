@@ -17,18 +17,24 @@ from startrack.trial import run_trial
 
 AXES = "xyz"
 # A row for each head at each instant; errors and turns in radian about the camera's axes.
-FRAMES: np.dtype[np.void] = np.dtype([
-    ("second", float), ("head", np.int64), ("blind", np.int64), ("solved", bool), ("false", bool),
-    *((f"{name}_{axis}", float) for name in ("error", "turn") for axis in AXES),
-    *((f"expected_{name}", float) for name in ("across", "about", "solved")),
-    ("kelvin", float), ("orbit", float),
-])  # fmt: skip
+FRAMES: np.dtype[np.void] = np.dtype(
+    [
+        ("second", float),
+        ("head", np.int64),
+        ("blind", np.int64),
+        ("solved", bool),
+        ("false", bool),
+        *((f"{name}_{axis}", float) for name in ("error", "turn") for axis in AXES),
+        *((f"expected_{name}", float) for name in ("across", "about", "solved")),
+        ("kelvin", float),
+        ("orbit", float),
+    ]
+)
 
 
 def frames_of(
-    plan: Plan, count: int, seed: int, fidelity: Fidelity,
-    advance: Advance = lambda _: None,
-) -> Rows:  # fmt: skip
+    plan: Plan, count: int, seed: int, fidelity: Fidelity, advance: Advance = lambda _: None
+) -> Rows:
     """Trials of all heads of a mission together, at random instants of it.
 
     A head that is blind is not tried. What the structure of a head turns it by, at the
@@ -134,11 +140,13 @@ def agreement(table: Rows, head: int) -> Agreement:
     about = (solved["error_z"] / solved["expected_about"]) ** 2
     nothing = (math.nan, math.nan)
     return Agreement(
-        len(rows), int(good.sum()), float(chance.sum()),
+        len(rows),
+        int(good.sum()),
+        float(chance.sum()),
         float(good.sum() - chance.sum()) / spread,
         root_of_mean(across) if len(solved) else nothing,
         root_of_mean(about) if len(solved) else nothing,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)

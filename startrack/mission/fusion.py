@@ -40,10 +40,13 @@ def fused_variance(
         plane = here / square
         along = here / square_about - plane
         for total, value in (
-            (xx, plane + b[0] * b[0] * along), (yy, plane + b[1] * b[1] * along),
-            (zz, plane + b[2] * b[2] * along), (xy, b[0] * b[1] * along),
-            (xz, b[0] * b[2] * along), (yz, b[1] * b[2] * along),
-        ):  # fmt: skip
+            (xx, plane + b[0] * b[0] * along),
+            (yy, plane + b[1] * b[1] * along),
+            (zz, plane + b[2] * b[2] * along),
+            (xy, b[0] * b[1] * along),
+            (xz, b[0] * b[2] * along),
+            (yz, b[1] * b[2] * along),
+        ):
             total += value
     minors = np.stack([yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy])
     known = np.any(valid, axis=0)

@@ -218,10 +218,16 @@ def mount(head: Head, case: Case) -> Mounted:
     age = head.age if drifts or case.instrument.detector.age is not None else None
     warms = any(found_at(case, part) is not None for part in TEMPERATURES)
     return Mounted(
-        head.name, head.mounting.as_matrix(), limits, _drift(head.alignment), half,
-        np.array(head.position), age, head.temperature if warms else DESIGN_TEMPERATURE,
+        head.name,
+        head.mounting.as_matrix(),
+        limits,
+        _drift(head.alignment),
+        half,
+        np.array(head.position),
+        age,
+        head.temperature if warms else DESIGN_TEMPERATURE,
         platform_jitter(case),
-    )  # fmt: skip
+    )
 
 
 def state_of(case: Case, head: Head, seed: int, age: float | None, warmer: float) -> Case:

@@ -259,9 +259,19 @@ class SpacecraftMotion:
         latitude = np.arctan2(z, flat**2 * np.sqrt(np.maximum(1 - z * z, 0)))
         east = np.arctan2(place.fixed[1], place.fixed[0]) - place.greenwich
         return Instants(
-            place.second, place.place, place.speed, place.axes[:, 2], sun, moon, body, rate,
-            latitude, (east + math.pi) % math.tau - math.pi, _phase(place), aberration,
-        )  # fmt: skip
+            place.second,
+            place.place,
+            place.speed,
+            place.axes[:, 2],
+            sun,
+            moon,
+            body,
+            rate,
+            latitude,
+            (east + math.pi) % math.tau - math.pi,
+            _phase(place),
+            aberration,
+        )
 
     def _place(self, first: float, step: float, count: int) -> Place:
         second = first + step * np.arange(count, dtype=float)
@@ -281,9 +291,16 @@ class SpacecraftMotion:
             fixed = state[:3]
             place, speed = times(axes, fixed), times(axes, state[3:])
         return Place(
-            second, place, speed, fixed, axes, bodies.greenwich, bodies.sun, bodies.moon,
+            second,
+            place,
+            speed,
+            fixed,
+            axes,
+            bodies.greenwich,
+            bodies.sun,
+            bodies.moon,
             bodies.earth_velocity,
-        )  # fmt: skip
+        )
 
 
 def motion_of(mission: Mission) -> SpacecraftMotion:
@@ -337,9 +354,13 @@ def _tabulated(segments: Sequence[OrbitSegment], begin: str) -> space.Tabulated:
 
 
 def spread(
-    exact: Callable[[Floats], Floats], first: float, step: float, count: int, knot: float,
+    exact: Callable[[Floats], Floats],
+    first: float,
+    step: float,
+    count: int,
+    knot: float,
     points: int,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """A function at equal steps, from its values at wider ones, by Lagrange's polynomials.
 
     exact    (n,) second -> (k, n)
@@ -365,11 +386,16 @@ def _rate(now: Floats, later: Floats, step: float) -> Floats:
 
     later = exp(-[rate step]x) now, whose skew part is sin(angle) times the axis.
     """
-    skew = np.stack([
-        dot(later[1], now[2]) - dot(later[2], now[1]),
-        dot(later[2], now[0]) - dot(later[0], now[2]),
-        dot(later[0], now[1]) - dot(later[1], now[0]),
-    ]) / 2  # fmt: skip
+    skew = (
+        np.stack(
+            [
+                dot(later[1], now[2]) - dot(later[2], now[1]),
+                dot(later[2], now[0]) - dot(later[0], now[2]),
+                dot(later[0], now[1]) - dot(later[1], now[0]),
+            ]
+        )
+        / 2
+    )
     sine = np.sqrt(dot(skew, skew))
     angle = np.arcsin(np.minimum(sine, 1.0))
     return skew * (np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0) / step)

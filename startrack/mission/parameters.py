@@ -30,23 +30,39 @@ UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from 
 class Orbit(Parameters):
     """An orbit around the Earth: exactly one of mean elements, `tle` and `oem`."""
 
-    altitude: Annotated[float | None, Unit("m", "km"), core.POSITIVE,
-        "semi-major axis minus the Earth's equatorial radius"] = None  # fmt: skip
-    inclination: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi),
-        "mean, to the true equator of date"] = None  # fmt: skip
-    node: Annotated[float, Unit("rad", "deg"), FINITE,
-        "right ascension of the ascending node, from the mean equinox of date"] = 0.0  # fmt: skip
-    local_time: Annotated[float | None, Unit("s", "h", clock=True), Range(0, 86400),
+    altitude: Annotated[
+        float | None,
+        Unit("m", "km"),
+        core.POSITIVE,
+        "semi-major axis minus the Earth's equatorial radius",
+    ] = None
+    inclination: Annotated[
+        float | None, Unit("rad", "deg"), Range(0, math.pi), "mean, to the true equator of date"
+    ] = None
+    node: Annotated[
+        float,
+        Unit("rad", "deg"),
+        FINITE,
+        "right ascension of the ascending node, from the mean equinox of date",
+    ] = 0.0
+    local_time: Annotated[
+        float | None,
+        Unit("s", "h", clock=True),
+        Range(0, 86400),
         'mean solar time at the ascending node (LTAN), as "10.5 h" or "10:30"; it replaces '
-        "`inclination` and `node` by those of a Sun-synchronous orbit"] = None  # fmt: skip
+        "`inclination` and `node` by those of a Sun-synchronous orbit",
+    ] = None
     anomaly: Annotated[float, Unit("rad", "deg"), FINITE, "mean, from the perigee"] = 0.0
     perigee: Annotated[float, Unit("rad", "deg"), FINITE, "its argument"] = 0.0
     eccentricity: Annotated[float, Range(0, 0.9), "mean"] = 0.0
     epoch: Annotated[str | None, "UTC, of the elements; None: the begin of the mission"] = None
     tle: Annotated[tuple[str, ...], "two-line element set, moved by SGP4 (extra `earth`)"] = ()
-    oem: Annotated[str | None, core.FILE,
+    oem: Annotated[
+        str | None,
+        core.FILE,
         "file with a CCSDS orbit ephemeris message; or a SPICE kernel of one body (.bsp; extra "
-        "`spice`)"] = None  # fmt: skip
+        "`spice`)",
+    ] = None
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
@@ -87,29 +103,50 @@ class Scan(Parameters):
 class Attitude(Parameters):
     """The attitude law of the spacecraft: its axes x, y, z at every time."""
 
-    law: Annotated[str, Range(choices=LAWS),
+    law: Annotated[
+        str,
+        Range(choices=LAWS),
         '"nadir": z to the Earth\'s centre; "inertial": fixed to the stars; "sun": `axis` to the '
         'Sun; "target": z to a place on the ground where it is above the horizon, else nadir; '
-        '"aem": a file'] = "nadir"  # fmt: skip
-    yaw: Annotated[str, Range(choices=YAWS),
+        '"aem": a file',
+    ] = "nadir"
+    yaw: Annotated[
+        str,
+        Range(choices=YAWS),
         'with nadir and target, x: "velocity": in the plane of the orbit, forward; "ground": '
         'along the velocity over the rotating Earth; "sun": so that the Sun is in the plane of '
-        "x and z, on the side of +x"] = "velocity"  # fmt: skip
-    quaternion: Annotated[tuple[float, ...],
-        "x, y, z, w of icrs_to_body, of the inertial law"] = (0.0, 0.0, 0.0, 1.0)  # fmt: skip
-    axis: Annotated[tuple[float, ...],
+        "x and z, on the side of +x",
+    ] = "velocity"
+    quaternion: Annotated[tuple[float, ...], "x, y, z, w of icrs_to_body, of the inertial law"] = (
+        0.0,
+        0.0,
+        0.0,
+        1.0,
+    )
+    axis: Annotated[
+        tuple[float, ...],
         'body axis that the law "sun" turns to the Sun; the x axis, or where that is `axis` the '
-        "z axis, is as near as possible to the celestial north"] = (0.0, 0.0, 1.0)  # fmt: skip
-    latitude: Annotated[float, Unit("rad", "deg"), Range(-math.pi / 2, math.pi / 2),
-        "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
-    longitude: Annotated[float, Unit("rad", "deg"), FINITE,
-        "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
-    height: Annotated[float, Unit("m"), Range(-500.0, 9000.0),
-        "of the target, geodetic on WGS 84"] = 0.0  # fmt: skip
-    aem: Annotated[str | None, core.FILE,
+        "z axis, is as near as possible to the celestial north",
+    ] = (0.0, 0.0, 1.0)
+    latitude: Annotated[
+        float,
+        Unit("rad", "deg"),
+        Range(-math.pi / 2, math.pi / 2),
+        "of the target, geodetic on WGS 84",
+    ] = 0.0
+    longitude: Annotated[float, Unit("rad", "deg"), FINITE, "of the target, geodetic on WGS 84"] = (
+        0.0
+    )
+    height: Annotated[
+        float, Unit("m"), Range(-500.0, 9000.0), "of the target, geodetic on WGS 84"
+    ] = 0.0
+    aem: Annotated[
+        str | None,
+        core.FILE,
         "file with a CCSDS attitude ephemeris message, of quaternions between ICRF or EME2000 and "
         "SC_BODY; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc; extra "
-        "`spice`)"] = None  # fmt: skip
+        "`spice`)",
+    ] = None
     scan: Annotated[Scan | None, "a rotation on top of the law; None: none"] = None
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
@@ -142,41 +179,69 @@ class Head(Parameters):
     """A star tracker on the spacecraft."""
 
     name: Annotated[str, "for tables"]
-    design: Annotated[str,
+    design: Annotated[
+        str,
         "design file, its path from the folder of the mission file, or a shipped one such as "
-        '"designs/nanosatellite.toml"']  # fmt: skip
-    azimuth: Annotated[float, Unit("rad", "deg"), FINITE,
-        "of the boresight, from body +x to +y"] = 0.0  # fmt: skip
-    elevation: Annotated[float, Unit("rad", "deg"), Range(-math.pi / 2, math.pi / 2),
-        "of the boresight, from the plane of body x and y to +z"] = 0.0  # fmt: skip
-    roll: Annotated[float, Unit("rad", "deg"), FINITE,
-        "of the camera about its boresight; at 0 its x axis is body z cross boresight"
-    ] = 0.0  # fmt: skip
-    camera_to_body: Annotated[tuple[float, ...] | None,
-        "quaternion x, y, z, w instead of these three angles; None: the angles"] = None  # fmt: skip
-    exclusion: Annotated[KeepOut,
+        '"designs/nanosatellite.toml"',
+    ]
+    azimuth: Annotated[
+        float, Unit("rad", "deg"), FINITE, "of the boresight, from body +x to +y"
+    ] = 0.0
+    elevation: Annotated[
+        float,
+        Unit("rad", "deg"),
+        Range(-math.pi / 2, math.pi / 2),
+        "of the boresight, from the plane of body x and y to +z",
+    ] = 0.0
+    roll: Annotated[
+        float,
+        Unit("rad", "deg"),
+        FINITE,
+        "of the camera about its boresight; at 0 its x axis is body z cross boresight",
+    ] = 0.0
+    camera_to_body: Annotated[
+        tuple[float, ...] | None,
+        "quaternion x, y, z, w instead of these three angles; None: the angles",
+    ] = None
+    exclusion: Annotated[
+        KeepOut,
         "angles from the boresight below which Sun, Moon and the lit limb of the Earth blind "
         "it; each that is not given follows from the design's baffle, or is the half diagonal "
-        "of its field"] = field(default_factory=KeepOut)  # fmt: skip
-    alignment: Annotated[Mounting,
-        "error of the known mounting: bias, and a thermo-elastic swing that goes with the orbit"
-    ] = field(default_factory=Mounting)  # fmt: skip
-    age: Annotated[float | None, Unit("s", "yr"), Range(0, OLDEST),
+        "of its field",
+    ] = field(default_factory=KeepOut)
+    alignment: Annotated[
+        Mounting,
+        "error of the known mounting: bias, and a thermo-elastic swing that goes with the orbit",
+    ] = field(default_factory=Mounting)
+    age: Annotated[
+        float | None,
+        Unit("s", "yr"),
+        Range(0, OLDEST),
         "in orbit at the begin of the mission; it grows with the mission by the laws of the "
         "design (`instrument.detector.age`, [[variation]] per life of a unit). None: the design "
-        "as it is, at all times"] = None  # fmt: skip
+        "as it is, at all times",
+    ] = None
     temperature: Annotated[HeadTemperature, "over the orbit, above that of the design"] = field(
         default_factory=HeadTemperature
     )
-    unit: Annotated[int | None, Range(0, 10**6),
+    unit: Annotated[
+        int | None,
+        Range(0, 10**6),
         "number of a unit that is drawn from the [[variation]] tables of the design; None: the "
-        "unit as designed"] = None  # fmt: skip
-    position: Annotated[tuple[float, ...], Unit("m"),
-        "of its aperture in body axes; it matters beside `structure` alone"
-    ] = (0.0, 0.0, 0.0)  # fmt: skip
-    clear: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi),
+        "unit as designed",
+    ] = None
+    position: Annotated[
+        tuple[float, ...],
+        Unit("m"),
+        "of its aperture in body axes; it matters beside `structure` alone",
+    ] = (0.0, 0.0, 0.0)
+    clear: Annotated[
+        float | None,
+        Unit("rad", "deg"),
+        Range(0, math.pi),
         "angle from the boresight that structure in sunlight must keep; None: the exclusion "
-        "angle of the lit limb"] = None  # fmt: skip
+        "angle of the lit limb",
+    ] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -210,8 +275,9 @@ class TimeSpan(Parameters):
 
     begin: Annotated[str, 'UTC, as "2026-03-20T12:00:00"']
     duration: Annotated[float, Unit("s", "d"), core.POSITIVE, "of the mission"] = 86400.0
-    step: Annotated[float, Unit("s"), core.POSITIVE,
-        "between two instants at which all is computed"] = 10.0  # fmt: skip
+    step: Annotated[
+        float, Unit("s"), core.POSITIVE, "between two instants at which all is computed"
+    ] = 10.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -230,19 +296,33 @@ class TimeSpan(Parameters):
 class Radiation(Parameters):
     """What the South Atlantic anomaly does, as a box; the orbit by which detectors age."""
 
-    saa: Annotated[str, Range(choices=("ignored", "blind")),
-        '"ignored", or "blind": no head is valid inside the box'] = "ignored"  # fmt: skip
-    latitude: Annotated[tuple[float, ...], Unit("rad", "deg"),
-        "geodetic south and north"] = (-50 * deg, 0.0)  # fmt: skip
-    longitude: Annotated[tuple[float, ...], Unit("rad", "deg"),
-        "west and east"] = (-90 * deg, 40 * deg)  # fmt: skip
-    hits: Annotated[float | None, Unit("m", "mm"), core.POSITIVE,
+    saa: Annotated[
+        str,
+        Range(choices=("ignored", "blind")),
+        '"ignored", or "blind": no head is valid inside the box',
+    ] = "ignored"
+    latitude: Annotated[tuple[float, ...], Unit("rad", "deg"), "geodetic south and north"] = (
+        -50 * deg,
+        0.0,
+    )
+    longitude: Annotated[tuple[float, ...], Unit("rad", "deg"), "west and east"] = (
+        -90 * deg,
+        40 * deg,
+    )
+    hits: Annotated[
+        float | None,
+        Unit("m", "mm"),
+        core.POSITIVE,
         "aluminium through which trapped protons and electrons hit the detectors in rendered "
         "frames, at the rate of each place of the orbit, beside those of their designs; None: none "
-        "do (extra `radiation`)"] = None  # fmt: skip
-    ageing: Annotated[str, Range(choices=("design", "orbit")),
+        "do (extra `radiation`)",
+    ] = None
+    ageing: Annotated[
+        str,
+        Range(choices=("design", "orbit")),
         '"design": detectors age in the orbit that their designs name; "orbit": in that of the '
-        'mission, of a given altitude (extra `radiation`)'] = "design"  # fmt: skip
+        "mission, of a given altitude (extra `radiation`)",
+    ] = "design"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -258,15 +338,21 @@ class Radiation(Parameters):
 class MissionRequirements(Parameters):
     """What the mission asks of its heads together; None: not asked."""
 
-    max_blind: Annotated[float | None, Unit("s"), core.NON_NEGATIVE,
-        "longest time without any valid head"] = None  # fmt: skip
-    availability_one: Annotated[float | None, Range(0, 1),
-        "fraction of the time with at least one valid head"] = None  # fmt: skip
-    availability_two: Annotated[float | None, Range(0, 1),
-        "fraction of the time with at least two"] = None  # fmt: skip
-    max_error: Annotated[float | None, Unit("rad", "arcsec"), core.POSITIVE,
-        "rms error of the fused attitude about its worst axis, over the times with a valid head"
-    ] = None  # fmt: skip
+    max_blind: Annotated[
+        float | None, Unit("s"), core.NON_NEGATIVE, "longest time without any valid head"
+    ] = None
+    availability_one: Annotated[
+        float | None, Range(0, 1), "fraction of the time with at least one valid head"
+    ] = None
+    availability_two: Annotated[
+        float | None, Range(0, 1), "fraction of the time with at least two"
+    ] = None
+    max_error: Annotated[
+        float | None,
+        Unit("rad", "arcsec"),
+        core.POSITIVE,
+        "rms error of the fused attitude about its worst axis, over the times with a valid head",
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -287,8 +373,9 @@ class SharedAlignmentError(Parameters):
 class Check(Parameters):
     """Trials at instants of the mission, which check and correct the errors of the error budget."""
 
-    trials: Annotated[int, Range(0, 10**4),
-        "of each design of heads; 0: none, the errors are those of the budget"] = 0  # fmt: skip
+    trials: Annotated[
+        int, Range(0, 10**4), "of each design of heads; 0: none, the errors are those of the budget"
+    ] = 0
     fidelity: Annotated[Fidelity, "of the trials"] = Fidelity.FRAME
     seed: Annotated[int, Range(0, 2**63 - 1), "of their noise, and of units"] = 1
 
@@ -303,8 +390,9 @@ class KeepClear(Parameters):
     """A cone in body axes in which no boresight may be placed, such as of a panel."""
 
     axis: Annotated[tuple[float, ...], "of the cone; its length does not matter"]
-    angle: Annotated[float, Unit("rad", "deg"), Range(0, math.pi),
-        "between the axis and the cone's surface"]  # fmt: skip
+    angle: Annotated[
+        float, Unit("rad", "deg"), Range(0, math.pi), "between the axis and the cone's surface"
+    ]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -327,11 +415,13 @@ class Obstacle:
 
     name: Annotated[str, "for messages"]
     centre: Annotated[tuple[float, ...], Unit("m"), "of the box"]
-    size: Annotated[tuple[float, ...], Unit("m"),
-        "along x, y and z; one of them may be 0, of a panel"]  # fmt: skip
-    hinge: Annotated[tuple[float, ...] | None,
-        "axis through the centre about which the thinnest side follows the Sun; None: it stands"
-    ] = None  # fmt: skip
+    size: Annotated[
+        tuple[float, ...], Unit("m"), "along x, y and z; one of them may be 0, of a panel"
+    ]
+    hinge: Annotated[
+        tuple[float, ...] | None,
+        "axis through the centre about which the thinnest side follows the Sun; None: it stands",
+    ] = None
 
     def __post_init__(self) -> None:
         for name in ("centre", "size"):
@@ -365,15 +455,19 @@ class Mission:
         default_factory=MissionRequirements
     )
     keep_out: Annotated[tuple[KeepClear, ...], "cones in which no boresight may be placed"] = ()
-    check: Annotated[Check,
-        "trials that check and correct the errors of the heads"
-    ] = field(default_factory=Check)  # fmt: skip
-    structure: Annotated[tuple[Obstacle, ...],
-        "boxes and panels of the spacecraft that may stand in the way of heads"] = ()  # fmt: skip
-    heat: Annotated[space.Heat | None,
+    check: Annotated[Check, "trials that check and correct the errors of the heads"] = field(
+        default_factory=Check
+    )
+    structure: Annotated[
+        tuple[Obstacle, ...],
+        "boxes and panels of the spacecraft that may stand in the way of heads",
+    ] = ()
+    heat: Annotated[
+        space.Heat | None,
         "surfaces and heat capacities of platform and heads, from which the temperatures of drawn "
         "units follow (`--units`); orbit, attitude and direction of the heads are those of the "
-        "mission. None: those of the designs' structures"] = None  # fmt: skip
+        "mission. None: those of the designs' structures",
+    ] = None
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.heads) <= 8:

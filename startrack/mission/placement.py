@@ -118,9 +118,11 @@ def sample(plan: Plan) -> Samples:
     begin = np.linspace(0, mission.time.duration - period, windows)
     parts = [plan.motion.at(float(second), step, POINTS) for second in begin]
     instants = Instants(
-        *(np.concatenate([getattr(part, field.name) for part in parts], axis=-1)
-          for field in fields(Instants))
-    )  # fmt: skip
+        *(
+            np.concatenate([getattr(part, field.name) for part in parts], axis=-1)
+            for field in fields(Instants)
+        )
+    )
     saa = in_anomaly(mission.radiation, instants)
     return Samples(step, windows, instants, shadow_of(instants, mission.structure), saa)
 
@@ -157,9 +159,11 @@ class Placement:
 
 
 def place(
-    plan: Plan, advance: Advance = lambda _: None, grid_step: float | None = None,
+    plan: Plan,
+    advance: Advance = lambda _: None,
+    grid_step: float | None = None,
     evaluations: int | None = None,
-) -> Placement:  # fmt: skip
+) -> Placement:
     """Find mountings for the heads of a mission by their requirements.
 
     Each head in turn takes the best direction of a grid over the sphere, until none moves; then
@@ -294,9 +298,12 @@ def _mass(plan: Plan, angle: float) -> float:
 
 
 def lightest(
-    plan: Plan, counts: Sequence[int], angles: tuple[float, float],
-    advance: Advance = lambda _: None, evaluations: int = EVALUATIONS,
-) -> list[tuple[Trade, Placement]]:  # fmt: skip
+    plan: Plan,
+    counts: Sequence[int],
+    angles: tuple[float, float],
+    advance: Advance = lambda _: None,
+    evaluations: int = EVALUATIONS,
+) -> list[tuple[Trade, Placement]]:
     """The lightest heads and baffles, of each number of heads, that meet the requirements.
 
     Directions of all heads and the angle of their baffles together: from the mountings of a coarse
@@ -576,11 +583,14 @@ def sphere(step: float) -> Floats:
         count = max(round(math.tau * math.cos(row) / step), 1)
         turn = np.arange(count) * math.tau / count
         rows.append(
-            np.column_stack([
-                math.cos(row) * np.cos(turn), math.cos(row) * np.sin(turn),
-                np.full(count, math.sin(row)),
-            ])
-        )  # fmt: skip
+            np.column_stack(
+                [
+                    math.cos(row) * np.cos(turn),
+                    math.cos(row) * np.sin(turn),
+                    np.full(count, math.sin(row)),
+                ]
+            )
+        )
     return np.concatenate(rows)
 
 

@@ -104,8 +104,10 @@ class Surrogate:
         low_rate, part_rate = _between(self.rate, at.rate)
         corners: list[tuple[tuple[Any, ...], Any]] = [((), None)]
         for grid, value in (
-            (self.background, at.background), (self.warmer, at.warmer), (self.age, at.age)
-        ):  # fmt: skip
+            (self.background, at.background),
+            (self.warmer, at.warmer),
+            (self.age, at.age),
+        ):
             if value is None or len(grid) == 1:
                 corners = [((*index, len(grid) - 1), weight) for index, weight in corners]
                 continue
@@ -138,9 +140,11 @@ class Surrogate:
         """What a correction may depend on, each (n,); only what differs."""
         values = {"stars": self.stars[cell_of(at.line) if cell is None else cell]}
         for name, grid, value in (
-            ("rate", self.rate, at.rate), ("background", self.background, at.background),
-            ("temperature", self.warmer, at.warmer), ("age", self.age, at.age),
-        ):  # fmt: skip
+            ("rate", self.rate, at.rate),
+            ("background", self.background, at.background),
+            ("temperature", self.warmer, at.warmer),
+            ("age", self.age, at.age),
+        ):
             if len(grid) > 1 and value is not None:
                 values[name] = np.clip(value, grid[0], grid[-1])
         return values

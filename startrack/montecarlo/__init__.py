@@ -47,7 +47,25 @@ from startrack.montecarlo.workers import Certificates, Serial, cluster, dask_poo
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Certificates", "Precision", "Regions", "Sampling", "Serial", "Sketch", "Store", "chances",
-    "dask_pool", "export", "load_sketch", "merge_sketches", "merge_stores", "pool", "probability",
-    "resume", "resume_sketch", "run", "save_sketch", "warm", "where_likely",
-]  # fmt: skip
+    "Certificates",
+    "Precision",
+    "Regions",
+    "Sampling",
+    "Serial",
+    "Sketch",
+    "Store",
+    "chances",
+    "dask_pool",
+    "export",
+    "load_sketch",
+    "merge_sketches",
+    "merge_stores",
+    "pool",
+    "probability",
+    "resume",
+    "resume_sketch",
+    "run",
+    "save_sketch",
+    "warm",
+    "where_likely",
+]

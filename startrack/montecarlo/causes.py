@@ -55,9 +55,13 @@ class Endings:
 
 
 def endings(
-    case: Case, seed: int, outcomes: Rows, icrs_to_camera: Rotation, limits: Limits = STATED_ALONE,
+    case: Case,
+    seed: int,
+    outcomes: Rows,
+    icrs_to_camera: Rotation,
+    limits: Limits = STATED_ALONE,
     keep_out: KeepOut | None = None,
-) -> Endings:  # fmt: skip
+) -> Endings:
     """How each trial ended, from its outcome, without repeating it.
 
     icrs_to_camera  true attitude of each
@@ -78,9 +82,13 @@ def endings(
 
 
 def _ending(
-    case: Case, outcome: np.void, right: bool, around: Mapping[str, float], limits: Limits,
+    case: Case,
+    outcome: np.void,
+    right: bool,
+    around: Mapping[str, float],
+    limits: Limits,
     keep_out: KeepOut | None,
-) -> tuple[Ending, str]:  # fmt: skip
+) -> tuple[Ending, str]:
     if outcome["solved"]:
         size = math.hypot(outcome["error_x"], outcome["error_y"]) / arcsec
         about = abs(float(outcome["error_z"])) / arcsec

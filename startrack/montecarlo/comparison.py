@@ -14,9 +14,11 @@ from startrack.design import Case, Fidelity, Objective
 from startrack.trial import run_trials
 
 STATISTICS = (
-    Objective("across"), Objective("about"), Objective("across", 0.9973),
+    Objective("across"),
+    Objective("about"),
+    Objective("across", 0.9973),
     Objective("across", 0.9973, "per axis"),
-)  # fmt: skip
+)
 
 
 class Difference(NamedTuple):

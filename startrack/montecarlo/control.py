@@ -61,9 +61,12 @@ def control(
     pixel = _inside(stars.direction, icrs_to_camera, camera, max(side, peak_border(settings)))[0]
     x, y = np.rint(pixel).astype(np.int64).T
     frame = Frame(
-        mean.astype(np.float32), detector.exposure, detector.electrons_per_dn,
-        float(detector.offset), detector.noise,
-    )  # fmt: skip
+        mean.astype(np.float32),
+        detector.exposure,
+        detector.electrons_per_dn,
+        float(detector.offset),
+        detector.noise,
+    )
     if not len(pixel):
         return None
     answer = _apart(

@@ -116,10 +116,16 @@ RAISED = re.compile(r"[A-Za-z_][\w.]*(Error|Exception|Executor|Warning|Pool)\b")
 
 
 def resume(
-    store: Store, executor: Executor, workers: int, trials: int,
-    precision: Precision | None = None, seconds: float | None = None,
-    progress: core.Advance | None = None, block: int | None = None, first: int = 0,
-) -> Rows:  # fmt: skip
+    store: Store,
+    executor: Executor,
+    workers: int,
+    trials: int,
+    precision: Precision | None = None,
+    seconds: float | None = None,
+    progress: core.Advance | None = None,
+    block: int | None = None,
+    first: int = 0,
+) -> Rows:
     """The outcomes of the first trials of a store, after doing those that it lacks.
 
     trials     how many; with `precision` at most
@@ -168,9 +174,12 @@ def last_words(report: str) -> str:
 
 
 def _fill(
-    store: Store, plan: Iterable[range], executor: Executor, workers: int,
+    store: Store,
+    plan: Iterable[range],
+    executor: Executor,
+    workers: int,
     progress: core.Advance | None,
-) -> None:  # fmt: skip
+) -> None:
     done = blocks(store.case, store.seed, plan, executor, workers, make=store.sampling.trials)
     for numbers, result in done:
         if isinstance(result, Exception):
@@ -210,9 +219,13 @@ class Watch:
     """
 
     def __init__(
-        self, store: Store, precision: Precision, most: int, show: Callable[[int, str], None],
+        self,
+        store: Store,
+        precision: Precision,
+        most: int,
+        show: Callable[[int, str], None],
         log: Path | None = None,
-    ):  # fmt: skip
+    ):
         """Begin to watch.
 
         precision  of which statistic; remaining_s is the time to reach it
@@ -252,12 +265,17 @@ class Watch:
         needed = done * (width / self._precision.relative) ** 2
         left = max(min(needed, self._most) - done, 0.0)
         values = {
-            "seconds": seconds, "trials": done, "trials_per_s": rate,
-            "statistic": self._precision.statistic, "value": interval.value / unit,
-            "low": interval.low / unit, "high": interval.high / unit,
-            "confidence": self._precision.confidence, "relative_half_width": width,
+            "seconds": seconds,
+            "trials": done,
+            "trials_per_s": rate,
+            "statistic": self._precision.statistic,
+            "value": interval.value / unit,
+            "low": interval.low / unit,
+            "high": interval.high / unit,
+            "confidence": self._precision.confidence,
+            "relative_half_width": width,
             "remaining_s": left / rate if rate else math.inf,
-        }  # fmt: skip
+        }
         return {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
             for name, value in values.items()

@@ -34,10 +34,16 @@ class Block(NamedTuple):
 
 
 def run(
-    case: Case, trials: int, seed: int, executor: Executor, first: int = 0, workers: int = 1,
-    progress: Advance | None = None, fidelity: Fidelity = Fidelity.FRAME,
+    case: Case,
+    trials: int,
+    seed: int,
+    executor: Executor,
+    first: int = 0,
+    workers: int = 1,
+    progress: Advance | None = None,
+    fidelity: Fidelity = Fidelity.FRAME,
     units: Units | None = None,
-) -> Rows:  # fmt: skip
+) -> Rows:
     """The outcomes of trials first ... first + trials - 1.
 
     progress  called with the number of trials that just ended
@@ -81,9 +87,14 @@ def warm(case: Case, sampling: Sampling = FRAMES) -> None:
 
 
 def blocks(
-    case: Case, seed: int, plan: Iterable[range], executor: Executor, workers: int = 1,
-    tries: int = TRIES, make: Callable[[Case, int, range], Any] = FRAMES.trials,
-) -> Iterator[Block]:  # fmt: skip
+    case: Case,
+    seed: int,
+    plan: Iterable[range],
+    executor: Executor,
+    workers: int = 1,
+    tries: int = TRIES,
+    make: Callable[[Case, int, range], Any] = FRAMES.trials,
+) -> Iterator[Block]:
     """Blocks of trials as they end, in no order.
 
     A block whose worker died is repeated alone, because any block then running may have ended it;

@@ -182,16 +182,24 @@ def edge(index: int) -> float:
 def about_of(case: Case, seed: int, sampling: Sampling, limits: metrics.Limits) -> dict[str, Any]:
     """What sketches of one campaign have in common, as JSON has it."""
     about = {
-        "case": to_table(case), "inputs": inputs_of(case), "seed": seed, "sampling": str(sampling),
-        "limits": limits._asdict(), "startrack": software(),
-    }  # fmt: skip
+        "case": to_table(case),
+        "inputs": inputs_of(case),
+        "seed": seed,
+        "sampling": str(sampling),
+        "limits": limits._asdict(),
+        "startrack": software(),
+    }
     return dict(json.loads(json.dumps(about)))
 
 
 def _sketch_of(
-    sampling: Sampling, limits: metrics.Limits, about: dict[str, Any],
-    case: Case, seed: int, numbers: range,
-) -> Sketch:  # fmt: skip
+    sampling: Sampling,
+    limits: metrics.Limits,
+    about: dict[str, Any],
+    case: Case,
+    seed: int,
+    numbers: range,
+) -> Sketch:
     """The sketch of some trials first, first + 1, ..., made in a worker."""
     return sketched(sampling.trials(case, seed, numbers), limits, about)
 
@@ -204,14 +212,24 @@ def sketched(outcomes: Rows, limits: metrics.Limits, about: dict[str, Any]) -> S
     x, y, z = (judged[f"error_{axis}"] for axis in "xyz")
     square, across = (x * x + y * y) / 2, np.sqrt(x * x + y * y)
     values = {
-        "x": x, "y": y, "z": z, "across^2": square, "across^4": square * square,
-        "about^2": z * z, "about^4": (z * z) * (z * z), "nees": judged["nees"],
-    }  # fmt: skip
+        "x": x,
+        "y": y,
+        "z": z,
+        "across^2": square,
+        "across^4": square * square,
+        "about^2": z * z,
+        "about^4": (z * z) * (z * z),
+        "nees": judged["nees"],
+    }
     counts = (
-        len(outcomes), len(solved), outcomes["false"].sum(), len(judged),
-        metrics.correct(outcomes, limits).sum(), metrics.beyond_ten_sigma(solved),
+        len(outcomes),
+        len(solved),
+        outcomes["false"].sum(),
+        len(judged),
+        metrics.correct(outcomes, limits).sum(),
+        metrics.beyond_ten_sigma(solved),
         judged["stars"].sum(),
-    )  # fmt: skip
+    )
     made = Sketch(about, [(first, first + len(outcomes))])
     made.counts = {name: int(count) for name, count in zip(COUNTS, counts, strict=True)}
     made.sums = {name: exact_sum(values[name]) for name in SUMS}
@@ -312,10 +330,17 @@ def _check(sketch: Sketch) -> None:
 
 
 def resume_sketch(
-    path: Path, case: Case, seed: int, sampling: Sampling, numbers: range, executor: Executor,
-    workers: int = 1, limits: metrics.Limits = metrics.STATED_ALONE,
-    progress: Advance | None = None, block: int = BLOCK,
-) -> Sketch:  # fmt: skip
+    path: Path,
+    case: Case,
+    seed: int,
+    sampling: Sampling,
+    numbers: range,
+    executor: Executor,
+    workers: int = 1,
+    limits: metrics.Limits = metrics.STATED_ALONE,
+    progress: Advance | None = None,
+    block: int = BLOCK,
+) -> Sketch:
     """The sketch of trials, after doing those that the file lacks.
 
     The file is written again from time to time, so that the same call continues after an

@@ -40,11 +40,14 @@ PACKAGES = ("numpy", "scipy", "numba", "astropy", "opencv-contrib-python-headles
 def origin() -> dict[str, str]:
     """Versions and machine, as text."""
     return {
-        "startrack": software(), "python": platform.python_version(),
+        "startrack": software(),
+        "python": platform.python_version(),
         **{package: version(package) for package in PACKAGES},
-        "system": platform.platform(), "machine": platform.machine(),
-        "processor": platform.processor(), "cores": str(os.cpu_count()),
-    }  # fmt: skip
+        "system": platform.platform(),
+        "machine": platform.machine(),
+        "processor": platform.processor(),
+        "cores": str(os.cpu_count()),
+    }
 
 
 STORE = FileKind(
@@ -81,9 +84,12 @@ class Store:
     """
 
     def __init__(
-        self, path: Path | None, case: Case | None = None, seed: int | None = None,
+        self,
+        path: Path | None,
+        case: Case | None = None,
+        seed: int | None = None,
         sampling: Sampling = FRAMES,
-    ):  # fmt: skip
+    ):
         """Open a store, or begin one.
 
         path  None keeps it in memory
@@ -351,11 +357,15 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
     """The first rows of a store."""
     whole(0, 2**63 - 1, seed=seed)
     about = {
-        "case": json.dumps(to_table(case), sort_keys=True), "inputs": json.dumps(inputs_of(case)),
-        "seed": str(seed), "fidelity": sampling.fidelity.value, "attitudes": sampling.attitudes,
+        "case": json.dumps(to_table(case), sort_keys=True),
+        "inputs": json.dumps(inputs_of(case)),
+        "seed": str(seed),
+        "fidelity": sampling.fidelity.value,
+        "attitudes": sampling.attitudes,
         "control": "yes" if sampling.control else "no",
-        "fields": json.dumps(sampling.dtype.descr), "startrack": software(),
-    }  # fmt: skip
+        "fields": json.dumps(sampling.dtype.descr),
+        "startrack": software(),
+    }
     if code := [origin_of(key, name) for key, _, name in code_in(case)]:
         about["code"] = json.dumps(code)
     if sampling.units:

@@ -33,9 +33,12 @@ class Serial(Executor):
         return future
 
     def map(
-        self, fn: Callable[..., Any], *iterables: Iterable[Any], timeout: float | None = None,
+        self,
+        fn: Callable[..., Any],
+        *iterables: Iterable[Any],
+        timeout: float | None = None,
         chunksize: int = 1,
-    ) -> Iterator[Any]:  # fmt: skip
+    ) -> Iterator[Any]:
         """Call when the result is needed, so that a caller that counts results sees progress."""
         return map(fn, *iterables)
 

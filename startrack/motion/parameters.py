@@ -31,8 +31,9 @@ class Tone(Parameters):
     rms_x: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, TONE_RMS] = 0.0
     rms_y: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, TONE_RMS] = 0.0
     rms_z: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, TONE_RMS] = 0.0
-    phase: Annotated[float | None, Unit("rad", "deg"), FINITE,
-        "radian; None: random in each trial"] = None  # fmt: skip
+    phase: Annotated[
+        float | None, Unit("rad", "deg"), FINITE, "radian; None: random in each trial"
+    ] = None
     lead_y: Annotated[float, Unit("rad", "deg"), FINITE, LEAD] = 0.0
     lead_z: Annotated[float, Unit("rad", "deg"), FINITE, LEAD] = 0.0
 
@@ -74,16 +75,21 @@ class Motion(Parameters):
 
     rate_x: Annotated[float, Unit("rad/s", "deg/s"), FINITE, RATE] = 0.0
     rate_y: Annotated[float, Unit("rad/s", "deg/s"), FINITE, RATE] = 0.0
-    rate_z: Annotated[float, Unit("rad/s", "deg/s"), FINITE,
-        "about the boresight: it smears stars around it"] = 0.0  # fmt: skip
-    tones: Annotated[tuple[Tone, ...],
-        "sinusoidal jitter; one without amplitude does not change the draws of the others"
-    ] = ()  # fmt: skip
-    broadband: Annotated[tuple[Broadband, ...],
-        "random jitter, at most one spectrum for each axis"] = ()  # fmt: skip
-    jitter: Annotated[tuple[str, ...], Range(code="jitters"),
-        "code of one's own that draws lines of jitter in each trial, see docs/extensions.md"
-    ] = ()  # fmt: skip
+    rate_z: Annotated[
+        float, Unit("rad/s", "deg/s"), FINITE, "about the boresight: it smears stars around it"
+    ] = 0.0
+    tones: Annotated[
+        tuple[Tone, ...],
+        "sinusoidal jitter; one without amplitude does not change the draws of the others",
+    ] = ()
+    broadband: Annotated[
+        tuple[Broadband, ...], "random jitter, at most one spectrum for each axis"
+    ] = ()
+    jitter: Annotated[
+        tuple[str, ...],
+        Range(code="jitters"),
+        "code of one's own that draws lines of jitter in each trial, see docs/extensions.md",
+    ] = ()
     jitter_of: Annotated[
         str,
         Range(choices=("platform", "head")),

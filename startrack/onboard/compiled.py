@@ -58,9 +58,12 @@ class CompiledGuide:
         """Direction (3,), magnitude and flags of a star."""
         direction, magnitude, flags = np.empty(3), ctypes.c_double(), ctypes.c_uint()
         self._c.startrack_guide_star(
-            ctypes.byref(self._guide), ctypes.c_uint32(number), _pointer(direction),
-            ctypes.byref(magnitude), ctypes.byref(flags),
-        )  # fmt: skip
+            ctypes.byref(self._guide),
+            ctypes.c_uint32(number),
+            _pointer(direction),
+            ctypes.byref(magnitude),
+            ctypes.byref(flags),
+        )
         return direction, magnitude.value, flags.value
 
     def nearest(self, direction: Floats) -> int:
@@ -72,18 +75,25 @@ class CompiledGuide:
         """As `Guide.cone`."""
         stars = np.empty(self._guide.stars, np.uint32)
         count = self._c.startrack_guide_cone(
-            ctypes.byref(self._guide), _given(direction), ctypes.c_double(radius),
-            _pointer(stars), ctypes.c_uint32(len(stars)),
-        )  # fmt: skip
+            ctypes.byref(self._guide),
+            _given(direction),
+            ctypes.c_double(radius),
+            _pointer(stars),
+            ctypes.c_uint32(len(stars)),
+        )
         return stars[:count].astype(np.int64)
 
     def patterns(self, seen: Floats, error: float) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
         """As `Guide.patterns`, by the cells."""
         triangles, order = np.empty((MOST, 3), np.uint32), np.empty((MOST, 3), np.int32)
         count = self._c.startrack_guide_patterns(
-            ctypes.byref(self._guide), _given(seen), ctypes.c_double(error), _pointer(triangles),
-            _pointer(order), ctypes.c_uint32(MOST),
-        )  # fmt: skip
+            ctypes.byref(self._guide),
+            _given(seen),
+            ctypes.c_double(error),
+            _pointer(triangles),
+            _pointer(order),
+            ctypes.c_uint32(MOST),
+        )
         if count > MOST:
             raise ValueError(f"error must lead to at most {MOST} triangles, got {count}")
         pairs = zip(triangles[:count].tolist(), order[:count].tolist(), strict=True)
@@ -98,9 +108,14 @@ class CompiledGuide:
         """
         star, turn = np.full(len(seen), -1, np.int32), np.zeros((3, 3))
         count = self._c.startrack_guide_identify(
-            ctypes.byref(self._guide), _given(seen), ctypes.c_int(len(seen)),
-            ctypes.c_double(sigma), ctypes.c_double(chance), _pointer(star), _pointer(turn),
-        )  # fmt: skip
+            ctypes.byref(self._guide),
+            _given(seen),
+            ctypes.c_int(len(seen)),
+            ctypes.c_double(sigma),
+            ctypes.c_double(chance),
+            _pointer(star),
+            _pointer(turn),
+        )
         if count == 0:
             star[:] = -1
         return star.astype(np.int64), turn

@@ -143,10 +143,12 @@ def _places(surfaces: Surfaces, tangent: Floats, off: Floats) -> Floats:
 
 def _pupil() -> Floats:
     angle = [np.arange(count) * 2 * np.pi / count for _, count in RINGS]
-    return np.concatenate([
-        radius * np.column_stack([np.cos(turn), np.sin(turn)])
-        for (radius, _), turn in zip(RINGS, angle, strict=True)
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            radius * np.column_stack([np.cos(turn), np.sin(turn)])
+            for (radius, _), turn in zip(RINGS, angle, strict=True)
+        ]
+    )
 
 
 def _traced(surfaces: Surfaces, tangent: Floats, pupil: Floats, off: Floats) -> Floats:

@@ -39,10 +39,17 @@ class Baffle(Parameters):
     to stray light and stars alike.
     """
 
-    angle: Annotated[tuple[float, ...], Unit("rad", "deg"), Range(0, math.pi),
-        "radian between the source and the line of sight, increasing"]  # fmt: skip
-    transmittance: Annotated[tuple[float, ...], POSITIVE,
-        "positive; its logarithm is linear between the angles, constant outside"]  # fmt: skip
+    angle: Annotated[
+        tuple[float, ...],
+        Unit("rad", "deg"),
+        Range(0, math.pi),
+        "radian between the source and the line of sight, increasing",
+    ]
+    transmittance: Annotated[
+        tuple[float, ...],
+        POSITIVE,
+        "positive; its logarithm is linear between the angles, constant outside",
+    ]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -93,14 +100,21 @@ class BaffleTube(Parameters):
     """
 
     length: Annotated[float, Unit("m", "mm"), POSITIVE, "from the lens to the entrance"]
-    diameter: Annotated[float | None, Unit("m", "mm"), POSITIVE,
-        "of the wall; None: a quarter more than the entrance"] = None  # fmt: skip
-    reflectance: Annotated[float, Range(0, 1),
-        "diffuse, of the black paint; of those for space 0.03 to 0.06"] = 0.05  # fmt: skip
-    edge: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
-        "thickness of the edges of the vanes"] = 50e-6  # fmt: skip
-    scatter: Annotated[float, Range(0, 0.5),
-        "fraction of light that the surfaces of the lens scatter, in all"] = 1e-3  # fmt: skip
+    diameter: Annotated[
+        float | None,
+        Unit("m", "mm"),
+        POSITIVE,
+        "of the wall; None: a quarter more than the entrance",
+    ] = None
+    reflectance: Annotated[
+        float, Range(0, 1), "diffuse, of the black paint; of those for space 0.03 to 0.06"
+    ] = 0.05
+    edge: Annotated[float, Unit("m", "um"), NON_NEGATIVE, "thickness of the edges of the vanes"] = (
+        50e-6
+    )
+    scatter: Annotated[
+        float, Range(0, 0.5), "fraction of light that the surfaces of the lens scatter, in all"
+    ] = 1e-3
 
     def shape(self, lens: float, field: float) -> Shape:
         """The vanes of a tube before a lens.
@@ -201,9 +215,17 @@ def _per_steradian(scatter: float) -> float:
 
 @kernel
 def _met(
-    radius: float, wall: float, height: Floats, edge: Floats,
-    x: float, y: float, z: float, dx: float, dy: float, dz: float,
-) -> tuple[float, int]:  # fmt: skip
+    radius: float,
+    wall: float,
+    height: Floats,
+    edge: Floats,
+    x: float,
+    y: float,
+    z: float,
+    dx: float,
+    dy: float,
+    dz: float,
+) -> tuple[float, int]:
     """Distance to what a ray meets, and what: NOTHING, LENS, number of a vane, n + 1: the wall,
     n + 2: the floor around the lens."""
     count, length = len(height), height[-1]
@@ -237,9 +259,15 @@ def _harvey(sine: float, slope: float) -> float:
 
 @kernel
 def _lit(
-    radius: float, wall: float, height: Floats, edge: Floats, x: float, y: float, z: float,
+    radius: float,
+    wall: float,
+    height: Floats,
+    edge: Floats,
+    x: float,
+    y: float,
+    z: float,
     angle: float,
-) -> bool:  # fmt: skip
+) -> bool:
     """Whether a point sees the Sun, which stands in the plane of x and z."""
     sine, cosine = math.sin(angle), math.cos(angle)
     return _met(radius, wall, height, edge, x, y, z, sine, 0.0, cosine)[1] == NOTHING
@@ -272,9 +300,14 @@ def _direct_light(
 
 @kernel
 def _scattered_light(
-    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats,
+    radius: float,
+    wall: float,
+    height: Floats,
+    edge: Floats,
+    angle: Floats,
+    random: Floats,
     slope: float,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """The same (a, bounces) after 1, 2, ... bounces off surfaces of reflectance one.
 
     Weighted by the BSDF of the lens over that on its axis.
@@ -323,9 +356,14 @@ def _scattered_light(
 
 @kernel
 def _light_off_edges(
-    radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats,
+    radius: float,
+    wall: float,
+    height: Floats,
+    edge: Floats,
+    angle: Floats,
+    random: Floats,
     slope: float,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """The same (a,) off the edges of vanes of reflectance one and a metre of thickness."""
     light = np.zeros(len(angle))
     for j in range(len(height)):

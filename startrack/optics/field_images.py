@@ -88,9 +88,14 @@ def refuse_band(key: str, of_file: Floats, wavelength: Floats, spectra: Floats) 
 
 
 def camera_through(
-    places: Callable[[Floats], Floats], last: float, key: str, columns: int, rows: int,
-    pitch: float, principal: tuple[float, float],
-) -> Camera:  # fmt: skip
+    places: Callable[[Floats], Floats],
+    last: float,
+    key: str,
+    columns: int,
+    rows: int,
+    pitch: float,
+    principal: tuple[float, float],
+) -> Camera:
     """The camera that fits places over the field best: focal length and three radial coefficients.
 
     A least-squares fit over the field to the farthest corner, weighted by area.
@@ -232,9 +237,16 @@ DEGREE = 3  # of the splines between the nodes of a file
 
 
 def cube_psf(
-    optics: Optics, camera: Camera, pitch: float, wavelength: Floats, spectra: Floats,
-    colour: Floats, fill_factor: float, diffusion: float, nodes: int = NODES,
-) -> FieldPsf:  # fmt: skip
+    optics: Optics,
+    camera: Camera,
+    pitch: float,
+    wavelength: Floats,
+    spectra: Floats,
+    colour: Floats,
+    fill_factor: float,
+    diffusion: float,
+    nodes: int = NODES,
+) -> FieldPsf:
     """Images of stars over the frame and over their colour, from those of a `psf_file`.
 
     Between its nodes, images are interpolated by cubic splines over the field angle, through the
@@ -252,9 +264,14 @@ def cube_psf(
 
 
 def camera_of_cube(
-    optics: Optics, columns: int, rows: int, pitch: float, principal: tuple[float, float],
-    wavelength: Floats, spectrum: Floats,
-) -> Camera:  # fmt: skip
+    optics: Optics,
+    columns: int,
+    rows: int,
+    pitch: float,
+    principal: tuple[float, float],
+    wavelength: Floats,
+    spectrum: Floats,
+) -> Camera:
     """The camera that fits the places of a `psf_file`, in light of one spectrum.
 
     As `fit_camera`, to the centroids of the images.
@@ -304,9 +321,15 @@ class _Plan:
     """What the images of all places share."""
 
     def __init__(
-        self, optics: Optics, cube: PsfFile, camera: Camera, pitch: float, band: Band,
-        fill_factor: float, diffusion: float,
-    ) -> None:  # fmt: skip
+        self,
+        optics: Optics,
+        cube: PsfFile,
+        camera: Camera,
+        pitch: float,
+        band: Band,
+        fill_factor: float,
+        diffusion: float,
+    ) -> None:
         self.found, self.camera, self.pitch, self.band = cube, camera, pitch, band
         corner = camera.half_diagonal
         last = float(cube.angle[-1])

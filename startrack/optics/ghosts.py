@@ -28,12 +28,15 @@ COARSEST = 64  # pixel between nodes
 class Ghosts(Parameters):
     """Reflections that make ghosts."""
 
-    coating: Annotated[float, Range(0, 1),
-        "reflectance of each surface between glass and air"] = 0.005  # fmt: skip
+    coating: Annotated[float, Range(0, 1), "reflectance of each surface between glass and air"] = (
+        0.005
+    )
     detector: Annotated[float, Range(0, 1), "reflectance of the detector"] = 0.1
-    sources: Annotated[int, Range(1, 10_000),
-        "how many of the brightest point sources make ghosts, beside Sun, Moon and Earth"
-    ] = 10  # fmt: skip
+    sources: Annotated[
+        int,
+        Range(1, 10_000),
+        "how many of the brightest point sources make ghosts, beside Sun, Moon and Earth",
+    ] = 10
 
 
 class Pair(NamedTuple):
@@ -207,9 +210,13 @@ def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats) -> Beam:
 
 
 def add_ghosts(
-    light: Light, ghosts: Ghosts, optics: Optics, icrs_to_camera: Rotation, camera: Camera,
+    light: Light,
+    ghosts: Ghosts,
+    optics: Optics,
+    icrs_to_camera: Rotation,
+    camera: Camera,
     pitch: float,
-) -> Light:  # fmt: skip
+) -> Light:
     """The light with ghosts, as diffuse light of the same irradiance on the detector.
 
         radiance = irradiance of the source R1 R2 (beam / image) focal_length^2 / area
@@ -287,10 +294,12 @@ def _counted(
 
     def finer(values: Floats) -> Floats:
         """(cells, PARTS, cells, PARTS) between the corners of each cell."""
-        corner = np.stack([
-            np.stack([values[:-1, :-1], values[:-1, 1:]]),
-            np.stack([values[1:, :-1], values[1:, 1:]]),
-        ])  # fmt: skip
+        corner = np.stack(
+            [
+                np.stack([values[:-1, :-1], values[:-1, 1:]]),
+                np.stack([values[1:, :-1], values[1:, 1:]]),
+            ]
+        )
         return np.einsum("abij,ap,bq->ipjq", corner, weight, weight)
 
     with np.errstate(invalid="ignore"):

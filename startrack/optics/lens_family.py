@@ -125,10 +125,21 @@ def scaled_table(table: LensTable, faster: float, wider: float) -> LensTable:
     pupil[..., (1, 2, 4, 5)] *= faster
     return LensTable(
         f"{table.name}, {faster:.4g} times as fast and {wider:.4g} times as wide",
-        table.source, table.focal_length, table.f_number / faster, table.temperature,
-        table.wavelength, angle, table.noll, wavefront, place, pupil, table.outline,
-        table.area * faster**2, amplitude, table.curvature,
-    )  # fmt: skip
+        table.source,
+        table.focal_length,
+        table.f_number / faster,
+        table.temperature,
+        table.wavelength,
+        angle,
+        table.noll,
+        wavefront,
+        place,
+        pupil,
+        table.outline,
+        table.area * faster**2,
+        amplitude,
+        table.curvature,
+    )
 
 
 def _without_moving_chief(table: LensTable, wavefront: Floats, faster: float) -> Floats:

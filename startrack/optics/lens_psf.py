@@ -353,10 +353,15 @@ def _powers(noll: tuple[int, ...]) -> Floats:
         size = math.sqrt((n + 1) * (2 if m else 1))
         for s in range((n - m) // 2 + 1):
             # The term rho^(n - 2 s), of which rho^m cos(m theta) is Re (u + i v)^m.
-            radial = (-1) ** s * math.factorial(n - s) / (
-                math.factorial(s) * math.factorial((n + m) // 2 - s)
-                * math.factorial((n - m) // 2 - s)
-            )  # fmt: skip
+            radial = (
+                (-1) ** s
+                * math.factorial(n - s)
+                / (
+                    math.factorial(s)
+                    * math.factorial((n + m) // 2 - s)
+                    * math.factorial((n - m) // 2 - s)
+                )
+            )
             squares = (n - m) // 2 - s
             for a in range(squares + 1):
                 for b in range(m // 2 + 1):
@@ -392,18 +397,31 @@ def _stars(lens: Lens, wavelength: Floats, field: float, azimuth: float) -> list
         extra = at_field(extra, field * math.cos(azimuth), field * math.sin(azimuth))
     return [
         _Star(
-            lens, extra, float(length), azimuth, power[j, 0], float(points.place[j, 0]),
-            points.pupil[j, 0], points.outline[j, 0], float(points.area[j, 0]), amplitude[j, 0],
+            lens,
+            extra,
+            float(length),
+            azimuth,
+            power[j, 0],
+            float(points.place[j, 0]),
+            points.pupil[j, 0],
+            points.outline[j, 0],
+            float(points.area[j, 0]),
+            amplitude[j, 0],
             float(defocus[j, 0]),
         )
         for j, length in enumerate(wavelength)
-    ]  # fmt: skip
+    ]
 
 
 def fit_camera(
-    lens: Lens, columns: int, rows: int, pitch: float, principal: tuple[float, float],
-    wavelength: Floats, spectrum: Floats,
-) -> Camera:  # fmt: skip
+    lens: Lens,
+    columns: int,
+    rows: int,
+    pitch: float,
+    principal: tuple[float, float],
+    wavelength: Floats,
+    spectrum: Floats,
+) -> Camera:
     """The camera that fits the lens best in light of one spectrum: a perfect calibration.
 
     Focal length and radial coefficients are a least-squares fit to the centroids of stars over the
@@ -449,9 +467,16 @@ def _centroids(lens: Lens, points: lens_table.LensPoints) -> Floats:
 
 
 def field_psf(
-    lens: Lens, camera: Camera, pitch: float, wavelength: Floats, spectra: Floats, colour: Floats,
-    fill_factor: float = 1.0, diffusion: float = 0.0, nodes: int = NODES,
-) -> FieldPsf:  # fmt: skip
+    lens: Lens,
+    camera: Camera,
+    pitch: float,
+    wavelength: Floats,
+    spectra: Floats,
+    colour: Floats,
+    fill_factor: float = 1.0,
+    diffusion: float = 0.0,
+    nodes: int = NODES,
+) -> FieldPsf:
     """Images of stars over the frame and over their colour.
 
     For each node of a grid over the frame, and each of some spectra, the image is the sum of the
@@ -493,9 +518,14 @@ class _Plan:
     """
 
     def __init__(
-        self, lens: Lens, camera: Camera, pitch: float, band: Band, fill_factor: float,
+        self,
+        lens: Lens,
+        camera: Camera,
+        pitch: float,
+        band: Band,
+        fill_factor: float,
         diffusion: float,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.lens, self.camera, self.pitch, self.band = lens, camera, pitch, band
         self.side_of_pixel = pitch * math.sqrt(fill_factor)
         self._known = dict[tuple[float, float], list[_Star]]()
@@ -611,13 +641,14 @@ class _Plan:
         cosine, sine = math.cos(azimuth), math.sin(azimuth)
         middle_x, middle_y = along * cosine - across * sine, along * sine + across * cosine
         tables = [
-            self._pixels((middle_y[0] - v) / self.spacing) @ plane
+            self._pixels((middle_y[0] - v) / self.spacing)
+            @ plane
             @ self._pixels((middle_x[0] - u) / self.spacing).T
             for plane, u, v in zip(sums, middle_x, middle_y, strict=True)
-        ]  # fmt: skip
-        centre = np.column_stack([
-            middle_x / self.pitch - away_x, middle_y / self.pitch - away_y, total,
-        ])  # fmt: skip
+        ]
+        centre = np.column_stack(
+            [middle_x / self.pitch - away_x, middle_y / self.pitch - away_y, total]
+        )
         return np.array(tables, float), centre
 
     def _irradiance(self, star: _Star, u: float, v: float) -> Singles:

@@ -125,9 +125,14 @@ class LensTable:
         shape = len(self.temperature), len(self.wavelength), len(self.field)
         harmonics, terms = (np.shape(array)[-1:] for array in (self.outline, self.amplitude))
         sizes = {
-            "wavefront": (len(self.noll),), "place": (), "pupil": (6,), "outline": harmonics,
-            "area": (), "amplitude": terms, "curvature": (),
-        }  # fmt: skip
+            "wavefront": (len(self.noll),),
+            "place": (),
+            "pupil": (6,),
+            "outline": harmonics,
+            "area": (),
+            "amplitude": terms,
+            "curvature": (),
+        }
         for name, more in sizes.items():
             _check_values(name, getattr(self, name), (*shape, *more))
         if not (self.pupil[..., (1, 2, 4, 5)] > 0).all() or not (np.abs(self.pupil) < 1).all():
@@ -164,9 +169,14 @@ class LensTable:
     def _packed(self) -> tuple[Floats, Floats]:
         """All arrays side by side, (t, w, f, columns), and the parity of each column."""
         parts = [
-            self.wavefront, self.outline, self.amplitude, self.place[..., None], self.pupil,
-            self.area[..., None], self.curvature[..., None],
-        ]  # fmt: skip
+            self.wavefront,
+            self.outline,
+            self.amplitude,
+            self.place[..., None],
+            self.pupil,
+            self.area[..., None],
+            self.curvature[..., None],
+        ]
         odd = [(-1) ** noll_to_nm(j)[1] for j in self.noll.tolist()]
         turned = [(-1) ** k for k in range(self.outline.shape[-1])]
         terms = odd[: self.amplitude.shape[-1]]
@@ -223,9 +233,14 @@ LARGEST = 1e12  # in SI units. Chosen by hand: no length or share of a lens is n
 ARRAYS = ("noll", "wavefront", "place", "pupil", "outline", "area", "amplitude", "curvature")
 ABSENT = {"outline": (0,), "amplitude": (0,), "curvature": ()}  # beyond (t, w, f), of old files
 UNITS = {
-    "temperature": "K", "wavelength": "m", "field": "rad", "wavefront": "m", "place": "m",
-    "area": "m2", "curvature": "1/m",
-}  # fmt: skip
+    "temperature": "K",
+    "wavelength": "m",
+    "field": "rad",
+    "wavefront": "m",
+    "place": "m",
+    "area": "m2",
+    "curvature": "1/m",
+}
 
 
 def _check_axis(name: str, nodes: Floats, low: float, high: float, unit: str) -> None:

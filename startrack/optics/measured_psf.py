@@ -202,9 +202,9 @@ class _Fit:
         largest = 0.0
         for n in range(shape[0]):
             good = self.good[n]
-            columns = np.column_stack([
-                table[n], -self.flux[n] * across[n], -self.flux[n] * down[n], np.ones(shape[1]),
-            ])[good]  # fmt: skip
+            columns = np.column_stack(
+                [table[n], -self.flux[n] * across[n], -self.flux[n] * down[n], np.ones(shape[1])]
+            )[good]
             if len(columns) < 8:
                 continue
             rest = self.image[n][good]
@@ -241,12 +241,13 @@ def _cubic(at: Floats, slope: bool) -> Floats:
     """(4, n) cubic B-spline of four knots at a place between the middle two, or its slope."""
     t = at
     if slope:
-        return np.stack([
-            -((1 - t) ** 2) / 2, (3 * t * t - 4 * t) / 2, (-3 * t * t + 2 * t + 1) / 2, t * t / 2,
-        ])  # fmt: skip
-    return np.stack([
-        (1 - t) ** 3, 3 * t**3 - 6 * t * t + 4, -3 * t**3 + 3 * t * t + 3 * t + 1, t**3,
-    ]) / 6  # fmt: skip
+        return np.stack(
+            [-((1 - t) ** 2) / 2, (3 * t * t - 4 * t) / 2, (-3 * t * t + 2 * t + 1) / 2, t * t / 2]
+        )
+    return (
+        np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t * t + 4, -3 * t**3 + 3 * t * t + 3 * t + 1, t**3])
+        / 6
+    )
 
 
 def file_of(measured: Measured, source: str) -> PsfFile:

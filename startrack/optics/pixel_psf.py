@@ -178,9 +178,14 @@ def pixel_psf(
 
 
 def _sampled(
-    irradiance_on: Callable[[float, int], Floats], pitch: float, side: float, blur: float,
-    extent: float, oversampling: int, fine: int,
-) -> Psf:  # fmt: skip
+    irradiance_on: Callable[[float, int], Floats],
+    pitch: float,
+    side: float,
+    blur: float,
+    extent: float,
+    oversampling: int,
+    fine: int,
+) -> Psf:
     """Of an irradiance on a grid, whose spacing (metre) and points along a side a function takes.
 
     What it has beyond the table is left out.
@@ -207,9 +212,15 @@ def _gaussian(sigma: float, side: float) -> Psf:
 
 
 def _airy(
-    f_number: float, pitch: float, side: float, wavelength: Floats, weight: Floats,
-    blur: float, finest: float, extent: float,
-) -> Psf:  # fmt: skip
+    f_number: float,
+    pitch: float,
+    side: float,
+    wavelength: Floats,
+    weight: Floats,
+    blur: float,
+    finest: float,
+    extent: float,
+) -> Psf:
     def transfer(frequency: Floats) -> Floats:
         pupil = np.zeros_like(frequency)
         for fraction, metre in zip(weight, wavelength, strict=True):
@@ -278,9 +289,16 @@ def _wings(x: Floats, c: float, side: float) -> Floats:
 
 
 def _diffraction(
-    optics: Optics, model: str, pitch: float, side: float, wavelength: Floats, weight: Floats,
-    blur: float, finest: float, extent: float,
-) -> Psf:  # fmt: skip
+    optics: Optics,
+    model: str,
+    pitch: float,
+    side: float,
+    wavelength: Floats,
+    weight: Floats,
+    blur: float,
+    finest: float,
+    extent: float,
+) -> Psf:
     slope = steepest_slope(optics, model)
     # A ray of slope s meets the detector 2 N s from the axis.
     extent += 2 * optics.working_f_number * slope
@@ -392,9 +410,14 @@ def at_field(optics: Optics, x: float, y: float) -> Optics:
 
 
 def over_field(
-    optics: Optics, angles: Sequence[tuple[float, float]], pitch: float,
-    wavelength: Floats, weight: Floats, fill_factor: float = 1.0, diffusion: float = 0.0,
-) -> tuple[Psf, ...]:  # fmt: skip
+    optics: Optics,
+    angles: Sequence[tuple[float, float]],
+    pitch: float,
+    wavelength: Floats,
+    weight: Floats,
+    fill_factor: float = 1.0,
+    diffusion: float = 0.0,
+) -> tuple[Psf, ...]:
     """One Psf for each field angle; the other arguments are those of `pixel_psf`.
 
     angles  radian, field angles (x, y)

@@ -216,9 +216,8 @@ def load_psf_file(path: Path) -> PsfFile:
         image = np.array(parts[0].data, float)
         names = [part.name for part in parts]
         arrays = {
-            key: np.array(parts[name].data, float)
-            for key, name in PARTS.items() if name in names
-        }  # fmt: skip
+            key: np.array(parts[name].data, float) for key, name in PARTS.items() if name in names
+        }
         pixel = head["PIXEL"]
         size = head["OVERSAMP" if pixel else "SPACING"]
         numbers = {"spacing": size, "energy": head.get("ENERGY", 1.0), "pitch": head.get("PITCH")}

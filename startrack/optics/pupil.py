@@ -25,11 +25,16 @@ class Segment(Parameters):
 
     x: Annotated[float, FINITE, "its centre, in radii of the whole aperture"]
     y: Annotated[float, FINITE, "its centre, in radii of the whole aperture"]
-    size: Annotated[float, POSITIVE,
-        "radius of a circle, or half the distance between two opposite sides of a hexagon"
-    ]  # fmt: skip
-    shape: Annotated[str, Range(choices=("circle", "hexagon")),
-        '"circle" or "hexagon" (two of its sides along x)'] = "hexagon"  # fmt: skip
+    size: Annotated[
+        float,
+        POSITIVE,
+        "radius of a circle, or half the distance between two opposite sides of a hexagon",
+    ]
+    shape: Annotated[
+        str,
+        Range(choices=("circle", "hexagon")),
+        '"circle" or "hexagon" (two of its sides along x)',
+    ] = "hexagon"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -58,14 +63,17 @@ class Segment(Parameters):
 class Pupil(Parameters):
     """Shape of the aperture; the default is a clear circle."""
 
-    obscuration: Annotated[float, Range(0, 0.95),
-        "radius of the central obscuration over that of the aperture"] = 0.0  # fmt: skip
+    obscuration: Annotated[
+        float, Range(0, 0.95), "radius of the central obscuration over that of the aperture"
+    ] = 0.0
     vanes: Annotated[int, Range(0, 32), "number of evenly spaced arms that hold it"] = 0
     vane_width: Annotated[float, Range(0, 0.5), "over the radius of the aperture"] = 0.0
-    vane_angle: Annotated[float, Unit("rad", "deg"), FINITE,
-        "of the first arm, from +x towards +y"] = 0.0  # fmt: skip
-    segments: Annotated[tuple[Segment, ...],
-        "the pieces of a segmented or sparse aperture; none: the whole circle"] = ()  # fmt: skip
+    vane_angle: Annotated[
+        float, Unit("rad", "deg"), FINITE, "of the first arm, from +x towards +y"
+    ] = 0.0
+    segments: Annotated[
+        tuple[Segment, ...], "the pieces of a segmented or sparse aperture; none: the whole circle"
+    ] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -169,13 +177,22 @@ MOST = 231  # Noll index of the last mode with n = 20
 class Aberration(Parameters):
     """One term of the wavefront error."""
 
-    noll: Annotated[int, Range(1, MOST),
-        "Noll's index: 4 defocus, 5 and 6 astigmatism, 7 and 8 coma, 11 spherical"]  # fmt: skip
-    rms: Annotated[float, Unit("m", "nm"), FINITE,
-        "over the clear circular aperture (at the edge of the field if it grows)"]  # fmt: skip
-    growth: Annotated[int, Range(0, 10),
-        "power of the field angle with which it grows from the axis; 0: the same everywhere"
-    ] = 0  # fmt: skip
+    noll: Annotated[
+        int,
+        Range(1, MOST),
+        "Noll's index: 4 defocus, 5 and 6 astigmatism, 7 and 8 coma, 11 spherical",
+    ]
+    rms: Annotated[
+        float,
+        Unit("m", "nm"),
+        FINITE,
+        "over the clear circular aperture (at the edge of the field if it grows)",
+    ]
+    growth: Annotated[
+        int,
+        Range(0, 10),
+        "power of the field angle with which it grows from the axis; 0: the same everywhere",
+    ] = 0
 
 
 def noll_to_nm(noll: int) -> tuple[int, int]:

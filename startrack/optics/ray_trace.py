@@ -86,16 +86,35 @@ def trace_lens(
                 at = (t, w, f)
                 node = _Node(here, aim, angle, wavelength)
                 (
-                    wavefront[at], place[at], pupil[at], outline[at], area[at], amplitude[at],
-                    curvature[at], left[at],
-                ) = node.measure(names)  # fmt: skip
+                    wavefront[at],
+                    place[at],
+                    pupil[at],
+                    outline[at],
+                    area[at],
+                    amplitude[at],
+                    curvature[at],
+                    left[at],
+                ) = node.measure(names)
                 progress(1)
     focal_length, f_number = float(paraxial.f2()) * MILLIMETRE, float(paraxial.FNO())
     nodes = [np.array(axis) for axis in (tracing.temperature, tracing.wavelength, tracing.field)]
     table = LensTable(
-        name, source, abs(focal_length), abs(f_number), nodes[0], nodes[1], nodes[2],
-        np.array(names), wavefront, place, pupil, outline, area, amplitude, curvature,
-    )  # fmt: skip
+        name,
+        source,
+        abs(focal_length),
+        abs(f_number),
+        nodes[0],
+        nodes[1],
+        nodes[2],
+        np.array(names),
+        wavefront,
+        place,
+        pupil,
+        outline,
+        area,
+        amplitude,
+        curvature,
+    )
     return table, left
 
 
@@ -117,11 +136,15 @@ def surfaces_of(lens: Any) -> Surfaces:
         radius = float(np.squeeze(surface.geometry.radius))
         index = abs(float(np.squeeze(surface.material_post.n(wavelength))))
         outer = float(getattr(surface.aperture, "r_max", math.inf))
-        rows.append([
-            1 / radius / MILLIMETRE if math.isfinite(radius) else 0.0,
-            float(np.squeeze(surface.thickness)) * MILLIMETRE,
-            index, outer * MILLIMETRE, float(surface.interaction_model.is_reflective),
-        ])  # fmt: skip
+        rows.append(
+            [
+                1 / radius / MILLIMETRE if math.isfinite(radius) else 0.0,
+                float(np.squeeze(surface.thickness)) * MILLIMETRE,
+                index,
+                outer * MILLIMETRE,
+                float(surface.interaction_model.is_reflective),
+            ]
+        )
     columns = np.array(rows).T
     is_clear = np.isfinite(columns[3])
     columns[3][~is_clear] = 1e-9
@@ -193,9 +216,15 @@ def _launch(lens: Any, aim: Aim, angle: float, wavelength: float, across: Floats
     back = 2 * (length + 6 * aim.radius)
     ones = np.ones_like(across)
     rays = RealRays(
-        across * cosine - back * sine, y * ones, aim.pupil - across * sine - back * cosine,
-        sine * ones, 0 * ones, cosine * ones, ones, wavelength * MICROMETRE * ones,
-    )  # fmt: skip
+        across * cosine - back * sine,
+        y * ones,
+        aim.pupil - across * sine - back * cosine,
+        sine * ones,
+        0 * ones,
+        cosine * ones,
+        ones,
+        wavelength * MICROMETRE * ones,
+    )
     lens.surfaces.trace(rays, skip=1)
     return rays
 
@@ -400,9 +429,15 @@ class _Node:
         area = float((rims[1] ** 2).mean() * math.pi) * self._uncovered(azimuth, rims[1])
         terms, amplitude, left = self._fit(noll, pupil, azimuth, rims[0], sphere)
         return (
-            terms, sphere.place * MILLIMETRE, pupil, outline, area * MILLIMETRE**2, amplitude,
-            sphere.curvature / MILLIMETRE, left,
-        )  # fmt: skip
+            terms,
+            sphere.place * MILLIMETRE,
+            pupil,
+            outline,
+            area * MILLIMETRE**2,
+            amplitude,
+            sphere.curvature / MILLIMETRE,
+            left,
+        )
 
     def _sphere(self) -> _Sphere:
         """About the place of the chief ray, through the paraxial exit pupil."""
@@ -424,9 +459,8 @@ class _Node:
         return float((passes * rim**2).sum() / (np.ones_like(distance) * rim**2).sum())
 
     def _fit(
-        self, noll: Sequence[int], pupil: list[float], azimuth: Floats, rim: Floats,
-        sphere: _Sphere,
-    ) -> tuple[Floats, Floats, float]:  # fmt: skip
+        self, noll: Sequence[int], pupil: list[float], azimuth: Floats, rim: Floats, sphere: _Sphere
+    ) -> tuple[Floats, Floats, float]:
         """Wavefront, metre; amplitude; metre rms that the terms of the wavefront leave."""
         node, weight = np.polynomial.legendre.leggauss(RINGS)
         distance = np.multiply.outer((node + 1) / 2, rim)

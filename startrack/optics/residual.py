@@ -35,28 +35,39 @@ class Residual(Parameters):
     """
 
     rms: Annotated[float, NON_NEGATIVE, "pixel, per axis, over the frame"] = 0.0
-    angle: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
-        "the same as an angle on the sky"] = 0.0  # fmt: skip
-    grid: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
-        "the same on the detector: errors of the grid of its pixels"] = 0.0  # fmt: skip
-    flatness: Annotated[float, Unit("m", "um"), NON_NEGATIVE,
-        "rms by which the surface of the detector is not flat; oblique light is displaced"
-    ] = 0.0  # fmt: skip
-    scale: Annotated[float, Range(0.05, 10),
-        "correlation length over half the diagonal of the frame"] = 0.3  # fmt: skip
-    drift: Annotated[float, NON_NEGATIVE,
-        "pixel per kelvin: rms of the change with temperature"] = 0.0  # fmt: skip
-    temperature: Annotated[float, Unit("K"), FINITE,
-        "above that at which there is no drift"] = 0.0  # fmt: skip
+    angle: Annotated[
+        float, Unit("rad", "arcsec"), NON_NEGATIVE, "the same as an angle on the sky"
+    ] = 0.0
+    grid: Annotated[
+        float,
+        Unit("m", "um"),
+        NON_NEGATIVE,
+        "the same on the detector: errors of the grid of its pixels",
+    ] = 0.0
+    flatness: Annotated[
+        float,
+        Unit("m", "um"),
+        NON_NEGATIVE,
+        "rms by which the surface of the detector is not flat; oblique light is displaced",
+    ] = 0.0
+    scale: Annotated[
+        float, Range(0.05, 10), "correlation length over half the diagonal of the frame"
+    ] = 0.3
+    drift: Annotated[
+        float, NON_NEGATIVE, "pixel per kelvin: rms of the change with temperature"
+    ] = 0.0
+    temperature: Annotated[float, Unit("K"), FINITE, "above that at which there is no drift"] = 0.0
     decentre: Annotated[float, Unit("m", "um"), NON_NEGATIVE, PER_AXIS] = 0.0
     tilt: Annotated[float, Unit("rad", "arcmin"), NON_NEGATIVE, PER_AXIS] = 0.0
     wedge: Annotated[float, Unit("rad", "arcmin"), NON_NEGATIVE, PER_AXIS] = 0.0
-    family: Annotated[str,
-        "lens_family whose elements are off, where the optics have no lens table"
-    ] = ""  # fmt: skip
-    seed: Annotated[int, Range(0, 2**63 - 1),
-        "of what one unit has by chance; 0: of the unit as designed, which has none"
-    ] = 0  # fmt: skip
+    family: Annotated[
+        str, "lens_family whose elements are off, where the optics have no lens table"
+    ] = ""
+    seed: Annotated[
+        int,
+        Range(0, 2**63 - 1),
+        "of what one unit has by chance; 0: of the unit as designed, which has none",
+    ] = 0
 
     def smooth(self, camera: core.Camera, pitch: float) -> float:
         """Pixel, s of the equation."""

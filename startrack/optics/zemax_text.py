@@ -73,15 +73,26 @@ def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
     places = [[of[w, a].place for a in angles] for w in waves]
     placed = all(place is not None for row in places for place in row) and len(angles) > 1
     return PsfFile(
-        source, image, spacings.pop(), False, None, 1.0, np.array(waves), np.array(angles),
+        source,
+        image,
+        spacings.pop(),
+        False,
+        None,
+        1.0,
+        np.array(waves),
+        np.array(angles),
         np.array(places, float) if placed else None,
-    )  # fmt: skip
+    )
 
 
 def table_of_pages(
-    paths: Sequence[Path], focal_length: float, f_number: float, name: str, source: str,
+    paths: Sequence[Path],
+    focal_length: float,
+    f_number: float,
+    name: str,
+    source: str,
     flipped: bool = False,
-) -> tuple[LensTable, Floats]:  # fmt: skip
+) -> tuple[LensTable, Floats]:
     """The lens table of pages of wavefront maps, one for each wavelength and field (0, y).
 
     Its terms to Noll 37, even across the field, are fitted by least squares over the open pupil. A
@@ -112,11 +123,22 @@ def table_of_pages(
     half, zero = np.full(shape, 0.5 / f_number), np.zeros(shape)
     area = np.full(shape, math.pi / 4 * (focal_length / f_number) ** 2)
     table = LensTable(
-        name, source, focal_length, f_number, np.array([ROOM]), wavelength, field, np.array(noll),
-        (-terms if flipped else terms)[None], place[None],
-        np.stack([zero, half, half] * 2, axis=-1)[None], np.zeros((1, *shape, 0)), area[None],
-        np.zeros((1, *shape, 0)), zero[None],
-    )  # fmt: skip
+        name,
+        source,
+        focal_length,
+        f_number,
+        np.array([ROOM]),
+        wavelength,
+        field,
+        np.array(noll),
+        (-terms if flipped else terms)[None],
+        place[None],
+        np.stack([zero, half, half] * 2, axis=-1)[None],
+        np.zeros((1, *shape, 0)),
+        area[None],
+        np.zeros((1, *shape, 0)),
+        zero[None],
+    )
     return table, left
 
 

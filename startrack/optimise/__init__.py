@@ -48,7 +48,21 @@ from startrack.optimise.tolerance import Tolerance, designs_needed, sample
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Algorithm", "Ensembles", "Forecast", "Foresight", "Goals", "Ledger", "Search", "SearchInput",
-    "Stage", "TrialRunner", "evaluate", "front", "least", "levers", "optimize", "sample",
+    "Algorithm",
+    "Ensembles",
+    "Forecast",
+    "Foresight",
+    "Goals",
+    "Ledger",
+    "Search",
+    "SearchInput",
+    "Stage",
+    "TrialRunner",
+    "evaluate",
+    "front",
+    "least",
+    "levers",
+    "optimize",
+    "sample",
     "sensitivities",
-]  # fmt: skip
+]

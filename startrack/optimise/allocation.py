@@ -65,10 +65,15 @@ class Allocation:
 
 
 def allocation(
-    case: design.Case, objective: design.Objective, limits: Sequence[design.Accuracy],
-    fraction: float, seed: int, count: int, changes: Sequence[Change],
+    case: design.Case,
+    objective: design.Objective,
+    limits: Sequence[design.Accuracy],
+    fraction: float,
+    seed: int,
+    count: int,
+    changes: Sequence[Change],
     progress: Advance | None = None,
-) -> Allocation:  # fmt: skip
+) -> Allocation:
     """Make each change in turn, on the same draws of the same units.
 
     At the end of life. Intervals are bootstrap percentiles

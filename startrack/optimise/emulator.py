@@ -115,10 +115,17 @@ def emulator(
     unit = (values - values.mean()) / (values.std() or 1.0)
     square = (points[:, None] - points[None]) ** 2
     ends = [
-        minimize(_misfit, np.clip(start, *np.transpose(bounds)), (square, unit, doubt), jac=True,
-                 method="L-BFGS-B", bounds=bounds, options={"maxiter": 60})
+        minimize(
+            _misfit,
+            np.clip(start, *np.transpose(bounds)),
+            (square, unit, doubt),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
+            options={"maxiter": 60},
+        )
         for start in starts
-    ]  # fmt: skip
+    ]
     best = np.exp(min(ends, key=lambda end: float(end.fun)).x)
     return _of(points, values, best[:-1], float(best[-1]), doubt)
 

@@ -117,9 +117,11 @@ class Chains:
 
 def draw(
     log_probability: Callable[[Floats], Floats],
-    start: Callable[[np.random.Generator, int], Floats], seed: int,
-    settings: Ensembles | None = None, ledger: Ledger | None = None,
-) -> Chains:  # fmt: skip
+    start: Callable[[np.random.Generator, int], Floats],
+    seed: int,
+    settings: Ensembles | None = None,
+    ledger: Ledger | None = None,
+) -> Chains:
     """Sample by emcee's moves along differences of walkers, in independent ensembles.
 
     Differential evolution (ter Braak 2006, Statistics and Computing 16, 239), and a fifth of the
@@ -166,10 +168,13 @@ class _Ensemble:
     """One ensemble; the ledger keeps its steps."""
 
     def __init__(
-        self, log_probability: Callable[[Floats], Floats],
-        start: Callable[[np.random.Generator, int], Floats], entropy: tuple[int, int],
-        settings: Ensembles, ledger: Ledger,
-    ) -> None:  # fmt: skip
+        self,
+        log_probability: Callable[[Floats], Floats],
+        start: Callable[[np.random.Generator, int], Floats],
+        entropy: tuple[int, int],
+        settings: Ensembles,
+        ledger: Ledger,
+    ) -> None:
         import emcee  # costs 0.9 s, and only sampling needs it
 
         sequence = np.random.SeedSequence(entropy)
@@ -212,10 +217,13 @@ class _Ensemble:
         _, key, position, has_gauss, gauss = self._at.random_state
         file = io.BytesIO()
         np.savez(
-            file, chain=self.sampler.get_chain()[-size:], key=key,
-            log_prob=self.sampler.get_log_prob()[-size:], accepted=self.sampler.backend.accepted,
+            file,
+            chain=self.sampler.get_chain()[-size:],
+            key=key,
+            log_prob=self.sampler.get_log_prob()[-size:],
+            accepted=self.sampler.backend.accepted,
             rest=np.array([position, has_gauss, gauss]),
-        )  # fmt: skip
+        )
         return file.getvalue()
 
     def _unpack(self, packed: bytes) -> None:

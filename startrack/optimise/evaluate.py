@@ -69,10 +69,16 @@ class Evaluation:
 
 
 def evaluate(
-    space: DesignSpace, campaign: Campaign, coordinates: Floats, runner: TrialRunner,
-    trials: int | None = None, correction: Callable[[Floats], float] | None = None,
-    spare: bool = False, known: Foresight | None = None, close: Collection[str] = (),
-) -> Evaluation:  # fmt: skip
+    space: DesignSpace,
+    campaign: Campaign,
+    coordinates: Floats,
+    runner: TrialRunner,
+    trials: int | None = None,
+    correction: Callable[[Floats], float] | None = None,
+    spare: bool = False,
+    known: Foresight | None = None,
+    close: Collection[str] = (),
+) -> Evaluation:
     """Score a design by its analytic budget, corrected by trials.
 
         score = ln(expected / arcsec) + correction(coordinates) + PENALTY sum(max(0, -margin))
@@ -146,9 +152,11 @@ def try_out(condition: Judged, trials: int, fidelity: Fidelity, runner: TrialRun
 
 
 def combined(
-    judged: Sequence[Judged], tried: Mapping[str, Rows], objective: Objective,
+    judged: Sequence[Judged],
+    tried: Mapping[str, Rows],
+    objective: Objective,
     foreseen: Mapping[str, Forecast],
-) -> float:  # fmt: skip
+) -> float:
     """The objective (radian) over the trials of all conditions that have a weight.
 
     foreseen  of each condition, whose budgets say how the level over units is from all trials
@@ -214,11 +222,16 @@ def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats, seed: i
 
 
 def foresee_all(
-    space: DesignSpace, campaign: Campaign, points: Sequence[Floats],
-    runner: TrialRunner | None = None, seed: int = 1, enough: float = math.inf,
-    most_excess: float = MOST_EXCESS, known: Mapping[str, Forecast] | None = None,
+    space: DesignSpace,
+    campaign: Campaign,
+    points: Sequence[Floats],
+    runner: TrialRunner | None = None,
+    seed: int = 1,
+    enough: float = math.inf,
+    most_excess: float = MOST_EXCESS,
+    known: Mapping[str, Forecast] | None = None,
     progress: Advance | None = None,
-) -> list[Foresight]:  # fmt: skip
+) -> list[Foresight]:
     """What is expected of several designs, each computed by a worker of a runner.
 
     A runner's ledger keeps them, so that none is computed again after an interruption.
@@ -231,9 +244,13 @@ def foresee_all(
     cases = [_built(space, coordinates) for coordinates in points]
     seed = runner.seed if runner else seed
     compute = partial(
-        _foreseen, campaign=campaign, seed=seed, enough=enough, most_excess=most_excess,
+        _foreseen,
+        campaign=campaign,
+        seed=seed,
+        enough=enough,
+        most_excess=most_excess,
         known=known or {},
-    )  # fmt: skip
+    )
     if runner is None:
         return [compute(case) for case in cases]
     limits = enough, most_excess
@@ -258,9 +275,13 @@ def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
 
 
 def _foreseen(
-    case: Case | None, campaign: Campaign, seed: int, enough: float, most_excess: float,
+    case: Case | None,
+    campaign: Campaign,
+    seed: int,
+    enough: float,
+    most_excess: float,
     known: Mapping[str, Forecast],
-) -> Foresight:  # fmt: skip
+) -> Foresight:
     """What is expected of a design; nothing for None, and where it contradicts itself."""
     if case is None:
         return NOTHING

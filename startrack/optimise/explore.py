@@ -106,9 +106,13 @@ class Emulators:
         return np.asarray(score)
 
     def least(
-        self, starts: Floats, sigmas: float = 0.0, correction: Correction | None = None,
-        box: tuple[Floats, Floats] | None = None, allowed: Callable[[Floats], bool] | None = None,
-    ) -> tuple[Floats, float]:  # fmt: skip
+        self,
+        starts: Floats,
+        sigmas: float = 0.0,
+        correction: Correction | None = None,
+        box: tuple[Floats, Floats] | None = None,
+        allowed: Callable[[Floats], bool] | None = None,
+    ) -> tuple[Floats, float]:
         """The design of the least score, by nlopt's SLSQP (Kraft 1994) from some starts (m, d).
 
         correction  is added to the objective
@@ -152,9 +156,12 @@ class Emulators:
 
 
 def emulators(
-    points: Floats, values: Sequence[Foresight], scales: Mapping[str, Scale],
-    like: Emulators | None = None, beyond: float = BEYOND,
-) -> Emulators:  # fmt: skip
+    points: Floats,
+    values: Sequence[Foresight],
+    scales: Mapping[str, Scale],
+    like: Emulators | None = None,
+    beyond: float = BEYOND,
+) -> Emulators:
     """The emulators of some forecasts.
 
     scales   of the margins that are chances, by name
@@ -310,9 +317,13 @@ class Explorer:
             return False
         point = self.points[number]
         [self.raw[number]] = foresee_all(
-            self.space, self.campaign, [point], self.runner, self.seed,
+            self.space,
+            self.campaign,
+            [point],
+            self.runner,
+            self.seed,
             known=self.raw[number].conditions,
-        )  # fmt: skip
+        )
         self.values[number] = self._limited(point, self.raw[number])
         self._forget()
         return True
@@ -583,5 +594,8 @@ def landscape_of(explorer: Explorer, best: Floats) -> Landscape:
         tuple(tuple(point.tolist()) for point, _ in tried),
         tuple(value.expected for _, value in tried),
         tuple(not missed(value.margins) for _, value in tried),
-        max(0.0, explorer.score - explorer.lowest()), spans, explorer.prices(best), explorer.ending,
-    )  # fmt: skip
+        max(0.0, explorer.score - explorer.lowest()),
+        spans,
+        explorer.prices(best),
+        explorer.ending,
+    )

@@ -178,9 +178,12 @@ def _done(task: Task, objective: Objective, seed: int) -> Forecast | UnitBudgets
 
 
 def forecasts(
-    judged: Sequence[Judged], objective: Objective, runner: TrialRunner | None = None,
-    seed: int = 1, known: Mapping[str, Forecast] | None = None,
-) -> tuple[float, dict[str, Forecast]]:  # fmt: skip
+    judged: Sequence[Judged],
+    objective: Objective,
+    runner: TrialRunner | None = None,
+    seed: int = 1,
+    known: Mapping[str, Forecast] | None = None,
+) -> tuple[float, dict[str, Forecast]]:
     """The objective (radian) by the analytic budget, and what it expects of each condition.
 
     runner  whose workers compute the conditions and units; None: this process

@@ -145,10 +145,13 @@ class _Progress:
 
 
 def optimize(
-    case: design.Case, campaign: Campaign, runner: TrialRunner, watch: steps.Watch | None = None,
+    case: design.Case,
+    campaign: Campaign,
+    runner: TrialRunner,
+    watch: steps.Watch | None = None,
     watch_stage: Callable[[Stage], None] | None = None,
     adapt: Callable[[design.Case], design.Case] | None = None,
-) -> Optimum:  # fmt: skip
+) -> Optimum:
     """Forecast designs where they tell most, then run trials where they decide.
 
     The analytic budget of some designs over the space, and then of those that may be the best,
@@ -271,9 +274,13 @@ NO_DESIGN = "no design in the design space meets the requirements that need no t
 
 
 def _search(
-    spaces: Mapping[str, design.DesignSpace], campaign: Campaign, runner: TrialRunner,
-    tried: Sequence[Evaluation], record: steps.Watch, progress: _Progress,
-) -> tuple[str, Explorer | None]:  # fmt: skip
+    spaces: Mapping[str, design.DesignSpace],
+    campaign: Campaign,
+    runner: TrialRunner,
+    tried: Sequence[Evaluation],
+    record: steps.Watch,
+    progress: _Progress,
+) -> tuple[str, Explorer | None]:
     """Forecasts of all branches, then trials of the best of each of those that are close.
 
     tried, record  the evaluations so far, and what adds one
@@ -298,9 +305,13 @@ def _search(
 
 
 def _rounds(
-    explorer: Explorer, campaign: Campaign, runner: TrialRunner, record: steps.Watch,
-    judge: _Judge, count: int,
-) -> tuple[_Confirmed, str, int]:  # fmt: skip
+    explorer: Explorer,
+    campaign: Campaign,
+    runner: TrialRunner,
+    record: steps.Watch,
+    judge: _Judge,
+    count: int,
+) -> tuple[_Confirmed, str, int]:
     """Search, and judge the best design on fresh trials, until one meets all limits there.
 
     What the fresh trials of a round show corrects the forecasts of the next, which has fresh trials
@@ -340,9 +351,11 @@ def _rounds(
 
 
 def _may_be_better(
-    explorer: Explorer, tried: Sequence[Evaluation], met: Sequence[_Confirmed],
+    explorer: Explorer,
+    tried: Sequence[Evaluation],
+    met: Sequence[_Confirmed],
     point: tuple[float, ...],
-) -> bool:  # fmt: skip
+) -> bool:
     """Whether a design may meet all limits, with a smaller error than all that were shown to."""
     score = steps.corrected_score(explorer, tried)
     least = min(score(result.design.coordinates) for result in met)
@@ -411,9 +424,13 @@ class _Judge:
 
 
 def _shown(
-    judged: Sequence[design.Judged], campaign: Campaign, runner: TrialRunner,
-    frames: Mapping[str, Rows], fresh: FreshTrials, watch: Advance | None,
-) -> _Shown:  # fmt: skip
+    judged: Sequence[design.Judged],
+    campaign: Campaign,
+    runner: TrialRunner,
+    frames: Mapping[str, Rows],
+    fresh: FreshTrials,
+    watch: Advance | None,
+) -> _Shown:
     """What fresh trials show of a design in all its conditions."""
     shown = _Shown({}, {}, {}, Interval(math.nan, 0.0, 1.0))
     objective = design.Objective.read(campaign.objective)
@@ -437,9 +454,12 @@ def _shown(
 
 
 def _fresh_frames(
-    judged: Sequence[design.Judged], campaign: Campaign, runner: TrialRunner, fresh: FreshTrials,
+    judged: Sequence[design.Judged],
+    campaign: Campaign,
+    runner: TrialRunner,
+    fresh: FreshTrials,
     watch: Advance | None,
-) -> dict[str, Rows]:  # fmt: skip
+) -> dict[str, Rows]:
     """Outcomes on frames that no tuning used, in each condition that has a weight."""
     frame = design.Fidelity.FRAME
     weighted = (condition for condition in judged if condition.weight)
@@ -450,9 +470,13 @@ def _fresh_frames(
 
 
 def _fresh(
-    judged: design.Judged, campaign: Campaign, runner: TrialRunner, fidelity: design.Fidelity,
-    fresh: FreshTrials, watch: Advance | None,
-) -> Rows:  # fmt: skip
+    judged: design.Judged,
+    campaign: Campaign,
+    runner: TrialRunner,
+    fidelity: design.Fidelity,
+    fresh: FreshTrials,
+    watch: Advance | None,
+) -> Rows:
     """Outcomes of trials that no tuning used, none where the design cannot be built."""
     try:
         if judged.units is not None:

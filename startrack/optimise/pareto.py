@@ -63,9 +63,14 @@ class Point:
 
 
 def front(
-    space: DesignSpace, campaign: Campaign, goals: Goals, runner: TrialRunner, points: int = 7,
-    method: str = "epsilon", watch: Callable[[Stage], None] | None = None,
-) -> list[Point]:  # fmt: skip
+    space: DesignSpace,
+    campaign: Campaign,
+    goals: Goals,
+    runner: TrialRunner,
+    points: int = 7,
+    method: str = "epsilon",
+    watch: Callable[[Stage], None] | None = None,
+) -> list[Point]:
     """Pareto front of both goals by the analytic budget; trials then measure each point.
 
     epsilon:   least first goal while the second is at most e, for e between the two extremes
@@ -151,9 +156,14 @@ class _Search:
     """
 
     def __init__(
-        self, space: DesignSpace, campaign: Campaign, goals: Goals, runner: TrialRunner,
-        start: Floats, tell: Callable[[Explorer], None],
-    ) -> None:  # fmt: skip
+        self,
+        space: DesignSpace,
+        campaign: Campaign,
+        goals: Goals,
+        runner: TrialRunner,
+        start: Floats,
+        tell: Callable[[Explorer], None],
+    ) -> None:
         self._space, self._goals, self._runner = space, (goals.first, goals.second), runner
         errors = [goal for goal in self._goals if goal not in UNITS]
         self._campaign = replace(campaign, objective=(errors or [campaign.objective])[0])
@@ -244,9 +254,13 @@ class _Search:
 
 
 def _measured(
-    space: DesignSpace, campaign: Campaign, goals: Goals, runner: TrialRunner,
-    coordinates: Floats, expected: Floats,
-) -> Point:  # fmt: skip
+    space: DesignSpace,
+    campaign: Campaign,
+    goals: Goals,
+    runner: TrialRunner,
+    coordinates: Floats,
+    expected: Floats,
+) -> Point:
     judged = campaign.judged(space.design(coordinates))
     tried = {
         condition.name: fresh_units(condition, campaign, runner, condition.units.count)
@@ -268,9 +282,12 @@ def _measured(
 
 
 def _interval(
-    judged: Sequence[Judged], tried: Mapping[str, Rows], objective: Objective, campaign: Campaign,
+    judged: Sequence[Judged],
+    tried: Mapping[str, Rows],
+    objective: Objective,
+    campaign: Campaign,
     runner: TrialRunner,
-) -> Interval:  # fmt: skip
+) -> Interval:
     """Arcsec, the objective over trials, or its level over units, in conditions of a weight."""
     counted = [condition for condition in judged if condition.name in tried]
     if campaign.units is not None:

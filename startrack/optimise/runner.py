@@ -36,9 +36,12 @@ class TrialRunner:
     """
 
     def __init__(
-        self, seed: int, executor: Executor | None = None, workers: int = 1,
+        self,
+        seed: int,
+        executor: Executor | None = None,
+        workers: int = 1,
         ledger: Ledger | None = None,
-    ):  # fmt: skip
+    ):
         self.seed, self.workers, self.ledger = seed, workers, ledger or Ledger()
         self._asked = dict[bytes, tuple[Fidelity, int]]()
         self._recalled = dict[Any, Any]()
@@ -56,9 +59,14 @@ class TrialRunner:
         return tried
 
     def run(
-        self, case: Case, trials: int, fidelity: Fidelity = Fidelity.FRAME, first: int = 0,
-        progress: Advance | None = None, units: Units | None = None,
-    ) -> Rows:  # fmt: skip
+        self,
+        case: Case,
+        trials: int,
+        fidelity: Fidelity = Fidelity.FRAME,
+        first: int = 0,
+        progress: Advance | None = None,
+        units: Units | None = None,
+    ) -> Rows:
         """The outcomes of trials first ... first + trials - 1 of a design.
 
         units     how these go over its units; None: all are of the unit as designed
@@ -76,9 +84,16 @@ class TrialRunner:
             return stored[:trials]
         try:
             new = run(
-                case, lacking, self.seed, self._executor, first + len(stored), self.workers,
-                progress, fidelity, units,
-            )  # fmt: skip
+                case,
+                lacking,
+                self.seed,
+                self._executor,
+                first + len(stored),
+                self.workers,
+                progress,
+                fidelity,
+                units,
+            )
         except Refused as error:
             if error.lasting:
                 self.ledger.keep_note(REFUSED, key, str(error))

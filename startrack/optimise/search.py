@@ -117,9 +117,11 @@ class Found:
 
 
 def least(
-    score: Callable[[Floats], float], start: Floats, search: Search,
+    score: Callable[[Floats], float],
+    start: Floats,
+    search: Search,
     enough: Callable[[], str] | None = None,
-) -> Found:  # fmt: skip
+) -> Found:
     """Search the unit cube from a start, and return the best point that was evaluated.
 
     Around nlopt: `score` gets a copy of each point; a score that is not finite counts as refused;
@@ -175,9 +177,12 @@ def _by_code(watch: _Watch, start: Floats, search: Search) -> str:
 
 
 def least_of_all(
-    score: Callable[[Floats], float], start: Floats, wide: int, near: int,
+    score: Callable[[Floats], float],
+    start: Floats,
+    wide: int,
+    near: int,
     enough: Callable[[], str] | None = None,
-) -> Found:  # fmt: skip
+) -> Found:
     """Search the whole cube by DIRECT, then by Sbplx around the better of its best and the start.
 
     wide, near  evaluations of each search
@@ -198,9 +203,11 @@ SMOOTH_SHORT = 1e-6  # by which it may miss a limit
 
 
 def least_smooth(
-    score: Callable[[Floats, Floats], float], limits: Sequence[Callable[[Floats, Floats], float]],
-    start: Floats, bounds: tuple[Floats, Floats],
-) -> Floats:  # fmt: skip
+    score: Callable[[Floats, Floats], float],
+    limits: Sequence[Callable[[Floats, Floats], float]],
+    start: Floats,
+    bounds: tuple[Floats, Floats],
+) -> Floats:
     """Search the least of a smooth function under smooth limits, by nlopt's SLSQP (Kraft 1994).
 
     score    of a point (d,); writes its gradient to its second argument, unless that is empty
@@ -229,9 +236,12 @@ class _Watch:
     """The objective function for nlopt, which keeps the score of each point."""
 
     def __init__(
-        self, score: Callable[[Floats], float], start: Floats, most: int,
+        self,
+        score: Callable[[Floats], float],
+        start: Floats,
+        most: int,
         enough: Callable[[], str] | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.seen = dict[bytes, float]()
         self.coordinates, self.best = np.array(start, float), math.inf
         self._score, self._most, self._enough = score, most, enough

@@ -44,9 +44,12 @@ class Sensitivity:
 
 
 def sensitivities(
-    space: DesignSpace, campaign: Campaign, runner: TrialRunner, designs: int = DESIGNS,
+    space: DesignSpace,
+    campaign: Campaign,
+    runner: TrialRunner,
+    designs: int = DESIGNS,
     progress: Advance | None = None,
-) -> list[Sensitivity]:  # fmt: skip
+) -> list[Sensitivity]:
     """Derivatives at the design, excursions to the bounds, and Sobol indices over the space.
 
     All by the analytic budget, which has no noise. The indices are of ln(error), as an error over
@@ -93,9 +96,12 @@ def sensitivities(
 
 
 def _log_errors(
-    space: DesignSpace, campaign: Campaign, points: Sequence[Floats], runner: TrialRunner,
+    space: DesignSpace,
+    campaign: Campaign,
+    points: Sequence[Floats],
+    runner: TrialRunner,
     progress: Advance | None = None,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """ln(error / arcsec) of designs, whatever they cost; NaN where no attitude is expected."""
     limits = -math.inf, math.inf  # in conditions with a weight alone
     seen = foresee_all(space, campaign, points, runner, runner.seed, *limits, progress=progress)

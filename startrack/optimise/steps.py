@@ -77,9 +77,10 @@ def _run(left: dict[str, Explorer], most: int) -> dict[str, Explorer]:
                 branch.ending = "all analytic evaluations were used"
         least = min(branch.score for branch in left.values())
         left = {
-            label: branch for label, branch in left.items()
+            label: branch
+            for label, branch in left.items()
             if branch.score <= least + RIVAL or (not branch.ending and branch.lowest() <= least)
-        }  # fmt: skip
+        }
     return left
 
 
@@ -153,9 +154,13 @@ Watch = Callable[[Evaluation], None]
 
 
 def refine(
-    explorer: Explorer, campaign: Campaign, runner: TrialRunner, watch: Watch,
-    before: Sequence[Evaluation] = (), shown: Sequence[Shown] = (),
-) -> tuple[list[Evaluation], str]:  # fmt: skip
+    explorer: Explorer,
+    campaign: Campaign,
+    runner: TrialRunner,
+    watch: Watch,
+    before: Sequence[Evaluation] = (),
+    shown: Sequence[Shown] = (),
+) -> tuple[list[Evaluation], str]:
     """Trials of the designs that may be the best, until they move the best no more.
 
     Trials correct the budget over the space, and each margin that they decide in the conditions
@@ -274,9 +279,13 @@ def limits_of(case: Case, campaign: Campaign) -> dict[str, Limit]:
 
 
 def _tried(
-    explorer: Explorer, campaign: Campaign, point: Floats, runner: TrialRunner, trials: int | None,
+    explorer: Explorer,
+    campaign: Campaign,
+    point: Floats,
+    runner: TrialRunner,
+    trials: int | None,
     correction: Correction | None = None,
-) -> Evaluation:  # fmt: skip
+) -> Evaluation:
     """A design by trials, with the forecast that is known of it."""
     known, close = explorer.forecast_of(point), explorer.close(point)
     return evaluate(
@@ -380,9 +389,12 @@ def _tails(condition: Judged, part: float = 1.0) -> tuple[float, float]:
 
 
 def confirm_requirements(
-    condition: Judged, campaign: Campaign, runner: TrialRunner, outcomes: Rows,
+    condition: Judged,
+    campaign: Campaign,
+    runner: TrialRunner,
+    outcomes: Rows,
     fresh: FreshTrials = FIRST_ROUND,
-) -> dict[str, Confirmed]:  # fmt: skip
+) -> dict[str, Confirmed]:
     """The errors that are limited, and the availability, with bounds for their requirements.
 
     While a requirement is undecided, the trials are doubled, up to three times, with the campaign's

@@ -28,16 +28,29 @@ def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
     """Write all evaluated designs; variables in SI, errors in arcsecond."""
     margins = list(dict.fromkeys(name for evaluation in evaluations for name in evaluation.margins))
     variables = list(evaluations[0].values)
-    head = ["evaluation", *variables, "across_rms_arcsec", "about_rms_arcsec", "availability",
-            *(f"margin {name}" for name in margins), "score", "feasible", "note"]  # fmt: skip
+    head = [
+        "evaluation",
+        *variables,
+        "across_rms_arcsec",
+        "about_rms_arcsec",
+        "availability",
+        *(f"margin {name}" for name in margins),
+        "score",
+        "feasible",
+        "note",
+    ]
     rows = (
         [
-            number, *evaluation.values.values(), *_errors(evaluation),
+            number,
+            *evaluation.values.values(),
+            *_errors(evaluation),
             *(evaluation.margins.get(name, math.nan) for name in margins),
-            evaluation.score, evaluation.feasible, evaluation.note,
+            evaluation.score,
+            evaluation.feasible,
+            evaluation.note,
         ]
         for number, evaluation in enumerate(evaluations)
-    )  # fmt: skip
+    )
     save_csv(path, head, rows)
 
 
@@ -204,9 +217,12 @@ def _units_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
 def units_values(units: ComparedUnits) -> dict[str, Any]:
     """Start and best over fresh units, for JSON; yields as of other commands."""
     values: dict[str, Any] = {
-        "fraction": units.over.fraction, "age_years": units.over.age / YEAR, "count": units.count,
-        "trials_each": units.trials, "predicted_level_arcsec": units.predicted / arcsec,
-    }  # fmt: skip
+        "fraction": units.over.fraction,
+        "age_years": units.over.age / YEAR,
+        "count": units.count,
+        "trials_each": units.trials,
+        "predicted_level_arcsec": units.predicted / arcsec,
+    }
     for name, level in (("start", units.start), ("best", units.best)):
         yields = [
             {
@@ -250,8 +266,11 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     sentences += caveats(optimum.best, budget.left_out)
     if optimum.units or not best.differs:
         return sentences
-    return [*sentences, "noise only: the units of the designs are taken for perfect ones on their "
-            "first day (campaign.units)"]  # fmt: skip
+    return [
+        *sentences,
+        "noise only: the units of the designs are taken for perfect ones on their "
+        "first day (campaign.units)",
+    ]
 
 
 SHARP = 3.0  # times the error in its own condition, above which a design is sharp; chosen by hand
@@ -280,12 +299,17 @@ def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
     points = np.quantile(tolerance.samples, FRACTIONS, axis=0)
     rows = [tolerance.space.values(coordinates) for coordinates in points]
     return {
-        "limit_arcsec": tolerance.limit / arcsec, "quantiles": list(FRACTIONS),
+        "limit_arcsec": tolerance.limit / arcsec,
+        "quantiles": list(FRACTIONS),
         "values_si": {name: [row[name] for row in rows] for name in names},
-        "surface_error": tolerance.surface_error, "check_error": tolerance.check_error,
-        "checks": tolerance.checks, "promised": tolerance.expected, "kept": tolerance.kept,
-        **chain_values(tolerance.chains), "designs": tolerance.designs,
-    }  # fmt: skip
+        "surface_error": tolerance.surface_error,
+        "check_error": tolerance.check_error,
+        "checks": tolerance.checks,
+        "promised": tolerance.expected,
+        "kept": tolerance.kept,
+        **chain_values(tolerance.chains),
+        "designs": tolerance.designs,
+    }
 
 
 def chain_values(chains: Chains) -> dict[str, Any]:

@@ -162,11 +162,17 @@ def sample(
     difference = surface(at)[:, 0] - truth[:, 0] if len(at) else np.array([np.nan])
     kept = (truth[:, 0] <= limit) & (truth[:, 1:] >= 0).all(axis=1)
     return Tolerance(
-        space, replace(chains, samples=low + (high - low) * (chains.samples + 1) / 2),
-        math.exp(limit), float(surface.error[0]), float(np.sqrt(np.mean(difference**2))),
-        float(np.exp(log_probability(picks)).mean()), float(kept.sum() / len(picks)), len(at),
-        centre, designs_needed(d),
-    )  # fmt: skip
+        space,
+        replace(chains, samples=low + (high - low) * (chains.samples + 1) / 2),
+        math.exp(limit),
+        float(surface.error[0]),
+        float(np.sqrt(np.mean(difference**2))),
+        float(np.exp(log_probability(picks)).mean()),
+        float(kept.sum() / len(picks)),
+        len(at),
+        centre,
+        designs_needed(d),
+    )
 
 
 def _shift(centre: Evaluation, foresight: Foresight) -> Floats:

@@ -29,9 +29,13 @@ def how(units: OverUnits, campaign: Campaign) -> Units:
 
 
 def fresh_units(
-    condition: Judged, campaign: Campaign, runner: TrialRunner, count: int | None = None,
-    first: int = FRESH_UNIT, watch: Advance | None = None,
-) -> Rows:  # fmt: skip
+    condition: Judged,
+    campaign: Campaign,
+    runner: TrialRunner,
+    count: int | None = None,
+    first: int = FRESH_UNIT,
+    watch: Advance | None = None,
+) -> Rows:
     """The outcomes of trials of units that no tuning used, in the campaign's fidelity.
 
     condition  which is judged over units
@@ -115,9 +119,12 @@ class ComparedUnits:
 
 
 def compare_units(
-    campaign: Campaign, start: tuple[Sequence[Judged], Sequence[Rows]],
-    best: tuple[Sequence[Judged], Sequence[Rows]], predicted: float, runner: TrialRunner,
-) -> ComparedUnits | None:  # fmt: skip
+    campaign: Campaign,
+    start: tuple[Sequence[Judged], Sequence[Rows]],
+    best: tuple[Sequence[Judged], Sequence[Rows]],
+    predicted: float,
+    runner: TrialRunner,
+) -> ComparedUnits | None:
     """Start and best by their fresh units, in the conditions that have a weight; the own one first.
 
     Intervals of levels are bootstrap percentiles over units, the same ones of both designs; those
@@ -144,9 +151,16 @@ def compare_units(
         )
         yields.append(UnitYield(limit, *(yield_of(limit, error) for error in errors)))
     return ComparedUnits(
-        over, n, campaign.trials_per_unit, interval_of(before), interval_of(after), predicted,
-        tuple(yields), interval_of(before / after), interval_of(after / predicted),
-    )  # fmt: skip
+        over,
+        n,
+        campaign.trials_per_unit,
+        interval_of(before),
+        interval_of(after),
+        predicted,
+        tuple(yields),
+        interval_of(before / after),
+        interval_of(after / predicted),
+    )
 
 
 class MeasuredUnits(NamedTuple):
@@ -167,9 +181,12 @@ class MeasuredUnits(NamedTuple):
 
 
 def level_interval_of_units(
-    objective: Objective, judged: Sequence[Judged], outcomes: Sequence[Rows], campaign: Campaign,
+    objective: Objective,
+    judged: Sequence[Judged],
+    outcomes: Sequence[Rows],
+    campaign: Campaign,
     runner: TrialRunner,
-) -> Interval:  # fmt: skip
+) -> Interval:
     """The level over units, radian, as a geometric mean over conditions, with its interval.
 
     judged, outcomes  conditions, and the outcomes of the fresh units in each
@@ -197,9 +214,12 @@ def likely_errors(
 
 
 def _measured(
-    objective: Objective, judged: Sequence[Judged], outcomes: Sequence[Rows], campaign: Campaign,
+    objective: Objective,
+    judged: Sequence[Judged],
+    outcomes: Sequence[Rows],
+    campaign: Campaign,
     runner: TrialRunner,
-) -> list[MeasuredUnits]:  # fmt: skip
+) -> list[MeasuredUnits]:
     return [
         MeasuredUnits(
             errors_of(objective, rows, condition.units, campaign),

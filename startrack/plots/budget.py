@@ -41,9 +41,13 @@ PARTS = (8, 6, 4, 3, 2)  # along a side of the field
 
 @style.styled
 def draw_budget(
-    path: Path | None, expected: Budget[Any], by_trials: Budget[Any] | None, title: str,
-    required: Sequence[Accuracy] = (), units: UnitBudgets | None = None,
-) -> Figure:  # fmt: skip
+    path: Path | None,
+    expected: Budget[Any],
+    by_trials: Budget[Any] | None,
+    title: str,
+    required: Sequence[Accuracy] = (),
+    units: UnitBudgets | None = None,
+) -> Figure:
     """A bar for each cause, from zero; measured values as points with their 95 % intervals.
 
     required  limits on the error; those of other statistics than the rms per axis are named only
@@ -98,9 +102,12 @@ def _of_units(units: UnitBudgets) -> dict[str, _OfUnits]:
 
 
 def _bars(
-    axes: Axes, order: list[str], names: Mapping[str, Line[Any] | _OfUnits],
-    beside: Mapping[str, Line[Any]], kind: str,
-) -> list[float]:  # fmt: skip
+    axes: Axes,
+    order: list[str],
+    names: Mapping[str, Line[Any] | _OfUnits],
+    beside: Mapping[str, Line[Any]],
+    kind: str,
+) -> list[float]:
     """The bars of a panel; returns the largest value of each, arcsec."""
     ends = []
     for k, name in enumerate(order):
@@ -113,10 +120,18 @@ def _bars(
         if other:
             value, low, high = _measured(other, kind)
             axes.errorbar(
-                value, k, xerr=[[value - low], [high - value]], fmt="D", ms=4.5, color=style.BLACK,
-                mfc="white", ecolor="0.35", elinewidth=1.5, zorder=4,
+                value,
+                k,
+                xerr=[[value - low], [high - value]],
+                fmt="D",
+                ms=4.5,
+                color=style.BLACK,
+                mfc="white",
+                ecolor="0.35",
+                elinewidth=1.5,
+                zorder=4,
                 label="measured, 95 % interval",
-            )  # fmt: skip
+            )
             texts.append(f"measured {style.number(value)}")
             end = max(end, high)
         ends.append(end)
@@ -198,8 +213,9 @@ def draw_sky(path: Path | None, survey: Survey, case: Case, title: str) -> Figur
             text.set(color="white", path_effects=[style.outline("black")])
         axes.set_axisbelow(False)  # numbers and lines over the map
         axes.grid(alpha=0.35)
-        style.colour_bar(shown, axes, values, label, orientation="horizontal", shrink=0.7,
-                         aspect=32, pad=0.03)  # fmt: skip
+        style.colour_bar(
+            shown, axes, values, label, orientation="horizontal", shrink=0.7, aspect=32, pad=0.03
+        )
         style.panel_title(axes, _worst(axes, survey, values, least=k == 0 and not full))
     return style.save_picture(path, figure)
 
@@ -246,15 +262,23 @@ def _over_rate(axes: Axes, curves: ErrorCurves, case: Case) -> None:
     rates = curve.rate[:: curves.steps]
     shown = curve.rate / deg
     for line, name, colour in (("-", "across", style.BLUE), ("--", "about", style.RED)):
-        axes.plot(shown, getattr(curve, name) / arcsec, line, color=colour,
-                  label=f"{name}, analytic")  # fmt: skip
+        axes.plot(
+            shown, getattr(curve, name) / arcsec, line, color=colour, label=f"{name}, analytic"
+        )
     for marker, name, colour in (("o", "across", style.BLUE), ("s", "about", style.RED)):
         rms = [getattr(checked.summary, name) for _, checked in tried]
         trials = f"{tried[0][1].summary.trials} trials" if tried else "no trial"
         style.draw_intervals(
-            axes, [rate / deg for rate, _ in tried], rms, arcsec, fmt=marker, ms=5, mfc="white",
-            color=colour, label=f"{name}, {trials} each, 95 %",
-        )  # fmt: skip
+            axes,
+            [rate / deg for rate, _ in tried],
+            rms,
+            arcsec,
+            fmt=marker,
+            ms=5,
+            mfc="white",
+            color=colour,
+            label=f"{name}, {trials} each, 95 %",
+        )
     below = [
         f"{checked.summary.availability.value:.0%} at {style.number(rate / deg)}"
         for rate, checked in tried
@@ -266,8 +290,13 @@ def _over_rate(axes: Axes, curves: ErrorCurves, case: Case) -> None:
     centroid = case.tracker.detection.centroid
     changes = centroid != "likelihood" and not is_code(centroid)
     if curve.rate[0] < streaks < curve.rate[-1] and changes:
-        axes.axvline(streaks / deg, color=style.GREY, ls="-.", lw=1.2,
-                     label="from here streaks are fitted (likelihood)")  # fmt: skip
+        axes.axvline(
+            streaks / deg,
+            color=style.GREY,
+            ls="-.",
+            lw=1.2,
+            label="from here streaks are fitted (likelihood)",
+        )
     axes.set_xscale("symlog", linthresh=max(rates[1] / deg, 1e-9))
     axes.set(yscale="log", xlim=(-0.2 * shown[1], 1.15 * shown[-1]))
     axes.set_xticks(rates / deg, [style.number(rate) for rate in rates / deg])
@@ -286,14 +315,22 @@ def _shade_rates(axes: Axes, curve: Curve) -> None:
     shown = curve.rate / deg
     few = np.flatnonzero(curve.available < AVAILABLE)
     if len(few):
-        axes.axvline(shown[few[0]], color=style.GREY, ls=":", lw=1.5,
-                     label="from here less than 99 % of the sky, analytic")  # fmt: skip
+        axes.axvline(
+            shown[few[0]],
+            color=style.GREY,
+            ls=":",
+            lw=1.5,
+            label="from here less than 99 % of the sky, analytic",
+        )
     first = curve.first_left_out
     if first is not None:
         axes.axvspan(
-            shown[first], 1.15 * shown[-1], color="0.9", zorder=0,
+            shown[first],
+            1.15 * shown[-1],
+            color="0.9",
+            zorder=0,
             label=fill(f"shaded: analytic without {curve.new_left_out}", style.LETTERS // 2),
-        )  # fmt: skip
+        )
 
 
 def _over_magnitude(
@@ -316,9 +353,16 @@ def _over_magnitude(
             sizes.append(quantile_interval(np.abs(mine).ravel(), 0.5))
     if sizes:
         style.draw_intervals(
-            axes, at, sizes, MEDIAN, fmt="o", ms=4.5, mfc="white", color=style.BLACK,
+            axes,
+            at,
+            sizes,
+            MEDIAN,
+            fmt="o",
+            ms=4.5,
+            mfc="white",
+            color=style.BLACK,
             label="trials: median / 0.6745, 95 %",
-        )  # fmt: skip
+        )
     axes.set(
         yscale="log", xlabel="magnitude G of a solar-type star", ylabel="error (pixel per axis)"
     )

@@ -15,8 +15,13 @@ from startrack.plots import style
 SKY_COLOUR = "#c8d8e8"
 BRIGHTEST = 0.998  # of the pixels have a colour of their own
 FLAGS = (
-    style.RED, style.BLUE, style.ORANGE, style.PURPLE, style.SKY, style.GREEN,
-)  # of quality, after that of no data  # fmt: skip
+    style.RED,
+    style.BLUE,
+    style.ORANGE,
+    style.PURPLE,
+    style.SKY,
+    style.GREEN,
+)  # of quality, after that of no data
 BELOW: Any = {"orientation": "horizontal", "aspect": 22}  # the scale of colours
 BETWEEN = (0.01, 0.99)  # of the pixels, the image's contrast
 
@@ -60,9 +65,13 @@ def draw_picture(
 
 @style.styled
 def draw_product(
-    path: Path, layers: Mapping[str, Floats], units: Mapping[str, str], quality: NDArray[np.uint8],
-    names: Mapping[str, int], title: str,
-) -> None:  # fmt: skip
+    path: Path,
+    layers: Mapping[str, Floats],
+    units: Mapping[str, str],
+    quality: NDArray[np.uint8],
+    names: Mapping[str, int],
+    title: str,
+) -> None:
     """Write the layers of a product on its map, and the quality of its cells.
 
     layers   (rows, columns) each; NaN where there is nothing

@@ -56,14 +56,23 @@ def _across(axes: Axes, x: Floats, y: Floats, rms: Interval) -> None:
         far = np.stack([x[~inside], y[~inside]])
         # On the edge, in their direction.
         axes.plot(
-            *(far * limit / np.abs(far).max(axis=0)), "X", ms=6, color=style.RED, clip_on=False,
+            *(far * limit / np.abs(far).max(axis=0)),
+            "X",
+            ms=6,
+            color=style.RED,
+            clip_on=False,
             zorder=5,
             label=f"{(~inside).sum()} beyond the axes, to {style.number(float(size.max()))} arcsec",
-        )  # fmt: skip
+        )
     turn = np.linspace(0, 2 * np.pi, 200)
     radius = rms.value / arcsec
-    axes.plot(radius * np.cos(turn), radius * np.sin(turn), color="k", lw=1.2,
-              label=f"rms per axis {_interval_text(rms)}")  # fmt: skip
+    axes.plot(
+        radius * np.cos(turn),
+        radius * np.sin(turn),
+        color="k",
+        lw=1.2,
+        label=f"rms per axis {_interval_text(rms)}",
+    )
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit))
     style.legend_below(axes, 1)
 
@@ -84,13 +93,24 @@ def _about(axes: Axes, z: Floats, rms: Interval) -> None:
         for side in (-1, 1):
             if many := int((side * z > limit).sum()):
                 axes.annotate(
-                    f"{many} beyond", (side * limit, 0), (0, 4), textcoords="offset points",
-                    rotation=90, color=style.RED, fontsize=8.5, va="bottom",
+                    f"{many} beyond",
+                    (side * limit, 0),
+                    (0, 4),
+                    textcoords="offset points",
+                    rotation=90,
+                    color=style.RED,
+                    fontsize=8.5,
+                    va="bottom",
                     ha="right" if side > 0 else "left",
-                )  # fmt: skip
+                )
         largest = style.number(float(np.abs(z).max()))
-        axes.plot([], [], "X", color=style.RED,
-                  label=f"{(~inside).sum()} beyond the axis, to {largest} arcsec")  # fmt: skip
+        axes.plot(
+            [],
+            [],
+            "X",
+            color=style.RED,
+            label=f"{(~inside).sum()} beyond the axis, to {largest} arcsec",
+        )
     axes.set_xlim(-limit, limit)
     style.legend_below(axes, 1)
 
@@ -128,8 +148,14 @@ def draw_sequence(path: Path | None, table: Rows, title: str) -> Figure:
     for mode, (colour, marker) in MODES.items():
         here = table["mode"] == mode
         if here.any():
-            rate.plot(time[here], table["rate"][here] / deg, marker, ms=4, color=colour,
-                      label=f"{mode.name.lower()} ({here.sum()} frames)")  # fmt: skip
+            rate.plot(
+                time[here],
+                table["rate"][here] / deg,
+                marker,
+                ms=4,
+                color=colour,
+                label=f"{mode.name.lower()} ({here.sum()} frames)",
+            )
     rate.set(ylabel="rate (deg/s)")
     rate.set_ylim(0, 1.15 * max(float(table["rate"].max() / deg), 1e-6))
     style.legend_below(rate, 2, labels=False)
@@ -150,8 +176,15 @@ def _over_time(axes: Axes, table: Rows, axis: str, label: str) -> None:
     time = table["time"]
     filtered, sigma = (table[name + axis] / arcsec for name in ("filtered_", "filtered_sigma_"))
     alone, wrong = table[f"error_{axis}"] / arcsec, table["false"]
-    axes.fill_between(time, -3 * sigma, 3 * sigma, color=style.BLUE, alpha=0.15, lw=0,
-                      label="3 sigma that the filter states")  # fmt: skip
+    axes.fill_between(
+        time,
+        -3 * sigma,
+        3 * sigma,
+        color=style.BLUE,
+        alpha=0.15,
+        lw=0,
+        label="3 sigma that the filter states",
+    )
     axes.plot(time, filtered, "-", lw=1.3, color=style.BLUE, label="filter")
     axes.plot(time[~wrong], alone[~wrong], ".", ms=5, color=style.RED, label="frame alone")
     if wrong.any():
@@ -181,11 +214,23 @@ def _alignment(axes: Axes, table: Rows) -> None:
     worst = np.zeros(len(table))
     colours = style.BLUE, style.ORANGE, style.GREEN
     for (axis, label), colour in zip(AXES.items(), colours, strict=True):
-        axes.plot(table["time"], table[f"alignment_{axis}"] / arcsec, lw=1.3, color=colour,
-                  label=f"error of its alignment {label}")  # fmt: skip
+        axes.plot(
+            table["time"],
+            table[f"alignment_{axis}"] / arcsec,
+            lw=1.3,
+            color=colour,
+            label=f"error of its alignment {label}",
+        )
         worst = np.fmax(worst, 3 * table[f"alignment_sigma_{axis}"] / arcsec)
-    axes.fill_between(table["time"], -worst, worst, color=style.GREY, alpha=0.15, lw=0,
-                      label="3 sigma of the least known axis")  # fmt: skip
+    axes.fill_between(
+        table["time"],
+        -worst,
+        worst,
+        color=style.GREY,
+        alpha=0.15,
+        lw=0,
+        label="3 sigma of the least known axis",
+    )
     axes.set_ylabel(f"alignment, head {int(table['head'][0]) + 1} (arcsec)")
     axes.axhline(0, color=style.GREY, lw=0.5)
 

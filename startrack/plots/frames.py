@@ -54,10 +54,14 @@ PROPER_NAMES = {
 
 @style.styled
 def draw_frame(
-    path: Path | None, frame: Frame, title: str = "", camera: Camera | None = None,
-    icrs_to_camera: Rotation | None = None, stars: Stars | None = None,
+    path: Path | None,
+    frame: Frame,
+    title: str = "",
+    camera: Camera | None = None,
+    icrs_to_camera: Rotation | None = None,
+    stars: Stars | None = None,
     saturation: float | None = None,
-) -> Figure:  # fmt: skip
+) -> Figure:
     """The image with a non-linear scale that shows faint stars.
 
     camera, icrs_to_camera, stars  for north, scale and names of bright stars, where known
@@ -89,9 +93,15 @@ def draw_spots(path: Path | None, frame: Frame, spots: Spots, title: str) -> Fig
 
 @style.styled
 def draw_solution(
-    path: Path | None, frame: Frame, spots: Spots, matches: Matches,
-    icrs_to_camera: Rotation | None, stars: Stars, title: str, saturation: float | None = None,
-) -> Figure:  # fmt: skip
+    path: Path | None,
+    frame: Frame,
+    spots: Spots,
+    matches: Matches,
+    icrs_to_camera: Rotation | None,
+    stars: Stars,
+    title: str,
+    saturation: float | None = None,
+) -> Figure:
     """The image with its spots, matched and not, and stars of the catalogue.
 
     saturation  digital number from which on pixels are saturated
@@ -104,16 +114,25 @@ def draw_solution(
         (~matched, style.ORANGE, "s", "spot, not matched"),
     ):
         axes.scatter(
-            spots.x[chosen], spots.y[chosen], edgecolors=colour, marker=marker,
-            label=f"{label} ({chosen.sum()})", **RINGS,
-        )  # fmt: skip
+            spots.x[chosen],
+            spots.y[chosen],
+            edgecolors=colour,
+            marker=marker,
+            label=f"{label} ({chosen.sum()})",
+            **RINGS,
+        )
     if icrs_to_camera is not None:
         most = 2 * len(spots) + 10
         pixel, bright = _predicted(matches.camera, icrs_to_camera, stars, most)
         axes.scatter(
-            pixel[:, 0], pixel[:, 1], marker=CROSS, s=130, c=style.YELLOW, linewidths=1.0,
+            pixel[:, 0],
+            pixel[:, 1],
+            marker=CROSS,
+            s=130,
+            c=style.YELLOW,
+            linewidths=1.0,
             label=f"catalogue star (brightest {len(pixel)})",
-        )  # fmt: skip
+        )
         _name(axes, matches.camera, pixel, bright)
         _compass(axes, matches.camera, icrs_to_camera)
     style.legend_below(axes)
@@ -139,15 +158,23 @@ def _image(frame: Frame, title: str, saturation: float | None = None) -> tuple[F
     if shown.saturated:
         axes.imshow(
             np.where(shown.image >= shown.saturation, 1.0, np.nan),
-            cmap=ListedColormap([style.RED]), extent=drawn.get_extent(), interpolation="nearest",
-        )  # fmt: skip
+            cmap=ListedColormap([style.RED]),
+            extent=drawn.get_extent(),
+            interpolation="nearest",
+        )
     axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
     axes.set(xlabel="x, column (pixel)", ylabel="y, row (pixel)")
     axes.grid(visible=False)
     bar = style.colour_bar(
-        drawn, axes, shown.image[np.isfinite(shown.image)], _scale_label(shown, rows * columns),
-        orientation="horizontal", fraction=0.03, aspect=40, pad=0.02,
-    )  # fmt: skip
+        drawn,
+        axes,
+        shown.image[np.isfinite(shown.image)],
+        _scale_label(shown, rows * columns),
+        orientation="horizontal",
+        fraction=0.03,
+        aspect=40,
+        pad=0.02,
+    )
     ticks = [float(f"{value:.2g}") for value in shown.number(np.array([0.35, 0.6, 0.8]))]
     inside = [value for value in ticks if shown.black < value < shown.white]
     bar.set_ticks([shown.black, *inside, shown.white])
@@ -204,10 +231,16 @@ def _label(axes: Axes, shape: tuple[int, ...], places: Floats, texts: Sequence[s
             continue
         used.append(here)
         style.note(
-            axes, text, (x, y), (-7 if left else 7, -6 if under else 5), color=style.SKY,
-            ha="right" if left else "left", va="top" if under else "bottom",
-            path_effects=[style.outline("black")], annotation_clip=True,
-        )  # fmt: skip
+            axes,
+            text,
+            (x, y),
+            (-7 if left else 7, -6 if under else 5),
+            color=style.SKY,
+            ha="right" if left else "left",
+            va="top" if under else "bottom",
+            path_effects=[style.outline("black")],
+            annotation_clip=True,
+        )
 
 
 def _compass(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
@@ -224,14 +257,22 @@ def _compass(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
         step = length * moved / np.hypot(*moved)
         for width, colour in ((3.0, "black"), (1.4, style.YELLOW)):
             axes.annotate(
-                "", tuple(origin + step), tuple(origin),
+                "",
+                tuple(origin + step),
+                tuple(origin),
                 arrowprops={"arrowstyle": "->", "color": colour, "lw": width, "shrinkA": 0},
-            )  # fmt: skip
+            )
         x, y = (origin + 1.4 * step).tolist()
         axes.text(
-            x, y, letter, color=style.YELLOW, fontsize=9, ha="center", va="center",
+            x,
+            y,
+            letter,
+            color=style.YELLOW,
+            fontsize=9,
+            ha="center",
+            va="center",
             path_effects=[style.outline("black")],
-        )  # fmt: skip
+        )
     _scale_bar(axes, camera)
 
 
@@ -245,14 +286,25 @@ def _scale_bar(axes: Axes, camera: Camera) -> None:
     end = 0.97 * camera.columns
     x, y = (end - size / pixel, end), 0.965 * camera.rows
     for width, colour in ((4.5, "black"), (2.0, style.YELLOW)):
-        axes.plot(x, (y, y), color=colour, lw=width, solid_capstyle="butt", scalex=False,
-                  scaley=False)  # fmt: skip
-    text = f"{size * arcsec / deg:g}°" if size >= 3600 else (
-        f"{size / 60:g}'" if size >= 60 else f"{size:g}''"
-    )  # fmt: skip
+        axes.plot(
+            x, (y, y), color=colour, lw=width, solid_capstyle="butt", scalex=False, scaley=False
+        )
+    text = (
+        f"{size * arcsec / deg:g}°"
+        if size >= 3600
+        else (f"{size / 60:g}'" if size >= 60 else f"{size:g}''")
+    )
     edge = [style.outline("black")]
-    style.note(axes, text, (sum(x) / 2, y), (0, 4), color=style.YELLOW, ha="center", va="bottom",
-               path_effects=edge)  # fmt: skip
+    style.note(
+        axes,
+        text,
+        (sum(x) / 2, y),
+        (0, 4),
+        color=style.YELLOW,
+        ha="center",
+        va="bottom",
+        path_effects=edge,
+    )
 
 
 CELLS = 640  # along the longer side; a picture of 1280 pixels shows each with two

@@ -16,9 +16,7 @@ ERROR = "error, worst axis\n(arcsec rms)"
 
 
 @style.styled
-def draw_mission(
-    path: Path, plan: Plan, flown: Flown, available: Availability, title: str
-) -> None:  # fmt: skip
+def draw_mission(path: Path, plan: Plan, flown: Flown, available: Availability, title: str) -> None:
     """Blind time of each head and of all over time; valid heads and error over season and orbit."""
     figure = style.picture(11.0, title)
     over, phase, error, lengths = figure.subplots(4, 1, height_ratios=(1.1, 1.1, 1.1, 0.9))
@@ -49,11 +47,15 @@ def draw_beta(path: Path, plan: Plan, flown: Flown, title: str) -> None:
     figure = style.picture(8.0, title)
     often = 100 * _mean(any_valid, steps)
     least = min(float(np.nanmin(often[part])), 99.0)
-    for axes, (values, label, limits) in zip(figure.subplots(3, 1), (
-        (often, "one valid head or more\n(% of the time)", (least, 100.0)),
-        (_mean(valid, steps), "valid heads, mean", (0, len(plan.heads))),
-        (worst, ERROR, style.colour_limits(worst, 0.99, 0.0)),
-    ), strict=True):  # fmt: skip
+    for axes, (values, label, limits) in zip(
+        figure.subplots(3, 1),
+        (
+            (often, "one valid head or more\n(% of the time)", (least, 100.0)),
+            (_mean(valid, steps), "valid heads, mean", (0, len(plan.heads))),
+            (worst, ERROR, style.colour_limits(worst, 0.99, 0.0)),
+        ),
+        strict=True,
+    ):
         _image(axes, values[part], extent, label, limits)
         axes.set(xlabel="orbit from the node (deg)", ylabel="beta angle (deg)")
         axes.set_xticks(range(0, 361, 60))
@@ -83,15 +85,24 @@ def _mean(total: Floats, count: Floats) -> Floats:
 
 
 def _image(
-    axes: Axes, values: Floats, extent: tuple[float, float, float, float], label: str,
-    limits: tuple[float, float | None], clear: Flags | bool = True,
-) -> None:  # fmt: skip
+    axes: Axes,
+    values: Floats,
+    extent: tuple[float, float, float, float],
+    label: str,
+    limits: tuple[float, float | None],
+    clear: Flags | bool = True,
+) -> None:
     """A map with its bar of colours; grey where there is no value, or where it is not clear."""
     colours = matplotlib.colormaps["viridis"].with_extremes(bad=style.NO_VALUE)
     shown = axes.imshow(
-        np.where(clear, values, np.nan), origin="lower", aspect="auto", extent=extent,
-        cmap=colours, vmin=limits[0], vmax=limits[1],
-    )  # fmt: skip
+        np.where(clear, values, np.nan),
+        origin="lower",
+        aspect="auto",
+        extent=extent,
+        cmap=colours,
+        vmin=limits[0],
+        vmax=limits[1],
+    )
     axes.grid(False)
     style.colour_bar(shown, axes, values, label)
 
@@ -114,9 +125,13 @@ def _lengths(axes: Axes, available: Availability) -> None:
 
 @style.styled
 def draw_placement(
-    path: Path, mapped: tuple[Floats, Floats, Floats, Floats], before: list[tuple[float, float]],
-    after: list[tuple[float, float]], keep_out: tuple[KeepClear, ...], title: str,
-) -> None:  # fmt: skip
+    path: Path,
+    mapped: tuple[Floats, Floats, Floats, Floats],
+    before: list[tuple[float, float]],
+    after: list[tuple[float, float]],
+    keep_out: tuple[KeepClear, ...],
+    title: str,
+) -> None:
     """Blind time of one head and the objective over all directions of its boresight; the heads.
 
     mapped         of `map_of`
@@ -133,15 +148,20 @@ def draw_placement(
         clear &= here @ axis < np.cos(cone.angle)
     least = np.log10(np.maximum(score, 1e-6))[nearest]
     figure = style.picture(11.0, title)
-    for axes, (values, label, low) in zip(figure.subplots(3, 1), (
-        (100 * part[nearest], "blind (% of the time)", 0.0),
-        (longest[nearest] / 60, "longest blinding\nin an orbit (min)", 0.0),
-        (least, "objective of the search,\nothers as placed (log10)", float(least.min())),
-    ), strict=True):  # fmt: skip
+    for axes, (values, label, low) in zip(
+        figure.subplots(3, 1),
+        (
+            (100 * part[nearest], "blind (% of the time)", 0.0),
+            (longest[nearest] / 60, "longest blinding\nin an orbit (min)", 0.0),
+            (least, "objective of the search,\nothers as placed (log10)", float(least.min())),
+        ),
+        strict=True,
+    ):
         _image(axes, values, (-180, 180, -90, 90), label, (low, None), clear)
         for place, marker, colour, name in (
-            (before, "o", style.SKY, "before"), (after, "^", style.RED, "after"),
-        ):  # fmt: skip
+            (before, "o", style.SKY, "before"),
+            (after, "^", style.RED, "after"),
+        ):
             x, y = np.degrees(np.array(place)).T
             axes.plot(x, y, marker, color=colour, mec="white", ms=8, label=name)
         axes.set(xlabel="azimuth, from x to y (deg)", ylabel="elevation, to z (deg)")

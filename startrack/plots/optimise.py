@@ -55,16 +55,35 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
         (feasible & solved, "o", style.GREEN, "meets the requirements"),
         (~feasible & solved, "X", style.RED, "misses a requirement"),
     ):
-        axes.plot(number_of[chosen], errors[chosen], marker, ms=4.5, color=colour,
-                  label=f"{label} ({chosen.sum()})")  # fmt: skip
+        axes.plot(
+            number_of[chosen],
+            errors[chosen],
+            marker,
+            ms=4.5,
+            color=colour,
+            label=f"{label} ({chosen.sum()})",
+        )
     so_far = _best_so_far(_counted_errors(optimum), optimum)
-    axes.step(number_of, np.where(np.isfinite(so_far), so_far, np.nan), where="post",
-              color=style.GREEN, lw=1.2, label="best so far with as many trials")  # fmt: skip
+    axes.step(
+        number_of,
+        np.where(np.isfinite(so_far), so_far, np.nan),
+        where="post",
+        color=style.GREEN,
+        lw=1.2,
+        label="best so far with as many trials",
+    )
     if not solved.all():
         at = number_of[~solved]
-        axes.plot(at, np.full(len(at), 0.02), "|", ms=8, color=style.GREY, clip_on=False,
-                  transform=axes.get_xaxis_transform(),
-                  label=f"no error: no trial, or none solved ({len(at)})")  # fmt: skip
+        axes.plot(
+            at,
+            np.full(len(at), 0.02),
+            "|",
+            ms=8,
+            color=style.GREY,
+            clip_on=False,
+            transform=axes.get_xaxis_transform(),
+            label=f"no error: no trial, or none solved ({len(at)})",
+        )
     _numbers_of_trials(axes, np.array([done.trials for done in tried]), _forecast_count(optimum))
     axes.set(yscale="log", ylabel=f"{objective} (arcsec)")
     axes.tick_params(labelbottom=True)
@@ -85,16 +104,25 @@ def _forecasts(axes: Axes, optimum: Optimum) -> None:
     error, met = np.exp(optimum.landscape.expected), np.array(optimum.landscape.met)
     number_of = np.arange(1, len(error) + 1)
     for chosen, face, label in ((met, style.GREY, "meets"), (~met, "none", "misses")):
-        axes.plot(number_of[chosen], error[chosen], "o", ms=3, color=style.GREY, mfc=face,
-                  label=f"forecast, {label} the requirements ({chosen.sum()})")  # fmt: skip
+        axes.plot(
+            number_of[chosen],
+            error[chosen],
+            "o",
+            ms=3,
+            color=style.GREY,
+            mfc=face,
+            label=f"forecast, {label} the requirements ({chosen.sum()})",
+        )
 
 
 def _counted_errors(optimum: Optimum) -> Floats:
     """Arcsec (n,) of the evaluations; infinite where a requirement is missed, or none is solved."""
-    return np.array([
-        design.error / arcsec if design.feasible and math.isfinite(design.error) else math.inf
-        for design in optimum.evaluations
-    ])  # fmt: skip
+    return np.array(
+        [
+            design.error / arcsec if design.feasible and math.isfinite(design.error) else math.inf
+            for design in optimum.evaluations
+        ]
+    )
 
 
 def _best_so_far(errors: Floats, optimum: Optimum) -> Floats:
@@ -120,17 +148,27 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
     steps = [k for k, last in zip(run[1:], run[:-1], strict=True) if trials[k] != trials[last]]
     for n, k in enumerate(steps):
         axes.axvline(
-            before + k + 0.5, color=style.GREY, lw=1.0, ls=":",
+            before + k + 0.5,
+            color=style.GREY,
+            lw=1.0,
+            ls=":",
             label=None if n else "dotted: another number of trials per design",
-        )  # fmt: skip
+        )
     shown = -math.inf
     for k in [*run[:1], *steps]:
         # Numbers that would lie over each other are left out.
         if k - shown < 0.06 * (before + len(trials)):
             continue
         shown = k
-        style.note(axes, f"{trials[k]:.0f}", (before + k + 0.6, 1.0), (1, -2), color="0.3",
-                   va="top", xycoords=("data", "axes fraction"))  # fmt: skip
+        style.note(
+            axes,
+            f"{trials[k]:.0f}",
+            (before + k + 0.6, 1.0),
+            (1, -2),
+            color="0.3",
+            va="top",
+            xycoords=("data", "axes fraction"),
+        )
     if len(run):
         ends = f"{trials[run].min():.0f} to {trials[run].max():.0f}"
         style.panel_title(axes, f"numbers at the top: trials per design, {ends}")
@@ -155,9 +193,14 @@ def draw_variables(axes: Axes, optimum: Optimum) -> None:
         pattern = style.LINES[(n + n // len(style.CYCLE)) % len(style.LINES)]
         axes.plot(number_of, line, ".", ms=2.5, color=colour, alpha=0.35)
         axes.plot(
-            number_of, line[best], lw=1.4, color=colour, ls=pattern, drawstyle="steps-post",
+            number_of,
+            line[best],
+            lw=1.4,
+            color=colour,
+            ls=pattern,
+            drawstyle="steps-post",
             label=variable.name.rpartition(".")[2],
-        )  # fmt: skip
+        )
         if landscape:
             span, at = landscape.spans[variable.name], len(line) * (1.02 + 0.015 * n)
             axes.plot([at, at], [span.low, span.high], "-_", lw=2.5, color=colour, ms=5)
@@ -195,11 +238,13 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
         for variable, unit in zip(space.variables, units, strict=True)
     ]
     draw_corner(
-        path, np.array([[float(text.split()[0]) for text in row] for row in texts]), labels,
+        path,
+        np.array([[float(text.split()[0]) for text in row] for row in texts]),
+        labels,
         f"designs that keep the error below {tolerance.limit / arcsec:.2f} arcsec\n"
         f"{tolerance.chains.effective.min():.0f} independent samples, response surface within "
         f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs",
-    )  # fmt: skip
+    )
 
 
 @style.styled
@@ -226,9 +271,10 @@ def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
             style.note(axes, text, (variable.error, y), (6, 0))
         lost = [name for name, value in ends.items() if not math.isfinite(value)]
         moved = {
-            name: value for name, value in ends.items()
+            name: value
+            for name, value in ends.items()
             if math.isfinite(value) and abs(value / variable.error - 1) > SAME
-        }  # fmt: skip
+        }
         for better in (True, False):  # both ends may lie on one side of the design
             there = {n: value for n, value in moved.items() if (value < variable.error) == better}
             if there:
@@ -258,8 +304,15 @@ def _indices(axes: Axes, order: Sequence[Sensitivity]) -> None:
     ):
         for y, variable in enumerate(order):
             index: Interval = getattr(variable, kind)
-            axes.barh(y + shift, index.value, 0.36, color=colour, hatch=hatch, ec="white",
-                      label=None if y else label)  # fmt: skip
+            axes.barh(
+                y + shift,
+                index.value,
+                0.36,
+                color=colour,
+                hatch=hatch,
+                ec="white",
+                label=None if y else label,
+            )
             bars = style.bars_of(index)
             axes.errorbar(index.value, y + shift, xerr=bars, fmt="none", ecolor=style.BLACK, lw=1.2)
             end = max(index.high, index.value)
@@ -292,12 +345,24 @@ def draw_front(
         value = np.array(point.measured)
         bars = [style.bars_of(interval) for interval in point.intervals]
         axes.errorbar(
-            value[0], value[1], xerr=np.nan_to_num(bars[0]), yerr=np.nan_to_num(bars[1]),
-            fmt="s", ms=6, mfc="white", color=style.RED, label=None if n else label,
-        )  # fmt: skip
+            value[0],
+            value[1],
+            xerr=np.nan_to_num(bars[0]),
+            yerr=np.nan_to_num(bars[1]),
+            fmt="s",
+            ms=6,
+            mfc="white",
+            color=style.RED,
+            label=None if n else label,
+        )
         # A thin line joins the two of one design.
-        axes.plot(*np.stack([point.expected, value]).T, ":", color=style.GREY, lw=1,
-                  label=None if n else "the same design")  # fmt: skip
+        axes.plot(
+            *np.stack([point.expected, value]).T,
+            ":",
+            color=style.GREY,
+            lw=1,
+            label=None if n else "the same design",
+        )
         style.note(axes, str(n + 1), point.expected, (-5, -10), ha="right", va="baseline")
     axes.set(xscale="log", yscale="log")
     axes.margins(0.12)

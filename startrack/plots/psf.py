@@ -14,9 +14,13 @@ Curves = dict[str, Floats]
 FAINTEST = -5.0  # decades below the peak
 ALIKE = 1e-3  # of the modulation, by which curves along x and y may differ and be drawn as one
 LOOKS = {
-    "optics": (style.BLUE, "o"), "blur in optics": (style.PURPLE, "D"), "pixel": (style.GREEN, "s"),
-    "diffusion": (style.RED, "v"), "motion": (style.ORANGE, "^"), "total": (style.BLACK, ""),
-}  # fmt: skip
+    "optics": (style.BLUE, "o"),
+    "blur in optics": (style.PURPLE, "D"),
+    "pixel": (style.GREEN, "s"),
+    "diffusion": (style.RED, "v"),
+    "motion": (style.ORANGE, "^"),
+    "total": (style.BLACK, ""),
+}
 
 
 @style.styled
@@ -65,10 +69,16 @@ def _modulation(axes: Axes, frequency: Floats, curves: Sequence[Curves]) -> None
         for name, values in curve.items():
             colour, marker = LOOKS[name]
             axes.plot(
-                frequency[1:], values[1:], dashes, color=colour, marker=marker, markevery=every,
-                ms=4, lw=2.0 if name == "total" else 1.2,
+                frequency[1:],
+                values[1:],
+                dashes,
+                color=colour,
+                marker=marker,
+                markevery=every,
+                ms=4,
+                lw=2.0 if name == "total" else 1.2,
                 label=name if direction == "x" else None,
-            )  # fmt: skip
+            )
     text = "the same along x and y"
     if not alike:
         axes.plot([], [], "--", color="gray", label="dashed: along y")

@@ -40,13 +40,23 @@ WIDE, DPI = 6.4, 200  # inch, pixel / inch
 SMALL = 8.5  # point; the smallest letters, which have 7 pixels where the picture is 400 wide
 LETTERS = 82  # of a title's line
 SETTINGS: Any = {
-    "font.size": 9.5, "axes.titlesize": 9.5, "axes.titlelocation": "left", "axes.labelsize": 9.5,
+    "font.size": 9.5,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
     "axes.formatter.useoffset": False,
     "axes.formatter.limits": (-99, 99),  # no power of ten beside the axis
-    "axes.grid": True, "axes.axisbelow": True, "axes.prop_cycle": cycler(color=CYCLE),
-    "grid.alpha": 0.3, "grid.linewidth": 0.5, "legend.fontsize": SMALL, "legend.frameon": False,
-    "xtick.labelsize": SMALL, "ytick.labelsize": SMALL, "image.cmap": "viridis",
-}  # fmt: skip
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.prop_cycle": cycler(color=CYCLE),
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.5,
+    "legend.fontsize": SMALL,
+    "legend.frameon": False,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "image.cmap": "viridis",
+}
 NARROWEST = 0.01  # relative range of colours; less would show rounding
 NO_VALUE = "0.75"  # grey of a map where there is none
 
@@ -100,9 +110,14 @@ def legend_below(axes: Axes, columns: int = 3, labels: bool = True) -> None:
     assert isinstance(figure, Figure)
     down = ScaledTranslation(0, -(36 if labels else 5) / 72, figure.dpi_scale_trans)
     axes.legend(
-        loc="upper left", bbox_to_anchor=(-0.02, 0.0), bbox_transform=axes.transAxes + down,
-        ncols=columns, borderaxespad=0, columnspacing=1.2, handlelength=2.2,
-    )  # fmt: skip
+        loc="upper left",
+        bbox_to_anchor=(-0.02, 0.0),
+        bbox_transform=axes.transAxes + down,
+        ncols=columns,
+        borderaxespad=0,
+        columnspacing=1.2,
+        handlelength=2.2,
+    )
 
 
 def draw_intervals(
@@ -117,9 +132,9 @@ def draw_intervals(
     axes.errorbar(at, value, yerr=bars, **look)
 
 
-def colour_limits(values: ArrayLike, part: float = 1.0, low: float | None = None) -> tuple[
-    float, float
-]:  # fmt: skip
+def colour_limits(
+    values: ArrayLike, part: float = 1.0, low: float | None = None
+) -> tuple[float, float]:
     """Limits of colours that hold a part of the values, and are never so close as rounding errors.
 
     part  of the values that does not exceed the upper limit
@@ -159,9 +174,16 @@ def colour_bar(
 def say(axes: Axes, text: str, y: float = 0.5) -> None:
     """A sentence in a panel, legible on any ground; y: height as a fraction of the panel."""
     axes.text(
-        0.5, y, text, transform=axes.transAxes, ha="center", va="center", fontsize=SMALL,
-        path_effects=[outline("white")], zorder=10,
-    )  # fmt: skip
+        0.5,
+        y,
+        text,
+        transform=axes.transAxes,
+        ha="center",
+        va="center",
+        fontsize=SMALL,
+        path_effects=[outline("white")],
+        zorder=10,
+    )
 
 
 def note(
@@ -204,9 +226,11 @@ def number(value: float) -> str:
 
 def plain(value: float) -> str:
     """A round number as a reader reads it, such as 0.00001."""
-    return f"{value:g}" if not 1e-6 <= abs(value) < 1e7 else np.format_float_positional(
-        float(f"{value:.6g}"), trim="-"
-    )  # fmt: skip
+    return (
+        f"{value:g}"
+        if not 1e-6 <= abs(value) < 1e7
+        else np.format_float_positional(float(f"{value:.6g}"), trim="-")
+    )
 
 
 def save_picture(path: Path | None, figure: Figure) -> Figure:

@@ -27,10 +27,13 @@ TRANSMISSION = "instrument.optics.transmission"
 NOISE = (TRANSMISSION, "instrument.detector.read_noise", "instrument.detector.dark_current")
 # What changes the images of stars, but for what moves places and TRANSMISSION.
 IMAGES = (
-    "instrument.optics.", "instrument.thermal.", "instrument.detector.pixel_pitch",
-    "instrument.detector.fill_factor", "instrument.detector.diffusion",
+    "instrument.optics.",
+    "instrument.thermal.",
+    "instrument.detector.pixel_pitch",
+    "instrument.detector.fill_factor",
+    "instrument.detector.diffusion",
     "instrument.detector.quantum_efficiency",
-)  # fmt: skip
+)
 
 
 class Axis(NamedTuple):
@@ -216,9 +219,16 @@ def _parts(plan: Plan) -> list[Floats]:
     """The arrays of a plan that change from unit to unit, on scales on which they add."""
     _, bias, root, light, above, kept, least = plan.response
     return [
-        plan.field.flux, bias, root, light, np.maximum(above, LOST), kept,
-        np.nan_to_num(least), np.nan_to_num(plan.pull), np.log(np.array([plan.false + 1e-12])),
-    ]  # fmt: skip
+        plan.field.flux,
+        bias,
+        root,
+        light,
+        np.maximum(above, LOST),
+        kept,
+        np.nan_to_num(least),
+        np.nan_to_num(plan.pull),
+        np.log(np.array([plan.false + 1e-12])),
+    ]
 
 
 def _with(plan: Plan, parts: list[Floats]) -> Plan:
@@ -226,11 +236,13 @@ def _with(plan: Plan, parts: list[Floats]) -> Plan:
     flux, bias, root, light, above, kept, least, pull, false = parts
     old = plan.response
     response = old._replace(
-        bias=bias, covariance_root=np.where(old.covariance_root != 0, root, 0.0),
-        light=np.maximum(light, 0.0), threshold_margin=above,
+        bias=bias,
+        covariance_root=np.where(old.covariance_root != 0, root, 0.0),
+        light=np.maximum(light, 0.0),
+        threshold_margin=above,
         pass_probability=np.clip(kept, 0.0, 1.0),
         star_at_threshold=np.where(np.isnan(old.star_at_threshold), np.nan, least),
-    )  # fmt: skip
+    )
     brighter = float((flux - plan.field.flux).mean())
     return plan._replace(
         response=response,

@@ -52,9 +52,13 @@ class Units(Parameters):
 
 
 def unit_trials(
-    case: Case, seed: int, numbers: Sequence[int], units: Units,
-    fidelity: Fidelity = Fidelity.COVARIANCE, icrs_to_camera: Rotation | None = None,
-) -> Rows:  # fmt: skip
+    case: Case,
+    seed: int,
+    numbers: Sequence[int],
+    units: Units,
+    fidelity: Fidelity = Fidelity.COVARIANCE,
+    icrs_to_camera: Rotation | None = None,
+) -> Rows:
     """The outcomes of some trials of a seed, each of a unit drawn from the design's variations.
 
     icrs_to_camera  a true attitude for each; None: random ones

@@ -26,26 +26,44 @@ def write_earth_report(
         "the scene's flight, pointing and terrain; what its drift and jitter move is not put back."
     )
     sections = [
-        Section("Camera", _camera(survey)), Section("Requirements", _requirements(survey)),
-        Section("Images", _images(products)), Section("Products", _products(products)),
+        Section("Camera", _camera(survey)),
+        Section("Requirements", _requirements(survey)),
+        Section("Images", _images(products)),
+        Section("Products", _products(products)),
         Section("Inputs", code("Scene file", scene)),
-    ]  # fmt: skip
+    ]
     return page(title, lead, sections)
 
 
 def _camera(survey: Survey) -> str:
     rows = []
     for channel, height, figures in figures_of(survey):
-        rows.append([
-            channel.name, f"{height / 1e3:.4g}", f"{figures.gsd:.4g}", f"{figures.swath / 1e3:.4g}",
-            f"{figures.mtf_across:.3f}", f"{figures.mtf_along:.3f}", f"{figures.snr:.4g}",
-            f"{figures.radiance * um:.4g}", f"{figures.saturation * um:.4g}",
-            f"{figures.data_rate / 1e6:.4g}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                channel.name,
+                f"{height / 1e3:.4g}",
+                f"{figures.gsd:.4g}",
+                f"{figures.swath / 1e3:.4g}",
+                f"{figures.mtf_across:.3f}",
+                f"{figures.mtf_along:.3f}",
+                f"{figures.snr:.4g}",
+                f"{figures.radiance * um:.4g}",
+                f"{figures.saturation * um:.4g}",
+                f"{figures.data_rate / 1e6:.4g}",
+            ]
+        )
     head = (
-        "channel", "height (km)", "pixel on the ground (m)", "swath (km)", "MTF across",
-        "MTF along", "SNR", "at (W / m2 / sr / um)", "saturates at", "Mbit / s",
-    )  # fmt: skip
+        "channel",
+        "height (km)",
+        "pixel on the ground (m)",
+        "swath (km)",
+        "MTF across",
+        "MTF along",
+        "SNR",
+        "at (W / m2 / sr / um)",
+        "saturates at",
+        "Mbit / s",
+    )
     return table("Figures of each channel over flat ground below, at Nyquist", head, rows)
 
 
@@ -83,10 +101,13 @@ def _products(products: Sequence[Mapping[str, Any]]) -> str:
             [product["channel"], *(f"{100 * product['flagged'][name]:.1f}" for name in QUALITY)]
         )
         if math.isfinite(product["radiance_error"]):
-            truth.append([
-                product["channel"], f"{100 * product['radiance_error']:+.3f}",
-                f"{100 * product['radiance_rms']:.2f}",
-            ])  # fmt: skip
+            truth.append(
+                [
+                    product["channel"],
+                    f"{100 * product['radiance_error']:+.3f}",
+                    f"{100 * product['radiance_rms']:.2f}",
+                ]
+            )
     parts = [
         table("Means over the map", ("channel", "layer", "mean", "unit"), means),
         table("Cells of each quality (%)", ("channel", *QUALITY), flags),

@@ -55,11 +55,15 @@ def write_mission_report(flight: Flight, pictures: Sequence[tuple[str, Path]], t
     text = tomli_w.dumps(to_table(plan.loaded.mission))
     beta = "By the angle from the Sun to the plane of the orbit"
     sections = [
-        _requirements(flight.verdicts), _heads(flight), _errors(flight), _blinded(flight),
-        _reacquired(flight), Section("Beta angle", records(beta, beta_table(flight.flown))),
+        _requirements(flight.verdicts),
+        _heads(flight),
+        _errors(flight),
+        _blinded(flight),
+        _reacquired(flight),
+        Section("Beta angle", records(beta, beta_table(flight.flown))),
         Section("Pictures", "".join(embedded(caption, file) for caption, file in pictures)),
         Section("Inputs", code("Mission, with the paths of its files", text)),
-    ]  # fmt: skip
+    ]
     return page(title, lead, sections)
 
 
@@ -148,9 +152,11 @@ def checks_table(flight: Flight) -> Table:
         return [flight.plan.heads[h].name for h in row.heads]
 
     ratios = {
-        "across": "across", "about": "about", "corrected_across": "across, corrected",
+        "across": "across",
+        "about": "about",
+        "corrected_across": "across, corrected",
         "corrected_about": "about, corrected",
-    }  # fmt: skip
+    }
 
     def ratio(name: str) -> Callable[[mission.Checked], str]:
         return lambda row: "{:.3f} +- {:.3f}".format(*getattr(row, name))
@@ -179,11 +185,12 @@ def _heads(flight: Flight) -> Section:
     available = flight.available
     many = [
         [
-            f"{count}", f"{100 * available.at_least(count):.4f}",
+            f"{count}",
+            f"{100 * available.at_least(count):.4f}",
             f"{100 * available.heads[count:].sum():.4f}",
         ]
         for count in range(len(flight.plan.heads), 0, -1)
-    ]  # fmt: skip
+    ]
     caption = (
         "Blind, % of the time (a time may have several causes), and rms error while it is valid"
     )

@@ -42,11 +42,17 @@ def exceedance(outcomes: Rows) -> list[Picture]:
     across, about = sizes(outcomes)
     rms = [float(np.sqrt(np.mean(size**2))) if len(size) else 1.0 for size in (across, about)]
     return [
-        _exceedance(across, scipy.stats.rayleigh(scale=rms[0] / 2**0.5),
-                    "angle across the boresight, radial (arcsec)"),
-        _exceedance(about, scipy.stats.halfnorm(scale=rms[1]),
-                    "size of the error about the boresight (arcsec)"),
-    ]  # fmt: skip
+        _exceedance(
+            across,
+            scipy.stats.rayleigh(scale=rms[0] / 2**0.5),
+            "angle across the boresight, radial (arcsec)",
+        ),
+        _exceedance(
+            about,
+            scipy.stats.halfnorm(scale=rms[1]),
+            "size of the error about the boresight (arcsec)",
+        ),
+    ]
 
 
 @plots.styled
@@ -62,15 +68,22 @@ def _exceedance(size: Floats, law: Any, label: str) -> Picture:
     beyond, at = (rank - 0.5) / n, ordered[n - rank] / arcsec
     # The fraction beyond the k-th largest of n is a beta variable.
     low, high = scipy.stats.beta.ppf([[0.025], [0.975]], rank, n - rank + 1)
-    axes.fill_between(at, low, high, step="mid", color=plots.BLUE, alpha=0.2, lw=0,
-                      label="95 % interval")  # fmt: skip
+    axes.fill_between(
+        at, low, high, step="mid", color=plots.BLUE, alpha=0.2, lw=0, label="95 % interval"
+    )
     axes.plot(at, beyond, color=plots.BLUE, lw=1.3, label=f"{n} trials")
     grid = np.concatenate(
         [np.linspace(0, ordered[-1], POINTS), np.geomspace(ordered[0] / 10, ordered[-1], POINTS)]
     )
     grid.sort()
-    axes.plot(grid / arcsec, law.sf(grid), "--", color=plots.RED, lw=1.2,
-              label="normal distribution of this rms")  # fmt: skip
+    axes.plot(
+        grid / arcsec,
+        law.sf(grid),
+        "--",
+        color=plots.RED,
+        lw=1.2,
+        label="normal distribution of this rms",
+    )
     axes.set_yscale("log")
     axes.set_ylim(0.3 / n, 1.2)
     # An outlier does not squash the curve: far errors need a logarithmic axis.
@@ -105,8 +118,15 @@ def sky_map(boresight: Floats, outcomes: Rows) -> list[Picture]:
     scale = _scale(error[solved])
     figure, axes = _sky()
     x, y = _plane(boresight)
-    points = axes.scatter(x[solved], y[solved], c=error[solved], s=9, norm=scale, cmap="viridis",
-                          rasterized=len(outcomes) > 3000)  # fmt: skip
+    points = axes.scatter(
+        x[solved],
+        y[solved],
+        c=error[solved],
+        s=9,
+        norm=scale,
+        cmap="viridis",
+        rasterized=len(outcomes) > 3000,
+    )
     text = f"each of {len(outcomes)} trials"
     if not solved.all():
         axes.scatter(
@@ -207,12 +227,28 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
         rms = rms_interval((error[part] ** 2).mean(axis=1))
         bars = [[max(rms.value - rms.low, 0)], [rms.high - rms.value]]
         axes.errorbar(
-            float(at[part].mean()), rms.value, yerr=bars, fmt="o", ms=5, color=plots.BLACK,
-            mfc="white", zorder=3, label=next(named),
-        )  # fmt: skip
+            float(at[part].mean()),
+            rms.value,
+            yerr=bars,
+            fmt="o",
+            ms=5,
+            color=plots.BLACK,
+            mfc="white",
+            zorder=3,
+            label=next(named),
+        )
     # Rasterised, because thousands of points would make a large file.
-    axes.plot(at, np.sqrt((error**2).mean(axis=1)), ".", ms=3, alpha=0.3, color=plots.BLUE,
-              zorder=0, rasterized=True, label=f"each of {len(at)} stars")  # fmt: skip
+    axes.plot(
+        at,
+        np.sqrt((error**2).mean(axis=1)),
+        ".",
+        ms=3,
+        alpha=0.3,
+        color=plots.BLUE,
+        zorder=0,
+        rasterized=True,
+        label=f"each of {len(at)} stars",
+    )
 
 
 @plots.styled
@@ -229,14 +265,23 @@ def draw_slews(slewed: Sequence[Slew], design_rate: float, expected: Curve) -> l
             first = expected.first_left_out
             if first is not None:  # at rest the formula leaves out less
                 axes.axvspan(
-                    expected.rate[first] / deg, 1.3 * expected.rate[-1] / deg, color="0.9",
-                    zorder=0, label="rates with effects that the budget leaves out",
-                )  # fmt: skip
-            axes.plot(expected.rate / deg, getattr(expected, other) / unit, "--", color=plots.RED,
-                      label="analytic budget")  # fmt: skip
+                    expected.rate[first] / deg,
+                    1.3 * expected.rate[-1] / deg,
+                    color="0.9",
+                    zorder=0,
+                    label="rates with effects that the budget leaves out",
+                )
+            axes.plot(
+                expected.rate / deg,
+                getattr(expected, other) / unit,
+                "--",
+                color=plots.RED,
+                label="analytic budget",
+            )
         intervals = [getattr(slew, name) for slew in slewed]
-        plots.draw_intervals(axes, rate, intervals, unit, fmt="o-", ms=4, color=plots.BLUE,
-                       label="trials, 95 %")  # fmt: skip
+        plots.draw_intervals(
+            axes, rate, intervals, unit, fmt="o-", ms=4, color=plots.BLUE, label="trials, 95 %"
+        )
         axes.axvline(design_rate / deg, color=plots.BLACK, lw=1, ls=":", label="rate of the design")
         axes.set(xlabel="slew rate (deg / s)", ylabel=label)
         axes.set_xscale("symlog", linthresh=max(rate[1], 1e-9))

@@ -38,23 +38,42 @@ def design(case: Case) -> page.Section:
     sky = "none" if scene.background_g is None else f"G {scene.background_g:g} per arcsec^2"
     jitter = " with jitter" if motion.jitters else ""
     rows = [
-        ["lens", f"{optics.focal_length / mm:.4g} mm, f/{optics.f_number:.3g}, aperture "
-                 f"{optics.aperture / mm:.3g} mm, blur {optics.blur / um:.3g} um"],
-        ["detector", f"{detector.columns} x {detector.rows} pixels of "
-                     f"{detector.pitch / um:.3g} um, {detector.bits} bit"],
-        ["field", f"{field[0]:.2f} x {field[1]:.2f} deg, {1 / camera.focal_length_px / arcsec:.1f} "
-                  "arcsec a pixel"],
+        [
+            "lens",
+            f"{optics.focal_length / mm:.4g} mm, f/{optics.f_number:.3g}, aperture "
+            f"{optics.aperture / mm:.3g} mm, blur {optics.blur / um:.3g} um",
+        ],
+        [
+            "detector",
+            f"{detector.columns} x {detector.rows} pixels of "
+            f"{detector.pitch / um:.3g} um, {detector.bits} bit",
+        ],
+        [
+            "field",
+            f"{field[0]:.2f} x {field[1]:.2f} deg, {1 / camera.focal_length_px / arcsec:.1f} "
+            "arcsec a pixel",
+        ],
         ["exposure", f"{1e3 * detector.exposure:.4g} ms, {detector.update_rate:.3g} frames / s"],
-        ["noise", f"read {detector.read_noise:.3g} electron, dark current "
-                  f"{detector.dark_current:.3g} electron / s, PRNU {100 * detector.prnu:.2g} %"],
+        [
+            "noise",
+            f"read {detector.read_noise:.3g} electron, dark current "
+            f"{detector.dark_current:.3g} electron / s, PRNU {100 * detector.prnu:.2g} %",
+        ],
         ["sky", f"background {sky}; lights: {', '.join(scene.lights) or 'none'}"],
         ["stars", f"{case.catalog.source} {case.catalog.extent}"],
         ["motion", f"{motion.rate / deg:.3g} deg / s{jitter}"],
-        ["detection", f"threshold {tracker.detection.threshold:g}" if tracker.detection.threshold
-                      else "threshold from the false spots allowed"],
-        ["identification", f"{identification.min_matches} stars at least; focal length known to "
-                           f"{100 * identification.focal_tolerance:.2g} %"],
-    ]  # fmt: skip
+        [
+            "detection",
+            f"threshold {tracker.detection.threshold:g}"
+            if tracker.detection.threshold
+            else "threshold from the false spots allowed",
+        ],
+        [
+            "identification",
+            f"{identification.min_matches} stars at least; focal length known to "
+            f"{100 * identification.focal_tolerance:.2g} %",
+        ],
+    ]
     return page.Section("Design", table("The design in ten lines", ["part", "value"], rows))
 
 
@@ -211,13 +230,15 @@ def units(store: Store, outcomes: Rows) -> list[page.Section]:
         rows.append([str(limit.objective), f"{limit.most / arcsec:.4g}", *cells])
         if limit.objective == Objective(limit.name):
             limits[limit.name] = limit.most
-    shown = table(
-        f"Yield: units that meet each limit, at {years:g} years",
-        ["requirement", "at most (arcsec)", "%", "from", "to"],
-        rows,
-    ) if rows else page.paragraph(
-        "The design limits no error, so that there is no yield."
-    )  # fmt: skip
+    shown = (
+        table(
+            f"Yield: units that meet each limit, at {years:g} years",
+            ["requirement", "at most (arcsec)", "%", "from", "to"],
+            rows,
+        )
+        if rows
+        else page.paragraph("The design limits no error, so that there is no yield.")
+    )
     pictures = [
         _spread(errors, name, limits.get(name))
         for name, errors in (("across", by_unit.across), ("about", by_unit.about))
@@ -249,8 +270,13 @@ def _spread(errors: Floats, name: str, limit: float | None) -> page.Picture:
     bins = min(max(int(2 * len(finite) ** 0.5), 5), 40)
     axes.hist(finite, bins=bins, color=BLUE, alpha=0.6)
     for fraction, style in ((0.5, "-"), (0.95, "--")):
-        axes.axvline(float(np.quantile(finite, fraction)), color=BLACK, ls=style, lw=1.2,
-                     label=f"{100 * fraction:g} % of units below")  # fmt: skip
+        axes.axvline(
+            float(np.quantile(finite, fraction)),
+            color=BLACK,
+            ls=style,
+            lw=1.2,
+            label=f"{100 * fraction:g} % of units below",
+        )
     if limit is not None:
         axes.axvline(limit / arcsec, color=RED, lw=1.5, label="required")
     axes.set_xlim(0, None)

@@ -73,13 +73,19 @@ def write_report(
     advance = progress or (lambda _: None)
     case, seed = store.case, store.seed
     shown = [
-        sections.design(case), sections.verdict(store, outcomes, depth.conditions, advance),
-        _summary(store, outcomes), *sections.units(store, outcomes), sections.lost(store, outcomes),
+        sections.design(case),
+        sections.verdict(store, outcomes, depth.conditions, advance),
+        _summary(store, outcomes),
+        *sections.units(store, outcomes),
+        sections.lost(store, outcomes),
         sections.budget(case, seed, depth.budget, metrics.summarise(outcomes), advance),
-        _distributions(outcomes), _sky(outcomes, store.sampling, seed),
-        *_closer(store, outcomes, depth, advance), _worst(store, outcomes, depth, advance),
-        _fidelities(case, seed, depth, advance), _inputs(store),
-    ]  # fmt: skip
+        _distributions(outcomes),
+        _sky(outcomes, store.sampling, seed),
+        *_closer(store, outcomes, depth, advance),
+        _worst(store, outcomes, depth, advance),
+        _fidelities(case, seed, depth, advance),
+        _inputs(store),
+    ]
     date = store.sessions()[-1][0][:10]
     lead = (
         f"startrack {version}, {date}, author: {author or 'not named'}. "
@@ -159,10 +165,14 @@ def _closer(store: Store, outcomes: Rows, depth: Depth, advance: Advance) -> lis
     expected = budget.analytic_curve(case, budget.slew_rates(case, budget.LONGEST))
     turned = pictures.draw_slews(slewed, case.instrument.motion.rate, expected)
     rows = [
-        [f"{slew.rate / deg:.3f}", f"{slew.smear:g}", *_cells(slew.across, arcsec),
-         *_cells(slew.fraction, 0.01)]
+        [
+            f"{slew.rate / deg:.3f}",
+            f"{slew.smear:g}",
+            *_cells(slew.across, arcsec),
+            *_cells(slew.fraction, 0.01),
+        ]
         for slew in slewed
-    ]  # fmt: skip
+    ]
     ends = ("from", "to")
     head = ["deg / s", "smear (pixel)", "across (arcsec)", *ends, "correct (%)", *ends]
     of_stars = (

@@ -67,8 +67,10 @@ class Limb:
         axes = np.log(self.wavelength), self.tangent, self.sun, self.azimuth
         logarithm = RegularGridInterpolator(axes, np.log(np.maximum(self.radiance, DARK)))
         turned = np.arccos(np.cos(azimuth))
-        nodes = [np.clip(place, axis[0], axis[-1])
-                 for place, axis in zip((tangent, sun, turned), axes[1:], strict=True)]  # fmt: skip
+        nodes = [
+            np.clip(place, axis[0], axis[-1])
+            for place, axis in zip((tangent, sun, turned), axes[1:], strict=True)
+        ]
         radiance = np.empty((len(tangent), len(wavelength)))
         for k, at in enumerate(np.log(wavelength)):
             radiance[:, k] = np.exp(logarithm(np.stack([np.full(len(tangent), at), *nodes], -1)))

@@ -50,10 +50,15 @@ class Orbit(Parameters):
 
     altitude: Annotated[float, Unit("m", "km"), POSITIVE, "above the equator's radius"]
     inclination: Annotated[float, Unit("rad", "deg"), FINITE, "of the orbit to the equator"] = 0.0
-    node: Annotated[float, Unit("rad", "deg"), FINITE,
-        "right ascension of the ascending node"] = 0.0  # fmt: skip
-    phase: Annotated[float | None, Unit("rad", "deg"), FINITE,
-        "from the node at the date; None: each trial draws it"] = None  # fmt: skip
+    node: Annotated[float, Unit("rad", "deg"), FINITE, "right ascension of the ascending node"] = (
+        0.0
+    )
+    phase: Annotated[
+        float | None,
+        Unit("rad", "deg"),
+        FINITE,
+        "from the node at the date; None: each trial draws it",
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -63,29 +68,42 @@ class Scene(Parameters):
     What is absent costs no time and draws no random number.
     """
 
-    background_g: Annotated[float | None, Range(-30, DARK),
+    background_g: Annotated[
+        float | None,
+        Range(-30, DARK),
         "magnitude per square arcsecond in Gaia's G of a uniform background, None for none. It "
         "replaces the zodiacal light, which is near V 23.3 at high ecliptic latitude and near "
-        "22.1 on the ecliptic at 90 degrees from the Sun."] = None  # fmt: skip
-    lights: Annotated[tuple[str, ...], Range(choices=LIGHTS, code="lights"),
+        "22.1 on the ecliptic at 90 degrees from the Sun.",
+    ] = None
+    lights: Annotated[
+        tuple[str, ...],
+        Range(choices=LIGHTS, code="lights"),
         'which of LIGHTS are present: "zodiacal" light; "starlight" of stars below the '
-        "catalogue's limit and of the dust that they light; \"planets\", the \"sun\" and the "
+        'catalogue\'s limit and of the dust that they light; "planets", the "sun" and the '
         '"moon", in the field and through the baffle; the "earth" under an orbit, its "airglow" '
         'and its "cities" at night. Sun, Moon and Earth hide the stars behind them, and each '
         "other's light. Diffuse light by code of one's own, see docs/extensions.md, too; it is "
-        "in front of everything"] = ()  # fmt: skip
+        "in front of everything",
+    ] = ()
     date: Annotated[str | None, 'UTC, as "2026-03-20T12:00:00"'] = None
-    days: Annotated[float, NON_NEGATIVE,
-        "each trial draws its date within so many days after `date`"] = 0.0  # fmt: skip
-    orbit: Annotated[Orbit | None,
-        "around the Earth; None: the observer is at the Earth's centre, without an Earth"
-    ] = None  # fmt: skip
-    place: Annotated[tuple[float, ...] | None, Unit("m", "AU"),
-        "from the solar system's barycentre, ICRS axes, instead"] = None  # fmt: skip
-    limb: Annotated[str, Range(choices=LIMBS),
+    days: Annotated[
+        float, NON_NEGATIVE, "each trial draws its date within so many days after `date`"
+    ] = 0.0
+    orbit: Annotated[
+        Orbit | None,
+        "around the Earth; None: the observer is at the Earth's centre, without an Earth",
+    ] = None
+    place: Annotated[
+        tuple[float, ...] | None,
+        Unit("m", "AU"),
+        "from the solar system's barycentre, ICRS axes, instead",
+    ] = None
+    limb: Annotated[
+        str,
+        Range(choices=LIMBS),
         "air of the Earth's bright limb: molecules alone, or with the rural aerosol of Shettle "
-        "and Fenn, 23 km of visibility and their stratosphere's background"
-    ] = "molecules"  # fmt: skip
+        "and Fenn, 23 km of visibility and their stratosphere's background",
+    ] = "molecules"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -31,14 +31,26 @@ class Leg(Parameters):
 class Gyro(Parameters):
     """A gyroscope, the same on each axis; the filter knows these numbers, not the drawn errors."""
 
-    angle_random_walk: Annotated[float, Unit("rad/s(1/2)", "deg/h(1/2)"), NON_NEGATIVE,
-        "radian / second^(1/2), white noise of the rate"]  # fmt: skip
-    rate_random_walk: Annotated[float, Unit("rad/s(3/2)", "deg/h(3/2)"), NON_NEGATIVE,
-        "radian / second^(3/2), white noise that drives the bias"]  # fmt: skip
+    angle_random_walk: Annotated[
+        float,
+        Unit("rad/s(1/2)", "deg/h(1/2)"),
+        NON_NEGATIVE,
+        "radian / second^(1/2), white noise of the rate",
+    ]
+    rate_random_walk: Annotated[
+        float,
+        Unit("rad/s(3/2)", "deg/h(3/2)"),
+        NON_NEGATIVE,
+        "radian / second^(3/2), white noise that drives the bias",
+    ]
     bias: Annotated[float, Unit("rad/s", "deg/h"), NON_NEGATIVE, "rms of the bias at the start"]
-    misalignment: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
+    misalignment: Annotated[
+        float,
+        Unit("rad", "arcsec"),
+        NON_NEGATIVE,
         "rms rotation of its axes from those of the camera, about each of them; the filter "
-        "estimates it from the slews"] = 0.0  # fmt: skip
+        "estimates it from the slews",
+    ] = 0.0
 
 
 @dataclass(frozen=True)
@@ -52,9 +64,13 @@ class Head(Parameters):
     x: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
     y: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
     z: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
-    alignment_sigma: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE,
+    alignment_sigma: Annotated[
+        float,
+        Unit("rad", "arcsec"),
+        NON_NEGATIVE,
         "rms error of that rotation about each axis, drawn for each sequence; the filter "
-        "estimates it from the attitudes of both heads"] = 0.0  # fmt: skip
+        "estimates it from the attitudes of both heads",
+    ] = 0.0
 
     @property
     def to_head(self) -> Rotation:
@@ -72,30 +88,51 @@ class Sequence(Parameters):
         "swiftness": "initial_rate_sigma",
     }
 
-    legs: Annotated[tuple[Leg, ...],
+    legs: Annotated[
+        tuple[Leg, ...],
         "of the attitude profile, one after the other; they replace the rates of the design's "
-        "motion, whose jitter remains"]  # fmt: skip
-    period: Annotated[float | None, Unit("s"), POSITIVE,
-        "from one frame to the next; None: as fast as the detector gives them"] = None  # fmt: skip
-    gyro: Annotated[Gyro | None,
-        "None: the filter estimates the rate from the attitudes alone"] = None  # fmt: skip
-    angular_acceleration_psd: Annotated[float, Unit("rad/s(3/2)", "deg/s(3/2)"), POSITIVE,
+        "motion, whose jitter remains",
+    ]
+    period: Annotated[
+        float | None,
+        Unit("s"),
+        POSITIVE,
+        "from one frame to the next; None: as fast as the detector gives them",
+    ] = None
+    gyro: Annotated[Gyro | None, "None: the filter estimates the rate from the attitudes alone"] = (
+        None
+    )
+    angular_acceleration_psd: Annotated[
+        float,
+        Unit("rad/s(3/2)", "deg/s(3/2)"),
+        POSITIVE,
         "radian / second^(3/2), square root of the spectral density of the angular acceleration "
-        "that a filter without gyroscope assumes"] = 60 * core.arcsec  # fmt: skip
-    initial_rate_sigma: Annotated[float, Unit("rad/s", "deg/s"), POSITIVE,
+        "that a filter without gyroscope assumes",
+    ] = 60 * core.arcsec
+    initial_rate_sigma: Annotated[
+        float,
+        Unit("rad/s", "deg/s"),
+        POSITIVE,
         "rms rate that the filter assumes at the start, and when a frame has no attitude: a "
-        "manoeuvre may have begun"] = 1 * deg  # fmt: skip
-    max_coasted_frames: Annotated[int, Range(0, 10**6),
-        "frames without attitude after which the prediction is dropped"] = 3  # fmt: skip
-    heads: Annotated[tuple[Head, ...],
+        "manoeuvre may have begun",
+    ] = 1 * deg
+    max_coasted_frames: Annotated[
+        int, Range(0, 10**6), "frames without attitude after which the prediction is dropped"
+    ] = 3
+    heads: Annotated[
+        tuple[Head, ...],
         "further heads, whose frames are taken at the same times; one filter has the attitudes of "
-        "all"] = ()  # fmt: skip
-    camera: Annotated[CameraFilter | None,
-        "calibrates the tracker's camera from frame to frame; None: it keeps what it believes"
-    ] = None  # fmt: skip
-    dither: Annotated[tuple[Tone, ...],
+        "all",
+    ] = ()
+    camera: Annotated[
+        CameraFilter | None,
+        "calibrates the tracker's camera from frame to frame; None: it keeps what it believes",
+    ] = None
+    dither: Annotated[
+        tuple[Tone, ...],
         "sinusoidal motion beside the legs and the design's jitter, such as of a spacecraft that "
-        "moves its image over the pixels; of one start in a sequence"] = ()  # fmt: skip
+        "moves its image over the pixels; of one start in a sequence",
+    ] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

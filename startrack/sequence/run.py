@@ -44,11 +44,17 @@ FASTEST = 10.0  # sigma of the rate at the start, that two frames may show
 MEAN_POINTS = 64  # of an exposure, whose mean attitude is asked for
 # A row of the table of a sequence: one frame of one head.
 OF_FILTER = ("filtered", "filtered_sigma", "alignment", "alignment_sigma")
-FRAMES: np.dtype[np.void] = np.dtype([
-    ("sequence", np.int64), ("head", np.int8), ("time", float), ("rate", float), ("mode", np.int8),
-    *typing.get_type_hints(Outcome).items(),
-    *((f"{name}_{axis}", float) for name in OF_FILTER for axis in AXES),
-])  # fmt: skip
+FRAMES: np.dtype[np.void] = np.dtype(
+    [
+        ("sequence", np.int64),
+        ("head", np.int8),
+        ("time", float),
+        ("rate", float),
+        ("mode", np.int8),
+        *typing.get_type_hints(Outcome).items(),
+        *((f"{name}_{axis}", float) for name in OF_FILTER for axis in AXES),
+    ]
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,17 +270,24 @@ def _started(
     gyro, heads = sequence.gyro, sequence.heads
     errors = attitude.Lasting(np.concatenate([parts] * (1 + len(heads))), np.ones(()))
     return start(
-        estimate.icrs_to_camera, estimate.covariance,
-        gyro.bias if gyro else sequence.initial_rate_sigma, errors,
+        estimate.icrs_to_camera,
+        estimate.covariance,
+        gyro.bias if gyro else sequence.initial_rate_sigma,
+        errors,
         gyro.misalignment if gyro else 0.0,
-        [(other.to_head, other.alignment_sigma) for other in heads], head,
-    )  # fmt: skip
+        [(other.to_head, other.alignment_sigma) for other in heads],
+        head,
+    )
 
 
 def from_two_frames(
-    before: TrackerState, estimate: core.Estimate, head: int, step: float, sequence: Sequence,
+    before: TrackerState,
+    estimate: core.Estimate,
+    head: int,
+    step: float,
+    sequence: Sequence,
     lengths: Floats,
-) -> TrackerState:  # fmt: skip
+) -> TrackerState:
     """The prediction of a frame by the rate that its attitude and that of the frame before give.
 
     A filter without gyroscope that has seen one frame knows its rate within `initial_rate_sigma`
@@ -322,10 +335,15 @@ class Mode(IntEnum):
 
 
 def fly_sequences(
-    case: Case, sequence: Sequence, sequences: int, seed: int, executor: Executor,
-    progress: Advance | None = None, recording: Recording | None = None,
+    case: Case,
+    sequence: Sequence,
+    sequences: int,
+    seed: int,
+    executor: Executor,
+    progress: Advance | None = None,
+    recording: Recording | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
-) -> Rows:  # fmt: skip
+) -> Rows:
     """Many sequences over workers, one after the other in the table, as `run`.
 
     progress   called with 1 for each sequence that ended
@@ -360,9 +378,13 @@ class Recording:
 
 
 def run(
-    case: Case, sequence: Sequence, seed: int, number: int, recording: Recording | None = None,
+    case: Case,
+    sequence: Sequence,
+    seed: int,
+    number: int,
+    recording: Recording | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
-) -> Rows:  # fmt: skip
+) -> Rows:
     """One sequence from a random attitude, by a tracker without an attitude at its start.
 
     recording  what is kept of the frames, and where; None: nothing
@@ -414,10 +436,14 @@ def run(
         tracker = update_state(tracker, estimates, sequence, parts, moved)
         for head, estimate in zip(heads, estimates, strict=True):
             table[k, head.number] = (
-                number, head.number, time, float(np.linalg.norm(true.turns[k].speed)),
-                _mode(tracker), *judge(estimate, head.turn * asked[k], head.spots),
+                number,
+                head.number,
+                time,
+                float(np.linalg.norm(true.turns[k].speed)),
+                _mode(tracker),
+                *judge(estimate, head.turn * asked[k], head.spots),
                 *_known(tracker.predicted, asked[k], head),
-            )  # fmt: skip
+            )
     for head in heads:
         head.save()
     return table.ravel()
@@ -434,9 +460,14 @@ class _Head:
     """
 
     def __init__(
-        self, case: Case, sequence: Sequence, head: int, turn: Rotation,
-        views: Iterator[_View], kept: Path | None,
-    ) -> None:  # fmt: skip
+        self,
+        case: Case,
+        sequence: Sequence,
+        head: int,
+        turn: Rotation,
+        views: Iterator[_View],
+        kept: Path | None,
+    ) -> None:
         self.number, self.turn, self.parts, self.spots = head, turn, np.zeros((3, 3, 3)), 0
         self.views, self._case, self._filter = views, case, sequence.camera
         self._camera, self._images, self._since = case.believed_camera, Images(), 0.0
@@ -447,9 +478,14 @@ class _Head:
         self._kept, self._stars = kept, _StarImages(case)
 
     def see(
-        self, time: float, view: _View, state: attitude.State | None, rate: Floats, step: float,
+        self,
+        time: float,
+        view: _View,
+        state: attitude.State | None,
+        rate: Floats,
+        step: float,
         alone: bool,
-    ) -> core.Estimate:  # fmt: skip
+    ) -> core.Estimate:
         """The attitude of the next frame.
 
         time   second, of its middle
@@ -493,9 +529,14 @@ class _Head:
 
 
 def _heads(
-    case: Case, sequence: Sequence, true: Flight, seed: int, number: int,
-    recording: Recording | None, fidelity: Fidelity,
-) -> Iterator[_Head]:  # fmt: skip
+    case: Case,
+    sequence: Sequence,
+    true: Flight,
+    seed: int,
+    number: int,
+    recording: Recording | None,
+    fidelity: Fidelity,
+) -> Iterator[_Head]:
     """The camera of the design, and the further heads, whose alignments are drawn."""
     # As trials in windows, whose pixels that flicker need the whole frame.
     whole_alone = fidelity is Fidelity.WINDOW and case.instrument.detector.flickers
@@ -546,9 +587,13 @@ class _StarImages:
         self._rows = defaultdict[int, list[tuple[Any, ...]]](list)
 
     def add(
-        self, time: float, frame: core.Frame, spots: core.Spots, matches: core.Matches,
+        self,
+        time: float,
+        frame: core.Frame,
+        spots: core.Spots,
+        matches: core.Matches,
         images: Images,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Images are where the tracker has them, or about the pixel nearest to the spot."""
         rows, columns = frame.image.shape
         for spot, star in zip(matches.spot.tolist(), matches.star.tolist(), strict=True):
@@ -607,16 +652,21 @@ def _in_frame(case: Case, frame: core.Frame, smear: tuple[float, float]) -> core
 
 
 def _windows(
-    case: Case, true: Flight, seed: int, number: int, recording: Recording | None,
+    case: Case,
+    true: Flight,
+    seed: int,
+    number: int,
+    recording: Recording | None,
     fidelity: Fidelity,
-) -> Iterator[_View]:  # fmt: skip
+) -> Iterator[_View]:
     """Views of windows of each frame, whose numbers are those of the whole frames."""
     needs = {
         "fidelity must be frame or window in a sequence": fidelity is not Fidelity.WINDOW,
         "fidelity must be frame where frames or images of stars are kept": recording is not None,
-        "fidelity must be frame in a sequence with search boxes (tracker.acquisition)":
-            trial.boxed(case),
-    }  # fmt: skip
+        "fidelity must be frame in a sequence with search boxes (tracker.acquisition)": trial.boxed(
+            case
+        ),
+    }
     for text, needed in needs.items():
         if needed:
             raise Refused(f"{text}, got {fidelity}")
@@ -662,9 +712,16 @@ def _frames(
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
         light = trial.light_of(case, stars, true.attitude[k], _sky(seed, number))
         exposure = Exposure(
-            light, trial.images_of(instrument), path, true.attitude[k], camera, detector,
-            trial.throughput(instrument), turn.over, before,
-        )  # fmt: skip
+            light,
+            trial.images_of(instrument),
+            path,
+            true.attitude[k],
+            camera,
+            detector,
+            trial.throughput(instrument),
+            turn.over,
+            before,
+        )
         electrons = expected(exposure)
         before = electrons if detector.lag else None
         if state and k:
@@ -674,9 +731,14 @@ def _frames(
 
 
 def _see(
-    case: Case, view: _View, camera: core.Camera, predicted: tuple[Rotation, Floats] | None,
-    rate: Floats, images: Images, alone: bool,
-) -> tuple[core.Spots, core.Matches, core.Estimate, Images]:  # fmt: skip
+    case: Case,
+    view: _View,
+    camera: core.Camera,
+    predicted: tuple[Rotation, Floats] | None,
+    rate: Floats,
+    images: Images,
+    alone: bool,
+) -> tuple[core.Spots, core.Matches, core.Estimate, Images]:
     """What the flight software does with a frame, with a prediction or without.
 
     predicted  attitude, and its covariance (3, 3) radian^2; None: no prediction

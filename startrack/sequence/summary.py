@@ -69,10 +69,13 @@ def summarise_sequences(table: Rows) -> Tracking:
         rms_interval(_means(apart, _measured, "error_x", "error_y")),
         rms_interval(_means(apart, _coasted, "filtered_x", "filtered_y")),
         _mean(np.array([float((_error(rows) > FALSE_ANGLE).mean()) for rows in apart])),
-        float(np.nanmax(_error(table), initial=0.0)), _known_fraction(apart),
-        _rate(len(waits), hours), _mean(waits[np.isfinite(waits)]), len(apart),
+        float(np.nanmax(_error(table), initial=0.0)),
+        _known_fraction(apart),
+        _rate(len(waits), hours),
+        _mean(waits[np.isfinite(waits)]),
+        len(apart),
         rms_interval(_means(last, None, *(f"alignment_{axis}" for axis in "xyz"))),
-    )  # fmt: skip
+    )
 
 
 def _measured(sequence: Rows) -> Flags:

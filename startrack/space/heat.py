@@ -38,28 +38,43 @@ class Heat(Parameters):
 
     epoch: Annotated[str, "UTC, for the place of the Sun"] = "2026-03-20T12:00:00"
     altitude: Annotated[float, Unit("m", "km"), Range(150e3, 4e7), "of a circular orbit"] = 600e3
-    local_time: Annotated[float, Unit("s", "h", clock=True),
-        "of the ascending node, mean solar time"] = 10.5 * 3600  # fmt: skip
-    inclination: Annotated[float | None, Unit("rad", "deg"), Range(0, math.pi),
-        "None: that of a Sun-synchronous orbit"] = None  # fmt: skip
+    local_time: Annotated[
+        float, Unit("s", "h", clock=True), "of the ascending node, mean solar time"
+    ] = 10.5 * 3600
+    inclination: Annotated[
+        float | None, Unit("rad", "deg"), Range(0, math.pi), "None: that of a Sun-synchronous orbit"
+    ] = None
     size: Annotated[tuple[float, ...], Unit("m"), POSITIVE, "of the box along x, y and z"] = (
-        0.6, 0.6, 0.8,
-    )  # fmt: skip
-    absorptance: Annotated[tuple[float, ...], Range(0, 1),
-        "of sunlight, by the faces +x, -x, +y, -y, +z and -z, or one of all"] = (0.3,)  # fmt: skip
+        0.6,
+        0.6,
+        0.8,
+    )
+    absorptance: Annotated[
+        tuple[float, ...],
+        Range(0, 1),
+        "of sunlight, by the faces +x, -x, +y, -y, +z and -z, or one of all",
+    ] = (0.3,)
     emittance: Annotated[tuple[float, ...], Range(0, 1), "in the infrared, likewise"] = (0.3,)
     capacity: Annotated[float, Unit("J / K"), POSITIVE, "of the platform"] = 60e3
     power: Annotated[float, Unit("W"), NON_NEGATIVE, "that its electronics turn into heat"] = 60.0
     face: Annotated[str, Range(choices=tuple(FACES)), "on which the head is"] = "-z"
-    head_size: Annotated[tuple[float, ...], Unit("m", "mm"), POSITIVE,
-        "diameter and length of what stands outside"] = (80e-3, 100e-3)  # fmt: skip
-    head_absorptance: Annotated[float, Range(0, 1),
-        "of sunlight, of its tube; under insulation, the part that reaches the tube"
-    ] = 0.01  # fmt: skip
-    head_emittance: Annotated[float, Range(0, 1),
-        "in the infrared; under insulation, its effective emittance"] = 0.02  # fmt: skip
-    aperture: Annotated[float, Unit("m", "mm"), NON_NEGATIVE,
-        "diameter of the opening, black, which sees space alone"] = 30e-3  # fmt: skip
+    head_size: Annotated[
+        tuple[float, ...], Unit("m", "mm"), POSITIVE, "diameter and length of what stands outside"
+    ] = (80e-3, 100e-3)
+    head_absorptance: Annotated[
+        float,
+        Range(0, 1),
+        "of sunlight, of its tube; under insulation, the part that reaches the tube",
+    ] = 0.01
+    head_emittance: Annotated[
+        float, Range(0, 1), "in the infrared; under insulation, its effective emittance"
+    ] = 0.02
+    aperture: Annotated[
+        float,
+        Unit("m", "mm"),
+        NON_NEGATIVE,
+        "diameter of the opening, black, which sees space alone",
+    ] = 30e-3
     head_capacity: Annotated[float, Unit("J / K"), POSITIVE, "0.5 kg of aluminium"] = 450.0
     head_power: Annotated[float, Unit("W"), NON_NEGATIVE, "of its electronics"] = 1.0
     conductance: Annotated[float, Unit("W / K"), POSITIVE, "from head to platform"] = 0.2
@@ -70,8 +85,11 @@ class Heat(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, counts in (
-            ("size", (3,)), ("head_size", (2,)), ("absorptance", (1, 6)), ("emittance", (1, 6)),
-        ):  # fmt: skip
+            ("size", (3,)),
+            ("head_size", (2,)),
+            ("absorptance", (1, 6)),
+            ("emittance", (1, 6)),
+        ):
             if len(getattr(self, name)) not in counts:
                 asked = " or ".join(map(str, counts))
                 raise Refused(f"{name} must have {asked} values, got {len(getattr(self, name))}")

@@ -72,11 +72,13 @@ def require_two_lines(lines: tuple[str, ...]) -> None:
 def orbit_direction(node: float, inclination: float, argument: float) -> Floats:
     """(3,) unit vector from the Earth's centre, at an angle (radian) from the ascending node."""
     along, across = math.cos(argument), math.sin(argument)
-    return np.array([
-        along * math.cos(node) - across * math.cos(inclination) * math.sin(node),
-        along * math.sin(node) + across * math.cos(inclination) * math.cos(node),
-        across * math.sin(inclination),
-    ])  # fmt: skip
+    return np.array(
+        [
+            along * math.cos(node) - across * math.cos(inclination) * math.sin(node),
+            along * math.sin(node) + across * math.cos(inclination) * math.cos(node),
+            across * math.sin(inclination),
+        ]
+    )
 
 
 @dataclass(frozen=True)
@@ -166,10 +168,20 @@ def element_record(
     inclination, node, perigee, anomaly = angles
     record = sgp4.Satrec()
     record.sgp4init(
-        sgp4.WGS72, "i", 1, (date.jd1 - EPOCH_1949) + date.jd2, 0.0, 0.0, 0.0, eccentricity,
-        perigee % math.tau, inclination, anomaly % math.tau,
-        60 * math.sqrt(GM_WGS72 / axis**3), node % math.tau,
-    )  # fmt: skip
+        sgp4.WGS72,
+        "i",
+        1,
+        (date.jd1 - EPOCH_1949) + date.jd2,
+        0.0,
+        0.0,
+        0.0,
+        eccentricity,
+        perigee % math.tau,
+        inclination,
+        anomaly % math.tau,
+        60 * math.sqrt(GM_WGS72 / axis**3),
+        node % math.tau,
+    )
     return record
 
 

@@ -201,8 +201,9 @@ def hit_map(altitude: float, shielding: float, active: bool = False) -> HitMap:
     positive(altitude=altitude, shielding=shielding)
     latitude = np.linspace(-math.pi / 2, math.pi / 2, LATITUDES)
     east = np.arange(LONGITUDES) * (math.tau / LONGITUDES)
-    north, along = (np.asarray(side, np.float64).ravel()
-                    for side in np.meshgrid(latitude, east, indexing="ij"))  # fmt: skip
+    north, along = (
+        np.asarray(side, np.float64).ravel() for side in np.meshgrid(latitude, east, indexing="ij")
+    )
     lines = field_lines(north, along, altitude)
     above = _trapped_at(*lines, ENERGIES, "p", active)
     left = np.zeros((2, 2, len(north)))  # protons and electrons; their number, MeV / g

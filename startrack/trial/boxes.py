@@ -50,9 +50,13 @@ def targets(case: Case, camera: Camera, expected: Rotation) -> tuple[Ints, Float
 
 
 def follow_boxes(
-    case: Case, frame: Frame, camera: Camera, expected: Rotation, images: Images,
+    case: Case,
+    frame: Frame,
+    camera: Camera,
+    expected: Rotation,
+    images: Images,
     plan: DetectionPlan | None = None,
-) -> tuple[Spots, Matches, Images]:  # fmt: skip
+) -> tuple[Spots, Matches, Images]:
     """What the tracker takes about the places where it expects stars.
 
     images   of stars, where the exposure before left them; other stars, and those whose image is no

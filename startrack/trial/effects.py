@@ -219,82 +219,108 @@ EFFECTS = [
     Effect(
         "instrument.motion.tones, broadband",
         _jitters("platform"),
-        JITTER, Term.PLATFORM,
+        JITTER,
+        Term.PLATFORM,
         lambda case: replaced(case, "instrument.motion", case.instrument.motion.steady),
     ),
     Effect(
         "instrument.motion.tones, broadband",
         _jitters("head"),
-        JITTER_OF_HEAD, Term.NOISE,
+        JITTER_OF_HEAD,
+        Term.NOISE,
         lambda case: replaced(case, "instrument.motion", case.instrument.motion.steady),
     ),
     Effect(
         "instrument.detector.hits",
         lambda case: case.instrument.detector.hits,
-        HITS, Term.NOISE, lambda case: replaced(case, "instrument.detector.hits", None),
+        HITS,
+        Term.NOISE,
+        lambda case: replaced(case, "instrument.detector.hits", None),
         drawn="hits",
         left_out="cosmic rays (detector.hits)",
     ),
     Effect(
         "instrument.detector.prnu",
         lambda case: case.instrument.detector.prnu,
-        "PRNU", Term.PIXEL, lambda case: replaced(case, "instrument.detector.prnu", 0.0),
+        "PRNU",
+        Term.PIXEL,
+        lambda case: replaced(case, "instrument.detector.prnu", 0.0),
     ),
     Effect(
         "instrument.detector.defects, age, tracker.detection.dark_map",
         _differing_dark,
-        DSNU, Term.PIXEL, _flawless,
+        DSNU,
+        Term.PIXEL,
+        _flawless,
     ),
     Effect(
         f"instrument.detector.{', '.join(NONLINEAR)}",
         lambda case: any(getattr(case.instrument.detector, key) for key in NONLINEAR),
-        "read-out", Term.PIXEL,
+        "read-out",
+        Term.PIXEL,
         lambda case: replaced_all(case, {f"instrument.detector.{key}": 0.0 for key in NONLINEAR}),
     ),
     Effect(
         "instrument.optics.lens_field",
         lambda case: case.instrument.optics.tabulated and case.instrument.optics.lens_field,
-        LENS_FIELD, Term.FIELD, lambda case: replaced(case, "instrument.optics.lens_field", False),
+        LENS_FIELD,
+        Term.FIELD,
+        lambda case: replaced(case, "instrument.optics.lens_field", False),
     ),
     Effect(
         "instrument.optics.lens_colour",
         lambda case: case.instrument.optics.tabulated and case.instrument.optics.lens_colour,
-        LENS_COLOUR, Term.FIELD,
+        LENS_COLOUR,
+        Term.FIELD,
         lambda case: replaced(case, "instrument.optics.lens_colour", False),
     ),
     Effect(
         "tracker.camera",
         lambda case: case.believed_camera != case.instrument.camera,
-        "camera model", Term.FIELD, _calibrated,
+        "camera model",
+        Term.FIELD,
+        _calibrated,
     ),
     Effect(
         "tracker.catalog.proper_motion, epoch",
         _misbelieved("proper_motion", "epoch"),
-        "proper motion", Term.FIELD, _believed_right("proper_motion", "epoch"),
+        "proper motion",
+        Term.FIELD,
+        _believed_right("proper_motion", "epoch"),
     ),
     Effect(
         "tracker.catalog.parallax",
         _misbelieved("parallax"),
-        "parallax", Term.FIELD, _believed_right("parallax"),
+        "parallax",
+        Term.FIELD,
+        _believed_right("parallax"),
     ),
     Effect(
         "tracker.catalog.aberration, orbital_velocity",
         _misbelieved("aberration", "orbital_velocity"),
-        "aberration", Term.ABERRATION, _believed_right("aberration", "orbital_velocity"),
+        "aberration",
+        Term.ABERRATION,
+        _believed_right("aberration", "orbital_velocity"),
     ),
     Effect(
         "instrument.mounting",
         lambda case: case.instrument.mounting.still != case.believed_mounting,
-        "mounting", Term.BIAS, _aligned,
+        "mounting",
+        Term.BIAS,
+        _aligned,
     ),
     Effect(
         "instrument.mounting.swing_x, swing_y, swing_z",
         lambda case: case.instrument.mounting.swings,
-        "mounting swing", Term.THERMO_ELASTIC, _cool,
+        "mounting swing",
+        Term.THERMO_ELASTIC,
+        _cool,
     ),
     Effect(
         "instrument.detector.row_delay",
-        _sheared, SHUTTER, Term.FIELD,
+        _sheared,
+        SHUTTER,
+        Term.FIELD,
         lambda case: replaced_all(
             case, {"instrument.detector.row_delay": 0.0, "tracker.row_delay": 0.0}
         ),
@@ -312,7 +338,9 @@ EFFECTS = [
     Effect(
         "tracker.delay",
         lambda case: case.time_tag_error and case.instrument.motion.rate,
-        "time stamp", Term.MEASUREMENT_DATE, _punctual,
+        "time stamp",
+        Term.MEASUREMENT_DATE,
+        _punctual,
     ),
     Effect(
         "instrument.detector.lag",
@@ -327,8 +355,7 @@ EFFECTS = [
     Effect(
         "instrument.detector.defects.dead, dead_columns",
         lambda case: (
-            (defects := case.instrument.detector.defects)
-            and (defects.dead or defects.dead_columns)
+            (defects := case.instrument.detector.defects) and (defects.dead or defects.dead_columns)
         ),
         drawn="dead pixels",
         left_out="dead pixels (detector.defects.dead, dead_columns)",
@@ -400,10 +427,8 @@ EFFECTS = [
         lambda case: case.instrument.optics.polynomial,
         drawn="a polynomial of the optics",
     ),
-    Effect(
-        "instrument.motion.rate_z", _rolled, drawn="a rate_z that smears stars in the corners"
-    ),
-]  # fmt: skip
+    Effect("instrument.motion.rate_z", _rolled, drawn="a rate_z that smears stars in the corners"),
+]
 
 
 def present(column: str, case: Case) -> list[Effect]:

@@ -83,9 +83,14 @@ def _whole_images(instrument: Instrument) -> FieldPsf:
 
 @kept(4)
 def _computed(
-    optics: Optics, kelvin: float, camera: Camera, pitch: float, photons: bytes,
-    fill_factor: float, diffusion: float,
-) -> FieldPsf:  # fmt: skip
+    optics: Optics,
+    kelvin: float,
+    camera: Camera,
+    pitch: float,
+    photons: bytes,
+    fill_factor: float,
+    diffusion: float,
+) -> FieldPsf:
     """`field_psf` for blackbodies of all TEMPERATURES; kept for the 4 last lenses.
 
     photons  of `Instrument.detected_spectra`

@@ -31,10 +31,14 @@ _Look = tuple[float, tuple[int, ...], bool]
 FIRST: _Look = THRESHOLDS[0], SCALES, False
 COARSER: _Look = THRESHOLDS[0], SCALES[1:], False
 LOOKS: tuple[_Look, ...] = (
-    FIRST, (*FIRST[:2], True), (THRESHOLDS[0], SCALES[:1], False), COARSER,
+    FIRST,
+    (*FIRST[:2], True),
+    (THRESHOLDS[0], SCALES[:1], False),
+    COARSER,
     *((THRESHOLDS[0], SCALES[k:], False) for k in (2, 3)),
-    (THRESHOLDS[1], SCALES, False), (THRESHOLDS[1], SCALES[:1], False),
-)  # fmt: skip
+    (THRESHOLDS[1], SCALES, False),
+    (THRESHOLDS[1], SCALES[:1], False),
+)
 PARTS = 4  # of an image, along each side
 # Hypotheses of a try over those of the settings: of one field, and of all round by round. Most
 # images take less than the first, so all is tried with few before anything is with many.
@@ -458,8 +462,11 @@ class _Looks:
             image = np.asarray(finer.image[: 2 * rows, : 2 * columns], np.float32)
             self._reduced[scale] = Frame(
                 cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA),
-                finer.exposure, 4 * finer.electrons_per_dn, finer.offset, 2 * finer.read_noise,
-            )  # fmt: skip
+                finer.exposure,
+                4 * finer.electrons_per_dn,
+                finer.offset,
+                2 * finer.read_noise,
+            )
         return self._reduced[scale]
 
 
@@ -484,9 +491,13 @@ def _enlarged(spots: Spots, scale: int) -> Spots:
         return spots
     floor = (FLOOR * scale) ** 2 * np.eye(2)
     return Spots(
-        (spots.x + 0.5) * scale - 0.5, (spots.y + 0.5) * scale - 0.5, spots.flux * scale**2,
-        spots.covariance * scale**2 + floor, spots.snr, spots.area * scale**2,
-    )  # fmt: skip
+        (spots.x + 0.5) * scale - 0.5,
+        (spots.y + 0.5) * scale - 0.5,
+        spots.flux * scale**2,
+        spots.covariance * scale**2 + floor,
+        spots.snr,
+        spots.area * scale**2,
+    )
 
 
 def _grown(fine: Spots, coarse: Spots, half_side: float) -> Spots:

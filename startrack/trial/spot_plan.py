@@ -222,8 +222,10 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         spot_response.companion_shift(grid, TYPICAL * faintest),
         Field(
             np.ascontiguousarray(stars.direction[detectable]),
-            np.ascontiguousarray(believed.direction[there]), is_known,
-            np.log(flux[detectable]), detectable.astype(np.uint64),
+            np.ascontiguousarray(believed.direction[there]),
+            is_known,
+            np.log(flux[detectable]),
+            detectable.astype(np.uint64),
             systematic_variance(case)[there],
             hot_variance(case)[there],
             *_colours(case, stars.colour[detectable], believed.colour[there]),
@@ -235,7 +237,7 @@ def plan_within(case: Case, limits: Limits) -> Plan:
         + (empty.spots if empty else 0.0),
         through_of(case),
         spot_response.hot_windows(grid, case, fluxes)[0],
-    )  # fmt: skip
+    )
 
 
 def view_of(camera: Camera, border: int) -> View:

@@ -71,9 +71,12 @@ class Grid:
         return within_frame(side, self.case.instrument.detector)
 
     def expect(
-        self, place: Floats, flux: Floats, companions: tuple[Floats, Floats] | None = None,
+        self,
+        place: Floats,
+        flux: Floats,
+        companions: tuple[Floats, Floats] | None = None,
         dark: Floats | None = None,
-    ) -> tuple[Expectation, Floats]:  # fmt: skip
+    ) -> tuple[Expectation, Floats]:
         """What is to be expected of stars (n), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
         plan = detection_plan(self.case)

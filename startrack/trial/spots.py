@@ -38,11 +38,13 @@ FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars a
 # xx, yx, yy  pixel, triangular root of the centroid's covariance
 # flux        digital number, expected;  blur  1, its relative standard deviation
 # surplus     sigma, by which noise makes the star brighter
-SIGHT = np.dtype([
-    ("star", np.int64),
-    *((name, np.float64) for name in ("x", "y", "dx", "dy", "xx", "yx", "yy")),
-    *((name, np.float64) for name in ("flux", "blur", "surplus")),
-])  # fmt: skip
+SIGHT = np.dtype(
+    [
+        ("star", np.int64),
+        *((name, np.float64) for name in ("x", "y", "dx", "dy", "xx", "yx", "yy")),
+        *((name, np.float64) for name in ("flux", "blur", "surplus")),
+    ]
+)
 
 
 @kernel
@@ -154,9 +156,17 @@ def _bilinear(corners, u, v, k):  # type: ignore[no-untyped-def]
 
 @kernel
 def _measure(
-    x: float, y: float, column: int, row: int, flux: float, zone: int, start: np.uint64,
-    response: Response, hot: HotPixels, seen: Any,
-) -> bool:  # fmt: skip
+    x: float,
+    y: float,
+    column: int,
+    row: int,
+    flux: float,
+    zone: int,
+    start: np.uint64,
+    response: Response,
+    hot: HotPixels,
+    seen: Any,
+) -> bool:
     """Whether a single star is detected at a position in a pixel; writes its measurement."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)

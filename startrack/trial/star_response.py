@@ -443,8 +443,13 @@ def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | Non
     strip = np.zeros((side, len(place) * side))
     middle = np.arange(len(place)) * side + side // 2
     for fraction, (x, y) in zip(weight, offset, strict=True):
-        stamp(strip, psf, middle + place[:, 0] + x, side // 2 + place[:, 1] + y,
-              np.full(len(place), fraction))  # fmt: skip
+        stamp(
+            strip,
+            psf,
+            middle + place[:, 0] + x,
+            side // 2 + place[:, 1] + y,
+            np.full(len(place), fraction),
+        )
     fraction = instrument.detector.crosstalk
     if fraction:
         strip = diffuse(strip, fraction)

@@ -169,9 +169,12 @@ class _Pairs(NamedTuple):
         """The pairs that are nearer than an angle, radian."""
         many = int(np.searchsorted(self.angle, angle))
         return _Pairs(
-            self.star[:many], self.magnitude[:, :many], self.colour[:, :many], self.angle[:many],
+            self.star[:many],
+            self.magnitude[:, :many],
+            self.colour[:, :many],
+            self.angle[:many],
             self.apart[:, :many],
-        )  # fmt: skip
+        )
 
 
 @kept(32)

@@ -43,8 +43,10 @@ class Zones(NamedTuple):
         """x, y and colour of each zone, in the order of their numbers."""
         return [
             (float(x), float(y), float(colour))
-            for colour in self.colour for y in self.y for x in self.x
-        ]  # fmt: skip
+            for colour in self.colour
+            for y in self.y
+            for x in self.x
+        ]
 
     def colour_class(self, colour: Floats) -> Ints:
         """The class (n,) of each colour."""

@@ -108,9 +108,14 @@ class Windows(core.Parameters):
         """Some of the exposures."""
         background = None if self.background is None else self.background[chosen]
         acquired = None if self.acquired is None else self.acquired[chosen]
-        return replace(self, time=self.time[chosen], number=self.number[chosen],
-                       corner=self.corner[chosen], background=background,
-                       acquired=acquired)  # fmt: skip
+        return replace(
+            self,
+            time=self.time[chosen],
+            number=self.number[chosen],
+            corner=self.corner[chosen],
+            background=background,
+            acquired=acquired,
+        )
 
 
 def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
@@ -166,19 +171,23 @@ def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
     background, magnitude = column("background", "bkg_adu"), column("magnitude", "obc_mag")
     magnitude_g = column("magnitude_g")
     return Windows(
-        name, np.asarray(table["time"], float), np.asarray(number, float),
+        name,
+        np.asarray(table["time"], float),
+        np.asarray(number, float),
         np.column_stack(corner).astype(np.int64),
         None if background is None else np.asarray(background, float),
         math.nan if magnitude is None else float(np.median(magnitude)),
         np.asarray(table["acquired"], bool) if "acquired" in table else None,
         math.nan if magnitude_g is None else float(np.median(magnitude_g)),
-    )  # fmt: skip
+    )
 
 
 def windows_of_frames(
-    frames: Iterable[core.Frame], case: Case, progress: Advance | None = None,
+    frames: Iterable[core.Frame],
+    case: Case,
+    progress: Advance | None = None,
     dark_frame: core.Frame | None = None,
-) -> list[Windows]:  # fmt: skip
+) -> list[Windows]:
     """Windows of 8 x 8 pixels of the brightest stars of whole frames, in the order of time.
 
     The tracker's search finds the stars in the first frame; from there on its box follows each, and
@@ -228,10 +237,15 @@ def windows_of_frames(
     path, number = np.array(corners), np.array(numbers)
     kept = ((path >= 0) & (path <= np.array(size[::-1]) - 8)).all(axis=(0, 2))
     return [
-        Windows(f"star {star + 1}", time, number[:, star], path[:, star],
-                acquired=np.array(acquired)[:, star])
+        Windows(
+            f"star {star + 1}",
+            time,
+            number[:, star],
+            path[:, star],
+            acquired=np.array(acquired)[:, star],
+        )
         for star in np.flatnonzero(kept)
-    ]  # fmt: skip
+    ]
 
 
 def _times(stamps: Floats, detector: Detector) -> Floats:
@@ -586,9 +600,8 @@ def _fitted(image: Floats, start: Floats, spread: Floats, psf: core.Psf) -> Floa
 
 
 def simulate(
-    case: Case, stars: Sequence[Windows], devices: int, seed: int,
-    progress: Advance | None = None,
-) -> list[list[Windows]]:  # fmt: skip
+    case: Case, stars: Sequence[Windows], devices: int, seed: int, progress: Advance | None = None
+) -> list[list[Windows]]:
     """Images that the design makes of the same stars on the same paths.
 
     Light and path are those of the images that were seen: the median of their light, and their
@@ -634,9 +647,12 @@ def _drawn(
     low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
     side = np.ceil(path.max(axis=0)).astype(int) + 2 * BORDER - low
     device = replace(
-        case.instrument.detector, columns=int(side[0]) * devices, rows=int(side[1]),
-        device_seed=streams.seed * 1000 + streams.trial, region=None,
-    )  # fmt: skip
+        case.instrument.detector,
+        columns=int(side[0]) * devices,
+        rows=int(side[1]),
+        device_seed=streams.seed * 1000 + streams.trial,
+        region=None,
+    )
     shift = np.arange(devices) * side[0]
     gain, empty = response(device), sky_electrons(case) + np.asarray(dark(device)) * device.exposure
     state, psf, box = flickering(device, streams), psf_of(case.instrument), case.tracker.box
@@ -653,9 +669,11 @@ def _drawn(
         if state and k:
             state.later(float(seen.time[k] - seen.time[k - 1]))
         frame = frame_of(
-            light + empty, device, core.Streams(streams.seed, 10**6 * (1 + streams.trial) + k),
+            light + empty,
+            device,
+            core.Streams(streams.seed, 10**6 * (1 + streams.trial) + k),
             state=state,
-        )  # fmt: skip
+        )
         corners.append(corner - 4)
         numbers.append(_cut(frame.image, corner, device))
         if seen.acquired is not None:
@@ -663,11 +681,15 @@ def _drawn(
         corner = _followed(frame, corner, box, plan)
     origin = np.column_stack([low[0] - shift, np.full(devices, low[1])])
     return [
-        replace(seen, number=np.array([n[k] for n in numbers]), background=None,
-                corner=np.array([c[k] for c in corners]) + origin[k],
-                acquired=np.array([a[k] for a in acquired]) if acquired else None)
+        replace(
+            seen,
+            number=np.array([n[k] for n in numbers]),
+            background=None,
+            corner=np.array([c[k] for c in corners]) + origin[k],
+            acquired=np.array([a[k] for a in acquired]) if acquired else None,
+        )
         for k in range(devices)
-    ]  # fmt: skip
+    ]
 
 
 def _cut(image: Any, corner: Ints, device: Detector) -> Floats:
@@ -717,9 +739,12 @@ class Flown(NamedTuple):
 
 
 def compare_flown(
-    case: Case, stars: Sequence[Windows], devices: int = 16, seed: int = 0,
+    case: Case,
+    stars: Sequence[Windows],
+    devices: int = 16,
+    seed: int = 0,
     progress: Advance | None = None,
-) -> Flown:  # fmt: skip
+) -> Flown:
     """Measure images in flight and those that the design predicts, by the same code.
 
     The predicted images have the light that is seen. So the brightness of a star tests transmission
@@ -757,8 +782,9 @@ def compare_flown(
                 row = Difference(star.name, name, seen, predicted, KEYS[name], untested)
                 differences.append(row)
         curves[star.name] = (
-            measured[n].curve, _known_mean(np.array([unit[n].curve for unit in drawn]), 0),
-        )  # fmt: skip
+            measured[n].curve,
+            _known_mean(np.array([unit[n].curve for unit in drawn]), 0),
+        )
     return Flown(_of_known_offset(differences), curves)
 
 

@@ -256,15 +256,20 @@ def unit_text(verified: UnitVerification) -> str:
     lines = aligned(table)
     statistics = dict.fromkeys(f"{row.name}: {row.statistic}" for row in verified.rows)
     verdicts = ", ".join(f"{verified.at(k).loud} at {age}" for k, age in enumerate(ages))
-    return "\n".join([
-        *lines, "", f"verdict: {verdicts}", *statistics,
-        *(_stated_text(errors) for errors in verified.stated),
-        *(f"not judged: {reason}" for reason in verified.left),
-        f"of {verified.count} units with {verified.trials} trials each, "
-        f"{100 * verified.rows[0].least:g} % must meet each limit with their own trials; a pass or "
-        f"a fail of all at an age is wrong with a probability of at most {100 * verified.alpha:g} "
-        "%. Errors in arcsec, availability in %.",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"verdict: {verdicts}",
+            *statistics,
+            *(_stated_text(errors) for errors in verified.stated),
+            *(f"not judged: {reason}" for reason in verified.left),
+            f"of {verified.count} units with {verified.trials} trials each, "
+            f"{100 * verified.rows[0].least:g} % must meet each limit with their own trials; a "
+            "pass or a fail of all at an age is wrong with a probability of at most "
+            f"{100 * verified.alpha:g} %. Errors in arcsec, availability in %.",
+        ]
+    )
 
 
 def _written(verdict: YieldVerdict) -> str:

@@ -69,9 +69,13 @@ class Verification:
 
 
 def verify(
-    case: Case, campaign: Campaign, trials: Trials, seed: int, looks: Looks | None = None,
+    case: Case,
+    campaign: Campaign,
+    trials: Trials,
+    seed: int,
+    looks: Looks | None = None,
     watch: Callable[[str, int], None] | None = None,
-) -> Verification:  # fmt: skip
+) -> Verification:
     """Judge each requirement of a campaign on a design, in each condition.
 
     Those on mass, power and the like by their formulas. Error and availability by trials, at the
@@ -100,9 +104,13 @@ def _by_formula(condition: Judged) -> Iterator[Verdict]:
 
 
 def _by_trials(
-    condition: Judged, trials: Trials, seed: int, looks: Looks, tails: tuple[float, float],
+    condition: Judged,
+    trials: Trials,
+    seed: int,
+    looks: Looks,
+    tails: tuple[float, float],
     watch: Callable[[str, int], None] | None,
-) -> Iterator[Verdict]:  # fmt: skip
+) -> Iterator[Verdict]:
     claims = claims_of(condition.needs)
     analysis, note = _analysis(condition)
     decided = dict[str, tuple[Interval, int]]()
@@ -124,10 +132,18 @@ def _by_trials(
         answer = claim.answer(bounds)
         open_ = answer is Answer.NOT_SHOWN
         yield Verdict(
-            condition.name, claim.name, _statistic(claim), claim.limit,
-            analysis.get(claim.name, math.nan), bounds, size, claim.margin(bounds.value), answer,
-            claim.needed(outcomes, boresight, *tails) if open_ else None, note,
-        )  # fmt: skip
+            condition.name,
+            claim.name,
+            _statistic(claim),
+            claim.limit,
+            analysis.get(claim.name, math.nan),
+            bounds,
+            size,
+            claim.margin(bounds.value),
+            answer,
+            claim.needed(outcomes, boresight, *tails) if open_ else None,
+            note,
+        )
 
 
 def _statistic(claim: Claim) -> str:
@@ -174,8 +190,9 @@ def verdict_table(verified: Verification) -> Table:
         Column("limit", "", lambda row: in_json(row, row.limit)),
         Column("analysis", "", lambda row: in_json(row, row.analysis)),
         Column("trials", "", if_tried(lambda row, x: in_json(row, x.value), None)),
-        Column("bounds", "", if_tried(
-            lambda row, x: [in_json(row, x.low), in_json(row, x.high)], None)),
+        Column(
+            "bounds", "", if_tried(lambda row, x: [in_json(row, x.low), in_json(row, x.high)], None)
+        ),
         Column("number", "", lambda row: row.number),
         Column("margin", "", lambda row: row.margin),
         Column("verdict", "", lambda row: row.answer.value),
@@ -184,12 +201,15 @@ def verdict_table(verified: Verification) -> Table:
         Column("", "limit", if_tried(lambda row, _: in_text(row, row.limit), "")),
         Column("", "analysis", if_tried(lambda row, _: in_text(row, row.analysis), "")),
         Column("", "trials", if_tried(lambda row, x: in_text(row, x.value), "")),
-        Column("", "bounds", if_tried(
-            lambda row, x: f"[{in_text(row, x.low)}, {in_text(row, x.high)}]", "")),
+        Column(
+            "",
+            "bounds",
+            if_tried(lambda row, x: f"[{in_text(row, x.low)}, {in_text(row, x.high)}]", ""),
+        ),
         Column("", "n", if_tried(lambda row, _: str(row.number), "")),
         Column("", "margin", lambda row: f"{row.margin:+.3f}"),
         Column("", "verdict", _answer_text),
-    ]  # fmt: skip
+    ]
     return Table(columns, verified.verdicts)
 
 

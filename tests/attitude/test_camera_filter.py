@@ -28,8 +28,9 @@ def frame(rng, camera: Camera, stars: int = STARS):
     spots = Spots(*seen.T, np.ones(stars), covariance, np.full(stars, 50.0), np.ones(stars, int))
     believed = Rotation.from_rotvec(rng.normal(0, 3e-4, 3)) * attitude
     order = np.arange(stars)
-    matches = Matches(Status.SOLVED, "", order, order, attitude.inv().apply(direction), camera,
-                      believed, -30.0)  # fmt: skip
+    matches = Matches(
+        Status.SOLVED, "", order, order, attitude.inv().apply(direction), camera, believed, -30.0
+    )
     return spots, matches, direction
 
 
@@ -128,8 +129,9 @@ def test_the_attitude_states_what_is_not_known_of_the_camera(nodes):
         doubt = attitude_doubt(known, settings, spots, matches)
         squares.append(wrong @ np.linalg.solve(normal.inverse + doubt, wrong))
     assert np.mean(squares) == pytest.approx(3, abs=0.75)
-    few = replace(matches, spot=matches.spot[:2], direction=matches.direction[:2],
-                  star=matches.star[:2])  # fmt: skip
+    few = replace(
+        matches, spot=matches.spot[:2], direction=matches.direction[:2], star=matches.star[:2]
+    )
     assert not attitude_doubt(known, settings, spots, few).any()
 
 

@@ -226,8 +226,11 @@ def hot(name: str, *changes: str) -> Case:
 
 def test_hot_pixels_move_stars_as_in_windows():
     """50 windows; the interval holds the rms with 99 %. Without hot pixels it is 0.54 arcsec."""
-    case = hot("noise_only.toml", "instrument.detector.defects.hot=0.01",
-               "instrument.detector.defects.hot_current=4000 electron / s")  # fmt: skip
+    case = hot(
+        "noise_only.toml",
+        "instrument.detector.defects.hot=0.01",
+        "instrument.detector.defects.hot_current=4000 electron / s",
+    )
     budget, plain = analytic(case), analytic(hot("noise_only.toml"))
     shown = summarise(run_trials(case, 1, range(50), Fidelity.WINDOW))
     assert budget.across > 1.2 * plain.across
@@ -239,10 +242,13 @@ def test_hot_pixels_move_stars_as_in_windows():
 
 def test_a_damaged_detector_loses_stars_as_in_windows():
     """60 windows; without hot pixels all have an attitude."""
-    case = hot("noise_only.toml", "instrument.detector.age.time=6 yr",
-               "instrument.detector.age.inclination=97.6 deg",
-               "instrument.detector.age.shielding=5 mm",
-               "instrument.detector.age.depleted=2 um")  # fmt: skip
+    case = hot(
+        "noise_only.toml",
+        "instrument.detector.age.time=6 yr",
+        "instrument.detector.age.inclination=97.6 deg",
+        "instrument.detector.age.shielding=5 mm",
+        "instrument.detector.age.depleted=2 um",
+    )
     budget = analytic(case)
     correct = round(
         60 * summarise(run_trials(case, 1, range(60), Fidelity.WINDOW)).availability.value
@@ -255,17 +261,22 @@ def test_a_damaged_detector_loses_stars_as_in_windows():
 
 def test_dark_signal_that_fills_the_converter_leaves_no_star():
     """20000 electron of the full well in 80 ms; a frame finds nothing either."""
-    case = hot("noise_only.toml", "instrument.detector.defects.hot=0.01",
-               "instrument.detector.defects.hot_current=1000 electron / s",
-               "instrument.detector.dark_current=250000 electron / s")  # fmt: skip
+    case = hot(
+        "noise_only.toml",
+        "instrument.detector.defects.hot=0.01",
+        "instrument.detector.defects.hot_current=1000 electron / s",
+        "instrument.detector.dark_current=250000 electron / s",
+    )
     assert run_random_trial(case, 1, 0).stars == 0
     with pytest.raises(ValueError, match="must see enough stars somewhere in the sky"):
         analytic(case)
 
 
 def test_a_hot_pixel_that_a_map_subtracts_moves_no_star():
-    changes = ("instrument.detector.defects.hot=0.001",
-               "instrument.detector.defects.hot_current=4000 electron / s")  # fmt: skip
+    changes = (
+        "instrument.detector.defects.hot=0.001",
+        "instrument.detector.defects.hot_current=4000 electron / s",
+    )
     without, plain = hot("noise_only.toml", *changes), hot("noise_only.toml")
     mapped = hot("noise_only.toml", *changes, "tracker.detection.dark_map.frames=16")
     assert line(mapped, "hot pixels")[0] < 0.2 * line(without, "hot pixels")[0]
@@ -281,10 +292,13 @@ def test_errors_of_damaged_detectors_are_those_of_windows(years, depleted):
 
     At the worst of these levels four of five skies are solved, by 8 stars of 41.
     """
-    case = hot("noise_only.toml", f"instrument.detector.age.time={years} yr",
-               "instrument.detector.age.inclination=97.6 deg",
-               "instrument.detector.age.shielding=5 mm",
-               f"instrument.detector.age.depleted={depleted}")  # fmt: skip
+    case = hot(
+        "noise_only.toml",
+        f"instrument.detector.age.time={years} yr",
+        "instrument.detector.age.inclination=97.6 deg",
+        "instrument.detector.age.shielding=5 mm",
+        f"instrument.detector.age.depleted={depleted}",
+    )
     budget, shown = analytic(case), summarise(run_trials(case, 3, range(400), Fidelity.WINDOW))
     assert shown.across.value == pytest.approx(budget.across, rel=0.2)
     assert shown.about.value == pytest.approx(budget.about, rel=0.2)

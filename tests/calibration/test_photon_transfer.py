@@ -13,9 +13,17 @@ from startrack.optimise.ensemble import Ensembles
 SHORT = Ensembles(count=2, stretch=500, most_steps=500)
 LONG = Ensembles(count=2, stretch=1000, most_steps=10_000)
 DETECTOR = Detector(
-    columns=160, rows=160, pixel_pitch=5e-6, exposure=0.1, dark_current=400.0, read_noise=9.0,
-    prnu=0.012, full_well=30_000.0, bits=12, offset=120,
-)  # fmt: skip
+    columns=160,
+    rows=160,
+    pixel_pitch=5e-6,
+    exposure=0.1,
+    dark_current=400.0,
+    read_noise=9.0,
+    prnu=0.012,
+    full_well=30_000.0,
+    bits=12,
+    offset=120,
+)
 
 
 def level(detector, electrons, exposure, frames=4):

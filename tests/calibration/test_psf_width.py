@@ -79,7 +79,10 @@ def test_stars_that_are_not_alone_or_saturated_say_nothing():
     with pytest.raises(ValueError, match="width of the PSF, got none"):
         width_likelihood([flat], [spots], LOW, HIGH)
     frame, spots = image(0.8, rng, stars=2)
-    near = Spots(np.array([20.0, 25.0]), spots.y, *(getattr(spots, name) for name in
-                 ("flux", "covariance", "snr", "area")))  # fmt: skip
+    near = Spots(
+        np.array([20.0, 25.0]),
+        spots.y,
+        *(getattr(spots, name) for name in ("flux", "covariance", "snr", "area")),
+    )
     with pytest.raises(ValueError, match="got none"):
         width_likelihood([frame], [near], LOW, HIGH)

@@ -29,9 +29,17 @@ def catalog(rows: np.ndarray = STARS) -> Catalog:
     ra, dec, pm_ra, pm_dec, parallax = rows.T
     n = len(rows)
     return Catalog(
-        np.arange(n), ra * deg, dec * deg, 2016.0, pm_ra * MAS, pm_dec * MAS,
-        np.ones(n, bool), parallax * MAS, np.linspace(1, 2, n), np.zeros(n),
-    )  # fmt: skip
+        np.arange(n),
+        ra * deg,
+        dec * deg,
+        2016.0,
+        pm_ra * MAS,
+        pm_dec * MAS,
+        np.ones(n, bool),
+        parallax * MAS,
+        np.linspace(1, 2, n),
+        np.zeros(n),
+    )
 
 
 def astropy_moved(epoch: float, radial_velocity: float = 0.0) -> SkyCoord:

@@ -45,9 +45,12 @@ def test_a_selection_says_which_stars_are_random():
 
 @pytest.mark.parametrize(
     ("limit", "random", "words"),
-    [(8.0, 7.0, "random_g must lie in"), (8.0, 11.0, "random_g must lie in"),
-     (4.0, 8.0, "limit_g beside random_g must lie in")],
-)  # fmt: skip
+    [
+        (8.0, 7.0, "random_g must lie in"),
+        (8.0, 11.0, "random_g must lie in"),
+        (4.0, 8.0, "limit_g beside random_g must lie in"),
+    ],
+)
 def test_magnitudes_without_counts_are_refused(limit, random, words):
     with pytest.raises(ValueError, match=words):
         Selection(limit_g=limit, random_g=random)

@@ -124,8 +124,14 @@ def write_windows(path: Path) -> None:
     y, x = np.mgrid[:8, :8] - 3.5
     light = 2000 * np.exp(-(x**2 + y**2) / 3) + 20.0
     place = np.full(40, 100)
-    np.savez(path, s1_time=2.05 * np.arange(40), s1_number=rng.poisson(light, (40, 8, 8)),
-             s1_col0=place, s1_row0=place, s1_magnitude=9.0)  # fmt: skip
+    np.savez(
+        path,
+        s1_time=2.05 * np.arange(40),
+        s1_number=rng.poisson(light, (40, 8, 8)),
+        s1_col0=place,
+        s1_row0=place,
+        s1_magnitude=9.0,
+    )
 
 
 def write_designs(folder: Path) -> None:
@@ -174,9 +180,16 @@ def write_scenes(folder: Path) -> None:
     (folder / "hsrs.toml").write_text(fires)
     (folder / "mir.toml").write_text(camera[: camera.rindex("[[channels]]")])
     with rasterio.open(
-        folder / "dem.tif", "w", driver="GTiff", width=9, height=9, count=1, dtype="float32",
-        crs="EPSG:4326", transform=rasterio.Affine(1e-3, 0, 10, 0, -1e-3, 47),
-    ) as file:  # fmt: skip
+        folder / "dem.tif",
+        "w",
+        driver="GTiff",
+        width=9,
+        height=9,
+        count=1,
+        dtype="float32",
+        crs="EPSG:4326",
+        transform=rasterio.Affine(1e-3, 0, 10, 0, -1e-3, 47),
+    ) as file:
         file.write(np.ones((9, 9), np.float32), 1)
 
 

@@ -64,9 +64,16 @@ def test_pictures_and_indices(capsys, tmp_path):
     profile = tmp_path / "calm.toml"
     profile.write_text('period = "0.5 s"\n[[legs]]\nduration = "3 s"\n')
     status, out, _ = run(
-        capsys, "--profile", str(profile), "--sequences", "1", "--workers", "1",
-        "--out", str(tmp_path / "out"),
-    )  # fmt: skip
+        capsys,
+        "--profile",
+        str(profile),
+        "--sequences",
+        "1",
+        "--workers",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    )
     assert status == 0
     assert "RKE" in out
     assert {one.name for one in (tmp_path / "out").iterdir()} == {

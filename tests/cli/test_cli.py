@@ -233,9 +233,20 @@ def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
 
 
 ON_DESIGNS = (
-    "simulate", "psf", "budget", "montecarlo", "compare", "sequence", "requirements",
-    "verify", "optimize", "sample", "pareto", "sensitivity", "detect --design",
-)  # fmt: skip
+    "simulate",
+    "psf",
+    "budget",
+    "montecarlo",
+    "compare",
+    "sequence",
+    "requirements",
+    "verify",
+    "optimize",
+    "sample",
+    "pareto",
+    "sensitivity",
+    "detect --design",
+)
 
 
 @pytest.mark.parametrize("command", ON_DESIGNS)

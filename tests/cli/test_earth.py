@@ -99,11 +99,11 @@ def test_a_matrix_is_the_same_in_one_piece_and_row_by_row(tmp_path, monkeypatch)
         (('"5 deg"', '"5 m"'), "pointing.roll must have a unit that converts to rad"),
         (("cells = 600", "cellls = 600"), "terrain.fractal.cellls is unknown"),
         (('"line"', '"lines"'), "sensor.detector must be one of matrix, line, staggered, tdi"),
-        (('[orbit]', 'tle = ["1", "2"]\n[orbit]'), "one of orbit, tle and aircraft must be given"),
+        (("[orbit]", 'tle = ["1", "2"]\n[orbit]'), "one of orbit, tle and aircraft must be given"),
         (('"600 km"', '"60 km"'), "perigee above 80 km"),
         (("[orbit]", "[motion]\nrate = 1\n[orbit]"), "motion.rate is unknown"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_scene_is_wrong_use(tmp_path, capsys, change, sentence):
     assert main(["earth", "geometry", str(scene(tmp_path, change)), "--out", str(tmp_path)]) == 2
     assert sentence in capsys.readouterr().err

@@ -72,8 +72,11 @@ def first_trial():
     """The example in a quarter of its pixels: hash of the frame, spots, matches, attitude."""
     text = shipped("designs/noise_only.toml").read_text(encoding="utf-8")
     # No other test has this case or this blur: what is kept of theirs is not of `compute_less`.
-    for old, new in (("columns = 512", "columns = 250"), ("rows = 512", "rows = 250"),
-                     ('blur = "5 um"', 'blur = "4.9 um"')):  # fmt: skip
+    for old, new in (
+        ("columns = 512", "columns = 250"),
+        ("rows = 512", "rows = 250"),
+        ('blur = "5 um"', 'blur = "4.9 um"'),
+    ):
         assert old in text
         text = text.replace(old, new)
     path = Path("first.toml")
@@ -114,9 +117,13 @@ def in_a_fresh_process(folder, *lines):
     ]
     places = {"NUMBA_CACHE_DIR": str(folder / "code"), "PYTHONPATH": str(Path(__file__).parents[2])}
     done = subprocess.run(
-        [sys.executable, "-c", "\n".join(code)], text=True, cwd=folder, check=True,
-        env={**os.environ, **places}, capture_output=True,
-    )  # fmt: skip
+        [sys.executable, "-c", "\n".join(code)],
+        text=True,
+        cwd=folder,
+        check=True,
+        env={**os.environ, **places},
+        capture_output=True,
+    )
     return *json.loads(done.stdout), done.stderr
 
 

@@ -197,8 +197,11 @@ def test_a_design_is_exported(capsys, tmp_path, monkeypatch):
     result = json.loads(capsys.readouterr().out)
     assert result["name"] == "noise_only"
     assert {path.name for path in out.iterdir()} == {
-        "startrack_head.c", "startrack_head.h", "startrack_head_data.h", "startrack_head.json"
-    }  # fmt: skip
+        "startrack_head.c",
+        "startrack_head.h",
+        "startrack_head_data.h",
+        "startrack_head.json",
+    }
 
 
 @pytest.mark.slow

@@ -54,9 +54,12 @@ def test_an_rms_that_is_limited_has_one_interval(small, tmp_path, capsys):
 def test_regions_are_those_of_the_trials_that_count(small, tmp_path, capsys):
     """Where blinded trials are left out; their boresights drawn again, for these trials alone."""
     needs = dataclasses.replace(
-        small.campaign.requirements, max_across=60 * arcsec, sky="worst",
-        min_keep_out=KeepOut(sun=80 * deg), blinded="left out",
-    )  # fmt: skip
+        small.campaign.requirements,
+        max_across=60 * arcsec,
+        sky="worst",
+        min_keep_out=KeepOut(sun=80 * deg),
+        blinded="left out",
+    )
     scene = dataclasses.replace(
         small.case.scene, lights=("sun",), date="2026-01-01T00:00:00", days=360.0
     )
@@ -94,9 +97,10 @@ def test_an_rms_beside_trials_without_attitude_has_the_interval_of_the_verdict()
     for kind in ("per axis", "radial"):
         for _ in range(20):
             before, summary, lines = _verdict(
-                dataclasses.replace(needs, kind=kind), rng.normal(0, 1e-5, 999),
+                dataclasses.replace(needs, kind=kind),
+                rng.normal(0, 1e-5, 999),
                 rng.random(999) < 0.9,
-            )  # fmt: skip
+            )
             assert (summary.across != before.across) == (kind == "per axis")
             assert summary.about != before.about
             assert ["Hall" in line for line in lines] == [kind == "per axis", True]

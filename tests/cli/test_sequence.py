@@ -25,9 +25,19 @@ def test_it_writes_a_table_a_picture_and_a_summary(capsys, tmp_path):
     profile.write_text(SHORT)
     out = tmp_path / "out"
     status = main(
-        ["sequence", "--profile", str(profile), "--sequences", "2", "--workers", "1",
-         "--out", str(out), "--json"]
-    )  # fmt: skip
+        [
+            "sequence",
+            "--profile",
+            str(profile),
+            "--sequences",
+            "2",
+            "--workers",
+            "1",
+            "--out",
+            str(out),
+            "--json",
+        ]
+    )
     result = json.loads(capsys.readouterr().out)
     assert status == 0
     assert result["frames"] == 10

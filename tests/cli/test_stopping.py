@@ -39,10 +39,13 @@ def test_what_is_raised_is_told(error, status, words):
 @pytest.mark.parametrize(
     "words",
     [
-        ["optimize"], ["optimize", "--scheduler", "tcp://here:1"], ["verify"],
-        ["verify", "--units", "4"], ["montecarlo"],
+        ["optimize"],
+        ["optimize", "--scheduler", "tcp://here:1"],
+        ["verify"],
+        ["verify", "--units", "4"],
+        ["montecarlo"],
     ],
-)  # fmt: skip
+)
 def test_a_design_without_its_extra_leaves_no_folder(words, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "radbelt", None)  # as where it is not installed
     monkeypatch.setattr("startrack.cli.campaign.cluster", lambda *_: Serial())

@@ -111,24 +111,41 @@ def test_a_place_near_the_earth_has_its_parallax():
 @pytest.mark.parametrize(
     ("scene", "catalog", "words"),
     [
-        (Scene(date=DATE), Selection(epoch=2044.5),
-         "catalog.epoch must lie within 1 years of scene.date '2026-03-20T12:00:00', or be left "
-         "out, got 2044.5"),
-        (Scene(date=DATE, days=100.0), Selection(epoch=2025.0),
-         "scene.date '2026-03-20T12:00:00' and scene.days 100, or be left out, got 2025"),
-        (Scene(date=DATE), Selection(epoch=2026.0, aberration=True),
-         "catalog.epoch must lie within 0.17 years with aberration or parallax of scene.date"),
-        (Scene(orbit=ORBIT), Selection(aberration=True, orbital_velocity=(0.0, 7.6e3, 0.0)),
-         "catalog.orbital_velocity must be that, (-6.038, -4.428, -1.029) km/s, of scene.orbit, "
-         "or be left out, got (0, 7.6, 0) km/s"),
-        (Scene(orbit=dataclasses.replace(ORBIT, phase=None)),
-         Selection(aberration=True, orbital_velocity=(0.0, 0.0, 7.6e3)),
-         "catalog.orbital_velocity must be one of scene.orbit, or be left out, got (0, 0, 7.6)"),
-        (Scene(date=DATE, place=MARS), Selection(parallax=True),
-         "scene.place must lie within 0.1 AU of the Earth where catalog.parallax is true"),
+        (
+            Scene(date=DATE),
+            Selection(epoch=2044.5),
+            "catalog.epoch must lie within 1 years of scene.date '2026-03-20T12:00:00', or be left "
+            "out, got 2044.5",
+        ),
+        (
+            Scene(date=DATE, days=100.0),
+            Selection(epoch=2025.0),
+            "scene.date '2026-03-20T12:00:00' and scene.days 100, or be left out, got 2025",
+        ),
+        (
+            Scene(date=DATE),
+            Selection(epoch=2026.0, aberration=True),
+            "catalog.epoch must lie within 0.17 years with aberration or parallax of scene.date",
+        ),
+        (
+            Scene(orbit=ORBIT),
+            Selection(aberration=True, orbital_velocity=(0.0, 7.6e3, 0.0)),
+            "catalog.orbital_velocity must be that, (-6.038, -4.428, -1.029) km/s, of scene.orbit, "
+            "or be left out, got (0, 7.6, 0) km/s",
+        ),
+        (
+            Scene(orbit=dataclasses.replace(ORBIT, phase=None)),
+            Selection(aberration=True, orbital_velocity=(0.0, 0.0, 7.6e3)),
+            "catalog.orbital_velocity must be one of scene.orbit, or be left out, got (0, 0, 7.6)",
+        ),
+        (
+            Scene(date=DATE, place=MARS),
+            Selection(parallax=True),
+            "scene.place must lie within 0.1 AU of the Earth where catalog.parallax is true",
+        ),
         (Scene(date=DATE, place=MARS), Selection(aberration=True), "got 0.5 AU"),
     ],
-)  # fmt: skip
+)
 def test_a_contradiction_is_refused_by_both_names(scene, catalog, words):
     with pytest.raises(ValueError) as refused:
         case_of(scene, catalog)

@@ -52,32 +52,62 @@ def test_unknown_keys_of_the_design_and_of_its_campaign_are_named_at_once(edited
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('focal_length = "35 mm"', 'focal_length = "35 kg"',
-         "instrument.optics.focal_length must have a unit that converts to m, got '35 kg'"),
-        ('focal_length = "35 mm"', "focal_length = 35",
-         "instrument.optics.focal_length must have a unit, such as '1 mm', got 35"),
+        (
+            'focal_length = "35 mm"',
+            'focal_length = "35 kg"',
+            "instrument.optics.focal_length must have a unit that converts to m, got '35 kg'",
+        ),
+        (
+            'focal_length = "35 mm"',
+            "focal_length = 35",
+            "instrument.optics.focal_length must have a unit, such as '1 mm', got 35",
+        ),
         ('focal_length = "35 mm"', "", "instrument.optics.focal_length is missing"),
-        ("f_number = 2.4", "f_number = -2.4",
-         "instrument.optics.f_number must lie in [0.3, 200], got -2.4"),
-        ("f_number = 2.4", 'f_number = "fast"',
-         "instrument.optics.f_number must be a number, got 'fast'"),
-        ("f_number = 2", "f_numbr = 2",
-         "instrument.optics.f_numbr is unknown; did you mean f_number"),
+        (
+            "f_number = 2.4",
+            "f_number = -2.4",
+            "instrument.optics.f_number must lie in [0.3, 200], got -2.4",
+        ),
+        (
+            "f_number = 2.4",
+            'f_number = "fast"',
+            "instrument.optics.f_number must be a number, got 'fast'",
+        ),
+        (
+            "f_number = 2",
+            "f_numbr = 2",
+            "instrument.optics.f_numbr is unknown; did you mean f_number",
+        ),
         ("bits = 12", "bits = 12.5", "instrument.detector.bits must be a whole number, got 12.5"),
         ("bits = 12", "bits = true", "instrument.detector.bits must be a whole number, got True"),
-        ('[catalog]\nsource = "bright"\nlimit_g = 7.0\nepoch = 2026.0', "catalog = 3",
-         "catalog must be a table, got 3"),
-        ("value = [0.0, 0.75,", "value = [0.0, 1.75,",
-         "instrument.optics.transmission.value must lie in [0, 1], got 1.75"),
-        ("value = [0.0, 0.75,", "value = [",
-         "instrument.optics.transmission.wavelength and value must have the same length"),
-        ('"400 nm", "430 nm"', '"400 nm", "430 s"',
-         "instrument.optics.transmission.wavelength[1] must have a unit that converts to m"),
-        ('objective = "across"', 'objective = "along"',
-         "campaign.objective must be across, about or both"),
+        (
+            '[catalog]\nsource = "bright"\nlimit_g = 7.0\nepoch = 2026.0',
+            "catalog = 3",
+            "catalog must be a table, got 3",
+        ),
+        (
+            "value = [0.0, 0.75,",
+            "value = [0.0, 1.75,",
+            "instrument.optics.transmission.value must lie in [0, 1], got 1.75",
+        ),
+        (
+            "value = [0.0, 0.75,",
+            "value = [",
+            "instrument.optics.transmission.wavelength and value must have the same length",
+        ),
+        (
+            '"400 nm", "430 nm"',
+            '"400 nm", "430 s"',
+            "instrument.optics.transmission.wavelength[1] must have a unit that converts to m",
+        ),
+        (
+            'objective = "across"',
+            'objective = "along"',
+            "campaign.objective must be across, about or both",
+        ),
         ("[catalog]", "[catalogue]", "catalogue is unknown"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_named_with_its_place(edited, old, new, words):
     path = edited(old, new)
     with pytest.raises(ValueError) as error:

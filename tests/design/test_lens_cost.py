@@ -60,9 +60,13 @@ def test_glass_of_a_ball_and_of_a_plate_has_its_volume():
     assert plate.glass_mass() == pytest.approx(2510 * np.pi * 0.02**2 * 0.01)
     radius = 0.03
     lens = Surfaces(
-        np.array([1 / radius, -1 / radius]), np.array([2 * radius, 0.1]), np.array([1.5168, 1.0]),
-        0.999 * radius * one, 0 * one, 0,
-    )  # fmt: skip
+        np.array([1 / radius, -1 / radius]),
+        np.array([2 * radius, 0.1]),
+        np.array([1.5168, 1.0]),
+        0.999 * radius * one,
+        0 * one,
+        0,
+    )
     assert lens.glass_mass() == pytest.approx(2510 * 4 / 3 * np.pi * radius**3, rel=3e-3)
 
 

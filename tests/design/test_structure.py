@@ -34,9 +34,17 @@ from startrack.space.heat import view_of_earth
 CASE = load_design(shipped("designs/noise_only.toml")).case
 OPTICS = CASE.instrument.optics
 WARM = Structure(
-    swing=8.0, gradient_x=20.0, gradient_y=30.0, flux=30.0, offset=1e-3, calibration_offset=5.0,
-    gradient_offset=10.0, detector_offset=8e-3, plate_expansion=10e-6, telecentric=0.0,
-)  # fmt: skip
+    swing=8.0,
+    gradient_x=20.0,
+    gradient_y=30.0,
+    flux=30.0,
+    offset=1e-3,
+    calibration_offset=5.0,
+    gradient_offset=10.0,
+    detector_offset=8e-3,
+    plate_expansion=10e-6,
+    telecentric=0.0,
+)
 ORACLE = json.loads((Path(__file__).parents[1] / "oracle/structure.json").read_text())["cases"]
 TURN_Y = "instrument.mounting.y"
 
@@ -50,11 +58,17 @@ def test_the_boresight_turns_as_in_finite_elements(of):
     """Within 18 %, and with the sign: the camera's axis z towards the body's +x."""
     head = of["head"]
     structure = Structure(
-        expansion=of["expansion"], plate_expansion=of["panel"], length=head["length"],
-        diameter=head["diameter"], wall=head["wall"], feet_span=head["span"],
-        height=head["height"], feet_thickness=head["foot"], base=head["base"],
+        expansion=of["expansion"],
+        plate_expansion=of["panel"],
+        length=head["length"],
+        diameter=head["diameter"],
+        wall=head["wall"],
+        feet_span=head["span"],
+        height=head["height"],
+        feet_thickness=head["foot"],
+        base=head["base"],
         offset=head["offset"],
-    )  # fmt: skip
+    )
     response = structure.responses(Optics(focal_length=head["focal"], f_number=1.5), 5e-6)[TURN_Y]
     turn = float(response @ [of["mean"], of["gradient"], 0.0, of["tube"], 0.0])
     towards = Mounting(y=turn).camera_to_body().apply([0.0, 0.0, 1.0])[0]
@@ -149,8 +163,10 @@ def test_a_variable_of_the_structure_changes_the_budget():
 
 def test_a_design_file_holds_it(tmp_path):
     """All parts of designs load together, and what is written is read back the same."""
-    lines = {"structure": ("aluminium", "titanium", "invar", "carbon"),
-             "platform": ("cubesat", "small", "controlled", "observatory")}  # fmt: skip
+    lines = {
+        "structure": ("aluminium", "titanium", "invar", "carbon"),
+        "platform": ("cubesat", "small", "controlled", "observatory"),
+    }
     for made_of, platform in zip(*lines.values(), strict=True):
         parts = f'"variations/structure-{made_of}.toml", "variations/platform-{platform}.toml"'
         path = tmp_path / "design.toml"
@@ -221,13 +237,26 @@ def test_heat_gives_what_another_program_does():
 
     Its minimum, maximum and mean over an orbit in kelvin, local time 10:30 with 5 W.
     """
-    platform = warmth(Heat(
-        epoch="2025-03-20T12:00:00", altitude=500e3, local_time=10.5 * 3600,
-        size=(0.1, 0.2, 0.4), absorptance=(0.25, 0.25, 0.2, 0.2, 0.3, 0.3),
-        emittance=(0.85, 0.85, 0.9, 0.9, 0.8, 0.8), capacity=1800.0, power=5.0,
-        head_size=(1e-4, 1e-4), aperture=0.0, head_power=0.0, head_capacity=1e-3,
-        conductance=1e-6, albedo=0.0, infrared=0.0, solar=1366.0,
-    )).platform  # fmt: skip
+    platform = warmth(
+        Heat(
+            epoch="2025-03-20T12:00:00",
+            altitude=500e3,
+            local_time=10.5 * 3600,
+            size=(0.1, 0.2, 0.4),
+            absorptance=(0.25, 0.25, 0.2, 0.2, 0.3, 0.3),
+            emittance=(0.85, 0.85, 0.9, 0.9, 0.8, 0.8),
+            capacity=1800.0,
+            power=5.0,
+            head_size=(1e-4, 1e-4),
+            aperture=0.0,
+            head_power=0.0,
+            head_capacity=1e-3,
+            conductance=1e-6,
+            albedo=0.0,
+            infrared=0.0,
+            solar=1366.0,
+        )
+    ).platform
     found = platform.min(), platform.max(), platform.mean()
     assert found == pytest.approx((189.44, 208.02, 199.12), abs=0.5)
 

@@ -74,11 +74,16 @@ def test_scopes_apply_where_they_should():
         scope: Variation(name, sigma=0.01, vary="relative", per=scope)
         for scope, name in zip(
             Scope,
-            [FOCAL, READ, "instrument.optics.blur", "instrument.detector.exposure",
-             "instrument.detector.dark_current"],
+            [
+                FOCAL,
+                READ,
+                "instrument.optics.blur",
+                "instrument.detector.exposure",
+                "instrument.detector.dark_current",
+            ],
             strict=True,
         )
-    }  # fmt: skip
+    }
     case = varied(*each.values())
 
     def scopes(moment):

@@ -48,9 +48,13 @@ def test_the_scatter_is_as_stated():
     places = np.array([(x, y) for x in range(20, 420, 20) for y in range(20, 420, 20)], float)
     stars = np.column_stack([places, np.full(len(places), 2000.0)])
     taken = take(
-        image(stars, seed=5, side=440), places + rng.uniform(-3, 3, places.shape),
-        np.full(len(places), 2000.0), 6.0, Box(size=8), PLAN,
-    )  # fmt: skip
+        image(stars, seed=5, side=440),
+        places + rng.uniform(-3, 3, places.shape),
+        np.full(len(places), 2000.0),
+        6.0,
+        Box(size=8),
+        PLAN,
+    )
     square = (taken.x - places[:, 0]) ** 2 / taken.covariance[:, 0, 0]
     # The stars lie at one place in their pixels, where the image cuts off less than on average.
     assert 0.6 < square.mean() < 1.35
@@ -85,9 +89,13 @@ def test_a_dynamic_background_takes_off_a_slope_and_a_hot_corner():
 
 def test_boxes_beyond_the_frame_find_nothing():
     taken = take(
-        image([(5.0, 5.0, 5000.0)]), np.array([[5.0, 5.0], [np.nan, 3.0]]), np.array([5e3, 5e3]),
-        10.0, Box(), PLAN,
-    )  # fmt: skip
+        image([(5.0, 5.0, 5000.0)]),
+        np.array([[5.0, 5.0], [np.nan, 3.0]]),
+        np.array([5e3, 5e3]),
+        10.0,
+        Box(),
+        PLAN,
+    )
     assert not taken.found.any()
 
 

@@ -153,8 +153,10 @@ def test_smear_that_the_tracker_knows(sky, smear):
 def test_a_smeared_psf_is_the_mean_of_moved_ones(sky):
     psf = smeared(gaussian_psf(0.8), 3.0, -2.0)
     middle, step = psf.table.shape[0] // 2, psf.oversampling
-    pixel = psf.table[middle - 8 * step : middle + 8 * step + 1 : step,
-                      middle - 8 * step : middle + 8 * step + 1 : step]  # fmt: skip
+    pixel = psf.table[
+        middle - 8 * step : middle + 8 * step + 1 : step,
+        middle - 8 * step : middle + 8 * step + 1 : step,
+    ]
     along = (np.arange(200) + 0.5) / 200 - 0.5
     mean = sum(sky((17, 17), 8 + 3 * a, 8 - 2 * a, 1 / 200, 0.8) for a in along)
     assert np.abs(pixel - mean).max() < 1e-5

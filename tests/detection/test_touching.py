@@ -24,8 +24,9 @@ def bound(sky, sigma, places, fluxes):
         return (sky((25, 25), 12 + x, 12 + y, p[2 * count : -1], sigma) + p[-1]).ravel()
 
     step = 1e-3
-    slope = np.array([(image(start + d) - image(start - d)) / (2 * step)
-                      for d in step * np.eye(len(start))])  # fmt: skip
+    slope = np.array(
+        [(image(start + d) - image(start - d)) / (2 * step) for d in step * np.eye(len(start))]
+    )
     information = slope / (image(start) + READ_NOISE**2) @ slope.T
     return np.linalg.inv(information)[: 2 * count, : 2 * count]
 

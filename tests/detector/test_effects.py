@@ -67,8 +67,14 @@ def test_lag_hands_over():
 
 
 def test_maps_have_their_moments():
-    one = replace(PLAIN, prnu=0.02, dark_current=50.0, read_noise=2.0, read_noise_spread=0.3,
-                  defects=Defects(5.0, 0.01, 3000.0, 0.002, 3))  # fmt: skip
+    one = replace(
+        PLAIN,
+        prnu=0.02,
+        dark_current=50.0,
+        read_noise=2.0,
+        read_noise_spread=0.3,
+        defects=Defects(5.0, 0.01, 3000.0, 0.002, 3),
+    )
     gain, current = response(one), dark(one)
     assert (gain == 0).all(axis=0).sum() == 3
     alive = gain[gain > 0]
@@ -260,12 +266,23 @@ def test_gain_spends_the_range_on_fewer_electrons():
 
 def test_a_design_with_all_effects_survives_a_file():
     one = replace(
-        PLAIN, thermal=Thermal(300.0, activation=1.1e-19, capacitance=2e-15), hits=Hits(2.5e4),
-        defects=Defects(3.0, 1e-4, 500.0, 1e-5, 2), pattern=Pattern(1.0, 0.5, 2.0),
-        region=RegionOfInterest(3, 4, 400, 300), row_delay=1.5e-5, blooming=True, em_gain=20.0,
-        crosstalk=0.01, lag=0.001, settling=0.02, nonlinearity=0.01, adc_inl=0.5, gain=2.0,
+        PLAIN,
+        thermal=Thermal(300.0, activation=1.1e-19, capacitance=2e-15),
+        hits=Hits(2.5e4),
+        defects=Defects(3.0, 1e-4, 500.0, 1e-5, 2),
+        pattern=Pattern(1.0, 0.5, 2.0),
+        region=RegionOfInterest(3, 4, 400, 300),
+        row_delay=1.5e-5,
+        blooming=True,
+        em_gain=20.0,
+        crosstalk=0.01,
+        lag=0.001,
+        settling=0.02,
+        nonlinearity=0.01,
+        adc_inl=0.5,
+        gain=2.0,
         binning=1,
-    )  # fmt: skip
+    )
     text = tomli_w.dumps(to_table(one))
     assert from_table(Detector, tomllib.loads(text)) == one
 

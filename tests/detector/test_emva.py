@@ -19,17 +19,69 @@ SIZE = 400
 LEVELS = np.array([20.0, 200.0, 800.0, 2000.0, 5000.0, 9000.0, 14_000.0])
 
 CAMERAS = {
-    "12 bits": Detector(SIZE, SIZE, 5e-6, 0.1, full_well=20_000.0, offset=100, read_noise=12.0,
-                        dark_current=200.0, prnu=0.02, device_seed=3),
-    "16 bits": Detector(SIZE, SIZE, 5e-6, 0.1, full_well=131_070.0, bits=16, offset=100,
-                        read_noise=6.0, dark_current=200.0, prnu=0.02, device_seed=3),
-    "high gain": Detector(SIZE, SIZE, 5e-6, 0.1, full_well=60_000.0, gain=4.0, offset=100,
-                          read_noise=4.0, dark_current=200.0, prnu=0.02),
-    "in steps": Detector(SIZE, SIZE, 5e-6, 0.1, full_well=20_000.0, offset=100, read_noise=12.0,
-                         dark_current=200.0, prnu=0.02, blooming=True),
-    "blinking": Detector(SIZE, SIZE, 5e-6, 0.1, full_well=65_535.0, bits=16, offset=1000,
-                         read_noise=4.0, dark_current=200.0, prnu=0.02, read_noise_spread=0.3),
-}  # fmt: skip
+    "12 bits": Detector(
+        SIZE,
+        SIZE,
+        5e-6,
+        0.1,
+        full_well=20_000.0,
+        offset=100,
+        read_noise=12.0,
+        dark_current=200.0,
+        prnu=0.02,
+        device_seed=3,
+    ),
+    "16 bits": Detector(
+        SIZE,
+        SIZE,
+        5e-6,
+        0.1,
+        full_well=131_070.0,
+        bits=16,
+        offset=100,
+        read_noise=6.0,
+        dark_current=200.0,
+        prnu=0.02,
+        device_seed=3,
+    ),
+    "high gain": Detector(
+        SIZE,
+        SIZE,
+        5e-6,
+        0.1,
+        full_well=60_000.0,
+        gain=4.0,
+        offset=100,
+        read_noise=4.0,
+        dark_current=200.0,
+        prnu=0.02,
+    ),
+    "in steps": Detector(
+        SIZE,
+        SIZE,
+        5e-6,
+        0.1,
+        full_well=20_000.0,
+        offset=100,
+        read_noise=12.0,
+        dark_current=200.0,
+        prnu=0.02,
+        blooming=True,
+    ),
+    "blinking": Detector(
+        SIZE,
+        SIZE,
+        5e-6,
+        0.1,
+        full_well=65_535.0,
+        bits=16,
+        offset=1000,
+        read_noise=4.0,
+        dark_current=200.0,
+        prnu=0.02,
+        read_noise_spread=0.3,
+    ),
+}
 
 
 def pair(detector, photo_electrons, seed):
@@ -96,9 +148,19 @@ def test_dark_signal_line(temperature):
     """Dark signal over exposure: its slope is the dark current at that temperature; DSNU too."""
     from dataclasses import replace
 
-    one = Detector(SIZE, SIZE, 5e-6, 0.1, full_well=65_535.0, bits=16, offset=200, read_noise=3.0,
-                   dark_current=150.0, thermal=Thermal(temperature, doubling=7.0),
-                   defects=Defects(dsnu=20.0))  # fmt: skip
+    one = Detector(
+        SIZE,
+        SIZE,
+        5e-6,
+        0.1,
+        full_well=65_535.0,
+        bits=16,
+        offset=200,
+        read_noise=3.0,
+        dark_current=150.0,
+        thermal=Thermal(temperature, doubling=7.0),
+        defects=Defects(dsnu=20.0),
+    )
     times = np.array([1.0, 3.0, 6.0, 10.0])
     pairs = [pair(replace(one, exposure=float(t)), 0.0, 20 + n) for n, t in enumerate(times)]
     mean = [np.mean(each) for each in pairs]

@@ -73,8 +73,9 @@ def test_a_thousand_million_photons_in_a_pixel(bits):
     flux = (image - 100) * one.electrons_per_dn
     step = one.electrons_per_dn / math.sqrt(12 * image.size)
     assert flux.mean() == pytest.approx(1e9, abs=4 * (math.sqrt(1e9 / image.size) + step))
-    assert flux.std() == pytest.approx(math.hypot(math.sqrt(1e9), one.electrons_per_dn / 12**0.5),
-                                       rel=0.06)  # fmt: skip
+    assert flux.std() == pytest.approx(
+        math.hypot(math.sqrt(1e9), one.electrons_per_dn / 12**0.5), rel=0.06
+    )
 
 
 @pytest.mark.parametrize("electrons", [1e-3, 1.0, 1e4, 1e9])
@@ -145,12 +146,28 @@ def test_exposures(exposure):
 @pytest.mark.parametrize(("columns", "rows"), [(1, 1), (16_384, 1), (1, 16_384)])
 def test_shapes(columns, rows):
     everything = Detector(
-        columns, rows, 5e-6, 0.1, offset=100, full_well=20_000.0, read_noise=5.0, prnu=0.01,
-        dark_current=10.0, crosstalk=0.02, lag=0.01, blooming=True,
-        nonlinearity=0.01, settling=0.01, adc_inl=1.0, hits=Hits(1e8),
-        pattern=Pattern(1.0, 1.0, 1.0), thermal=Thermal(300.0),
-        defects=Defects(1.0, 0.01, 100.0, 0.01, 1), read_noise_spread=0.3, em_gain=2.0,
-    )  # fmt: skip
+        columns,
+        rows,
+        5e-6,
+        0.1,
+        offset=100,
+        full_well=20_000.0,
+        read_noise=5.0,
+        prnu=0.01,
+        dark_current=10.0,
+        crosstalk=0.02,
+        lag=0.01,
+        blooming=True,
+        nonlinearity=0.01,
+        settling=0.01,
+        adc_inl=1.0,
+        hits=Hits(1e8),
+        pattern=Pattern(1.0, 1.0, 1.0),
+        thermal=Thermal(300.0),
+        defects=Defects(1.0, 0.01, 100.0, 0.01, 1),
+        read_noise_spread=0.3,
+        em_gain=2.0,
+    )
     for one in (replace(DETECTOR, columns=columns, rows=rows), everything):
         image = frame(one, pixel=(0.0, 0.0), electrons=5000.0, sky=10.0)
         assert image.shape == (rows, columns)
@@ -159,11 +176,21 @@ def test_shapes(columns, rows):
 
 def test_everything_at_once_repeats():
     everything = replace(
-        DETECTOR, read_noise=5.0, prnu=0.01, crosstalk=0.02, lag=0.01, blooming=True,
-        nonlinearity=0.01, settling=0.01, adc_inl=1.0, hits=Hits(1e9),
+        DETECTOR,
+        read_noise=5.0,
+        prnu=0.01,
+        crosstalk=0.02,
+        lag=0.01,
+        blooming=True,
+        nonlinearity=0.01,
+        settling=0.01,
+        adc_inl=1.0,
+        hits=Hits(1e9),
         pattern=Pattern(1.0, 1.0, 1.0),
-        defects=Defects(1.0, 0.01, 100.0, 0.01, 1), read_noise_spread=0.3, em_gain=2.0,
-    )  # fmt: skip
+        defects=Defects(1.0, 0.01, 100.0, 0.01, 1),
+        read_noise_spread=0.3,
+        em_gain=2.0,
+    )
     light = {"electrons": 5000.0, "sky": 10.0}
     np.testing.assert_array_equal(frame(everything, 3, **light), frame(everything, 3, **light))
     assert (frame(everything, 3, **light) != frame(everything, 4, **light)).any()

@@ -136,9 +136,13 @@ def test_lines_are_without_what_a_matrix_has(name, value):
 def test_noise_adds_in_squares_and_is_seen_before_the_register():
     """20 fF at 300 K leave 56.8 electrons; the rms of a log-normal spread is exp of its square."""
     one = replace(
-        DETECTOR, read_noise=30.0, read_noise_spread=0.5, em_gain=10.0,
-        pattern=Pattern(4.0, 3.0, 9.0), thermal=Thermal(300.0, capacitance=20e-15),
-    )  # fmt: skip
+        DETECTOR,
+        read_noise=30.0,
+        read_noise_spread=0.5,
+        em_gain=10.0,
+        pattern=Pattern(4.0, 3.0, 9.0),
+        thermal=Thermal(300.0, capacitance=20e-15),
+    )
     wanted = math.sqrt((30 * math.exp(0.25)) ** 2 + 4**2 + 3**2 + 56.81**2) / 10
     assert one.noise == pytest.approx(wanted, rel=1e-4)
     assert one.electrons_per_dn == pytest.approx(30_000 / 4095 / 10)

@@ -253,8 +253,13 @@ def test_a_rolling_shutter_must_know_the_motion():
     camera = Camera(20, 10, FOCAL)
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     exposure = Exposure(
-        star_at(camera, 5, 5, 1.0), gaussian(), rest, Rotation.identity(), camera,
-        Detector(20, 10, 5e-6, 1e-3, row_delay=1e-6), THROUGHPUT,
-    )  # fmt: skip
+        star_at(camera, 5, 5, 1.0),
+        gaussian(),
+        rest,
+        Rotation.identity(),
+        camera,
+        Detector(20, 10, 5e-6, 1e-3, row_delay=1e-6),
+        THROUGHPUT,
+    )
     with pytest.raises(TypeError, match="motion_function must be given"):
         expected(exposure)

@@ -48,10 +48,12 @@ def images(detector):
 
 
 def passed_through(frames):
-    return np.array([
-        cv2.filter2D(one.astype(float), -1, WEIGHT, borderType=cv2.BORDER_REFLECT)
-        for one in frames
-    ])  # fmt: skip
+    return np.array(
+        [
+            cv2.filter2D(one.astype(float), -1, WEIGHT, borderType=cv2.BORDER_REFLECT)
+            for one in frames
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -118,8 +120,10 @@ def test_numbers_about_an_excess_have_its_shape(frames, filtered):
     row, column, numbers = drawn(level)
     inside = (row >= 3) & (row < 127) & (column >= 3) & (column < 137)
     wanted, got = np.mean(seen, axis=0), numbers[inside].mean(axis=0)
-    error = np.hypot(np.std(seen, axis=0) * np.sqrt(3 / len(seen)),
-                     numbers[inside].std(axis=0) / np.sqrt(inside.sum()))  # fmt: skip
+    error = np.hypot(
+        np.std(seen, axis=0) * np.sqrt(3 / len(seen)),
+        numbers[inside].std(axis=0) / np.sqrt(inside.sum()),
+    )
     assert (np.abs(wanted - got) < 4.5 * error).all()
 
 
@@ -209,8 +213,9 @@ def test_rates_are_those_of_the_exponential_moments(mesh, border):
             k = cumulant(numbers, UNLIKE, tilt.theta, x, y)
             wanted[y // mesh, x // mesh] += np.exp(k - tilt.theta * level[y // mesh, x // mesh])
     assert rates.total == pytest.approx(wanted.sum(), rel=1e-6)
-    np.testing.assert_allclose(np.diff(rates.fraction, prepend=0) * rates.total, wanted.ravel(),
-                               rtol=1e-5, atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(
+        np.diff(rates.fraction, prepend=0) * rates.total, wanted.ravel(), rtol=1e-5, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("number", [3.0, 5.0, 8.0])

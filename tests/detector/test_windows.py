@@ -46,8 +46,11 @@ OTHERS = {"hits": Hits(5e9), "prnu": 0.05, "defects": Defects(dsnu=5.0)}
 
 
 @pytest.mark.parametrize("tabled", ["flat", "bumpy"])
-@pytest.mark.parametrize("changes", [{}, {"crosstalk": 0.1}, OTHERS, {"crosstalk": 0.1, **OTHERS}],
-                         ids=["plain", "crosstalk", "uneven", "all"])  # fmt: skip
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"crosstalk": 0.1}, OTHERS, {"crosstalk": 0.1, **OTHERS}],
+    ids=["plain", "crosstalk", "uneven", "all"],
+)
 def test_windows_hold_the_numbers_of_the_frame(changes, tabled):
     """Number by number, of images that end abruptly, in windows that overlap and touch borders."""
     rng = np.random.default_rng(6)

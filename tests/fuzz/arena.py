@@ -136,9 +136,12 @@ class Arena:
     """
 
     def __init__(
-        self, seconds: float = SECONDS, memory: int = MEMORY, fault: str = "",
+        self,
+        seconds: float = SECONDS,
+        memory: int = MEMORY,
+        fault: str = "",
         compiled: Path | None = None,
-    ):  # fmt: skip
+    ):
         self.seconds, self.memory, self.fault, self._compiled = seconds, memory, fault, compiled
         self._worker: subprocess.Popen[str] | None = None
         self._nobody, self._begun = is_unprivileged(), time.time()
@@ -280,9 +283,14 @@ class Arena:
         nobody: dict[str, Any] = {"user": NOBODY, "group": NOBODY, "extra_groups": []}
         return subprocess.Popen(
             [sys.executable, "-m", "tests.fuzz.worker", self.fault],
-            cwd=ROOT, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=self._errors, **(nobody if self._nobody else {}),
-        )  # fmt: skip
+            cwd=ROOT,
+            env=environment,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            **(nobody if self._nobody else {}),
+        )
 
     def _end(self) -> None:
         if self._worker:

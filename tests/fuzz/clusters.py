@@ -66,10 +66,22 @@ def _end(here: Path, there: Path) -> tuple[int | None, str]:
             time.sleep(0.2)
         time.sleep(0.2)
         command = _begin(
-            here, "startrack.cli", "montecarlo", "design.toml", "--allow-code", "--trials", "4",
-            "--fidelity", "frame", "--workers", "1", "--out", "out",
-            "--scheduler", json.loads(known.read_text())["address"],
-        )  # fmt: skip
+            here,
+            "startrack.cli",
+            "montecarlo",
+            "design.toml",
+            "--allow-code",
+            "--trials",
+            "4",
+            "--fidelity",
+            "frame",
+            "--workers",
+            "1",
+            "--out",
+            "out",
+            "--scheduler",
+            json.loads(known.read_text())["address"],
+        )
         begun.append(command)
         words = command.communicate(timeout=LONGEST)[1]
         lines = [line for line in words.splitlines(True) if "not part of startrack\n" not in line]
@@ -84,7 +96,10 @@ def _end(here: Path, there: Path) -> tuple[int | None, str]:
 
 def _begin(folder: Path, module: str, *words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", module, *words], cwd=folder, text=True,
+        [sys.executable, "-m", module, *words],
+        cwd=folder,
+        text=True,
         env=os.environ | {"PYTHONPATH": python_path(folder)},
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )

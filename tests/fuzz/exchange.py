@@ -25,11 +25,29 @@ from tests.fuzz.arena import Case
 from tests.fuzz.grammar import FIELDS, NUMBERS, Draw, Kind, bases, damaged, mutated, plain
 
 STRANGE = (
-    "math:sqrt", "numpy:zeros", "builtins:print", "json:JSONDecoder", "time:sleep",
-    "nosuch:thing", "nosuch.deep.er:thing", "math:nosuch", "math:pi", "math", ":x", "x:", ":",
-    "a:b:c", "..:x", ".x:y", "tests.fuzz.parts:_like", "tests.fuzz:parts", "ü:é", "", " ",
+    "math:sqrt",
+    "numpy:zeros",
+    "builtins:print",
+    "json:JSONDecoder",
+    "time:sleep",
+    "nosuch:thing",
+    "nosuch.deep.er:thing",
+    "math:nosuch",
+    "math:pi",
+    "math",
+    ":x",
+    "x:",
+    ":",
+    "a:b:c",
+    "..:x",
+    ".x:y",
+    "tests.fuzz.parts:_like",
+    "tests.fuzz:parts",
+    "ü:é",
+    "",
+    " ",
     "a" * 5000 + ":b",
-)  # fmt: skip
+)
 POINTS = (
     ("tracker.detection.centroid", False), ("tracker.detection.search", False),
     ("tracker.identification.method", False), ("tracker.attitude.method", False),
@@ -92,22 +110,45 @@ def sketch_case(draw: Draw) -> Case:
             table = mutated(draw, table, None)
         files["a.json"] = json.dumps(table).encode("utf-8", "replace")
     files["design.toml"] = tomli_w.dumps(bases()["design"]).encode()
-    command = draw.one_of((
-        ("merge", "a.json", "b.json", "--out", "m.json"),
-        ("merge", "b.json", "a.json", "b.json", "--out", "m.json"),
-        ("montecarlo", "design.toml", "--sketch", "a.json", "--trials", "8", "--fidelity",
-         "covariance", "--workers", "1"),
-    ))  # fmt: skip
+    command = draw.one_of(
+        (
+            ("merge", "a.json", "b.json", "--out", "m.json"),
+            ("merge", "b.json", "a.json", "b.json", "--out", "m.json"),
+            (
+                "montecarlo",
+                "design.toml",
+                "--sketch",
+                "a.json",
+                "--trials",
+                "8",
+                "--fidelity",
+                "covariance",
+                "--workers",
+                "1",
+            ),
+        )
+    )
     return Case("sketch", (*command, "--json"), files)
 
 
 def guide_case(draw: Draw) -> Case:
     """Guide stars for flight, with options and a list of variables from anybody."""
-    options = draw.one_of((
-        (), ("--limit", "nan"), ("--limit", "-2"), ("--limit", "20"), ("--epoch", "1e308"),
-        ("--epoch", "-1"), ("--resolution", "1e9"), ("--resolution", "1e-9"), ("--per-field", "3"),
-        ("--pattern-stars", "12"), ("--variables", "omit"), ("--doubles", "omit"),
-    ))  # fmt: skip
+    options = draw.one_of(
+        (
+            (),
+            ("--limit", "nan"),
+            ("--limit", "-2"),
+            ("--limit", "20"),
+            ("--epoch", "1e308"),
+            ("--epoch", "-1"),
+            ("--resolution", "1e9"),
+            ("--resolution", "1e-9"),
+            ("--per-field", "3"),
+            ("--pattern-stars", "12"),
+            ("--variables", "omit"),
+            ("--doubles", "omit"),
+        )
+    )
     listed = b"ra,dec\n10.0,20.0\n83.8,-1.2\n"
     match draw.below(3):
         case 0:
@@ -191,6 +232,4 @@ def whole_exchanges() -> list[Case]:
     ]
 
 
-EXCHANGES: tuple[Kind, ...] = (
-    *(code_case,) * 3, sketch_case, guide_case, *(recording_case,) * 2,
-)  # fmt: skip
+EXCHANGES: tuple[Kind, ...] = (*(code_case,) * 3, sketch_case, guide_case, *(recording_case,) * 2)

@@ -43,16 +43,70 @@ from tests.fuzz.arena import Case, python_path
 
 # Each size of a number occurs, from what no float holds to what no machine holds.
 NUMBERS = (
-    0, 1, -1, 2, 3, 64, 0.5, -0.5, 1e-3, 1e-9, 1e-15, 1e-30, 1e-320, 1e3, 1e6, 1e9, 1e12, 1e20,
-    1e30, 1e308, -1e308, 65536, 2**31, 2**63, 10**50, float("nan"), float("inf"), -float("inf"),
-)  # fmt: skip
+    0,
+    1,
+    -1,
+    2,
+    3,
+    64,
+    0.5,
+    -0.5,
+    1e-3,
+    1e-9,
+    1e-15,
+    1e-30,
+    1e-320,
+    1e3,
+    1e6,
+    1e9,
+    1e12,
+    1e20,
+    1e30,
+    1e308,
+    -1e308,
+    65536,
+    2**31,
+    2**63,
+    10**50,
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+)
 OTHERS: tuple[Any, ...] = (
-    "", "x", "auto", "1", "1 m", "1e999999999 s", "1e-999999999 m", "5 parsnips", "\x00",
-    "ü\U0001f600", " " * 200, "a" * 5000, "(a+)+$" * 30, "9" * 400 + " m", "1 m**(2**99)",
+    "",
+    "x",
+    "auto",
+    "1",
+    "1 m",
+    "1e999999999 s",
+    "1e-999999999 m",
+    "5 parsnips",
+    "\x00",
+    "ü\U0001f600",
+    " " * 200,
+    "a" * 5000,
+    "(a+)+$" * 30,
+    "9" * 400 + " m",
+    "1 m**(2**99)",
     "../../etc/passwd",
-    "/dev/zero", "2026-13-45T99:99:99", "0001-01-01", "9999-12-31T23:59:60", True, False, [], {},
-    [[]], [[[]]], [1, "x"], [None] * 0, {"a": 1}, {"value": []}, [{}], ["1 m"] * 3, [0.0] * 200,
-)  # fmt: skip
+    "/dev/zero",
+    "2026-13-45T99:99:99",
+    "0001-01-01",
+    "9999-12-31T23:59:60",
+    True,
+    False,
+    [],
+    {},
+    [[]],
+    [[[]]],
+    [1, "x"],
+    [None] * 0,
+    {"a": 1},
+    {"value": []},
+    [{}],
+    ["1 m"] * 3,
+    [0.0] * 200,
+)
 SCALES = (1e-30, 1e-12, 1e-6, 1e-3, 0.1, 0.5, 2, 10, 1e3, 1e6, 1e12, 1e30, -1, 0)
 SMALL = (
     ("columns = 512", "columns = 96"),
@@ -102,15 +156,20 @@ def bases() -> dict[str, dict[str, Any]]:
             "orbit": {"altitude": "600 km", "local_time": "10.5 h"},
             "attitude": {"law": "nadir", "yaw": "ground"},
             "heads": [
-                {"name": name, "design": "design.toml", "azimuth": azimuth, "elevation": "-60 deg",
-                 "exclusion": {"sun": "40 deg", "moon": "15 deg", "earth": "25 deg"}}
+                {
+                    "name": name,
+                    "design": "design.toml",
+                    "azimuth": azimuth,
+                    "elevation": "-60 deg",
+                    "exclusion": {"sun": "40 deg", "moon": "15 deg", "earth": "25 deg"},
+                }
                 for name, azimuth in (("left", "-90 deg"), ("right", "90 deg"))
             ],
             "requirements": {"max_blind": "60 s", "max_error": "30 arcsec"},
         },
         "goals": tomllib.loads((scenes / "goals.toml").read_text()),
         "sequence": {"period": "0.25 s", "legs": [{"duration": "0.5 s", "rate_x": "0.06 deg / s"}]},
-    }  # fmt: skip
+    }
 
 
 @cache
@@ -122,13 +181,28 @@ def varied() -> dict[str, Any]:
     table["tracker"]["calibration"] = {"place": "ground", "positions": 40, "order": 3}
     table["variation"] = [
         {"name": "instrument.optics.focal_length", "sigma": 0.001, "vary": "relative"},
-        {"name": "instrument.residual.temperature", "law": "sinusoid", "amplitude": "10 K",
-         "per": "environment", "group": "orbit"},
-        {"name": "instrument.mounting.x", "law": "uniform", "low": "-2 arcsec",
-         "high": "2 arcsec", "per": "launch"},
-        {"name": "instrument.detector.dark_current", "law": "lognormal", "sigma": 0.02,
-         "vary": "relative", "per": "life"},
-    ]  # fmt: skip
+        {
+            "name": "instrument.residual.temperature",
+            "law": "sinusoid",
+            "amplitude": "10 K",
+            "per": "environment",
+            "group": "orbit",
+        },
+        {
+            "name": "instrument.mounting.x",
+            "law": "uniform",
+            "low": "-2 arcsec",
+            "high": "2 arcsec",
+            "per": "launch",
+        },
+        {
+            "name": "instrument.detector.dark_current",
+            "law": "lognormal",
+            "sigma": 0.02,
+            "vary": "relative",
+            "per": "life",
+        },
+    ]
     table["campaign"] = {"requirements": {"max_across": "60 arcsec"}}
     return table
 
@@ -278,11 +352,18 @@ def _writable(value: Any) -> Any:
 
 
 HOSTILE_TOML = (
-    b"", b"\0" * 100, b"\xff\xfe", b"a = " + b"[" * 9000 + b"]" * 9000,
+    b"",
+    b"\0" * 100,
+    b"\xff\xfe",
+    b"a = " + b"[" * 9000 + b"]" * 9000,
     b"a" + b".a" * 60_000 + b"=1",
-    b"a = " + b"9" * 5000, b"#" * 2**21, b"a = {" * 2000, b"[[a]]\n" * 2000,
-    b'"' * 999, b"a='" + b"'" * 999,
-)  # fmt: skip
+    b"a = " + b"9" * 5000,
+    b"#" * 2**21,
+    b"a = {" * 2000,
+    b"[[a]]\n" * 2000,
+    b'"' * 999,
+    b"a='" + b"'" * 999,
+)
 
 
 def damaged(draw: Draw, data: bytes) -> bytes:
@@ -316,11 +397,30 @@ DESIGN_COMMANDS = (
     ("montecarlo", "design.toml", "--trials", "1", "--fidelity", "window", "--workers", "1"),
     ("psf", "design.toml", "--out", "out"),
     ("budget", "design.toml", "--out", "out", "--workers", "1"),
-    ("verify", "design.toml", "--trials", "2", "--first", "2", "--fidelity", "covariance",
-     "--workers", "1"),
-    ("compare", "design.toml", "plain.toml", "--trials", "2", "--fidelity", "covariance",
-     "--workers", "1"),
-)  # fmt: skip
+    (
+        "verify",
+        "design.toml",
+        "--trials",
+        "2",
+        "--first",
+        "2",
+        "--fidelity",
+        "covariance",
+        "--workers",
+        "1",
+    ),
+    (
+        "compare",
+        "design.toml",
+        "plain.toml",
+        "--trials",
+        "2",
+        "--fidelity",
+        "covariance",
+        "--workers",
+        "1",
+    ),
+)
 
 
 def design_case(draw: Draw) -> Case:
@@ -339,13 +439,33 @@ def plain() -> dict[str, bytes]:
 
 
 UNIT_COMMANDS = (
-    ("montecarlo", "design.toml", "--units", "2", "--trials", "2", "--fidelity", "covariance",
-     "--workers", "1"),
-    ("montecarlo", "design.toml", "--units", "2", "--trials", "1", "--fidelity", "window",
-     "--workers", "1"),
+    (
+        "montecarlo",
+        "design.toml",
+        "--units",
+        "2",
+        "--trials",
+        "2",
+        "--fidelity",
+        "covariance",
+        "--workers",
+        "1",
+    ),
+    (
+        "montecarlo",
+        "design.toml",
+        "--units",
+        "2",
+        "--trials",
+        "1",
+        "--fidelity",
+        "window",
+        "--workers",
+        "1",
+    ),
     ("montecarlo", "design.toml", "--trials", "2", "--fidelity", "spots", "--workers", "1"),
     ("budget", "design.toml", "--units", "2", "--workers", "1"),
-)  # fmt: skip
+)
 
 
 def unit_case(draw: Draw) -> Case:
@@ -489,9 +609,18 @@ def sequence_case(draw: Draw) -> Case:
     data = toml(draw, mutated(draw, bases()["sequence"], Sequence))
     files = {"p.toml": data, "design.toml": tomli_w.dumps(bases()["design"]).encode()}
     arguments = (
-        "sequence", "design.toml", "--profile", "p.toml", "--sequences", "1", "--workers", "1",
-        "--out", "out", "--json",
-    )  # fmt: skip
+        "sequence",
+        "design.toml",
+        "--profile",
+        "p.toml",
+        "--sequences",
+        "1",
+        "--workers",
+        "1",
+        "--out",
+        "out",
+        "--json",
+    )
     return Case("sequence", arguments, files)
 
 
@@ -655,10 +784,13 @@ def star_files() -> dict[str, bytes]:
     files = {
         name: text.encode()
         for name, text in (
-            ("hip.dat", layouts.HIP_MAIN), ("tyc2.dat", layouts.TYCHO2), ("bsc.dat", layouts.BSC),
-            ("hyg.csv", layouts.HYG), ("gaia.csv", layouts.GAIA),
+            ("hip.dat", layouts.HIP_MAIN),
+            ("tyc2.dat", layouts.TYCHO2),
+            ("bsc.dat", layouts.BSC),
+            ("hyg.csv", layouts.HYG),
+            ("gaia.csv", layouts.GAIA),
         )
-    }  # fmt: skip
+    }
     files["gaia.csv.gz"] = gzip.compress(files["gaia.csv"], mtime=0)
     table = Table(
         {"source_id": [1, 2], "ra": [1.0, 2.0], "dec": [3.0, 4.0], "phot_g_mean_mag": [5.0, 6.0]}
@@ -751,8 +883,10 @@ def stores() -> dict[str, bytes]:
         environment = os.environ | {"PYTHONPATH": python_path()}
         subprocess.run(
             [sys.executable, "-m", "tests.fuzz.worker", "run", *command],
-            cwd=folder, env=environment, capture_output=True,
-        )  # fmt: skip
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+        )
         found["ledger.sqlite"] = (Path(folder) / "out" / "ledger.sqlite").read_bytes()
     return found
 
@@ -827,10 +961,20 @@ def store_case(draw: Draw) -> Case:
     arguments = draw.one_of(
         (
             ("combine", "spots.sqlite", "covariance.sqlite"),
-            ("montecarlo", "design.toml", "--trials", "16", "--fidelity", fidelity,
-             "--workers", "1", "--store", name),
+            (
+                "montecarlo",
+                "design.toml",
+                "--trials",
+                "16",
+                "--fidelity",
+                fidelity,
+                "--workers",
+                "1",
+                "--store",
+                name,
+            ),
         )
-    )  # fmt: skip
+    )
     return Case("store", (*arguments, "--json"), files, stores() | plain_design)
 
 
@@ -954,34 +1098,72 @@ def whole_cases() -> list[Case]:
     mission = design | {"m.toml": tomli_w.dumps(bases()["mission"]).encode()}
     return [
         *(Case("whole", (*command, "--json"), design) for command in DESIGN_COMMANDS),
-        Case("whole", ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--json"),
-             design),
-        Case("whole", ("sequence", "design.toml", "--profile", "p.toml", "--sequences", "1",
-                       "--workers", "1", "--json"), profile),
-        *(Case("whole", (*command, "--json"), {"design.toml": tomli_w.dumps(varied()).encode()})
-          for command in UNIT_COMMANDS),
-        *(Case("whole", (*command, "--json"), {"design.toml": tomli_w.dumps(aged()).encode()})
-          for command in AGED_COMMANDS),
+        Case(
+            "whole",
+            ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--json"),
+            design,
+        ),
+        Case(
+            "whole",
+            (
+                "sequence",
+                "design.toml",
+                "--profile",
+                "p.toml",
+                "--sequences",
+                "1",
+                "--workers",
+                "1",
+                "--json",
+            ),
+            profile,
+        ),
+        *(
+            Case("whole", (*command, "--json"), {"design.toml": tomli_w.dumps(varied()).encode()})
+            for command in UNIT_COMMANDS
+        ),
+        *(
+            Case("whole", (*command, "--json"), {"design.toml": tomli_w.dumps(aged()).encode()})
+            for command in AGED_COMMANDS
+        ),
         *(Case("whole", (*command, "--json"), mission) for command in MISSION_COMMANDS),
-        *(Case("whole", (*command, "--json"), {"stars.csv": star_table()})
-          for command in TABLE_COMMANDS),
-        Case("whole", ("lens", "import", "page.txt", "--out", "psf.fits", "--json"),
-             {"page.txt": zemax_page().encode()}),
+        *(
+            Case("whole", (*command, "--json"), {"stars.csv": star_table()})
+            for command in TABLE_COMMANDS
+        ),
+        Case(
+            "whole",
+            ("lens", "import", "page.txt", "--out", "psf.fits", "--json"),
+            {"page.txt": zemax_page().encode()},
+        ),
         Case("whole", ("earth", "geometry", "s.toml", "--json"), scene),
         Case("whole", ("earth", "render", "s.toml", "--json"), survey),
         Case("whole", ("detect", "a.png", "--overlay", "out", "--json"), image),
         Case("whole", ("solve", "a.png", "--fov", "12", "--json"), image),
         Case("whole", ("calibrate", "a.png", "--fov", "12", "--json"), image),
-    ]  # fmt: skip
+    ]
 
 
 Kind = Callable[[Draw], Case]
 WEIGHTS: tuple[Kind, ...] = (
-    *(design_case,) * 6, campaign_case, text_case, *(scene_case,) * 4, sequence_case,
-    *(image_case,) * 4, *(catalog_case,) * 4, *(store_case,) * 3, camera_case, *(lens_case,) * 2,
-    *(unit_case,) * 2, *(aged_case,) * 2, mission_case, star_table_case, page_case,
-    *(replaced_case,) * 2, prescription_case,
-)  # fmt: skip
+    *(design_case,) * 6,
+    campaign_case,
+    text_case,
+    *(scene_case,) * 4,
+    sequence_case,
+    *(image_case,) * 4,
+    *(catalog_case,) * 4,
+    *(store_case,) * 3,
+    camera_case,
+    *(lens_case,) * 2,
+    *(unit_case,) * 2,
+    *(aged_case,) * 2,
+    mission_case,
+    star_table_case,
+    page_case,
+    *(replaced_case,) * 2,
+    prescription_case,
+)
 
 
 def any_case(draw: Draw, kinds: tuple[Kind, ...] = WEIGHTS) -> Case:

@@ -23,8 +23,18 @@ PATIENCE = 10.0  # second, in which all processes of a command must have ended
 # Arguments, and the files that must have the same bytes in the end.
 COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "montecarlo": (
-        ("montecarlo", "design.toml", "--trials", "600", "--fidelity", "spots", "--workers", "2",
-         "--out", "montecarlo"),
+        (
+            "montecarlo",
+            "design.toml",
+            "--trials",
+            "600",
+            "--fidelity",
+            "spots",
+            "--workers",
+            "2",
+            "--out",
+            "montecarlo",
+        ),
         ("montecarlo/trials.csv",),
     ),
     "optimize": (
@@ -40,14 +50,25 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("pareto/front.md", "pareto/result.json"),
     ),
     "report": (
-        ("report", "done.sqlite", "--stars", "2", "--slews", "1", "--budget", "2",
-         "--fidelity-trials", "2", "--worst", "1", "--out", "report.html"),
+        (
+            "report",
+            "done.sqlite",
+            "--stars",
+            "2",
+            "--slews",
+            "1",
+            "--budget",
+            "2",
+            "--fidelity-trials",
+            "2",
+            "--worst",
+            "1",
+            "--out",
+            "report.html",
+        ),
         ("report.html",),
     ),
-    "earth render": (
-        ("earth", "render", "survey.toml", "--out", "render"),
-        ("render/*.fits",),
-    ),
+    "earth render": (("earth", "render", "survey.toml", "--out", "render"), ("render/*.fits",)),
     "mission": (
         ("mission", "mission.toml", "--out", "mission"),
         ("mission/summary.json", "mission/timeline.csv"),
@@ -56,7 +77,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("sequence", "design.toml", "--sequences", "2", "--workers", "2", "--out", "sequence"),
         ("sequence/frames.csv",),
     ),
-}  # fmt: skip
+}
 ENDS = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 
 
@@ -77,19 +98,35 @@ def prepare(folder: Path) -> None:
     mission = bases()["mission"] | {"time": bases()["mission"]["time"] | {"duration": "60 d"}}
     (folder / "mission.toml").write_text(tomli_w.dumps(mission))
     (folder / "survey.toml").write_text(tomli_w.dumps(survey))
-    begin(folder, (
-        "montecarlo", "design.toml", "--trials", "16", "--fidelity", "spots", "--workers", "1",
-        "--store", "done.sqlite",
-    )).wait(LONGEST)  # fmt: skip
+    begin(
+        folder,
+        (
+            "montecarlo",
+            "design.toml",
+            "--trials",
+            "16",
+            "--fidelity",
+            "spots",
+            "--workers",
+            "1",
+            "--store",
+            "done.sqlite",
+        ),
+    ).wait(LONGEST)
 
 
 def begin(folder: Path, arguments: tuple[str, ...]) -> subprocess.Popen[str]:
     environment = os.environ | {"PYTHONPATH": python_path()}
     return subprocess.Popen(
-        [sys.executable, "-m", "startrack.cli", *arguments], cwd=folder, env=environment,
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        [sys.executable, "-m", "startrack.cli", *arguments],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
+    )
 
 
 def contents(folder: Path, names: tuple[str, ...]) -> dict[str, bytes]:

@@ -66,6 +66,18 @@ def ends(given: Any) -> None:
 
 NAMES = tuple(
     f"{__name__}:{one}"
-    for one in ("nothing", "text", "nan", "three", "negative", "pairs", "mixed", "turned", "writes",
-                "divides", "recurses", "ends")
-)  # fmt: skip
+    for one in (
+        "nothing",
+        "text",
+        "nan",
+        "three",
+        "negative",
+        "pairs",
+        "mixed",
+        "turned",
+        "writes",
+        "divides",
+        "recurses",
+        "ends",
+    )
+)

@@ -50,7 +50,13 @@ def is_found(fault: str, seed: int, compiled: Path | None = None) -> bool:
             raise Enough
 
     run_cases(
-        MOST, seed, report, seconds=3.0 if "long" in fault else 10.0, kinds=(kind,), fault=fault,
-        primed=False, compiled=compiled,
-    )  # fmt: skip
+        MOST,
+        seed,
+        report,
+        seconds=3.0 if "long" in fault else 10.0,
+        kinds=(kind,),
+        fault=fault,
+        primed=False,
+        compiled=compiled,
+    )
     return bool(found)

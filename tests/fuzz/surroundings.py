@@ -83,11 +83,39 @@ def extreme_case(draw: Draw) -> Case:
 
 
 ODD = (
-    "", ".", "..", "/", " ", "fifo", "link", "dangling", "loop", "folder", "file", "file/x",
-    "loop/x", "fifo/x", "dangling/x", "readonly/x", "readonly", "a" * 300, "a/" * 1200 + "b",
-    "new\nline", "\udcff", "$\\frac", "x.toml", "x.fits", "-", "%s%n", "folder/../x",
-    "/proc/self/mem", "/proc/kmsg", "/dev/fd/77", "/dev/stdout", "/nosuch/x",
-)  # fmt: skip
+    "",
+    ".",
+    "..",
+    "/",
+    " ",
+    "fifo",
+    "link",
+    "dangling",
+    "loop",
+    "folder",
+    "file",
+    "file/x",
+    "loop/x",
+    "fifo/x",
+    "dangling/x",
+    "readonly/x",
+    "readonly",
+    "a" * 300,
+    "a/" * 1200 + "b",
+    "new\nline",
+    "\udcff",
+    "$\\frac",
+    "x.toml",
+    "x.fits",
+    "-",
+    "%s%n",
+    "folder/../x",
+    "/proc/self/mem",
+    "/proc/kmsg",
+    "/dev/fd/77",
+    "/dev/stdout",
+    "/nosuch/x",
+)
 DEVICES = ("/dev/null", "/dev/full", "/dev/zero", "/dev/tty")  # which root would replace
 OUTPUTS = (
     ("montecarlo", "design.toml", "--trials", "2", "--fidelity", "covariance", "--workers", "1"),
@@ -103,10 +131,20 @@ OUTPUTS = (
     ("export", "catalogue", "design.toml"),
     ("earth", "render", "s.toml"),
     ("earth", "geometry", "s.toml"),
-    ("verify", "design.toml", "--trials", "2", "--first", "2", "--fidelity", "covariance",
-     "--workers", "1"),
+    (
+        "verify",
+        "design.toml",
+        "--trials",
+        "2",
+        "--first",
+        "2",
+        "--fidelity",
+        "covariance",
+        "--workers",
+        "1",
+    ),
     ("sequence", "design.toml", "--profile", "p.toml", "--sequences", "1", "--workers", "1"),
-)  # fmt: skip
+)
 OPTIONS = {
     "montecarlo": ("--out", "--store", "--sketch", "--log", "--table"),
     "detect": ("--overlay",),
@@ -214,5 +252,7 @@ def whole_surroundings() -> list[Case]:
 
 # Kernels are written by spiceypy.
 SURROUNDINGS: tuple[Kind, ...] = (
-    *(extreme_case,) * 3, *(output_case,) * 3, *((kernel_case,) if find_spec("spiceypy") else ()),
-)  # fmt: skip
+    *(extreme_case,) * 3,
+    *(output_case,) * 3,
+    *((kernel_case,) if find_spec("spiceypy") else ()),
+)

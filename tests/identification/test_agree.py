@@ -55,9 +55,16 @@ def test_an_attitude_wrong_by_some_pixels_is_corrected(spots_at):
     off = Rotation.from_rotvec([4e-4, -5e-4, 1e-3]) * TURN
     x, y, z = off.apply(direction).T
     found = agree(
-        seen_at(spots_at, spot), direction, np.arange(20), np.column_stack([x / z, y / z]),
-        off.as_matrix(), 1.0, 6 / 4000, 4, -1,
-    )  # fmt: skip
+        seen_at(spots_at, spot),
+        direction,
+        np.arange(20),
+        np.column_stack([x / z, y / z]),
+        off.as_matrix(),
+        1.0,
+        6 / 4000,
+        4,
+        -1,
+    )
     assert found.spot.tolist() == found.taken.tolist() == list(range(20))
     assert found.scale == pytest.approx(1.002, rel=1e-6)
     assert (Rotation.from_matrix(found.rotation) * TURN.inv()).magnitude() < 1e-8
@@ -111,9 +118,16 @@ def fits(monkeypatch, spots_at, spot, sigma, start=TURN, **settings):
     direction, _ = stars_at(star)
     x, y, z = start.apply(direction).T
     plain(
-        seen_at(spots_at, star + spot, sigma, **settings), direction, np.arange(5),
-        np.column_stack([x / z, y / z]), start.as_matrix(), 1.0, 6 / 4000, 3, -1,
-    )  # fmt: skip
+        seen_at(spots_at, star + spot, sigma, **settings),
+        direction,
+        np.arange(5),
+        np.column_stack([x / z, y / z]),
+        start.as_matrix(),
+        1.0,
+        6 / 4000,
+        3,
+        -1,
+    )
     return np.array(weights)
 
 

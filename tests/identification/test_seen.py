@@ -46,8 +46,12 @@ def test_the_image_ends_at_the_outer_edges_of_its_pixels():
 
 def test_noise_is_the_mean_over_both_axes_within_limits():
     one = spots()
-    one.covariance[:] = [np.diag([0.01, 0.07]), np.diag([1e-9, 0]), np.diag([90, 90]),
-                         np.full((2, 2), np.nan)]  # fmt: skip
+    one.covariance[:] = [
+        np.diag([0.01, 0.07]),
+        np.diag([1e-9, 0]),
+        np.diag([90, 90]),
+        np.full((2, 2), np.nan),
+    ]
     np.testing.assert_allclose(seen(one).sigma * FOCAL, [0.2, 0.01, 2.0, 2.0])
 
 

@@ -90,9 +90,11 @@ def test_stars_predicted_outside_the_image_may_be_inside(spots_at, side, sigmas,
     reach = 511.9 if side != "corner" else 511.9 * 2**0.5
     bend = np.abs([-20.0, -8.0, 10.0, 24.0]) if side == "corner" else np.zeros(4)
     pixel = camera.centre + np.array(
-        [(reach - b) * out + a * along
-         for a, b in zip([-20.0, -8.0, 10.0, 24.0], bend, strict=True)]
-    )  # fmt: skip
+        [
+            (reach - b) * out + a * along
+            for a, b in zip([-20.0, -8.0, 10.0, 24.0], bend, strict=True)
+        ]
+    )
     others = np.random.default_rng(7).standard_normal((300, 3))
     others /= np.linalg.norm(others, axis=1, keepdims=True)
     others = others[turn.apply(others)[:, 2] < 0]

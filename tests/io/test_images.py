@@ -208,10 +208,18 @@ def test_a_gzip_bomb_is_refused_while_it_is_unpacked(tmp_path, monkeypatch):
 def test_frames_are_stamped_as_astropy_reads_their_dates(tmp_path):
     """Any of the keywords of a date; in a day without a leap second UTC days have 86,400 s."""
     begin = Time("2000-01-01", scale="utc")
-    cards = {"DATE-OBS": "2026-03-01T23:59:59.250001"}, {"MJD-OBS": 61100.123456}, {
-        "JD": 2461100.5}, {"DATE-OBS": "2026-03-01", "TIME-OBS": "12:30:01.5"}  # fmt: skip
-    dates = "2026-03-01T23:59:59.250001", Time(61100.123456, format="mjd"), Time(
-        2461100.5, format="jd"), "2026-03-01T12:30:01.5"  # fmt: skip
+    cards = (
+        {"DATE-OBS": "2026-03-01T23:59:59.250001"},
+        {"MJD-OBS": 61100.123456},
+        {"JD": 2461100.5},
+        {"DATE-OBS": "2026-03-01", "TIME-OBS": "12:30:01.5"},
+    )
+    dates = (
+        "2026-03-01T23:59:59.250001",
+        Time(61100.123456, format="mjd"),
+        Time(2461100.5, format="jd"),
+        "2026-03-01T12:30:01.5",
+    )
     for card, date in zip(cards, dates, strict=True):
         fits.PrimaryHDU(np.ones((4, 4)), fits.Header(card)).writeto(
             tmp_path / "a.fits", overwrite=True

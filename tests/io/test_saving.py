@@ -43,9 +43,11 @@ with claimed_folder(Path(sys.argv[1])), whole(Path(sys.argv[1]) / "frame.fits") 
 def test_the_second_process_is_told_of_the_first(tmp_path):
     folder = tmp_path / "out"
     first = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        [sys.executable, "-c", HOLD, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         text=True,
-    )  # fmt: skip
+    )
     try:
         assert first.stdout.readline() == "held\n"
         words = rf"out is in use by another process, {first.pid} on .* since 20\d\d-"
@@ -112,8 +114,14 @@ def test_a_file_takes_the_place_of_files_only(tmp_path):
     with pytest.raises(OSError, match="Too many levels of symbolic links"):
         save_text(tmp_path / "a", "words")
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "a", "b", "fifo.txt", "link-2x1-uint8.raw", "link.csv", "link.txt", "true.txt",
-    ]  # fmt: skip
+        "a",
+        "b",
+        "fifo.txt",
+        "link-2x1-uint8.raw",
+        "link.csv",
+        "link.txt",
+        "true.txt",
+    ]
 
 
 def test_drafts_have_new_names_and_follow_no_links(tmp_path, monkeypatch):

@@ -37,9 +37,13 @@ SHAPES = Table(
 def test_rows_of_json_have_their_units_and_bounds():
     fields = to_json(ROWS)
     assert list(fields) == [
-        "across_rms_arcsec", "across_rms_arcsec_95", "availability", "availability_95", "trials",
+        "across_rms_arcsec",
+        "across_rms_arcsec_95",
+        "availability",
+        "availability_95",
+        "trials",
         "status",
-    ]  # fmt: skip
+    ]
     assert fields["across_rms_arcsec"] == 2
     assert fields["across_rms_arcsec_95"] == [1, math.inf]
     assert fields["availability_95"] == [0.25, 0.75]

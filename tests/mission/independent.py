@@ -111,8 +111,9 @@ def blinded(boresights, limits, second):
     boresights  (3,) in axes x forward, y against the normal of the orbit, z down
     limits      for each head, of sun, moon, earth and ground: radian
     """
-    found = [_blinded(boresights, limits, one) for one in np.array_split(
-        second, -(-len(second) // PART))]  # fmt: skip
+    found = [
+        _blinded(boresights, limits, one) for one in np.array_split(second, -(-len(second) // PART))
+    ]
     eclipse = np.concatenate([one[0] for one in found])
     heads = [
         {cause: np.concatenate([one[1][h][cause] for one in found]) for cause in found[0][1][h]}
@@ -152,12 +153,14 @@ def _blinded(boresights, limits, second):
         angle = between(to_limb, unit(there)[:, None])
         front = eclipsed(own, there)
         bright = np.where(lit, angle, np.inf).min(axis=1)
-        heads.append({
-            "sun": (between(line, sun) < limit.sun) & ~dark,
-            "moon": (between(line, moon) < limit.moon) & ~no_moon,
-            "earth": (bright < limit.earth) | (front & lit.any(axis=1)),
-            "ground": (angle.min(axis=1) < limit.ground) | front,
-        })  # fmt: skip
+        heads.append(
+            {
+                "sun": (between(line, sun) < limit.sun) & ~dark,
+                "moon": (between(line, moon) < limit.moon) & ~no_moon,
+                "earth": (bright < limit.earth) | (front & lit.any(axis=1)),
+                "ground": (angle.min(axis=1) < limit.ground) | front,
+            }
+        )
     return dark, heads
 
 

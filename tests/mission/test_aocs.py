@@ -234,10 +234,18 @@ def test_the_fmu_has_the_errors_of_the_c(run, model, fmu, tmp_path):
     root = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
     library = ctypes.CDLL(str(next((tmp_path / "binaries").rglob("startrack_head.*"))))
     new = library.fmi2Instantiate
-    new.restype, new.argtypes = ctypes.c_void_p, [
-        ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_void_p,
-        ctypes.c_int, ctypes.c_int,
-    ]  # fmt: skip
+    new.restype, new.argtypes = (
+        ctypes.c_void_p,
+        [
+            ctypes.c_char_p,
+            ctypes.c_int,
+            ctypes.c_char_p,
+            ctypes.c_char_p,
+            ctypes.c_void_p,
+            ctypes.c_int,
+            ctypes.c_int,
+        ],
+    )
     assert not new(b"x", 1, b"another", b"", None, 0, 0)
     one = ctypes.c_void_p(new(b"x", 1, root.get("guid").encode(), b"", None, 0, 0))
     number = {v.get("name"): int(v.get("valueReference")) for v in root.iter("ScalarVariable")}
@@ -283,9 +291,12 @@ def test_the_fmu_runs_in_another_program(model, fmu):
 
     assert not validate_fmu(str(fmu))
     found = fmpy.simulate_fmu(
-        str(fmu), stop_time=4000 * model.period, step_size=model.period,
-        output_interval=model.period, start_values={"rate": 0.002},
-    )  # fmt: skip
+        str(fmu),
+        stop_time=4000 * model.period,
+        step_size=model.period,
+        output_interval=model.period,
+        start_values={"rate": 0.002},
+    )
     rms = np.sqrt((found["error_x"] ** 2).mean())
     parts = [
         np.interp(0.002, model.rate, one[0]) for one in (model.noise, model.pixel, model.field)

@@ -150,8 +150,16 @@ def test_laws_point_where_they_say(mission):
         assert np.abs(product).max() < 1e-9, name
         assert np.allclose(np.linalg.det(body.transpose(2, 0, 1)), 1), name
         turned = np.einsum("ikn,jkn->ijn", body[..., 2:], body[..., :-2])
-        spin = np.stack([turned[1, 2] - turned[2, 1], turned[2, 0] - turned[0, 2],
-                         turned[0, 1] - turned[1, 0]]) / 4  # fmt: skip
+        spin = (
+            np.stack(
+                [
+                    turned[1, 2] - turned[2, 1],
+                    turned[2, 0] - turned[0, 2],
+                    turned[0, 1] - turned[1, 0],
+                ]
+            )
+            / 4
+        )
         assert np.abs(spin - own.rate[:, 1:-1]).max() < 2e-4, name
         if name in ("nadir", "sun-yaw"):
             down = -own.place / np.linalg.norm(own.place, axis=0)
@@ -217,8 +225,9 @@ def test_a_written_mission_may_move(tmp_path):
     save_mission(out, first.mission)
     assert str(tmp_path) not in out.read_text()
     assert [one["design"] for one in tomllib.loads(out.read_text())["heads"]] == [
-        "../designs/mine.toml", *["designs/noise_only.toml"] * 2
-    ]  # fmt: skip
+        "../designs/mine.toml",
+        *["designs/noise_only.toml"] * 2,
+    ]
     moved = tmp_path.parent / f"{tmp_path.name}-moved"
     tmp_path.rename(moved)
     again = load_mission(moved / "out" / "placed.toml")
@@ -248,9 +257,10 @@ def test_eclipses_and_blindings_begin_and_end_as_in_another_program():
     plan, total = independent.low_heads(), 0
     own = at(plan, plan.motion.at(11 * 86400.0, 10.0, 1000))
     eclipse, heads = independent.blinded(
-        [one.boresight for one in plan.heads], [one.limits for one in plan.heads],
+        [one.boresight for one in plan.heads],
+        [one.limits for one in plan.heads],
         own.instants.second,
-    )  # fmt: skip
+    )
     count, alone, _ = independent.events(own.shadow.sun, eclipse)
     assert (count >= 5, alone) == (True, 0)
     for seen, other in zip(own.seen, heads, strict=True):

@@ -100,8 +100,10 @@ def test_more_heads_and_longer_baffles_weigh_more_and_see_more(loaded, monkeypat
     monkeypatch.setattr(placement, "WINDOWS", 2)
     monkeypatch.setattr(placement, "COARSE", 45 * deg)
     plan = plan_of(loaded)
-    found = {(one.heads, round(one.angle / deg)): one for one in trades(
-        plan, [1, 2], [30 * deg, 60 * deg])}  # fmt: skip
+    found = {
+        (one.heads, round(one.angle / deg)): one
+        for one in trades(plan, [1, 2], [30 * deg, 60 * deg])
+    }
     case = loaded.designs[0].case
     half = case.instrument.camera.half_diagonal
     narrow = found[1, 30]
@@ -157,8 +159,14 @@ def test_the_grid_covers_the_sphere():
     some /= np.linalg.norm(some, axis=1, keepdims=True)
     assert np.arccos(np.clip((some @ lines.T).max(axis=1), -1, 1)).max() < 8 * deg
     azimuth, elevation = np.array([angles_of(line) for line in lines]).T
-    back = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
-                     np.sin(elevation)], axis=1)  # fmt: skip
+    back = np.stack(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ],
+        axis=1,
+    )
     assert back == pytest.approx(lines, abs=1e-12)
 
 

@@ -18,10 +18,20 @@ def flown(*blind):
     steps = np.array(blind, np.uint8)
     heads, count = steps.shape
     return Flown(
-        10.0, steps, np.zeros(count, bool), np.zeros((heads, 3)), np.zeros((heads, 5)),
-        np.zeros((heads, 2)), *(np.zeros((1, 1)) for _ in range(3)), np.zeros((3, 1, 1)),
-        np.zeros((heads, 4)), np.zeros(heads + 1), [], np.zeros((7, 2, 1)), ([],) * heads,
-    )  # fmt: skip
+        10.0,
+        steps,
+        np.zeros(count, bool),
+        np.zeros((heads, 3)),
+        np.zeros((heads, 5)),
+        np.zeros((heads, 2)),
+        *(np.zeros((1, 1)) for _ in range(3)),
+        np.zeros((3, 1, 1)),
+        np.zeros((heads, 4)),
+        np.zeros(heads + 1),
+        [],
+        np.zeros((7, 2, 1)),
+        ([],) * heads,
+    )
 
 
 def test_spells_are_counted_as_by_hand():

@@ -74,9 +74,7 @@ def test_temperatures_are_those_of_the_periodic_orbit(tmp_path):
     heat = Heat(altitude=600e3, local_time=10.5 * 3600, capacity=30e3)
     found, periodic = temperatures_of(replace(plan, heads=(up,)), heat), warmth(heat)
     place = np.arange(len(periodic.head)) / len(periodic.head) * periodic.period
-    for marched, known in (
-        (found.platform, periodic.platform), (found.heads[0], periodic.head)
-    ):  # fmt: skip
+    for marched, known in ((found.platform, periodic.platform), (found.heads[0], periodic.head)):
         assert np.ptp(known) > 2
         assert np.abs(np.interp(place, found.second, marched) - known).max() < 1.0
     side = np.interp(place, found.second, found.sides[0, 0])

@@ -46,9 +46,13 @@ def test_each_trial_has_its_cause(case):
     attitudes = Rotation.concatenate([*[pointing(0, 85, 0)] * 4, sun_at(30), sun_at(80)])
     found = endings(lit(case, "sun"), 1, six_trials(), attitudes, Limits(), KeepOut(sun=40 * deg))
     assert found.ending == [
-        Ending.CORRECT, Ending.INACCURATE, Ending.FALSE, Ending.TOO_FEW, Ending.BLINDED,
+        Ending.CORRECT,
+        Ending.INACCURATE,
+        Ending.FALSE,
+        Ending.TOO_FEW,
+        Ending.BLINDED,
         Ending.NO_MATCH,
-    ]  # fmt: skip
+    ]
     assert found.reason[4] == "sun at 30.0 deg"
     assert found.count()[Ending.BLINDED] == 1
     wide = endings(lit(case, "sun"), 1, six_trials(), attitudes, Limits(across=21 * arcsec))

@@ -28,8 +28,11 @@ NAMES = {
     "searches": ("campaign.search", "mylab.searches:compass"),
 }
 CENTROID = "tracker.detection.centroid=snail"
-ALL = (CENTROID, "tracker.identification.method=vote",
-       'instrument.detector.charge_effects=["amplifier_glow"]')  # fmt: skip
+ALL = (
+    CENTROID,
+    "tracker.identification.method=vote",
+    'instrument.detector.charge_effects=["amplifier_glow"]',
+)
 
 
 def write_package(folder):
@@ -344,8 +347,10 @@ def test_an_own_jitter_is_a_tone(others):
     motion = others('instrument.motion.jitter=["mylab.others:wheel"]').case.instrument.motion
     assert replace(motion, tones=(), broadband=()).jitters
     own = realise_motion(motion, 0.1, Streams(1, 1))
-    x, y = (Tone(30.0, **{f"rms_{axis}": size * 2**-0.5}, phase=phase)
-            for axis, size, phase in (("x", 2e-5, 0.0), ("y", 1e-5, -np.pi / 2)))  # fmt: skip
+    x, y = (
+        Tone(30.0, **{f"rms_{axis}": size * 2**-0.5}, phase=phase)
+        for axis, size, phase in (("x", 2e-5, 0.0), ("y", 1e-5, -np.pi / 2))
+    )
     time = np.linspace(-0.1, 0.2, 7)
     tones = realise_motion(Motion(tones=(x, y)), 0.1, Streams(1, 1))
     rates = others().case.instrument.motion
@@ -381,9 +386,11 @@ def test_an_own_search_finds_the_stars_of_frames(others):
 def test_own_requirements_and_costs_are_judged(others):
     from startrack.verification import margins
 
-    design = others("campaign.requirements.cost_model=mylab.others:price",
-                    "campaign.requirements.max_cost=40",
-                    'campaign.requirements.checks=["mylab.others:thick"]')  # fmt: skip
+    design = others(
+        "campaign.requirements.cost_model=mylab.others:price",
+        "campaign.requirements.max_cost=40",
+        'campaign.requirements.checks=["mylab.others:thick"]',
+    )
     f_number = design.case.instrument.optics.f_number
     found = margins(design.campaign.requirements, design.case)
     assert found["cost"] == pytest.approx(1 - 10 * f_number / 40)
@@ -408,8 +415,9 @@ def test_an_own_search_by_its_entry_point_chooses_the_designs_that_are_forecast(
     np.testing.assert_array_equal(explorer.points[0], space.start)
     # Each other is a step of a quarter along one axis from the best of those before.
     assert np.abs(explorer.points[1] - space.start).max() == pytest.approx(0.25)
-    found = least(lambda at: float(((at - 0.3) ** 2).sum()), np.full(4, 0.9),
-                  Search(campaign.search, 500))  # fmt: skip
+    found = least(
+        lambda at: float(((at - 0.3) ** 2).sum()), np.full(4, 0.9), Search(campaign.search, 500)
+    )
     np.testing.assert_allclose(found.coordinates, 0.3, atol=2e-3)
     assert found.ending == "mylab.searches:compass converged"
 

@@ -138,9 +138,13 @@ def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
     command = [*COMMAND, "--store", str(store), "--trials", "1000000", "--workers", "2"]
     command += ["--fidelity", "covariance"]  # whose trials are the quickest
     process = subprocess.Popen(
-        command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
-        start_new_session=True, preexec_fn=as_at_a_terminal,
-    )  # fmt: skip
+        command,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+        preexec_fn=as_at_a_terminal,
+    )
     try:
         while not done(store):
             time.sleep(0.1)
@@ -179,9 +183,21 @@ def test_mpi_gives_the_same_bytes(tmp_path):
         pytest.skip("there is no mpiexec")
     store = tmp_path / "campaign.sqlite"
     command = [
-        mpiexec, "-n", "3", sys.executable, "-m", "mpi4py.futures", "-m", *COMMAND[2:],
-        "--scheduler", "mpi", "--store", str(store), "--trials", "60",
-    ]  # fmt: skip
+        mpiexec,
+        "-n",
+        "3",
+        sys.executable,
+        "-m",
+        "mpi4py.futures",
+        "-m",
+        *COMMAND[2:],
+        "--scheduler",
+        "mpi",
+        "--store",
+        str(store),
+        "--trials",
+        "60",
+    ]
     allowed = {
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",

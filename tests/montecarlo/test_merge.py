@@ -52,9 +52,11 @@ def stored(case, outcomes, tmp_path):
 
 def test_stores_of_parts_make_the_same_store_in_any_order(stored, outcomes, tmp_path):
     parts = [
-        stored("a", 0, 300), stored("b", 300, 601, 50), stored("c", 700, 1000, 7),
+        stored("a", 0, 300),
+        stored("b", 300, 601, 50),
+        stored("c", 700, 1000, 7),
         stored("d", 601, 640),
-    ]  # fmt: skip
+    ]
     merged = merge_stores(parts, tmp_path / "one", partial=True)
     assert merged == (940, (), ((640, 700),))
     merge_stores(parts[::-1], tmp_path / "two", partial=True)

@@ -161,22 +161,37 @@ def test_a_dask_cluster_by_tls(tmp_path):
     pem(tmp_path, "req", "-x509", *key, "-subj", "/CN=a", "-keyout", "ca.key", "-out", "ca.pem")
     pem(tmp_path, "req", *key, "-subj", "/CN=b", "-keyout", "own.key", "-out", "own.csr")
     pem(
-        tmp_path, "x509", "-req", "-in", "own.csr", "-CA", "ca.pem", "-CAkey", "ca.key",
-        "-CAcreateserial", "-out", "own.pem",
-    )  # fmt: skip
+        tmp_path,
+        "x509",
+        "-req",
+        "-in",
+        "own.csr",
+        "-CA",
+        "ca.pem",
+        "-CAkey",
+        "ca.key",
+        "-CAcreateserial",
+        "-out",
+        "own.pem",
+    )
     files = Certificates(*(tmp_path / name for name in ("ca.pem", "own.pem", "own.key")))
     security = distributed.Security(
-        tls_ca_file=str(files.authority), require_encryption=True,
+        tls_ca_file=str(files.authority),
+        require_encryption=True,
         **{
             f"tls_{role}_{kind}": str(getattr(files, name))
             for role in ("client", "scheduler", "worker")
             for kind, name in (("cert", "certificate"), ("key", "key"))
         },
-    )  # fmt: skip
+    )
     workers = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0",
-        protocol="tls://", security=security,
-    )  # fmt: skip
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        dashboard_address=":0",
+        protocol="tls://",
+        security=security,
+    )
     with workers as cluster:
         assert cluster.scheduler_address.startswith("tls://")
         with dask_pool(cluster.scheduler_address, files) as executor:
@@ -221,8 +236,10 @@ def test_it_tells_rate_statistic_and_remaining_time(case, outcomes, tmp_path, cl
     assert last["low"] < 2 < last["high"]
     # 1.96 / (2 sqrt(n)) of an rms of two axes: 2 % takes 2401 trials, of which 1000 are done.
     assert last["remaining_s"] == pytest.approx(1400 / 50, rel=0.15)
-    assert shown[1] == (500, f"50/s, across {last['value']:.3f} "
-                            f"[{last['low']:.3f}, {last['high']:.3f}] arcsec")  # fmt: skip
+    assert shown[1] == (
+        500,
+        f"50/s, across {last['value']:.3f} [{last['low']:.3f}, {last['high']:.3f}] arcsec",
+    )
     assert shown[2] == (0, "")
 
 

@@ -275,9 +275,14 @@ def test_contents_that_were_changed_are_damage(path, case, outcomes, change, wor
 
 @pytest.mark.parametrize(
     ("field", "value", "words"),
-    [("error_x", np.nan, "error_x"), ("error_z", 7.0, "error_z"), ("sigma_y", -1.0, "sigma_y"),
-     ("stars", -1, "negative"), ("trial", 9, "other numbers")],
-)  # fmt: skip
+    [
+        ("error_x", np.nan, "error_x"),
+        ("error_z", 7.0, "error_z"),
+        ("sigma_y", -1.0, "sigma_y"),
+        ("stars", -1, "negative"),
+        ("trial", 9, "other numbers"),
+    ],
+)
 def test_outcomes_without_a_checksum_must_be_possible(outcomes, field, value, words):
     """As those of stores from before there were checksums."""
     table = outcomes(4)

@@ -100,8 +100,10 @@ def test_work_grows_with_the_length_of_the_path():
     for length in (10, 100, 1000, 10000):
         count = len(slew(Motion(rate_x=length * PIXEL / 0.1), 0.1, PIXEL, 0.1).time)
         assert length < count < 2.7 * length + 8
-    cycles = [len(slew(Motion(tones=(Tone(f, rms_x=1e-5, phase=0.3),)), 0.1, PIXEL, 0.1).time)
-              for f in (100.0, 1000.0, 5000.0)]  # fmt: skip
+    cycles = [
+        len(slew(Motion(tones=(Tone(f, rms_x=1e-5, phase=0.3),)), 0.1, PIXEL, 0.1).time)
+        for f in (100.0, 1000.0, 5000.0)
+    ]
     assert cycles[1] < 11 * cycles[0]
     assert cycles[2] < 5.5 * cycles[1]
 

@@ -22,13 +22,20 @@ def ideal(vignetting: float = 0.0, **changes: object) -> LensTable:
     narrow = half * (1 - vignetting * (field / field[-1]) ** 2)
     zero = np.zeros(shape)
     table = {
-        "name": "ideal", "source": "a closed form", "focal_length": FOCAL, "f_number": F_NUMBER,
-        "temperature": np.array([293.15]), "wavelength": wavelength, "field": field,
-        "noll": np.array([4, 8, 11]), "wavefront": np.zeros((*shape, 3)),
+        "name": "ideal",
+        "source": "a closed form",
+        "focal_length": FOCAL,
+        "f_number": F_NUMBER,
+        "temperature": np.array([293.15]),
+        "wavelength": wavelength,
+        "field": field,
+        "noll": np.array([4, 8, 11]),
+        "wavefront": np.zeros((*shape, 3)),
         "place": np.broadcast_to(FOCAL * np.tan(field), shape).copy(),
         "pupil": np.stack([zero, half, half, zero, half, narrow], axis=-1),
         "outline": np.zeros((*shape, 0)),
         "area": math.pi / 4 * (FOCAL / F_NUMBER) ** 2 * narrow / half,
-        "amplitude": np.zeros((*shape, 0)), "curvature": zero,
-    }  # fmt: skip
+        "amplitude": np.zeros((*shape, 0)),
+        "curvature": zero,
+    }
     return LensTable(**(table | changes))

@@ -26,8 +26,9 @@ HERE = Rotation.identity()
 
 def direction(angle, azimuth):
     angle = np.radians(angle)
-    return np.array([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth),
-                     np.cos(angle)])  # fmt: skip
+    return np.array(
+        [np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)]
+    )
 
 
 def light(*directions, brightness=1.0):
@@ -83,9 +84,13 @@ def test_ghost_of_a_plate_is_that_of_its_matrices():
     """A plane plate before a mirrorless thin lens: parallel faces send their ghost to the image."""
     focal = 0.1
     thin = Surfaces(
-        np.array([0.0, 0.0, 1 / (0.5 * focal), 0.0]), np.array([0.005, 0.02, 1e-9, focal]),
-        np.array([1.5, 1.0, 1.5, 1.0]), np.full(4, 0.01), np.zeros(4), 2,
-    )  # fmt: skip
+        np.array([0.0, 0.0, 1 / (0.5 * focal), 0.0]),
+        np.array([0.005, 0.02, 1e-9, focal]),
+        np.array([1.5, 1.0, 1.5, 1.0]),
+        np.full(4, 0.01),
+        np.zeros(4),
+        2,
+    )
     found = {(pair.first, pair.second): pair for pair in pairs(thin, Ghosts(0.04, 0.2))}
     plate = found[(1, 0)]
     assert plate.width == pytest.approx(0, abs=1e-6)

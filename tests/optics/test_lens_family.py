@@ -89,9 +89,13 @@ def within_field(table, part):
 
 @pytest.mark.parametrize(
     ("family", "low", "high"),
-    [("double-gauss", 1.0, 1.2), ("petzval", 0.8, 1.0), ("cooke-triplet", 1.0, 1.3),
-     ("catadioptric", 0.9, 1.1)],
-)  # fmt: skip
+    [
+        ("double-gauss", 1.0, 1.2),
+        ("petzval", 0.8, 1.0),
+        ("cooke-triplet", 1.0, 1.3),
+        ("catadioptric", 0.9, 1.1),
+    ],
+)
 def test_error_of_the_law_for_a_wider_field(family, low, high):
     """From three quarters of the field to what rays have at the last angle of the oracle."""
     table = open_lens(FAMILIES[family].lens)
@@ -123,10 +127,14 @@ def test_the_law_is_that_of_seidel():
     def slope(one, where):
         step = 1e-5
         return sum(
-            size * float(zernike(j, np.array([step]), np.zeros(1))[0]
-                         - zernike(j, np.array([-step]), np.zeros(1))[0]) / (2 * step)
+            size
+            * float(
+                zernike(j, np.array([step]), np.zeros(1))[0]
+                - zernike(j, np.array([-step]), np.zeros(1))[0]
+            )
+            / (2 * step)
             for j, size in zip(one.noll.tolist(), one.wavefront[where], strict=True)
-        )  # fmt: skip
+        )
 
     assert slope(made, edge) == pytest.approx(1.5 * slope(table, edge), abs=1e-10)
 

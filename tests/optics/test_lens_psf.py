@@ -246,10 +246,15 @@ def test_what_a_table_cannot_say_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "row", "error"),
     # Of the peak. At 8.3 deg apertures cut off a quarter of the light.
-    [("double_gauss", 0, 0.0005), pytest.param("double_gauss", 1, 0.002, marks=pytest.mark.slow),
-     ("double_gauss", 2, 0.002), pytest.param("petzval", 0, 0.003, marks=pytest.mark.slow),
-     ("petzval", 1, 0.0015), pytest.param("petzval", 2, 0.002, marks=pytest.mark.slow)],
-)  # fmt: skip
+    [
+        ("double_gauss", 0, 0.0005),
+        pytest.param("double_gauss", 1, 0.002, marks=pytest.mark.slow),
+        ("double_gauss", 2, 0.002),
+        pytest.param("petzval", 0, 0.003, marks=pytest.mark.slow),
+        ("petzval", 1, 0.0015),
+        pytest.param("petzval", 2, 0.002, marks=pytest.mark.slow),
+    ],
+)
 def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
     """Huygens-Fresnel integrals by optiland, on 48 x 48 points of about one micrometre."""
     said = [each for each in ORACLE[name] if "image" in each][row]

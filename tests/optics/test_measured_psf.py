@@ -47,9 +47,10 @@ def test_stars_give_back_the_psf_that_they_were_rendered_with():
     # Where a PSF has its centre is a convention; the wings decide the centroid.
     best = minimize(
         lambda shift: ((inner / inner.sum() - wanted(shift) / wanted(shift).sum()) ** 2).sum(),
-        centroid(true), method="Nelder-Mead",
+        centroid(true),
+        method="Nelder-Mead",
         options={"xatol": 1e-4},
-    )  # fmt: skip
+    )
     true_box = wanted(best.x)
     # What lies outside of the box is not seen: the found sums to one inside.
     error = np.abs(inner / inner.sum() - true_box / true_box.sum()).max()

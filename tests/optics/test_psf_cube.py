@@ -115,7 +115,7 @@ def page(path, data, wave, angle, kind, encoding="utf-8", extra=""):
         f"(deg).\n{extra}Pupil grid size: 64 by 64\nCenter point is: row {n - n // 2}, column "
         f"{n // 2 + 1}\n\n{rows}\n",
         encoding=encoding,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])

@@ -98,9 +98,11 @@ def test_what_calibration_leaves_is_found_for_each_of_a_familys_lenses():
     """Singular values of one of them did not converge."""
     design = load_design(shipped("designs/nanosatellite.toml")).case.instrument
     lens = replace(
-        design.optics, focal_length=0.01931406990365406, f_number=2.008536029750314,
+        design.optics,
+        focal_length=0.01931406990365406,
+        f_number=2.008536029750314,
         defocus=4.2054714704428744e-05,
-    )  # fmt: skip
+    )
     camera = replace(design, optics=lens, residual=None).camera
     law = design.residual.law(camera, lens, design.detector.pitch, 5, True, 8)
     assert np.isfinite(law).all()

@@ -66,9 +66,15 @@ class Truth(TrialRunner):
 def campaign(small):
     needs = dataclasses.replace(small.campaign.requirements, min_availability=LEAST)
     return dataclasses.replace(
-        small.campaign, variables=small.campaign.variables[:2], requirements=needs, trials=50,
-        most_trials=200, evaluations=20, analytic_evaluations=40, fresh_trials=1000,
-    )  # fmt: skip
+        small.campaign,
+        variables=small.campaign.variables[:2],
+        requirements=needs,
+        trials=50,
+        most_trials=200,
+        evaluations=20,
+        analytic_evaluations=40,
+        fresh_trials=1000,
+    )
 
 
 @pytest.fixture
@@ -156,8 +162,9 @@ def test_a_corrected_margin_is_what_many_trials_found():
     """Of an availability and of an error, whatever the formula said; far designs keep theirs."""
     here, far = np.array([0.2, 0.2]), np.array([1.0, 1.0])
     for limit, forecast, found in (
-        (Limit(ROOM, ROOM, True), 0.0001, -0.05), (Limit(1.0, 1.0, False), 0.2, -0.1)
-    ):  # fmt: skip
+        (Limit(ROOM, ROOM, True), 0.0001, -0.05),
+        (Limit(1.0, 1.0, False), 0.2, -0.1),
+    ):
         fitted = limit.fitted([Evidence(here, forecast, found, 10**6)])
         load = limit.room - fitted.corrected(here, forecast)
         assert load == pytest.approx(limit.room - found, rel=0.05)

@@ -195,9 +195,12 @@ def test_the_branch_with_the_best_forecasts_wins(small):
     change; a search of each branch alone says how good they are."""
     window = Choice("tracker.detection.window", (5.0, 7.0, 9.0, 15.0))
     campaign = dataclasses.replace(
-        small.campaign, choices=(window,), variables=small.campaign.variables[:2], evaluations=24,
+        small.campaign,
+        choices=(window,),
+        variables=small.campaign.variables[:2],
+        evaluations=24,
         fresh_trials=20,
-    )  # fmt: skip
+    )
     optimum = optimize(small.case, campaign, TrialRunner(5))
     assert len(optimum.evaluations) <= 24
     scores = {}

@@ -190,6 +190,9 @@ def test_a_search_of_all_ends_where_it_is_enough():
     tried = []
     found = least_of_all(
         lambda coordinates: tried.append(1) or bowl(0.5)(coordinates),
-        np.full(2, 0.5), 40, 40, lambda: "at the bottom",
-    )  # fmt: skip
+        np.full(2, 0.5),
+        40,
+        40,
+        lambda: "at the bottom",
+    )
     assert (found.score, len(tried)) == (0, 1)

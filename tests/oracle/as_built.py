@@ -53,8 +53,12 @@ def main() -> None:
     import optiland
     from optiland.fileio import load_zemax_file
 
-    result = {"optiland": getattr(optiland, "__version__", "0.6"), "shift_mm": SHIFT,
-              "turn_rad": TURN, "cases": []}  # fmt: skip
+    result = {
+        "optiland": getattr(optiland, "__version__", "0.6"),
+        "shift_mm": SHIFT,
+        "turn_rad": TURN,
+        "cases": [],
+    }
     for name, elements in CASES.items():
         lens = load_zemax_file(str(LENSES / f"{name}.zmx"))
         largest = max(field.y for field in lens.fields.fields)
@@ -65,11 +69,18 @@ def main() -> None:
         for first, last in elements:
             for kind in ("decentre", "tilt", "wedge"):
                 moved = places(off(name, first, last, kind)) - before
-                result["cases"].append({
-                    "lens": name, "surfaces": [first - 1, last - 1], "kind": kind,
-                    "field_deg": largest, "fields": FIELDS, "moved_mm": moved.tolist(),
-                    "before_mm": before.tolist(), "tangent": tangent.tolist(),
-                })  # fmt: skip
+                result["cases"].append(
+                    {
+                        "lens": name,
+                        "surfaces": [first - 1, last - 1],
+                        "kind": kind,
+                        "field_deg": largest,
+                        "fields": FIELDS,
+                        "moved_mm": moved.tolist(),
+                        "before_mm": before.tolist(),
+                        "tangent": tangent.tolist(),
+                    }
+                )
     path = Path(__file__).with_suffix(".json")
     path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 

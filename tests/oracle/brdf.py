@@ -31,9 +31,13 @@ def factor(surface: Any, sun: float, camera: float, azimuth: float) -> float:
     config.num_streams = 2
     cosine = np.cos(np.radians(sun))
     geometry = sk.Geometry1D(
-        cosine, 0, 6372000, np.arange(0.0, 65001, 5000.0),
-        sk.InterpolationMethod.LinearInterpolation, sk.GeometryType.PlaneParallel,
-    )  # fmt: skip
+        cosine,
+        0,
+        6372000,
+        np.arange(0.0, 65001, 5000.0),
+        sk.InterpolationMethod.LinearInterpolation,
+        sk.GeometryType.PlaneParallel,
+    )
     view = sk.ViewingGeometry()
     view.add_ray(
         sk.GroundViewingSolar(cosine, np.radians(azimuth), np.cos(np.radians(camera)), 200000)

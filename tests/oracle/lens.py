@@ -112,10 +112,16 @@ def image_of(
     wave = Wavefront(even, [field], [wavelength], 0, rays).get_data(field, wavelength)
     amplitude = area * np.sqrt(np.asarray(wave.intensity))
     image = psf._summation_strategy.compute(
-        *psf._get_image_coordinates(), wave.pupil_x, wave.pupil_y, wave.pupil_z, amplitude,
-        np.asarray(wave.opd) * wavelength * micrometre, wavelength * micrometre, wave.radius,
+        *psf._get_image_coordinates(),
+        wave.pupil_x,
+        wave.pupil_y,
+        wave.pupil_z,
+        amplitude,
+        np.asarray(wave.opd) * wavelength * micrometre,
+        wavelength * micrometre,
+        wave.radius,
         wave.reference_center,
-    )  # fmt: skip
+    )
     image = np.asarray(image)
     return image / image.max()
 

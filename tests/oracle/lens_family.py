@@ -58,9 +58,9 @@ def main() -> None:
             largest = max(field.y for field in lens.fields.fields)
             for angle in angles:
                 waves, open_ = rms(lens, angle / largest)
-                rows.append({
-                    "slower": slower, "angle_deg": angle, "rms_waves": waves, "open": open_,
-                })  # fmt: skip
+                rows.append(
+                    {"slower": slower, "angle_deg": angle, "rms_waves": waves, "open": open_}
+                )
         result[name] = rows
     path = Path(__file__).with_suffix(".json")
     path.write_text(json.dumps(result) + "\n", encoding="utf-8")

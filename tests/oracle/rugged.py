@@ -26,18 +26,27 @@ def main() -> None:
     for elevation in (85, 60, 30):
         u, v, azimuth = random.random((3, 40))
         rays = ray(
-            grid.west + (110 + 36 * u) * grid.step_x, grid.north - (110 + 36 * v) * grid.step_y,
-            500.0, elevation, 2 * np.pi * azimuth, 6e5,
-        )  # fmt: skip
+            grid.west + (110 + 36 * u) * grid.step_x,
+            grid.north - (110 + 36 * v) * grid.step_y,
+            500.0,
+            elevation,
+            2 * np.pi * azimuth,
+            6e5,
+        )
         with tempfile.NamedTemporaryFile(suffix=".npz") as file:
             np.savez(
-                file.name, heights=heights, grid=[grid.west, grid.south, grid.step_x],
-                origin=rays.origin, direction=rays.direction,
-            )  # fmt: skip
+                file.name,
+                heights=heights,
+                grid=[grid.west, grid.south, grid.step_x],
+                origin=rays.origin,
+                direction=rays.direction,
+            )
             told = subprocess.run(
                 [sys.argv[1], str(HERE.parents[1] / "experiments/terrain_rugged.py"), file.name],
-                capture_output=True, text=True, check=True,
-            ).stdout  # fmt: skip
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout
         places = json.loads(told.splitlines()[-1])["place"]
         cases.append(
             {

@@ -54,13 +54,30 @@ def doses(library, electrons, protons):
         return values.ctypes.data_as(ctypes.c_void_p)
 
     library.shieldose2_(
-        whole(SILICON), whole(LOCAL), whole(len(depth)), whole(MILLIMETRE), array(inward),
-        real(0.5), real(400.0), real(0.5), real(400.0), whole(1001),
-        real(ends[0]), real(ends[1]), whole(1001),
-        *(whole(count) for count in counts), real(1.0), real(1.0),
-        array(nothing[0]), array(nothing[1]), array(proton[0]), array(proton[1]),
-        array(electron[0]), array(electron[1]), *(array(one) for one in out),
-    )  # fmt: skip
+        whole(SILICON),
+        whole(LOCAL),
+        whole(len(depth)),
+        whole(MILLIMETRE),
+        array(inward),
+        real(0.5),
+        real(400.0),
+        real(0.5),
+        real(400.0),
+        whole(1001),
+        real(ends[0]),
+        real(ends[1]),
+        whole(1001),
+        *(whole(count) for count in counts),
+        real(1.0),
+        real(1.0),
+        array(nothing[0]),
+        array(nothing[1]),
+        array(proton[0]),
+        array(proton[1]),
+        array(electron[0]),
+        array(electron[1]),
+        *(array(one) for one in out),
+    )
     # What SHIELDOSE calls half the dose at the centre is that of one half of the directions.
     at = [int(np.flatnonzero(depth == thick)[0]) for thick in THICK]
     return [2 * out[k][2][at] for k in (2, 3, 1)] + [out[3][0][at]]
@@ -115,30 +132,47 @@ def main():
             name: [float(f"{year * x:.4g}") for x in row]
             for name, row in zip(names, found[:3], strict=True)
         }
-        orbits.append({
-            "altitude_km": altitude, "inclination_deg": inclination, "rad_per_year": rad,
-            "electrons_above": [[e, float(f"{electron[k]:.4g}")] for k, e in enumerate(ELECTRONS)],
-            "protons_above": [[e, float(f"{proton[k]:.4g}")] for k, e in enumerate(PROTONS)],
-        })  # fmt: skip
+        orbits.append(
+            {
+                "altitude_km": altitude,
+                "inclination_deg": inclination,
+                "rad_per_year": rad,
+                "electrons_above": [
+                    [e, float(f"{electron[k]:.4g}")] for k, e in enumerate(ELECTRONS)
+                ],
+                "protons_above": [[e, float(f"{proton[k]:.4g}")] for k, e in enumerate(PROTONS)],
+            }
+        )
         print(altitude, "done", file=sys.stderr)
     for energy in LINES:
         narrow = np.linspace(0.97, 1.03, 101) * energy
         electron, photon, _, plane = doses(
             library, (narrow, np.full(101, 1 / (0.06 * energy))), None
         )
-        lines.append({
-            "mev": energy, "electrons": [float(f"{x:.4g}") for x in electron],
-            "bremsstrahlung": [float(f"{x:.4g}") for x in photon],
-            "bremsstrahlung_plane": [float(f"{x:.4g}") for x in plane],
-        })  # fmt: skip
-    print(json.dumps({
-        "source": __doc__.split("\n\n")[0] + " Silicon at the centre of solid spheres of aluminium,"
-        " from all sides (twice the half of SHIELDOSE-2), nuclear attenuation with local energy"
-        " (INUC = 2); commit b9f60df1 of github.com/PRBEM/IRBEM, spectra of radbelt 0.1.8 at solar"
-        " minimum in the field of 1964. By shieldose.py.",
-        "aluminium_mm": THICK, "orbits": orbits,
-        "rad_cm2_per_electron_of_one_energy": lines,
-    }, indent=1))  # fmt: skip
+        lines.append(
+            {
+                "mev": energy,
+                "electrons": [float(f"{x:.4g}") for x in electron],
+                "bremsstrahlung": [float(f"{x:.4g}") for x in photon],
+                "bremsstrahlung_plane": [float(f"{x:.4g}") for x in plane],
+            }
+        )
+    print(
+        json.dumps(
+            {
+                "source": __doc__.split("\n\n")[0]
+                + " Silicon at the centre of solid spheres of aluminium,"
+                " from all sides (twice the half of SHIELDOSE-2), nuclear attenuation with local "
+                "energy"
+                " (INUC = 2); commit b9f60df1 of github.com/PRBEM/IRBEM, spectra of radbelt 0.1.8 "
+                "at solar minimum in the field of 1964. By shieldose.py.",
+                "aluminium_mm": THICK,
+                "orbits": orbits,
+                "rad_cm2_per_electron_of_one_energy": lines,
+            },
+            indent=1,
+        )
+    )
 
 
 if __name__ == "__main__":

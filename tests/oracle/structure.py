@@ -24,9 +24,12 @@ def element() -> tuple[np.ndarray, np.ndarray]:
     """Stiffness (8, 8) of a square element over E, and its load (8,) by a strain 1, over E side."""
     stiffness, load = np.zeros((8, 8)), np.zeros(8)
     for x, y in CORNERS / np.sqrt(3):
-        slope = np.stack([
-            CORNERS[:, 0] * (1 + y * CORNERS[:, 1]) / 4, CORNERS[:, 1] * (1 + x * CORNERS[:, 0]) / 4
-        ])  # fmt: skip
+        slope = np.stack(
+            [
+                CORNERS[:, 0] * (1 + y * CORNERS[:, 1]) / 4,
+                CORNERS[:, 1] * (1 + x * CORNERS[:, 0]) / 4,
+            ]
+        )
         strain = np.zeros((3, 8))
         strain[0, ::2], strain[1, 1::2] = slope
         strain[2, ::2], strain[2, 1::2] = slope[::-1]
@@ -144,8 +147,13 @@ def cases(side):
             expansion = 8.6e-6 if mean else 23.6e-6
             kelvin = {"mean": mean, "gradient": gradient, "tube": tube}
             found = turn(head, expansion, **kelvin, panel=23.6e-6, side=side)
-            yield {"head": head, "expansion": expansion, "panel": 23.6e-6, **kelvin,
-                   "turn": float(f"{found:.5g}")}  # fmt: skip
+            yield {
+                "head": head,
+                "expansion": expansion,
+                "panel": 23.6e-6,
+                **kelvin,
+                "turn": float(f"{found:.5g}"),
+            }
 
 
 if __name__ == "__main__":

@@ -266,8 +266,10 @@ def test_all_errors_of_a_sequence_are_within_the_axes(drawn):
     figure, _ = drawn(draw_sequence, table, "a slew")
     panels = figure.axes[1:]
     assert [axes.get_ylabel() for axes in panels] == [
-        "error about x (arcsec)", "error about y (arcsec)", "error about the boresight (arcsec)"
-    ]  # fmt: skip
+        "error about x (arcsec)",
+        "error about y (arcsec)",
+        "error about the boresight (arcsec)",
+    ]
     for axes, axis in zip(panels, "xyz", strict=True):
         low, high = axes.get_ylim()
         assert low < table[f"error_{axis}"].min() / arcsec
@@ -294,8 +296,10 @@ def test_a_sky_that_is_alike_everywhere_has_no_offset(drawn, small):
 
 def test_a_budget_shows_values_from_zero_and_its_requirement(drawn, small):
     budget = analytic(small.case)
-    required = [Accuracy(Objective("across"), 2 * budget.across),
-                Accuracy(Objective("about", 0.9973), budget.about)]  # fmt: skip
+    required = [
+        Accuracy(Objective("across"), 2 * budget.across),
+        Accuracy(Objective("about", 0.9973), budget.about),
+    ]
     figure, _ = drawn(draw_budget, budget, None, "small", required)
     across, about = figure.axes
     for axes, value in ((across, budget.across), (about, budget.about)):
@@ -352,12 +356,17 @@ def optimum(count):
     random = np.random.default_rng(1)
     evaluations = [
         Evaluation(
-            tuple(random.random(3)), {}, arcsec * (5 - 4 * k / count) if k % 4 else np.nan, 0.0,
-            0.0, {"mass": 1.0 - (k % 3)},
-            SimpleNamespace(trials=20 if k < count // 2 else 60) if k % 4 else None, "",
+            tuple(random.random(3)),
+            {},
+            arcsec * (5 - 4 * k / count) if k % 4 else np.nan,
+            0.0,
+            0.0,
+            {"mass": 1.0 - (k % 3)},
+            SimpleNamespace(trials=20 if k < count // 2 else 60) if k % 4 else None,
+            "",
         )
         for k in range(count)
-    ]  # fmt: skip
+    ]
     names = [SimpleNamespace(name=f"instrument.{one}") for one in ("first", "second", "third")]
     fresh = (SimpleNamespace(trials=100),) * 2
     factor = Interval(1.5, 1.4, 1.6)
@@ -400,24 +409,35 @@ def test_the_path_of_a_variable_is_that_of_the_best_so_far_and_no_two_look_alike
     names = [SimpleNamespace(name=f"instrument.{number}") for number in range(9)]
     points = np.random.default_rng(2).random((8, 9))
     landscape = SimpleNamespace(
-        forecasts=tuple(map(tuple, points[:3])), expected=tuple(np.log([2.0, 1.0, 3.0])),
-        met=(True, False, True), spans={one.name: SimpleNamespace(low=0, high=1) for one in names},
-    )  # fmt: skip
+        forecasts=tuple(map(tuple, points[:3])),
+        expected=tuple(np.log([2.0, 1.0, 3.0])),
+        met=(True, False, True),
+        spans={one.name: SimpleNamespace(low=0, high=1) for one in names},
+    )
     found = optimum(8)
     evaluations = [
         dataclasses.replace(
-            one, coordinates=tuple(point), error=error * arcsec, margins={"mass": margin},
+            one,
+            coordinates=tuple(point),
+            error=error * arcsec,
+            margins={"mass": margin},
             summary=summary,
         )
         for one, point, error, margin, summary in zip(
-            found.evaluations, points[3:], (np.nan, 1.0, 4.9, 4.8, 5.0), (1, -1, 1, 1, 1),
-            (None, *[SimpleNamespace(trials=20)] * 4), strict=False,
+            found.evaluations,
+            points[3:],
+            (np.nan, 1.0, 4.9, 4.8, 5.0),
+            (1, -1, 1, 1, 1),
+            (None, *[SimpleNamespace(trials=20)] * 4),
+            strict=False,
         )
-    ]  # fmt: skip
+    ]
     found = dataclasses.replace(
-        found, space=SimpleNamespace(variables=names), evaluations=tuple(evaluations),
+        found,
+        space=SimpleNamespace(variables=names),
+        evaluations=tuple(evaluations),
         landscape=landscape,
-    )  # fmt: skip
+    )
     figure, _ = drawn(draw_convergence, found, "across")
     paths = [line for line in figure.axes[1].lines if not line.get_label().startswith("_")]
     assert len({(line.get_color(), str(line.get_linestyle())) for line in paths}) == 9
@@ -441,10 +461,15 @@ def test_a_search_over_units_says_so_and_explains_its_bars(drawn):
 
 def test_a_front_has_the_intervals_of_its_trials(drawn):
     points = [
-        Point((0.5,), {}, (0.5 + k, 0.35 - 0.01 * k), (0.6 + k, 0.35 - 0.01 * k),
-              (Interval(0.6 + k, 0.5 + k, 0.7 + k), Interval(*[0.35 - 0.01 * k] * 3)))
+        Point(
+            (0.5,),
+            {},
+            (0.5 + k, 0.35 - 0.01 * k),
+            (0.6 + k, 0.35 - 0.01 * k),
+            (Interval(0.6 + k, 0.5 + k, 0.7 + k), Interval(*[0.35 - 0.01 * k] * 3)),
+        )
         for k in range(4)
-    ]  # fmt: skip
+    ]
     figure, _ = drawn(draw_front, points, Goals(), ("arcsec", "kg"), 60)
     (axes,) = figure.axes
     spans = {

@@ -96,12 +96,13 @@ def test_a_recursive_calibration_follows_temperature_and_age():
     case = replace(
         CASE,
         variation=(
-            Variation("instrument.optics.focal_length", sigma=1e-3, vary="relative",
-                      per="environment"),
+            Variation(
+                "instrument.optics.focal_length", sigma=1e-3, vary="relative", per="environment"
+            ),
             Variation("instrument.optics.k1", sigma=0.05, per="life"),
             Variation("instrument.optics.principal_x", sigma=5.0),
         ),
-    )  # fmt: skip
+    )
     found = {}
     moments = [Moment(0, 0, 0, 1e7), Moment(0, 0, 1, 1e7), Moment(0, 1, 0, 3e7)]
     for place in ("orbit", "recursive"):
@@ -142,9 +143,13 @@ def test_settings_that_make_no_calibration_are_refused():
 
 
 LENS = Residual(
-    angle=5 * arcsec, flatness=2 * um, decentre=25 * um, tilt=90 * arcsec, wedge=90 * arcsec,
+    angle=5 * arcsec,
+    flatness=2 * um,
+    decentre=25 * um,
+    tilt=90 * arcsec,
+    wedge=90 * arcsec,
     family="double-gauss",
-)  # fmt: skip
+)
 
 
 def residuals_left(settings, residual=LENS, find=drawn, units=20):

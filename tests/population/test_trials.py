@@ -29,11 +29,15 @@ VARIED = replace(
         ),
         Variation("instrument.optics.blur", "lognormal", sigma=0.1, vary="relative"),
         Variation(
-            "instrument.detector.dark_current", "uniform", low=3.0, high=8.0, vary="relative",
+            "instrument.detector.dark_current",
+            "uniform",
+            low=3.0,
+            high=8.0,
+            vary="relative",
             per="life",
         ),
     ),
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -140,9 +144,11 @@ def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():
     found = {
         fidelity: rms(run_trials(unit, 7, range(count), fidelity))
         for fidelity, count in (
-            (Fidelity.COVARIANCE, 300), (Fidelity.SPOTS, 90), (Fidelity.WINDOW, 90),
+            (Fidelity.COVARIANCE, 300),
+            (Fidelity.SPOTS, 90),
+            (Fidelity.WINDOW, 90),
         )
-    }  # fmt: skip
+    }
     for each in found.values():
         assert each == pytest.approx(budget.across, rel=0.2)
     assert budget.across > 2 * analytic(CASE).across

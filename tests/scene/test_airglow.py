@@ -130,9 +130,10 @@ def test_a_scene_has_them_where_it_names_them():
 
     def scene(phase: float) -> Scene:
         return Scene(
-            lights=("earth", "airglow", "cities"), date="2026-03-20T12:00:00",
+            lights=("earth", "airglow", "cities"),
+            date="2026-03-20T12:00:00",
             orbit=Orbit(600e3, 40 * deg, phase=phase),
-        )  # fmt: skip
+        )
 
     def lamps(phase: float) -> int:
         observer = observer_of(scene(phase), None)

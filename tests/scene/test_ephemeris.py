@@ -114,7 +114,7 @@ def test_a_date_of_another_zone_is_the_same_instant():
         ({"place": (AU, 0.0, 0.0), "orbit": Orbit(5e5)}, "orbit and place must not both be given"),
         ({"days": -1.0}, "days must not be negative"),
     ],
-)  # fmt: skip
+)
 def test_what_contradicts_itself_is_refused(changes, words):
     with pytest.raises(ValueError) as error:
         Scene(**changes)

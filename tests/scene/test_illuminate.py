@@ -145,9 +145,12 @@ def test_in_the_earths_shadow_there_is_no_sun():
     ]
     inclination, node = 98 * deg, 4.0
     normal = np.array(
-        [np.sin(node) * np.sin(inclination), -np.cos(node) * np.sin(inclination),
-         np.cos(inclination)]
-    )  # fmt: skip
+        [
+            np.sin(node) * np.sin(inclination),
+            -np.cos(node) * np.sin(inclination),
+            np.cos(inclination),
+        ]
+    )
     above = np.arcsin(normal @ sun)
     a, edge = 6978.137, np.sqrt(600**2 + 2 * 6378.137 * 600)
     wanted = np.arccos(min(edge / (a * np.cos(above)), 1.0)) / np.pi

@@ -36,8 +36,11 @@ def test_the_profile_is_the_solution_of_the_kinematic_equation():
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         solved = solve_ivp(
             lambda _, a, cross=cross: (-cross @ a.reshape(3, 3)).ravel(),
-            (0, leg.duration), matrix.ravel(), rtol=1e-12, atol=1e-13,
-        )  # fmt: skip
+            (0, leg.duration),
+            matrix.ravel(),
+            rtol=1e-12,
+            atol=1e-13,
+        )
         matrix, at = solved.y[:, -1].reshape(3, 3), at + leg.duration
         ours = attitudes(LEGS, START, np.array([at])).as_matrix()[0]
         np.testing.assert_allclose(ours, matrix, atol=1e-10)
@@ -50,10 +53,11 @@ def test_frames_without_a_gap_join(shaken):
     assert len(true.time) == 25
     paths = [trace(turn, shaken.detector.exposure, 1e-3, 0.1) for turn in true.turns]
     gaps = [
-        Rotation.from_rotvec(late.rotation[0]) * true.attitude[k + 1]
+        Rotation.from_rotvec(late.rotation[0])
+        * true.attitude[k + 1]
         * (Rotation.from_rotvec(early.rotation[-1]) * true.attitude[k]).inv()
         for k, (early, late) in enumerate(pairwise(paths))
-    ]  # fmt: skip
+    ]
     # The frame's model adds slew and jitter, off by half their product.
     slew, jitter = 6 * deg * shaken.detector.exposure, 200 * arcsec
     assert max(gap.magnitude() for gap in gaps) < slew * jitter

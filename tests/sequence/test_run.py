@@ -258,8 +258,10 @@ def test_a_wrong_camera_is_calibrated_in_a_sequence(small):
     plain = dataclasses.replace(learning, camera=None)
     errors = {}
     for name, one, sequence in (
-        ("known", small.case, plain), ("wrong", case, plain), ("learnt", case, learning)
-    ):  # fmt: skip
+        ("known", small.case, plain),
+        ("wrong", case, plain),
+        ("learnt", case, learning),
+    ):
         table = run(one, sequence, 3, 0, fidelity=Fidelity.WINDOW)[40:]
         square = np.mean([table[f"error_{axis}"] ** 2 for axis in "xy"], axis=0)
         errors[name] = math.sqrt(np.nanmean(square))

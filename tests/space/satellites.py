@@ -17,13 +17,21 @@ def extremes_of(name: str) -> tuple[float, float]:
     """Lowest and highest temperature (K); what is charged is no heat where it is absorbed."""
     case = CASES[name]
     heat = Heat(
-        epoch="2026-03-20T12:00:00", altitude=1e3 * PUBLISHED["altitude_km"],
-        local_time=3600.0 * case["local_time_h"], size=tuple(case["box"]),
+        epoch="2026-03-20T12:00:00",
+        altitude=1e3 * PUBLISHED["altitude_km"],
+        local_time=3600.0 * case["local_time_h"],
+        size=tuple(case["box"]),
         absorptance=(case["absorptance"] * (1 - PUBLISHED["charged"]),),
-        emittance=(case["emittance"],), capacity=case["capacity"], power=case["power"],
-        albedo=case["albedo"], infrared=case["infrared"], solar=case["solar"],
-        aperture=0.0, head_power=0.0, conductance=1e-9,
-    )  # fmt: skip
+        emittance=(case["emittance"],),
+        capacity=case["capacity"],
+        power=case["power"],
+        albedo=case["albedo"],
+        infrared=case["infrared"],
+        solar=case["solar"],
+        aperture=0.0,
+        head_power=0.0,
+        conductance=1e-9,
+    )
     kelvin = warmth(heat).platform
     return float(kelvin.min()), float(kelvin.max())
 

@@ -118,9 +118,16 @@ def lagging(fraction: float, rate: float):
 
     def seen(attitude: Rotation, before=None):
         exposure = Exposure(
-            light, psf_of(instrument), path, attitude, instrument.camera, detector,
-            throughput(instrument), None, before,
-        )  # fmt: skip
+            light,
+            psf_of(instrument),
+            path,
+            attitude,
+            instrument.camera,
+            detector,
+            throughput(instrument),
+            None,
+            before,
+        )
         return expected(exposure)
 
     return seen, attitude, before, detector

@@ -30,14 +30,20 @@ def whole_case() -> Case:
     """A small case whose instrument has most of what a design can name."""
     case = CASE
     detector = replace(
-        case.instrument.detector, thermal=Thermal(283.0), defects=Defects(5.0, 0.001, 500.0),
-        prnu=0.01, crosstalk=0.01,
-    )  # fmt: skip
+        case.instrument.detector,
+        thermal=Thermal(283.0),
+        defects=Defects(5.0, 0.001, 500.0),
+        prnu=0.01,
+        crosstalk=0.01,
+    )
     motion = Motion(1e-4, 2e-4, 3e-5, (Tone(20.0, 1e-6, 1e-6, 1e-6, 0.3),))
     instrument = replace(
-        case.instrument, detector=detector, motion=motion, delay=0.01,
+        case.instrument,
+        detector=detector,
+        motion=motion,
+        delay=0.01,
         mounting=Mounting(1e-3, 2e-3, 3e-3, 1e-5, 1e-5, 1e-5),
-    )  # fmt: skip
+    )
     detection = replace(case.tracker.detection, dark_map=DarkMap(frames=2))
     return replace(case, instrument=instrument, tracker=replace(case.tracker, detection=detection))
 
@@ -73,12 +79,23 @@ def beliefs(case: Case) -> tuple[object, ...]:
     plan = detection_plan(case)
     believed = as_believed(case, to_frame(np.zeros((4, 4)), case.instrument.detector))
     return (
-        case.believed_camera, case.believed_mounting, case.believed_motion, case.believed_catalog,
-        case.calibrated, case.instrument.delay - case.time_tag_error, focal_stretches(case),
-        plan.settings, plan.kernel.whole.tobytes(), plan.star.psf.table.tobytes(),
-        plan.correction.offset.tobytes(), plan.correction.hot.tobytes(),
-        believed.electrons_per_dn, believed.offset, believed.read_noise, believed.exposure,
-    )  # fmt: skip
+        case.believed_camera,
+        case.believed_mounting,
+        case.believed_motion,
+        case.believed_catalog,
+        case.calibrated,
+        case.instrument.delay - case.time_tag_error,
+        focal_stretches(case),
+        plan.settings,
+        plan.kernel.whole.tobytes(),
+        plan.star.psf.table.tobytes(),
+        plan.correction.offset.tobytes(),
+        plan.correction.hot.tobytes(),
+        believed.electrons_per_dn,
+        believed.offset,
+        believed.read_noise,
+        believed.exposure,
+    )
 
 
 def test_no_belief_sees_the_truth_of_any_number_of_an_instrument():

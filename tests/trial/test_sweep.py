@@ -137,9 +137,13 @@ def test_a_wrong_rate_turns_into_a_stretched_sky():
     scan, camera, exposure = Scan(), Camera(512, 512, 3182.0), 5e-3
     rate = 1 / (exposure * camera.focal_length_px)
     spots = Spots(
-        np.array([255.5, 255.5]), np.array([0.0, 511.0]), np.ones(2), np.tile(np.eye(2), (2, 1, 1)),
-        np.ones(2), np.ones(2, np.int64),
-    )  # fmt: skip
+        np.array([255.5, 255.5]),
+        np.array([0.0, 511.0]),
+        np.ones(2),
+        np.tile(np.eye(2), (2, 1, 1)),
+        np.ones(2),
+        np.ones(2, np.int64),
+    )
     right, fast = (
         straighten(spots, scan, exposure, Motion(rate_x=rate * factor), camera).y
         for factor in (1.0, 1.02)
@@ -154,9 +158,13 @@ def test_staggered_spots_come_back_to_the_lines_pixels():
     scan, camera = Scan("staggered", distance=4.0), Camera(512, 512, 3182.0)
     covariance = np.tile(np.eye(2), (1, 1, 1))
     spots = Spots(
-        np.array([301.0]), np.array([255.5]), np.ones(1), covariance, np.ones(1),
+        np.array([301.0]),
+        np.array([255.5]),
+        np.ones(1),
+        covariance,
+        np.ones(1),
         np.ones(1, np.int64),
-    )  # fmt: skip
+    )
     still = straighten(spots, scan, 1e-3, Motion(), camera)
     assert (still.x[0], still.y[0]) == pytest.approx((150.5, 255.5))
     np.testing.assert_allclose(still.covariance[0], [[0.25, 0.0], [0.0, 1.0]])

@@ -144,9 +144,11 @@ def test_trials_and_the_budget_agree_behind_the_shipped_lenses(lens):
     windows, spots, drawn = (
         summarise(run_trials(case, 1, range(count), fidelity))
         for fidelity, count in (
-            (Fidelity.WINDOW, 400), (Fidelity.SPOTS, 1000), (Fidelity.COVARIANCE, 2000),
+            (Fidelity.WINDOW, 400),
+            (Fidelity.SPOTS, 1000),
+            (Fidelity.COVARIANCE, 2000),
         )
-    )  # fmt: skip
+    )
     for other in (spots, drawn):
         for name in ("across", "about"):
             one, two = getattr(windows, name), getattr(other, name)

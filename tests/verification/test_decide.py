@@ -125,8 +125,12 @@ def test_a_single_attitude_may_err_as_999_of_a_normal_law():
     """A design that just meets a requirement has 99.73 % correct attitudes."""
     rng = np.random.default_rng(3)
     table = normal(rng, 400_000, arcsec)
-    for level, kind in (("rms", "per axis"), ("rms", "radial"), ("95.45 %", "radial"),
-                        ("68 %", "per axis")):  # fmt: skip
+    for level, kind in (
+        ("rms", "per axis"),
+        ("rms", "radial"),
+        ("95.45 %", "radial"),
+        ("68 %", "per axis"),
+    ):
         probe = Requirements(max_across=1.0, level=level, kind=kind)
         objective = probe.accuracy[0].objective
         just = objective.of(objective.squares(table))

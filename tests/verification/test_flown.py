@@ -50,8 +50,12 @@ def test_photon_transfer_finds_gain_and_read_noise():
 
 def test_windows_are_read_from_npz_and_fits(tmp_path):
     star = still()
-    columns = {"time": star.time, "number": star.number, "col0": star.corner[:, 0],
-               "row0": star.corner[:, 1]}  # fmt: skip
+    columns = {
+        "time": star.time,
+        "number": star.number,
+        "col0": star.corner[:, 0],
+        "row0": star.corner[:, 1],
+    }
     np.savez(tmp_path / "a.npz", **{f"s1_{name}": value for name, value in columns.items()})
     table = fits.BinTableHDU.from_columns(
         [
@@ -82,11 +86,19 @@ def test_curves_that_are_alike_are_correlated():
 @pytest.mark.slow
 def test_the_command_compares_a_design_with_its_own_images(tmp_path, capsys):
     """Images that the design predicts are those that it predicts of other detectors."""
-    np.savez(tmp_path / "seen.npz", **{
-        f"s1_{name}": value for name, value in
-        {"time": still().time, "number": still().number, "col0": still().corner[:, 0],
-         "row0": still().corner[:, 1], "magnitude": 8.0}.items()
-    })  # fmt: skip
+    np.savez(
+        tmp_path / "seen.npz",
+        **{
+            f"s1_{name}": value
+            for name, value in {
+                "time": still().time,
+                "number": still().number,
+                "col0": still().corner[:, 0],
+                "row0": still().corner[:, 1],
+                "magnitude": 8.0,
+            }.items()
+        },
+    )
     words = ["compare-flight", "trackers/chandra-aca.toml", str(tmp_path / "seen.npz")]
     assert main([*words, "--devices", "2", "--keep", "--out", str(tmp_path / "a"), "--json"]) == 0
     first = json.loads(capsys.readouterr().out.splitlines()[-1])

@@ -92,9 +92,19 @@ def infrared_bands(
             direct[h, v] = (np.cos(angles) / math.pi * (weights @ (sunlight * up[v] * down).T)).T
     dark = np.zeros(shape)
     return BandTable(
-        HEIGHT, angles, angles, np.array([0.0, math.pi]), np.stack([dark, dark], 3), direct,
-        dark, dark, np.zeros((len(HEIGHT), len(response))), through, rise, fall,
-    )  # fmt: skip
+        HEIGHT,
+        angles,
+        angles,
+        np.array([0.0, math.pi]),
+        np.stack([dark, dark], 3),
+        direct,
+        dark,
+        dark,
+        np.zeros((len(HEIGHT), len(response))),
+        through,
+        rise,
+        fall,
+    )
 
 
 def load_infrared(path: Path) -> InfraredTable:

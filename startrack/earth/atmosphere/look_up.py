@@ -99,11 +99,11 @@ def refine(table: BandTable, ranges: Reach) -> FineTable:
             ground = _spline(axis, ground, i, at)
     backscatter = _spline(table.height, backscatter, 0, nodes[0])
     heat = [
-        None if term is None else _single(
-            _spline(table.sensor, _spline(table.height, term, 0, nodes[0]), 1, nodes[1])
-        )
+        None
+        if term is None
+        else _single(_spline(table.sensor, _spline(table.height, term, 0, nodes[0]), 1, nodes[1]))
         for term in (table.through, table.rise, table.fall)
-    ]  # fmt: skip
+    ]
     start = np.array([at[0] for at in nodes])
     step = np.array([at[1] - at[0] if len(at) > 1 else 1.0 for at in nodes])
     sunlit = (_single(part) for part in (path, ground, backscatter))
@@ -115,9 +115,12 @@ def _single(values: Floats) -> Singles:
 
 
 def look_up(
-    table: FineTable, sight: Sight, reflectance: Reals, surroundings: Reals,
+    table: FineTable,
+    sight: Sight,
+    reflectance: Reals,
+    surroundings: Reals,
     direct: Reals | None = None,
-) -> tuple[Singles, Singles, Singles]:  # fmt: skip
+) -> tuple[Singles, Singles, Singles]:
     """Reflected and scattered sunlight, in the terms of the paper.
 
         L_dir = R s cos(alpha) / cos(sun) D

@@ -90,10 +90,15 @@ class Terms(NamedTuple):
 
 
 def radiance(
-    table: FineTable, sight: Sight, reflectance: Reals, surroundings: Reals,
-    heat: Heat | None = None, temperature: Floats | None = None, air_temperature: float = 275.0,
+    table: FineTable,
+    sight: Sight,
+    reflectance: Reals,
+    surroundings: Reals,
+    heat: Heat | None = None,
+    temperature: Floats | None = None,
+    air_temperature: float = 275.0,
     direct: Reals | None = None,
-) -> Terms:  # fmt: skip
+) -> Terms:
     """Radiance of n pixels of ground.
 
         L_em = (1 - rho) B(T) t
@@ -156,16 +161,25 @@ def sight_of(ground: Ground) -> Sight:
     turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
     lit = (~ground.shadow[seen]).astype(np.float64)
     return Sight(
-        ground.height[seen], np.arctan2(apart, high), np.arctan2(about, low),
-        np.arccos(np.clip(turned, -1, 1)), np.cos(ground.sun_incidence[seen]), lit,
+        ground.height[seen],
+        np.arctan2(apart, high),
+        np.arctan2(about, low),
+        np.arccos(np.clip(turned, -1, 1)),
+        np.cos(ground.sun_incidence[seen]),
+        lit,
         ground.sky_view[seen],
-    )  # fmt: skip
+    )
 
 
 def at_sensor(
-    ground: Ground, table: BandTable, reflectance: Reals, surroundings: Reals,
-    heat: Heat | None = None, temperature: Floats | None = None, direct: Reals | None = None,
-) -> Terms:  # fmt: skip
+    ground: Ground,
+    table: BandTable,
+    reflectance: Reals,
+    surroundings: Reals,
+    heat: Heat | None = None,
+    temperature: Floats | None = None,
+    direct: Reals | None = None,
+) -> Terms:
     """Radiance of n rays; those that miss the ground see a black sky.
 
     reflectance  (n, b) or (b,) 1, of the ground; without effect where a ray misses

@@ -73,14 +73,24 @@ WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scat
 class Air(Parameters):
     """One state of the atmosphere; the defaults are a clear day in mid-latitude summer."""
 
-    aerosol: Annotated[str, Range(choices=AEROSOLS),
-        'type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone'
-    ] = "rural"  # fmt: skip
-    visibility: Annotated[float, Unit("m", "km"), Range(2e3, 150e3),
-        "meteorological range at the ground: where contrast falls to 2 %"] = 23e3  # fmt: skip
+    aerosol: Annotated[
+        str,
+        Range(choices=AEROSOLS),
+        'type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone',
+    ] = "rural"
+    visibility: Annotated[
+        float,
+        Unit("m", "km"),
+        Range(2e3, 150e3),
+        "meteorological range at the ground: where contrast falls to 2 %",
+    ] = 23e3
     water: Annotated[float, Unit("kg / m2"), NON_NEGATIVE, "vapour above the sea"] = 29.2
-    ozone: Annotated[float, Unit("m", "mm"), NON_NEGATIVE,
-        "pure, at standard conditions; 1e-5 m is a Dobson unit"] = 3.32e-3  # fmt: skip
+    ozone: Annotated[
+        float,
+        Unit("m", "mm"),
+        NON_NEGATIVE,
+        "pure, at standard conditions; 1e-5 m is a Dobson unit",
+    ] = 3.32e-3
 
 
 @printed
@@ -160,10 +170,12 @@ def mixed(air: Air, tables: Sequence[AirTable]) -> AirTable:
               0.5 %, of Sun and sky 2 %. From 5 km light of the air 6 % in haze, 40 % at 120 km.
     """
     height = np.arange(50.0, 100e3, 100.0)  # middles of layers of 100 m
-    depth = 100 * np.array([
-        profile(own.visibility, height) * (own.aerosol != "none")
-        for own in (*(table.air for table in tables), air)
-    ])  # fmt: skip
+    depth = 100 * np.array(
+        [
+            profile(own.visibility, height) * (own.aerosol != "none")
+            for own in (*(table.air for table in tables), air)
+        ]
+    )
     low, high = depth[:, height < LAYER].sum(1), depth[:, height >= LAYER].sum(1)
     layered = np.linalg.solve([low[:-1], high[:-1], np.ones(3)], [low[-1], high[-1], 1.0])
     bend = -np.expm1(-(low + high) / 2)
@@ -294,9 +306,18 @@ def in_bands(
         transmittance[h, v] = flat @ (seen[h, v] * _transmitted(table, gas, masses)) / flat.sum(-1)
     spreads = _spread(table, weights, across, here, (around[:, 0], mirrored))
     return BandTable(
-        table.height, table.sensor, table.sun, table.azimuth, path, direct, sky, spread,
-        mirrored @ weights.T / weights.sum(-1), transmittance, spread=spreads,
-    )  # fmt: skip
+        table.height,
+        table.sensor,
+        table.sun,
+        table.azimuth,
+        path,
+        direct,
+        sky,
+        spread,
+        mirrored @ weights.T / weights.sum(-1),
+        transmittance,
+        spread=spreads,
+    )
 
 
 def _spread(

@@ -19,12 +19,15 @@ class Orbit(Parameters):
     """A satellite by its mean elements at an epoch, moved by SGP4 without drag."""
 
     epoch: Annotated[str, "UTC, as ISO 8601"]
-    altitude: Annotated[float, Unit("m", "km"), POSITIVE,
-        "semi-major axis minus the equatorial radius"] = 600e3  # fmt: skip
-    inclination: Annotated[float, Unit("rad", "deg"), Range(0, math.pi),
-        "radian"] = math.radians(97.8)  # fmt: skip
-    node: Annotated[float, Unit("rad", "deg"), FINITE,
-        "right ascension of the ascending node"] = 0.0  # fmt: skip
+    altitude: Annotated[
+        float, Unit("m", "km"), POSITIVE, "semi-major axis minus the equatorial radius"
+    ] = 600e3
+    inclination: Annotated[float, Unit("rad", "deg"), Range(0, math.pi), "radian"] = math.radians(
+        97.8
+    )
+    node: Annotated[float, Unit("rad", "deg"), FINITE, "right ascension of the ascending node"] = (
+        0.0
+    )
     anomaly: Annotated[float, Unit("rad", "deg"), FINITE, "mean, from the perigee"] = 0.0
     perigee: Annotated[float, Unit("rad", "deg"), FINITE, "its argument"] = 0.0
     eccentricity: Annotated[float, Range(0, 0.9), "1"] = 0.0
@@ -106,9 +109,11 @@ class Flight:
     position: Annotated[Floats, "(n, 3) metre"]
     velocity: Annotated[Floats, "(n, 3) metre / second, over the rotating Earth"]
     inertial: Annotated[Floats, "(n, 3) metre / second, against the stars, in the same axes"]
-    course: Annotated[Floats,
+    course: Annotated[
+        Floats,
         "(n, 3) metre / second, direction of flight of `Pointing`: against the stars for a "
-        "satellite, over ground for an aircraft"]  # fmt: skip
+        "satellite, over ground for an aircraft",
+    ]
     icrs_to_itrs: Annotated[Rotation, "(n,) rotations"]
 
 

@@ -45,13 +45,18 @@ class Sensor(Parameters):
     lines: Annotated[int, Range(1, 2**16), "of the image"] = 512
     focal_length: Annotated[float, Unit("m"), POSITIVE, "metre"] = 1.0
     pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "metre"] = 10e-6
-    period: Annotated[Annotated[float, Unit("s", "ms")] | None, POSITIVE,
-        "from line to line; None for square pixels below the satellite"] = None  # fmt: skip
-    stages: Annotated[int, Range(1, 512),
-        "rows of a TDI detector, or rows between the two of a staggered one"] = 8  # fmt: skip
+    period: Annotated[
+        Annotated[float, Unit("s", "ms")] | None,
+        POSITIVE,
+        "from line to line; None for square pixels below the satellite",
+    ] = None
+    stages: Annotated[
+        int, Range(1, 512), "rows of a TDI detector, or rows between the two of a staggered one"
+    ] = 8
     rays: Annotated[int, Range(1, 16), "along each side of a pixel"] = 1
-    delay: Annotated[float, Unit("s"), FINITE,
-        "after the orbit's epoch at which the middle line is taken"] = 0.0  # fmt: skip
+    delay: Annotated[
+        float, Unit("s"), FINITE, "after the orbit's epoch at which the middle line is taken"
+    ] = 0.0
 
     @property
     def camera(self) -> core.Camera:
@@ -91,14 +96,16 @@ class Sensor(Parameters):
 class Fractal(Parameters):
     """Terrain from a seed."""
 
-    longitude: Annotated[float, Unit("rad", "deg"), Range(-2 * math.pi, 2 * math.pi),
-        "of its middle"]  # fmt: skip
+    longitude: Annotated[
+        float, Unit("rad", "deg"), Range(-2 * math.pi, 2 * math.pi), "of its middle"
+    ]
     # Nearer to the poles, cells of one size are impossible.
     latitude: Annotated[float, Unit("rad", "deg"), Range(-1.48, 1.48), "of its middle"]
     cell: Annotated[float, Unit("m"), POSITIVE, "metre"] = 30.0
     cells: Annotated[int, Range(2, 2**14), "along each side"] = 1024
-    relief: Annotated[float, Unit("m"), POSITIVE,
-        "from the lowest height, at 0, to the highest"] = 2000.0  # fmt: skip
+    relief: Annotated[
+        float, Unit("m"), POSITIVE, "from the lowest height, at 0, to the highest"
+    ] = 2000.0
     roughness: Annotated[float, FINITE, "1, lower for rougher terrain"] = 2.0
     seed: int = 1
 
@@ -128,20 +135,28 @@ class MapFile(Parameters):
 class Terrain(Parameters):
     """Heights and maps of a scene, and how finely they are used."""
 
-    files: Annotated[tuple[str, ...],
-        'rasters of heights, or patterns such as "dem/*.tif"; the finest is used'] = ()  # fmt: skip
+    files: Annotated[
+        tuple[str, ...], 'rasters of heights, or patterns such as "dem/*.tif"; the finest is used'
+    ] = ()
     fractal: Annotated[Fractal | None, "terrain from a seed, instead of or besides them"] = None
-    geoid: Annotated[str | None,
-        "raster of undulations, where the heights are above the geoid"] = None  # fmt: skip
+    geoid: Annotated[str | None, "raster of undulations, where the heights are above the geoid"] = (
+        None
+    )
     sea: Annotated[float, Unit("m"), "height beside all files"] = 0.0
-    holes: Annotated[float | None, Unit("m"),
-        "of holes inside files; without it, holes in what is seen are refused"] = None  # fmt: skip
-    lowest: Annotated[float, Unit("m"),
-        "above the ellipsoid, between which all heights lie"] = -500.0  # fmt: skip
-    highest: Annotated[float, Unit("m"),
-        "above the ellipsoid, between which all heights lie"] = 9000.0  # fmt: skip
-    tiles: Annotated[int, Range(2, 2**16),
-        "of 512 x 512 cells that fit into memory, 1.4 MB each"] = 64  # fmt: skip
+    holes: Annotated[
+        float | None,
+        Unit("m"),
+        "of holes inside files; without it, holes in what is seen are refused",
+    ] = None
+    lowest: Annotated[
+        float, Unit("m"), "above the ellipsoid, between which all heights lie"
+    ] = -500.0
+    highest: Annotated[float, Unit("m"), "above the ellipsoid, between which all heights lie"] = (
+        9000.0
+    )
+    tiles: Annotated[
+        int, Range(2, 2**16), "of 512 x 512 cells that fit into memory, 1.4 MB each"
+    ] = 64
     sharpness: Annotated[float, NON_NEGATIVE, "1, as in Pyramid"] = 1.0
     maps: Annotated[tuple[MapFile, ...], "on the terrain"] = ()
 
@@ -186,8 +201,9 @@ class EarthScene(Parameters):
     tle: Annotated[tuple[str, ...], "two lines of a satellite, instead of an orbit"] = ()
     aircraft: Annotated[Aircraft | None, "instead of both"] = None
     pointing: sight.Pointing = field(default_factory=sight.Pointing)
-    sky_rays: Annotated[int, Range(0, 2**12),
-        "rays from each point that sample the sky; 0 for none"] = 0  # fmt: skip
+    sky_rays: Annotated[
+        int, Range(0, 2**12), "rays from each point that sample the sky; 0 for none"
+    ] = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -242,9 +258,12 @@ def ground_finder(
 
 
 def observe_earth(
-    scene: EarthScene, folder: Path, turn: sight.Jitter | None = None,
-    camera: core.Camera | None = None, terrain: Pyramid | None = None,
-) -> Iterator[Strip]:  # fmt: skip
+    scene: EarthScene,
+    folder: Path,
+    turn: sight.Jitter | None = None,
+    camera: core.Camera | None = None,
+    terrain: Pyramid | None = None,
+) -> Iterator[Strip]:
     """Ground that all pixels of a scene see, some lines at a time.
 
     folder   folder of the files
@@ -259,9 +278,14 @@ def observe_earth(
         count = min(step, sensor.lines - first)
         lines = np.arange(first, first + count, dtype=np.float64)
         rays = sight.scan_lines(
-            camera or sensor.camera, sensor.elements(orbit, first, count),
-            lines[:1] if sensor.detector == "matrix" else lines, sensor.dating(orbit), orbit,
-            scene.pointing, turn, sensor.rays,
-        )  # fmt: skip
+            camera or sensor.camera,
+            sensor.elements(orbit, first, count),
+            lines[:1] if sensor.detector == "matrix" else lines,
+            sensor.dating(orbit),
+            orbit,
+            scene.pointing,
+            turn,
+            sensor.rays,
+        )
         shape = (count, sensor.columns, len(rays) // (count * sensor.columns))
         yield Strip(first, shape, seen(rays))

@@ -27,9 +27,9 @@ class Dating(Parameters):
     """
 
     start: Annotated[float, FINITE, "second after the epoch"] = 0.0
-    period: Annotated[float, FINITE,
-        "second from line to line; 0 for a matrix, whose lines are all taken at once"
-    ] = 0.0  # fmt: skip
+    period: Annotated[
+        float, FINITE, "second from line to line; 0 for a matrix, whose lines are all taken at once"
+    ] = 0.0
 
     def at(self, line: Floats) -> Floats:
         """Seconds after the epoch, (n,), of lines (n,), also between whole ones."""
@@ -41,8 +41,11 @@ class Dating(Parameters):
 class Elements:
     """Positions on the camera's pixel grid of the elements that make one line of the image."""
 
-    x: Annotated[Floats, "(columns, stages) pixel, of each column of the image; the charges or "
-        "numbers of all stages are added"]  # fmt: skip
+    x: Annotated[
+        Floats,
+        "(columns, stages) pixel, of each column of the image; the charges or "
+        "numbers of all stages are added",
+    ]
     y: Annotated[Floats, "(columns, stages) pixel, likewise"]
     delay: Annotated[Floats, "(columns, stages) lines by which a stage is exposed later"]
 
@@ -129,9 +132,14 @@ class Pointing(Parameters):
 
 
 def sight(
-    camera: core.Camera, pixel: Floats, time: Floats, orbit: Carrier, pointing: Pointing,
-    turn: Jitter | None = None, spread: float | None = None,
-) -> Rays:  # fmt: skip
+    camera: core.Camera,
+    pixel: Floats,
+    time: Floats,
+    orbit: Carrier,
+    pointing: Pointing,
+    turn: Jitter | None = None,
+    spread: float | None = None,
+) -> Rays:
     """The lines of sight of pixels at their times.
 
     Light comes from the apparent direction minus the velocity over the speed of light. With the
@@ -160,9 +168,15 @@ def sight(
 
 
 def scan_lines(
-    camera: core.Camera, elements: Elements, lines: Floats, dating: Dating, orbit: Carrier,
-    pointing: Pointing, turn: Jitter | None = None, rays_per_side: int = 1,
-) -> Rays:  # fmt: skip
+    camera: core.Camera,
+    elements: Elements,
+    lines: Floats,
+    dating: Dating,
+    orbit: Carrier,
+    pointing: Pointing,
+    turn: Jitter | None = None,
+    rays_per_side: int = 1,
+) -> Rays:
     """The rays of lines of an image: line by line, column by column, stage by stage.
 
     A pixel is the mean of its rays: reshape to (lines, columns, stages * rays_per_side^2).

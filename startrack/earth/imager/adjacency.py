@@ -119,9 +119,12 @@ def leaving(ground: Ground, band: Band, sky: Floats, direct: Floats | None = Non
 
 
 def surrounded(
-    glimpse: list[Ground], spacing: float, mean: float, band: Band,
+    glimpse: list[Ground],
+    spacing: float,
+    mean: float,
+    band: Band,
     values: Callable[[Floats, Floats], Floats],
-) -> Environment:  # fmt: skip
+) -> Environment:
     """The environment of an image.
 
     glimpse  ground of some of its pixels
@@ -165,9 +168,13 @@ def _cells(x: Floats, y: Floats, side: float, margin: float) -> Cells:
 
 
 def around_scene(
-    seen: Callable[[Rays], Ground], glimpse: list[Ground], spacing: float, mean: float, band: Band,
+    seen: Callable[[Rays], Ground],
+    glimpse: list[Ground],
+    spacing: float,
+    mean: float,
+    band: Band,
     reflectance: Callable[[Ground], Floats],
-) -> Environment:  # fmt: skip
+) -> Environment:
     """The environment of an image from its terrain, also beyond the image.
 
     seen         ground that rays meet

@@ -83,9 +83,13 @@ def band_of(
 
 
 def terms_in_band(
-    ground: Ground, band: Band, reflectance: Floats, surroundings: Floats | float,
-    temperature: Floats | None = None, direct: Floats | None = None,
-) -> atmosphere.Terms:  # fmt: skip
+    ground: Ground,
+    band: Band,
+    reflectance: Floats,
+    surroundings: Floats | float,
+    temperature: Floats | None = None,
+    direct: Floats | None = None,
+) -> atmosphere.Terms:
     """Radiance (n,) of n rays in one band, watt / m^2 / sr / m, as `at_sensor`.
 
     reflectance   (n,) 1, or (1,) of all

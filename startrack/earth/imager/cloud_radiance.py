@@ -56,9 +56,13 @@ def passed(decks: Sequence[Deck], point: Floats, direction: Floats, far: Floats)
 
 
 def with_clouds(
-    terms: Terms, decks: Sequence[Deck], ground: Ground, band: Band, reflectance: Floats,
+    terms: Terms,
+    decks: Sequence[Deck],
+    ground: Ground,
+    band: Band,
+    reflectance: Floats,
     surroundings: float,
-) -> Terms:  # fmt: skip
+) -> Terms:
     """The radiance of n rays through cloud layers, and of the layers.
 
     Ground and air below a layer are lit by what it lets through along the way to the Sun, and seen
@@ -115,9 +119,12 @@ def with_clouds(
     spread = (seen.total - seen.direct) * surroundings * lamp * bounce
     spread += (old.scattered - path) * seen.total * sunny.total  # of the ground around
     new = (
-        old.direct * seen.direct * lit.direct, indirect * seen.direct,
-        of_layers[0] + spread, old.emitted * seen.total, of_layers[1],
-    )  # fmt: skip
+        old.direct * seen.direct * lit.direct,
+        indirect * seen.direct,
+        of_layers[0] + spread,
+        old.emitted * seen.total,
+        of_layers[1],
+    )
     out = Terms(*(term.copy() for term in terms))
     for all_rays, part in zip(out, new, strict=True):
         all_rays[some] = part
@@ -202,10 +209,17 @@ def _level(
     """Level ground without shadow at other points of the rays."""
     zenith = up(longitude, latitude)
     return replace(
-        ray, point=point, longitude=longitude, latitude=latitude, height=height, normal=zenith,
-        incidence=between(zenith, -ray.direction), sun_incidence=between(zenith, ray.sun),
-        shadow=np.zeros(len(ray), bool), sky_view=np.ones(len(ray)),
-    )  # fmt: skip
+        ray,
+        point=point,
+        longitude=longitude,
+        latitude=latitude,
+        height=height,
+        normal=zenith,
+        incidence=between(zenith, -ray.direction),
+        sun_incidence=between(zenith, ray.sun),
+        shadow=np.zeros(len(ray), bool),
+        sky_view=np.ones(len(ray)),
+    )
 
 
 def _radiance(

@@ -36,28 +36,48 @@ ALBEDOS = {
 class CloudLayer(Parameters):
     """A thin sheet of cloud at one height."""
 
-    height: Annotated[float, Unit("m", "km"), Range(0, 30e3),
-        "above the ellipsoid; terrain that is higher stands out of it"]  # fmt: skip
-    optical_depth: Annotated[float, NON_NEGATIVE,
+    height: Annotated[
+        float,
+        Unit("m", "km"),
+        Range(0, 30e3),
+        "above the ellipsoid; terrain that is higher stands out of it",
+    ]
+    optical_depth: Annotated[
+        float,
+        NON_NEGATIVE,
         "1, vertical, the same at all wavelengths: of an even layer, the mean inside the clouds "
-        "of a generated one, or the factor of the values of a file"] = 1.0  # fmt: skip
-    file: Annotated[str,
+        "of a generated one, or the factor of the values of a file",
+    ] = 1.0
+    file: Annotated[
+        str,
         "raster of optical depth in any projection, relative to the scene file; no cloud where "
-        "it has no value"] = ""  # fmt: skip
+        "it has no value",
+    ] = ""
     band: Annotated[int, Range(1, 2**16), "1, the first, of the file"] = 1
-    cover: Annotated[float | None, Range(0.001, 1),
+    cover: Annotated[
+        float | None,
+        Range(0.001, 1),
         "1, fraction of the sky that a generated field of clouds covers; None for an even layer "
-        "or a file"] = None  # fmt: skip
-    cell: Annotated[float, Unit("m"), POSITIVE,
-        "smallest detail of generated clouds, which repeat themselves after 1024"
-    ] = 100.0  # fmt: skip
+        "or a file",
+    ] = None
+    cell: Annotated[
+        float,
+        Unit("m"),
+        POSITIVE,
+        "smallest detail of generated clouds, which repeat themselves after 1024",
+    ] = 100.0
     seed: Annotated[int, Range(0, 2**31), "of generated clouds"] = 1
-    particles: Annotated[str, Range(choices=tuple(ALBEDOS)),
-        "ice or water, for the albedo of single scattering"] = "ice"  # fmt: skip
+    particles: Annotated[
+        str, Range(choices=tuple(ALBEDOS)), "ice or water, for the albedo of single scattering"
+    ] = "ice"
     albedo: Annotated[core.Curve | None, "1 over wavelength, instead"] = None
     asymmetry: Annotated[float, Range(-0.99, 0.99), "1, mean cosine of the scattering angle"] = 0.85
-    temperature: Annotated[float | None, Unit("K", absolute=True), Range(50, 400),
-        "kelvin; None for that of the US Standard Atmosphere at this height"] = None  # fmt: skip
+    temperature: Annotated[
+        float | None,
+        Unit("K", absolute=True),
+        Range(50, 400),
+        "kelvin; None for that of the US Standard Atmosphere at this height",
+    ] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -113,8 +133,11 @@ def _generated(layer: CloudLayer, texels: Floats, longitude: Floats, latitude: F
     u, v = x - i, y - j
     depth = np.zeros(len(x))
     for down, across, weight in (
-        (0, 0, (1 - v) * (1 - u)), (0, 1, (1 - v) * u), (1, 0, v * (1 - u)), (1, 1, v * u),
-    ):  # fmt: skip
+        (0, 0, (1 - v) * (1 - u)),
+        (0, 1, (1 - v) * u),
+        (1, 0, v * (1 - u)),
+        (1, 1, v * u),
+    ):
         depth += weight * texels[(j + down) % TEXELS, (i + across) % TEXELS]
     return depth * layer.optical_depth
 

@@ -115,15 +115,27 @@ def figures(
     numbers = 2**detector.bits - 1
     full = detector.full_well * min(1.0, (1 - detector.offset / numbers) / detector.gain)
     return Figures(
-        footprint, columns, lines, 2 * height * math.tan(half), 2 * half,
+        footprint,
+        columns,
+        lines,
+        2 * height * math.tan(half),
+        2 * half,
         1.22 * wavelength * height / optics.aperture,
-        across, along, illumination,
-        light, electrons, noise, electrons / mean_noise, mean_noise / per_radiance,
-        _temperature_step(channel, band, mean_noise / per_radiance), full / per_radiance,
+        across,
+        along,
+        illumination,
+        light,
+        electrons,
+        noise,
+        electrons / mean_noise,
+        mean_noise / per_radiance,
+        _temperature_step(channel, band, mean_noise / per_radiance),
+        full / per_radiance,
         detector.full_well / _noise(detector, 0.0, dark),
-        period, channel.columns / period * (1 if detector.scan else detector.rows),
+        period,
+        channel.columns / period * (1 if detector.scan else detector.rows),
         channel.columns * detector.bits / period * (1 if detector.scan else detector.rows),
-    )  # fmt: skip
+    )
 
 
 def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:
@@ -268,19 +280,24 @@ class Goals(Parameters):
     bandwidth: Annotated[float, Unit("m", "nm"), POSITIVE, "of the band"]
     radiance: Annotated[float, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE]
     snr: Annotated[float, POSITIVE, "required signal-to-noise ratio of this radiance"]
-    mtf: Annotated[float, Range(0.001, 0.99),
-        "at Nyquist along the track, pixel and smear included"] = 0.1  # fmt: skip
+    mtf: Annotated[
+        float, Range(0.001, 0.99), "at Nyquist along the track, pixel and smear included"
+    ] = 0.1
     pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "of the detector"] = 10e-6
     read_noise: Annotated[float, Unit("electron"), NON_NEGATIVE, "of the detector"] = 30.0
     bits: Annotated[int, Range(1, 24), "of the detector"] = 12
     stages: Annotated[int, Range(1, 4096), "of the detector"] = 1
-    efficiency: Annotated[float, Range(0.001, 1),
-        "electron / photon, lens and filter included"] = 0.4  # fmt: skip
-    smear: Annotated[float, Range(0.001, 1),
-        "pixel that the ground moves in an exposure, as a fraction of the line period"
-    ] = 1.0  # fmt: skip
-    ground_speed: Annotated[float | None, Unit("m / s"), POSITIVE,
-        "None for a circular orbit around the Earth"] = None  # fmt: skip
+    efficiency: Annotated[float, Range(0.001, 1), "electron / photon, lens and filter included"] = (
+        0.4
+    )
+    smear: Annotated[
+        float,
+        Range(0.001, 1),
+        "pixel that the ground moves in an exposure, as a fraction of the line period",
+    ] = 1.0
+    ground_speed: Annotated[
+        float | None, Unit("m / s"), POSITIVE, "None for a circular orbit around the Earth"
+    ] = None
 
     @property
     def speed(self) -> float:
@@ -355,9 +372,17 @@ def first_parameters(goals: Goals) -> First:
     columns = math.ceil(goals.swath / goals.gsd)
     clock = columns / period
     return First(
-        focal, aperture, *apertures, focal / aperture, columns, period, exposure, clock,
-        clock * goals.bits, per_area * aperture**2,
-    )  # fmt: skip
+        focal,
+        aperture,
+        *apertures,
+        focal / aperture,
+        columns,
+        period,
+        exposure,
+        clock,
+        clock * goals.bits,
+        per_area * aperture**2,
+    )
 
 
 def _electrons_for(goals: Goals) -> float:

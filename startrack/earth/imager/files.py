@@ -95,9 +95,13 @@ def write_geotiff(path: Path, picture: Picture) -> None:
 
 
 def write_bands(
-    path: Path, bands: Mapping[str, NDArray[Any]], kind: str, place: Mapping[str, Any],
-    units: Mapping[str, str] | None = None, tags: Mapping[str, Any] | None = None,
-) -> None:  # fmt: skip
+    path: Path,
+    bands: Mapping[str, NDArray[Any]],
+    kind: str,
+    place: Mapping[str, Any],
+    units: Mapping[str, str] | None = None,
+    tags: Mapping[str, Any] | None = None,
+) -> None:
     """Arrays of one shape as a GeoTIFF.
 
     kind   of its numbers, as NumPy names it
@@ -107,8 +111,15 @@ def write_bands(
     """
     rasterio = require_rasterio("to write GeoTIFF")
     rows, columns = next(iter(bands.values())).shape
-    options = {"driver": "GTiff", "height": rows, "width": columns, "count": len(bands),
-               "dtype": kind, "compress": "deflate", **place}  # fmt: skip
+    options = {
+        "driver": "GTiff",
+        "height": rows,
+        "width": columns,
+        "count": len(bands),
+        "dtype": kind,
+        "compress": "deflate",
+        **place,
+    }
     with whole(path) as draft, rasterio.open(draft, "w", **options) as file:
         file.update_tags(**(tags or {}))
         for n, (name, values) in enumerate(bands.items(), 1):

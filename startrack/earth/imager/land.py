@@ -25,13 +25,15 @@ class Cover(Parameters):
     It is Lambertian, or one of `ross_li`, `water` and `snow`.
     """
 
-    reflectance: Annotated[core.Curve,
+    reflectance: Annotated[
+        core.Curve,
         "1 over wavelength: of Lambertian ground; the isotropic weight of `ross_li`; of the "
         "light from below the surface of `water`; the white-sky albedo of `snow`. The "
-        "emissivity is 1 minus it, or 1 minus the fraction of a uniform sky that is reflected"
-    ] = GREY  # fmt: skip
-    temperature: Annotated[float, Unit("K", absolute=True), Range(50, 3000),
-        "at the height zero"] = 288.0  # fmt: skip
+        "emissivity is 1 minus it, or 1 minus the fraction of a uniform sky that is reflected",
+    ] = GREY
+    temperature: Annotated[
+        float, Unit("K", absolute=True), Range(50, 3000), "at the height zero"
+    ] = 288.0
     above: Annotated[float, Unit("m"), FINITE, "above the ellipsoid"] = DEPTHS
     ross_li: brdf.RossLi | None = None
     water: brdf.Water | None = None
@@ -63,8 +65,9 @@ class ReflectanceMap(Parameters):
 
     map: Annotated[str, "its name in `terrain.maps`"]
     wavelength: Annotated[float, Unit("m", "nm"), POSITIVE]
-    factor: Annotated[float, FINITE,
-        "1, by which values are multiplied, such as 1e-4 for Sentinel-2"] = 1.0  # fmt: skip
+    factor: Annotated[
+        float, FINITE, "1, by which values are multiplied, such as 1e-4 for Sentinel-2"
+    ] = 1.0
     offset: Annotated[float, FINITE, "1, then added"] = 0.0
 
 
@@ -82,20 +85,26 @@ class HotSpot(Parameters):
 class Land(Parameters):
     """The surface of a scene."""
 
-    covers: Annotated[tuple[Cover, ...],
-        "in the order of their heights; each holds up to the next"] = (Cover(),)  # fmt: skip
-    texture: Annotated[float, Range(0, 1),
-        "1, rms of the relative variation of reflectance, a fractal from a seed"] = 0.0  # fmt: skip
+    covers: Annotated[
+        tuple[Cover, ...], "in the order of their heights; each holds up to the next"
+    ] = (Cover(),)
+    texture: Annotated[
+        float, Range(0, 1), "1, rms of the relative variation of reflectance, a fractal from a seed"
+    ] = 0.0
     texture_cell: Annotated[float, Unit("m"), POSITIVE, "its smallest detail"] = 30.0
     texture_seed: Annotated[int, Range(0, 2**31)] = 1
-    lapse: Annotated[float, Unit("K / m", "K / km"), FINITE,
-        "decrease of temperature with height"] = 6.5e-3  # fmt: skip
-    warming: Annotated[float, Unit("K"), NON_NEGATIVE,
-        "ground that faces the Sun minus ground in shadow"] = 0.0  # fmt: skip
+    lapse: Annotated[
+        float, Unit("K / m", "K / km"), FINITE, "decrease of temperature with height"
+    ] = 6.5e-3
+    warming: Annotated[
+        float, Unit("K"), NON_NEGATIVE, "ground that faces the Sun minus ground in shadow"
+    ] = 0.0
     hot_spots: Annotated[tuple[HotSpot, ...], "fires"] = field(default_factory=tuple)
-    maps: Annotated[tuple[ReflectanceMap, ...],
+    maps: Annotated[
+        tuple[ReflectanceMap, ...],
         "of reflectance, instead of that of the covers where they have values; linear between "
-        "their wavelengths, constant beyond"] = ()  # fmt: skip
+        "their wavelengths, constant beyond",
+    ] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

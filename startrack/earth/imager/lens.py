@@ -80,9 +80,13 @@ def _spline(table: Floats, oversampling: int) -> Callable[[Floats], Floats]:
 
 
 def _samples(
-    psf_at: Callable[[Floats], Floats], side: int, across: float, along: float, smear: float,
+    psf_at: Callable[[Floats], Floats],
+    side: int,
+    across: float,
+    along: float,
+    smear: float,
     half: int,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """A table at the places of rays, (side^2, k, k)."""
     late = ((np.arange(SMEARED) + 0.5) / SMEARED - 0.5) * smear
     step = np.arange(-half, half + 1)
@@ -136,9 +140,14 @@ class FieldBlur(NamedTuple):
 
 
 def field_blur(
-    psf: FieldPsf, columns: Floats, rows: Floats, side: int, across: float, along: float,
+    psf: FieldPsf,
+    columns: Floats,
+    rows: Floats,
+    side: int,
+    across: float,
+    along: float,
     smear: float,
-) -> FieldBlur:  # fmt: skip
+) -> FieldBlur:
     """Weights of rays by images that change over the field.
 
     Those of each place of a lattice, as for `blur_weights`, are written as their mean and principal
@@ -235,9 +244,14 @@ class FieldLens(NamedTuple):
 
 
 def field_lens(
-    channel: Channel, sensor: Sensor, optics: Optics, wavelength: Floats, weight: Floats,
-    keystone: float = 0.0, half: float = 1.0,
-) -> FieldLens:  # fmt: skip
+    channel: Channel,
+    sensor: Sensor,
+    optics: Optics,
+    wavelength: Floats,
+    weight: Floats,
+    keystone: float = 0.0,
+    half: float = 1.0,
+) -> FieldLens:
     """The lens of a channel at all places of its image.
 
     With a lens table, the channel's line lies in the common focal plane where the lens sees the

@@ -43,8 +43,9 @@ UNKNOWN = {
 class Reference(Parameters):
     """The light at the lens for which the SNR of a channel is required: one of the two."""
 
-    radiance: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE,
-        "watt / m^2 / sr / m"] = None  # fmt: skip
+    radiance: Annotated[
+        float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE, "watt / m^2 / sr / m"
+    ] = None
     temperature: Annotated[float | None, Unit("K"), Range(100, 2000), "of a blackbody"] = None
 
     def __post_init__(self) -> None:
@@ -59,11 +60,16 @@ class Performance(Parameters):
     """What is required of a channel, or was measured of it in orbit; None: unknown."""
 
     snr: Annotated[float | None, POSITIVE, "1, at the light of `reference`"] = None
-    nedt: Annotated[float | None, Unit("K", "mK"), POSITIVE,
-        "noise-equivalent temperature difference, likewise"] = None  # fmt: skip
+    nedt: Annotated[
+        float | None, Unit("K", "mK"), POSITIVE, "noise-equivalent temperature difference, likewise"
+    ] = None
     mtf: Annotated[float | None, POSITIVE, "1, at Nyquist, the lower of both axes"] = None
-    saturation: Annotated[float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE,
-        "watt / m^2 / sr / m, largest radiance that is measured"] = None  # fmt: skip
+    saturation: Annotated[
+        float | None,
+        Unit("W / (m2 sr m)", "W / (m2 sr um)"),
+        POSITIVE,
+        "watt / m^2 / sr / m, largest radiance that is measured",
+    ] = None
     gsd: Annotated[float | None, Unit("m"), POSITIVE, "metre between columns"] = None
 
 
@@ -86,20 +92,30 @@ class Channel(Parameters):
     optics: Optics
     detector: Detector
     band: Annotated[core.Curve, "transmittance of the filter, 1 over wavelength"] = core.ALL
-    forwards: Annotated[float, Unit("rad", "deg"), FINITE,
+    forwards: Annotated[
+        float,
+        Unit("rad", "deg"),
+        FINITE,
         "radian ahead of the camera's axis; different for stereo lines. With a lens table the "
-        "line lies there in the focal plane of the one lens, else it has a lens of its own"
-    ] = 0.0  # fmt: skip
-    period: Annotated[Annotated[float, Unit("s", "ms")] | None, POSITIVE,
-        "from line to line; None for square pixels below, exposed all the time"] = None  # fmt: skip
-    response: Annotated[core.Curve | None,
+        "line lies there in the focal plane of the one lens, else it has a lens of its own",
+    ] = 0.0
+    period: Annotated[
+        Annotated[float, Unit("s", "ms")] | None,
+        POSITIVE,
+        "from line to line; None for square pixels below, exposed all the time",
+    ] = None
+    response: Annotated[
+        core.Curve | None,
         "spectral response of the whole channel to radiance, over its peak, as it is measured; "
         "None: that of band, transmission and quantum efficiency. With it `band` is left out, "
-        "and transmission and quantum efficiency are those at its mean wavelength"
-    ] = None  # fmt: skip
-    average: Annotated[int, Range(1, 64),
+        "and transmission and quantum efficiency are those at its mean wavelength",
+    ] = None
+    average: Annotated[
+        int,
+        Range(1, 64),
         "columns of the detector that the ground segment averages to one; counts in the figures "
-        "of the channel, not in its images"] = 1  # fmt: skip
+        "of the channel, not in its images",
+    ] = 1
     reference: Annotated[Reference | None, COMPARED] = None
     required: Annotated[Performance, COMPARED] = field(default_factory=Performance)
     measured: Annotated[Performance, COMPARED] = field(default_factory=Performance)
@@ -186,9 +202,16 @@ class Channel(Parameters):
         if detector.scan and self.kind != "tdi":
             stages = max(round(detector.scan.distance), 1)
         return geometry.Sensor(
-            self.kind, self.columns, detector.rows, self.optics.image_distance, detector.pitch,
-            self.period, stages, rays, late,
-        )  # fmt: skip
+            self.kind,
+            self.columns,
+            detector.rows,
+            self.optics.image_distance,
+            detector.pitch,
+            self.period,
+            stages,
+            rays,
+            late,
+        )
 
     def shifted(self, by: float) -> Channel:
         """The same with its filter, or its response, at wavelengths longer by so many metre."""
@@ -218,13 +241,21 @@ class Spectrometer(Parameters):
     channels' mean wavelengths.
     """
 
-    smile: Annotated[float, Unit("m", "nm"), Range(-1e-7, 1e-7),
+    smile: Annotated[
+        float,
+        Unit("m", "nm"),
+        Range(-1e-7, 1e-7),
         "wavelength by which a channel at the ends of its line lies above that in its middle: "
-        "the image of a spectral line bends"] = 0.0  # fmt: skip
-    keystone: Annotated[float, Unit("m", "um"), Range(-1e-3, 1e-3),
+        "the image of a spectral line bends",
+    ] = 0.0
+    keystone: Annotated[
+        float,
+        Unit("m", "um"),
+        Range(-1e-3, 1e-3),
         "metre on the detector, by which the longest wavelength's image lies farther out at the "
         "ends of the line than that of the middle of the spectrum: the spectrum of a point is "
-        "oblique"] = 0.0  # fmt: skip
+        "oblique",
+    ] = 0.0
 
 
 @dataclass(frozen=True)
@@ -232,8 +263,9 @@ class Imager:
     """A camera with one or more channels that images extended scenes."""
 
     channels: tuple[Channel, ...]
-    spectrometer: Annotated[Spectrometer | None,
-        "smile and keystone, where the channels are lines of one spectrum"] = None  # fmt: skip
+    spectrometer: Annotated[
+        Spectrometer | None, "smile and keystone, where the channels are lines of one spectrum"
+    ] = None
 
     def __post_init__(self) -> None:
         names = [channel.name for channel in self.channels]
@@ -263,16 +295,20 @@ class Knowledge(Parameters):
 
     lamp: Annotated[float, NON_NEGATIVE, "1, of the calibration's radiance, relative"] = 0.02
     straylight: Annotated[float, NON_NEGATIVE, "1, of the mean radiance of the image"] = 0.003
-    wavelength: Annotated[float, Unit("m", "nm"), NON_NEGATIVE,
-        "of the channel's response"] = 0.5 * nm  # fmt: skip
+    wavelength: Annotated[float, Unit("m", "nm"), NON_NEGATIVE, "of the channel's response"] = (
+        0.5 * nm
+    )
     visibility: Annotated[float, NON_NEGATIVE, "1, of the air's visibility, relative"] = 0.1
-    slope: Annotated[float, Unit("rad", "deg"), NON_NEGATIVE,
-        "of the terrain, along each axis"] = 0.01  # fmt: skip
+    slope: Annotated[float, Unit("rad", "deg"), NON_NEGATIVE, "of the terrain, along each axis"] = (
+        0.01
+    )
     height: Annotated[float, Unit("m"), NON_NEGATIVE, "of the terrain"] = 5.0
     registration: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 0.3
-    beyond: Annotated[float, NON_NEGATIVE,
-        "1, of the mean reflectance around the image, which is taken as that of the image"
-    ] = 0.03  # fmt: skip
+    beyond: Annotated[
+        float,
+        NON_NEGATIVE,
+        "1, of the mean reflectance around the image, which is taken as that of the image",
+    ] = 0.03
 
 
 OF_IMAGE = "of the image; None for those of the whole detector"
@@ -295,16 +331,21 @@ class Survey(Parameters):
     air: Annotated[Air | None, "its state, one of the shipped tables; None: no air"] = None
     land: Annotated[Land, "reflectance and temperature of the ground"] = field(default_factory=Land)
     clouds: Annotated[tuple[CloudLayer, ...], "layers of cloud, which cast shadows"] = ()
-    surroundings: Annotated[float | None, Range(0, 1),
+    surroundings: Annotated[
+        float | None,
+        Range(0, 1),
         "1, reflectance of the ground around, which illuminates air and slopes; None for the "
-        "mean of the image"] = None  # fmt: skip
+        "mean of the image",
+    ] = None
     sun_distance: Annotated[float, POSITIVE, "astronomical unit"] = 1.0
-    knowledge: Annotated[Knowledge,
-        "how well a product knows what it assumes"] = field(default_factory=Knowledge)  # fmt: skip
-    motion: Annotated[Motion,
+    knowledge: Annotated[Knowledge, "how well a product knows what it assumes"] = field(
+        default_factory=Knowledge
+    )
+    motion: Annotated[
+        Motion,
         "drift and jitter of the camera, one motion for all channels: those that see the ground "
-        "at different times do not register. Time is zero at the epoch"
-    ] = field(default_factory=Motion)  # fmt: skip
+        "at different times do not register. Time is zero at the epoch",
+    ] = field(default_factory=Motion)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -330,9 +371,14 @@ class Survey(Parameters):
         turned = replace(self.pointing, pitch=self.pointing.pitch + ahead)
         rate = geometry.ground_rate(self.carrier)
         return geometry.EarthScene(
-            self.terrain, channel.sensor(self.rays, rate, self.pointing.pitch), self.orbit,
-            self.tle, self.aircraft, turned, self.sky_rays,
-        )  # fmt: skip
+            self.terrain,
+            channel.sensor(self.rays, rate, self.pointing.pitch),
+            self.orbit,
+            self.tle,
+            self.aircraft,
+            turned,
+            self.sky_rays,
+        )
 
 
 def smear(channel: Channel, period: float, rate: float) -> float:

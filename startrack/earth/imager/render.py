@@ -55,9 +55,10 @@ class Picture(NamedTuple):
         """One in memory."""
         shape = lines, columns
         return cls(
-            np.zeros(shape, np.int32), Terms(*np.zeros((5, *shape), np.float32)),
+            np.zeros(shape, np.int32),
+            Terms(*np.zeros((5, *shape), np.float32)),
             *np.zeros((2, *shape)),
-        )  # fmt: skip
+        )
 
 
 @printed
@@ -115,9 +116,13 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     period = scene.sensor.dating(flight).period
     exposure = exposure_of(channel, period)
     field = lens.field_lens(
-        channel, scene.sensor, _shaken(survey.motion, channel, period), band.wavelength,
-        band.weight, *_keystone(survey, channel),
-    )  # fmt: skip
+        channel,
+        scene.sensor,
+        _shaken(survey.motion, channel, period),
+        band.wavelength,
+        band.weight,
+        *_keystone(survey, channel),
+    )
     around, environment = survey.surroundings, None
     if around is None:
         around = _mean_reflectance(survey.land, glimpse, band)
@@ -126,9 +131,19 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     electrons = channel.etendue() * exposure * band.electrons
     drift = smear(channel, period, geometry.ground_rate(flight))
     setting = Setting(
-        period, exposure, drift, field.images, band, around, electrons, field.camera, field.light,
-        clouds=decks_of(survey.clouds, band, folder), environment=environment, terrain=terrain,
-    )  # fmt: skip
+        period,
+        exposure,
+        drift,
+        field.images,
+        band,
+        around,
+        electrons,
+        field.camera,
+        field.light,
+        clouds=decks_of(survey.clouds, band, folder),
+        environment=environment,
+        terrain=terrain,
+    )
     return _with_smile(survey, channel, setting, max(above, 1.0))
 
 
@@ -167,9 +182,13 @@ def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float
 
 
 def render(
-    survey: Survey, channel: Channel, folder: Path, seed: int, picture: Picture,
+    survey: Survey,
+    channel: Channel,
+    folder: Path,
+    seed: int,
+    picture: Picture,
     advance: Advance = lambda lines: None,
-) -> Setting:  # fmt: skip
+) -> Setting:
     """Fill in the picture of one channel, some lines at a time.
 
         DN = electrons (2^depth - 1) / full well, with the detector's noise, quantised and clipped
@@ -280,9 +299,14 @@ def pixel_electrons(
 
 
 def _strips(
-    survey: Survey, channel: Channel, folder: Path, setting: Setting, picture: Picture,
-    advance: Advance, turn: geometry.Jitter | None,
-) -> Iterator[Singles]:  # fmt: skip
+    survey: Survey,
+    channel: Channel,
+    folder: Path,
+    setting: Setting,
+    picture: Picture,
+    advance: Advance,
+    turn: geometry.Jitter | None,
+) -> Iterator[Singles]:
     """Radiance (lines, columns, rays), before the lens; also fills in the picture's terms."""
     scene = survey.scene(channel)
     spread = channel.detector.pitch / channel.optics.image_distance / survey.rays
@@ -366,9 +390,13 @@ def _mean_reflectance(land: Land, glimpse: list[Ground], band: Band) -> float:
 
 
 def _environment(
-    survey: Survey, channel: Channel, folder: Path, terrain: Pyramid, glimpse: list[Ground],
+    survey: Survey,
+    channel: Channel,
+    folder: Path,
+    terrain: Pyramid,
+    glimpse: list[Ground],
     band: Band,
-) -> Environment:  # fmt: skip
+) -> Environment:
     def sent(ground: Ground) -> Floats:
         seen = reflection(survey.land, ground, band.wavelength, band.weight)
         return leaving(ground, band, seen.sky, seen.direct)
@@ -396,10 +424,14 @@ def _coarse(sensor: geometry.Sensor, flight: geometry.Carrier) -> geometry.Senso
         larger = max(1.0, max(across, sensor.lines) / COARSE)
         columns, lines = math.ceil(across / larger), math.ceil(sensor.lines / larger)
     return replace(
-        sensor, detector="matrix" if sensor.detector == "matrix" else "line", lines=lines,
-        columns=max(columns, 2), pixel_pitch=sensor.pixel_pitch * across / max(columns, 2), rays=1,
+        sensor,
+        detector="matrix" if sensor.detector == "matrix" else "line",
+        lines=lines,
+        columns=max(columns, 2),
+        pixel_pitch=sensor.pixel_pitch * across / max(columns, 2),
+        rays=1,
         period=period,
-    )  # fmt: skip
+    )
 
 
 def _lines_apart(channel: Channel, setting: Setting) -> float:

@@ -32,8 +32,9 @@ class Settings(Parameters):
     """How a product is put on a map."""
 
     projection: Annotated[str, Range(choices=ortho.PROJECTIONS)] = "utm"
-    cell: Annotated[float | None, Unit("m"), POSITIVE,
-        "None for the pixel's size in the middle of the image"] = None  # fmt: skip
+    cell: Annotated[
+        float | None, Unit("m"), POSITIVE, "None for the pixel's size in the middle of the image"
+    ] = None
     resampling: Annotated[str, Range(choices=tuple(ortho.RESAMPLING))] = "bilinear"
     uncertainty: Annotated[bool, "whether each pixel has one, by contributors"] = False
 
@@ -65,10 +66,14 @@ class Product(NamedTuple):
 
 
 def make_product(
-    survey: Survey, channel: Channel, folder: Path, numbers: NDArray[np.integer],
-    calibration: retrieval.Calibration, settings: Settings = Settings(),
+    survey: Survey,
+    channel: Channel,
+    folder: Path,
+    numbers: NDArray[np.integer],
+    calibration: retrieval.Calibration,
+    settings: Settings = Settings(),
     advance: Callable[[float], None] = lambda part: None,
-) -> Product:  # fmt: skip
+) -> Product:
     """Radiance, reflectance or temperature, and their map on the terrain.
 
     The geometry is that of the scene file; of its land nothing is used, of its clouds only where
@@ -112,7 +117,7 @@ def make_product(
     quality = np.zeros((grid.rows, grid.columns), np.uint8)
     for part in ortho.place_cells(
         scene, folder, grid, distance, size, setting.camera, open_sheets(survey.clouds, folder)
-    ):  # fmt: skip
+    ):
         bits = part.quality | np.where(ortho.touched(saturated, part.pixel), ortho.SATURATED, 0)
         for name, values in (image | doubts).items():
             resampled = ortho.resample(values, part.pixel, settings.resampling)

@@ -79,10 +79,12 @@ def save_calibration(path: Path, calibration: Calibration, channel: Channel) -> 
         first.header[key] = value
     parts = [first]
     for name, values, unit in (
-        ("DARK", calibration.dark, "adu"), ("FLAT", calibration.flat, "adu"),
-        ("SATURATION", calibration.saturation, "adu"), ("RADIANCE", calibration.radiance, RADIANCE),
+        ("DARK", calibration.dark, "adu"),
+        ("FLAT", calibration.flat, "adu"),
+        ("SATURATION", calibration.saturation, "adu"),
+        ("RADIANCE", calibration.radiance, RADIANCE),
         ("GAIN", calibration.gain, ""),
-    ):  # fmt: skip
+    ):
         parts.append(fits.ImageHDU(values, name=name))
         if unit:
             parts[-1].header["BUNIT"] = unit
@@ -135,9 +137,12 @@ def _opened(path: Path, what: str) -> Iterator[Any]:
 
 
 def write_product(
-    path: Path, layers: Mapping[str, Floats], units: Mapping[str, str], grid: MapGrid,
+    path: Path,
+    layers: Mapping[str, Floats],
+    units: Mapping[str, str],
+    grid: MapGrid,
     tags: Mapping[str, Any],
-) -> None:  # fmt: skip
+) -> None:
     """Layers of a product as bands of a GeoTIFF, 32-bit floats, NaN where there is nothing."""
     write_bands(path, layers, "float32", _place(grid) | {"nodata": np.nan}, units, tags)
 

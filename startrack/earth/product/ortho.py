@@ -31,9 +31,14 @@ STEPS = 8  # of the search of a line, at most
 CLOSE = 1e-6  # line
 NO_DATA, SATURATED, SHADOW, STEEP, HIDDEN, CLOUD, CLOUD_SHADOW = 1, 2, 4, 8, 16, 32, 64
 QUALITY = {
-    "no data": NO_DATA, "saturated": SATURATED, "shadow": SHADOW, "steep": STEEP, "hidden": HIDDEN,
-    "cloud": CLOUD, "cloud shadow": CLOUD_SHADOW,
-}  # fmt: skip
+    "no data": NO_DATA,
+    "saturated": SATURATED,
+    "shadow": SHADOW,
+    "steep": STEEP,
+    "hidden": HIDDEN,
+    "cloud": CLOUD,
+    "cloud shadow": CLOUD_SHADOW,
+}
 PROJECTIONS = "utm", "geographic"
 RESAMPLING = {"nearest": 0, "bilinear": 1, "cubic": 3}  # order of the spline
 STEEPEST = 60 * deg  # between a slope's normal and the camera; chosen by hand
@@ -200,9 +205,14 @@ class Part(NamedTuple):
 
 
 def place_cells(
-    scene: EarthScene, folder: Path, grid: MapGrid, distance: Floats, spread: float,
-    lens: Camera | None = None, clouds: tuple[Sheet, ...] = (),
-) -> Iterator[Part]:  # fmt: skip
+    scene: EarthScene,
+    folder: Path,
+    grid: MapGrid,
+    distance: Floats,
+    spread: float,
+    lens: Camera | None = None,
+    clouds: tuple[Sheet, ...] = (),
+) -> Iterator[Part]:
     """Where the image shows the terrain of each cell, some rows at a time.
 
     distance  (lines, columns) metre from the camera to the ground of each pixel; NaN for the sky
@@ -228,9 +238,13 @@ def place_cells(
 
 
 def _quality(
-    ground: Ground, locator: Locator, pixel: Floats, farthest: Floats, slack: float,
+    ground: Ground,
+    locator: Locator,
+    pixel: Floats,
+    farthest: Floats,
+    slack: float,
     clouds: tuple[Sheet, ...],
-) -> Bytes:  # fmt: skip
+) -> Bytes:
     lines, columns = farthest.shape
     x, y = pixel.T
     with np.errstate(invalid="ignore"):

@@ -48,9 +48,13 @@ class Calibration(NamedTuple):
 
 
 def calibrate(
-    survey: imager.Survey, channel: imager.Channel, setting: imager.Setting, seed: int,
-    count: int | None = None, advance: Advance = lambda frames: None,
-) -> Calibration:  # fmt: skip
+    survey: imager.Survey,
+    channel: imager.Channel,
+    setting: imager.Setting,
+    seed: int,
+    count: int | None = None,
+    advance: Advance = lambda frames: None,
+) -> Calibration:
     """Simulate dark frames, and flat frames of known radiance, with the detector's own noise.
 
     setting  of the channel's images
@@ -83,9 +87,14 @@ def calibrate(
     radiance = light[1:-1] * um
     saturation = np.round(mean[-1] - SIGMA * np.sqrt(variance[-1]))
     return Calibration(
-        mean[0], np.stack(mean[1:-1]), radiance, signal / radiance[TRANSFER],
-        float(signal.mean()) / noise if noise > 0 else 0.0, saturation, count,
-    )  # fmt: skip
+        mean[0],
+        np.stack(mean[1:-1]),
+        radiance,
+        signal / radiance[TRANSFER],
+        float(signal.mean()) / noise if noise > 0 else 0.0,
+        saturation,
+        count,
+    )
 
 
 def _lines(

@@ -15,17 +15,28 @@ from startrack.earth.terrain import Ground
 
 # The contributors, as S2-RUT has them, and those of the surface.
 CAUSES = (
-    "noise", "calibration", "straylight", "spectral response", "atmosphere", "terrain",
-    "registration", "surroundings",
-)  # fmt: skip
+    "noise",
+    "calibration",
+    "straylight",
+    "spectral response",
+    "atmosphere",
+    "terrain",
+    "registration",
+    "surroundings",
+)
 WARM = np.array([290.0])  # kelvin, of ground whose heat changes with the wavelength
 CLEAREST, HAZIEST = 100e3, 5e3  # metre, visibility of the tables
 
 
 def contributors(
-    layers: dict[str, Floats], numbers: NDArray[np.integer], ground: Ground,
-    calibration: retrieval.Calibration, setting: Setting, survey: Survey, channel: Channel,
-) -> dict[str, dict[str, Floats]]:  # fmt: skip
+    layers: dict[str, Floats],
+    numbers: NDArray[np.integer],
+    ground: Ground,
+    calibration: retrieval.Calibration,
+    setting: Setting,
+    survey: Survey,
+    channel: Channel,
+) -> dict[str, dict[str, Floats]]:
     """Standard uncertainty of each layer by causes, and of the place, in the layer's unit.
 
         u(y)^2 = sum over causes of (dy / dx)^2 u(x)^2,   with finite differences
@@ -87,9 +98,15 @@ def contributors(
 
 
 def _of_surface(
-    flat: Floats, ground: Ground, pixel: Floats, of_radiance: dict[str, Floats], setting: Setting,
-    moved: Setting, hazier: Setting, knowledge: Knowledge,
-) -> dict[str, Floats]:  # fmt: skip
+    flat: Floats,
+    ground: Ground,
+    pixel: Floats,
+    of_radiance: dict[str, Floats],
+    setting: Setting,
+    moved: Setting,
+    hazier: Setting,
+    knowledge: Knowledge,
+) -> dict[str, Floats]:
     """Of the surface's reflectance.
 
     What is common to all pixels also changes what surrounds them, which weakens it.
@@ -106,7 +123,7 @@ def _of_surface(
         "noise": retrieval.surface_reflectance(noisy, ground, setting),
         "terrain": retrieval.surface_reflectance(flat, tilted, setting),
         "surroundings": retrieval.surface_reflectance(flat, ground, brighter),
-    }  # fmt: skip
+    }
     common = {
         cause: (flat + of_radiance[cause].ravel(), setting)
         for cause in ("calibration", "straylight")
@@ -118,9 +135,12 @@ def _of_surface(
 
 
 def _of_radiance(
-    radiance: Floats, numbers: NDArray[np.integer], calibration: retrieval.Calibration,
-    knowledge: Knowledge, channel: Channel,
-) -> dict[str, Floats]:  # fmt: skip
+    radiance: Floats,
+    numbers: NDArray[np.integer],
+    calibration: retrieval.Calibration,
+    knowledge: Knowledge,
+    channel: Channel,
+) -> dict[str, Floats]:
     """Of the radiance; photon noise by the measured electrons of a digital number, which read noise
     hides where it is far above that of photons: it is as designed."""
     detector, measured = channel.detector, calibration.electrons

@@ -17,9 +17,13 @@ STEPS = 60  # of bisection in the worst case, which reduce 100 km to 1e-13 m
 
 @kernel(forceinline=True)
 def refine(
-    lines: Lattice, ray: Ray, guess: float, j: int, i: int,
+    lines: Lattice,
+    ray: Ray,
+    guess: float,
+    j: int,
+    i: int,
     corner: tuple[float, float, float, float],
-) -> tuple[bool, float, float, float, float, float, float]:  # fmt: skip
+) -> tuple[bool, float, float, float, float, float, float]:
     """Three steps of Newton's method in one cell, from a good estimate.
 
     j, i     row and column of the cell
@@ -48,9 +52,16 @@ def refine(
 
 @kernel(borrows=True)
 def settle(
-    lines: Lattice, heights: Singles, ray: Ray, slot: int, j: int, i: int, low: float, high: float,
+    lines: Lattice,
+    heights: Singles,
+    ray: Ray,
+    slot: int,
+    j: int,
+    i: int,
+    low: float,
+    high: float,
     s: float,
-) -> tuple[float, tuple[float, float, float, float, float]]:  # fmt: skip
+) -> tuple[float, tuple[float, float, float, float, float]]:
     """The root between two distances, where the ray goes from above the surface to below.
 
     Newton's method, kept between its bounds, on new paths where it moves away.
@@ -84,9 +95,15 @@ def settle(
 
 @kernel(forceinline=True)
 def normal_at(
-    lines: Lattice, x: float, y: float, height: float, sine: float, cosine: float, to_column: float,
+    lines: Lattice,
+    x: float,
+    y: float,
+    height: float,
+    sine: float,
+    cosine: float,
+    to_column: float,
     to_row: float,
-) -> tuple[float, float, float]:  # fmt: skip
+) -> tuple[float, float, float]:
     """The normal of the surface at a point of it, from its change with columns and rows.
 
     normal ~ up - h_lon / ((N + h) cos(lat)) east - h_lat / (M + h) north
@@ -110,9 +127,30 @@ def normal_at(
 WIDTH = 128  # rays, so that all rows fit into the first-level cache
 
 (
-    OX, OY, OZ, DX, DY, DZ, START,  # input: origin, direction, distance of the start
-    BEGIN, END, MIDDLE, HALF, MARGIN, U0, U1, U2, V0, V1, V2, H0, H1, H2, SINE, COSINE,  # the path
-) = range(0, 23 * WIDTH, WIDTH)  # fmt: skip
+    OX,
+    OY,
+    OZ,
+    DX,
+    DY,
+    DZ,
+    START,  # input: origin, direction, distance of the start
+    BEGIN,
+    END,
+    MIDDLE,
+    HALF,
+    MARGIN,
+    U0,
+    U1,
+    U2,
+    V0,
+    V1,
+    V2,
+    H0,
+    H1,
+    H2,
+    SINE,
+    COSINE,  # the path
+) = range(0, 23 * WIDTH, WIDTH)
 # These replace the path once a ray has met a cell: the cell, its corners; then the point.
 GUESS, LOW, HIGH, ROW, COLUMN, A, B, C, D = range(BEGIN, BEGIN + 9 * WIDTH, WIDTH)
 FOUND, U, V, HEIGHT, NX, NY, NZ = range(D + WIDTH, D + 8 * WIDTH, WIDTH)
@@ -148,20 +186,31 @@ def lay_all(bundle: Floats, lines: Lattice, exact: bool) -> None:
 def ray_of(bundle: Floats, k: int) -> Ray:
     """Ray k."""
     return Ray(
-        bundle[OX + k], bundle[OY + k], bundle[OZ + k],
-        bundle[DX + k], bundle[DY + k], bundle[DZ + k],
-    )  # fmt: skip
+        bundle[OX + k],
+        bundle[OY + k],
+        bundle[OZ + k],
+        bundle[DX + k],
+        bundle[DY + k],
+        bundle[DZ + k],
+    )
 
 
 @kernel(borrows=True, forceinline=True)
 def segment_of(bundle: Floats, k: int) -> Segment:
     """The first segment of ray k."""
     path = Path(
-        bundle[U0 + k], bundle[U1 + k], bundle[U2 + k],
-        bundle[V0 + k], bundle[V1 + k], bundle[V2 + k],
-        bundle[H0 + k], bundle[H1 + k], bundle[H2 + k],
-        bundle[SINE + k], bundle[COSINE + k],
-    )  # fmt: skip
+        bundle[U0 + k],
+        bundle[U1 + k],
+        bundle[U2 + k],
+        bundle[V0 + k],
+        bundle[V1 + k],
+        bundle[V2 + k],
+        bundle[H0 + k],
+        bundle[H1 + k],
+        bundle[H2 + k],
+        bundle[SINE + k],
+        bundle[COSINE + k],
+    )
     return Segment(bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k], path)
 
 
@@ -176,9 +225,15 @@ def refine_all(bundle: Floats, lines: Lattice) -> None:
             lines, ray, bundle[GUESS + k], j, i, (bundle[A + k], b, c, d)
         )
         nx, ny, nz = normal_at(
-            lines, ray.x + s * ray.dx, ray.y + s * ray.dy, height, sine, cosine,
-            b + d * (v - j), c + d * (u - i),
-        )  # fmt: skip
+            lines,
+            ray.x + s * ray.dx,
+            ray.y + s * ray.dy,
+            height,
+            sine,
+            cosine,
+            b + d * (v - j),
+            c + d * (u - i),
+        )
         bundle[FOUND + k] = s if converged else np.nan
         bundle[U + k], bundle[V + k], bundle[HEIGHT + k] = u, v, height
         bundle[NX + k], bundle[NY + k], bundle[NZ + k] = nx, ny, nz

@@ -122,8 +122,8 @@ def angle(y, x):  # type: ignore[no-untyped-def]
 
 @kernel(forceinline=True)
 def shell(
-    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, height: float,
-) -> tuple[float, float]:  # fmt: skip
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, height: float
+) -> tuple[float, float]:
     """Distances at which a ray enters and leaves the ellipsoid whose axes are longer by `height`.
 
     It lies within 2 cm of the surface of that height up to 9 km, and 14 cm at 100 km.

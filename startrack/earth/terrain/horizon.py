@@ -91,9 +91,10 @@ def _slopes(surface: Surface, direction: Floats) -> tuple[bool, float, float, fl
     if max(across, down) > min(WIDEST, FULL_TURN / 2):
         return None
     u, v, height = np.meshgrid(
-        np.linspace(0, surface.columns, PLACES), np.linspace(0, surface.rows, PLACES),
+        np.linspace(0, surface.columns, PLACES),
+        np.linspace(0, surface.rows, PLACES),
         [surface.lowest, surface.highest],
-    )  # fmt: skip
+    )
     longitude, latitude = surface.west + u * surface.step_x, surface.north - v * surface.step_y
     if np.abs(latitude).max() > math.pi / 2 - WIDEST / 10:
         return None

@@ -78,8 +78,8 @@ def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool
 
 @kernel(borrows=True, forceinline=True)
 def march(
-    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float, end: float,
-) -> tuple[int, float, float, float, int, int]:  # fmt: skip
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float, end: float
+) -> tuple[int, float, float, float, int, int]:
     """Follow one ray, a unit direction from a point, on its first path and those after it.
 
     Returns  MISS, HIT or ABSENT; two distances that enclose the intersection, and an estimate of
@@ -101,8 +101,8 @@ def march(
 
 @kernel(borrows=True, forceinline=True)
 def _along(
-    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float,
-) -> tuple[int, float, float, float, int, int]:  # fmt: skip
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float
+) -> tuple[int, float, float, float, int, int]:
     """Follow a path from `begin` to half, in pieces on which columns and rows are monotonic."""
     path, half = segment.path, segment.half
     first = _turning(path.u1, path.u2, half)
@@ -139,8 +139,8 @@ def _turning(q1: float, q2: float, half: float) -> float:
 
 @kernel
 def _within(
-    q0: float, q1: float, q2: float, sign: int, cells: int, begin: float, end: float,
-) -> tuple[float, float]:  # fmt: skip
+    q0: float, q1: float, q2: float, sign: int, cells: int, begin: float, end: float
+) -> tuple[float, float]:
     """The part of a monotonic piece on which a coordinate lies between 0 and `cells`."""
     at_begin, at_end = q0 + begin * (q1 + begin * q2), q0 + end * (q1 + end * q2)
     early, late = (0.0, float(cells)) if sign > 0 else (float(cells), 0.0)
@@ -155,8 +155,8 @@ def _within(
 
 @kernel(forceinline=True)
 def _border(
-    q0: float, q1: float, q2: float, inverse: float, curl: float, sign: int, target: float,
-) -> float:  # fmt: skip
+    q0: float, q1: float, q2: float, inverse: float, curl: float, sign: int, target: float
+) -> float:
     """As `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
     straight = (target - q0) * inverse
     bend = straight * curl
@@ -221,16 +221,23 @@ def _borders_of(path: Path, piece: Piece) -> Borders:
     per_u = 1 / path.u1 if piece.east * path.u1 > 0 else math.nan
     per_v = 1 / path.v1 if piece.south * path.v1 > 0 else math.nan
     return Borders(
-        last_u, last_v, math.floor(last_u), math.floor(last_v), per_u, per_v,
-        path.u2 * per_u, path.v2 * per_v,
-        1 if piece.east > 0 else 0, 1 if piece.south > 0 else 0,
-    )  # fmt: skip
+        last_u,
+        last_v,
+        math.floor(last_u),
+        math.floor(last_v),
+        per_u,
+        per_v,
+        path.u2 * per_u,
+        path.v2 * per_v,
+        1 if piece.east > 0 else 0,
+        1 if piece.south > 0 else 0,
+    )
 
 
 @kernel(forceinline=True)
 def _exits(
-    borders: Borders, path: Path, piece: Piece, level: int, j: int, i: int,
-) -> tuple[float, float]:  # fmt: skip
+    borders: Borders, path: Path, piece: Piece, level: int, j: int, i: int
+) -> tuple[float, float]:
     """Distances at which a piece leaves its block through a column and through a row.
 
     Infinity where it ends inside the block.
@@ -249,8 +256,8 @@ def _exits(
 
 @kernel(borrows=True, forceinline=True)
 def _through(
-    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, piece: Piece, s: float,
-) -> tuple[int, float, float, float, int, int]:  # fmt: skip
+    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, piece: Piece, s: float
+) -> tuple[int, float, float, float, int, int]:
     """Follow a monotonic piece from `s` on through the blocks of the grid.
 
     A block is entered, and split where the path comes below its maximum, until it is a single cell,
@@ -338,9 +345,19 @@ def _at(q0: float, q1: float, q2: float, s: float) -> float:
 
 @kernel(borrows=True)
 def _first_block(
-    heights: Singles, maxima: Singles, steepness: Singles, used: NDArray[np.uint8],
-    segment: Segment, u0: float, rates: Rates, slot: int, j: int, i: int, s: float, extent: float,
-) -> tuple[int, bool, int]:  # fmt: skip
+    heights: Singles,
+    maxima: Singles,
+    steepness: Singles,
+    used: NDArray[np.uint8],
+    segment: Segment,
+    u0: float,
+    rates: Rates,
+    slot: int,
+    j: int,
+    i: int,
+    s: float,
+    extent: float,
+) -> tuple[int, bool, int]:
     """Level of the first block of a piece in the cell [j, i].
 
     extent   cells, of the piece along columns or rows
@@ -416,9 +433,8 @@ def _horizon_at(horizon: Horizon, u: float, v: float) -> float:
 
 @kernel(borrows=True, forceinline=True)
 def _cell_by_parabola(
-    heights: Singles, segment: Segment, u0: float, s: float, leave: float, slot: int, j: int,
-    i: int,
-) -> tuple[int, float, float, float]:  # fmt: skip
+    heights: Singles, segment: Segment, u0: float, s: float, leave: float, slot: int, j: int, i: int
+) -> tuple[int, float, float, float]:
     """Whether the path meets the surface of one cell between two distances, and an estimate where.
 
     A parabola through three heights above the surface decides: MISS, HIT, or ABSENT where exact
@@ -443,8 +459,8 @@ def _cell_by_parabola(
 
 @kernel(borrows=True, forceinline=True)
 def _too_steep(
-    steepness: Singles, slot: int, level: int, j: int, i: int, slope: float, rates: Rates,
-) -> bool:  # fmt: skip
+    steepness: Singles, slot: int, level: int, j: int, i: int, slope: float, rates: Rates
+) -> bool:
     """Whether a path that is above the surface rises too steeply to meet it within a block."""
     n = patch(level, (j & (CELLS - 1)) >> level, (i & (CELLS - 1)) >> level)
     ground = steepness[slot, n, 0] * rates.u + steepness[slot, n, 1] * rates.v
@@ -453,9 +469,15 @@ def _too_steep(
 
 @kernel(borrows=True, forceinline=True)
 def _start(
-    maxima: Singles, steepness: Singles, slot: int, j: int, i: int, height: float, slope: float,
+    maxima: Singles,
+    steepness: Singles,
+    slot: int,
+    j: int,
+    i: int,
+    height: float,
+    slope: float,
     rates: Rates,
-) -> int:  # fmt: skip
+) -> int:
     """Level of a block, nearly the largest, that a rising path leaves without meeting its
 
     The path is above the surface of the cell [j, i].
@@ -484,8 +506,8 @@ def _over(heights: Singles, path: Path, u0: float, slot: int, j: int, i: int, s:
 
 @kernel(forceinline=True)
 def _clear(
-    path: Path, u0: float, v0: float, a: float, b: float, c: float, d: float, s: float,
-) -> float:  # fmt: skip
+    path: Path, u0: float, v0: float, a: float, b: float, c: float, d: float, s: float
+) -> float:
     """Height of a path above a bilinear cell."""
     u, v = u0 + s * (path.u1 + s * path.u2), v0 + s * (path.v1 + s * path.v2)
     return path.h0 + s * (path.h1 + s * path.h2) - (a + b * u + (c + d * u) * v)
@@ -493,9 +515,17 @@ def _clear(
 
 @kernel(borrows=True)
 def _cell_exact(
-    lines: Lattice, heights: Singles, ray: Ray, middle: float, piece: Piece, s: float, leave: float,
-    slot: int, j: int, i: int,
-) -> tuple[int, float, float, float]:  # fmt: skip
+    lines: Lattice,
+    heights: Singles,
+    ray: Ray,
+    middle: float,
+    piece: Piece,
+    s: float,
+    leave: float,
+    slot: int,
+    j: int,
+    i: int,
+) -> tuple[int, float, float, float]:
     """As `_cell_by_parabola`, on exact heights."""
     half = 0.5 * (leave - s)
     low, high, guess = s, leave, s + half
@@ -548,8 +578,8 @@ def _parabola_minimum(first: float, second: float, third: float) -> tuple[float,
 
 @kernel(borrows=True)
 def above(
-    lines: Lattice, heights: Singles, slot: int, j: int, i: int, path: Path, s: float,
-) -> tuple[float, float, float]:  # fmt: skip
+    lines: Lattice, heights: Singles, slot: int, j: int, i: int, path: Path, s: float
+) -> tuple[float, float, float]:
     """Height of an exact path above the surface, its change with the distance, and its twist.
 
     The cell is the one near [j, i] that contains the point, so that the value is continuous.

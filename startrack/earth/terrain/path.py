@@ -113,10 +113,18 @@ def path_at(lines: Lattice, ray: Ray, s: float) -> Path:
     climb_2 = (-climb * rise - turn * sine * east - climb * growth) * per_radius
     rise_2 = climb * north + turn * cosine * east
     return Path(
-        u, turn * lines.per_column, 0.5 * turn_2 * lines.per_column,
-        v, -climb * lines.per_row, -0.5 * climb_2 * lines.per_row,
-        height, rise, 0.5 * rise_2, sine, cosine,
-    )  # fmt: skip
+        u,
+        turn * lines.per_column,
+        0.5 * turn_2 * lines.per_column,
+        v,
+        -climb * lines.per_row,
+        -0.5 * climb_2 * lines.per_row,
+        height,
+        rise,
+        0.5 * rise_2,
+        sine,
+        cosine,
+    )
 
 
 @kernel

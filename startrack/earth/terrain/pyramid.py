@@ -209,10 +209,20 @@ class Pyramid:
             grid, cells = self.terrain.grid, self.terrain.shape(level)
             tiles = tuple(-(-count // CELLS) for count in cells)
             self._surfaces[level] = Surface(
-                grid.west, grid.north, grid.step_x * (1 << level), grid.step_y * (1 << level),
+                grid.west,
+                grid.north,
+                grid.step_x * (1 << level),
+                grid.step_y * (1 << level),
                 # Kernels would be compiled anew for bounds that are whole numbers.
-                cells[1], cells[0], float(self.lowest), float(self.highest), self.cache.heights,
-                self.cache.maxima, self.cache.steepness, np.full(tiles, -1, np.int32),
-                np.full(tiles, float(self.highest)), self.cache.used,
-            )  # fmt: skip
+                cells[1],
+                cells[0],
+                float(self.lowest),
+                float(self.highest),
+                self.cache.heights,
+                self.cache.maxima,
+                self.cache.steepness,
+                np.full(tiles, -1, np.int32),
+                np.full(tiles, float(self.highest)),
+                self.cache.used,
+            )
         return self._surfaces[level]

@@ -437,9 +437,11 @@ def bilinear(
         y, x = np.round(y), np.round(x)
     out = np.zeros(np.broadcast_shapes(v.shape, u.shape))
     for row, column, fraction in (
-        (j, i, (1 - y) * (1 - x)), (j, after, (1 - y) * x),
-        (j + 1, i, y * (1 - x)), (j + 1, after, y * x),
-    ):  # fmt: skip
+        (j, i, (1 - y) * (1 - x)),
+        (j, after, (1 - y) * x),
+        (j + 1, i, y * (1 - x)),
+        (j + 1, after, y * x),
+    ):
         # A vertex without a fraction has no say, be it a hole.
         used = fraction > 1e-9
         out += np.where(used, values[row, column] * fraction, 0.0) if used.any() else 0.0

@@ -165,9 +165,21 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
             f"heights must be finite or NaN, and not all NaN, got {lowest} to {highest}"
         )
     return Surface(
-        grid.west, north, grid.step_x, grid.step_y, columns, rows, lowest, highest,
-        tiles, maxima, steepness, slot, top, np.zeros(slot.size, np.uint8),
-    )  # fmt: skip
+        grid.west,
+        north,
+        grid.step_x,
+        grid.step_y,
+        columns,
+        rows,
+        lowest,
+        highest,
+        tiles,
+        maxima,
+        steepness,
+        slot,
+        top,
+        np.zeros(slot.size, np.uint8),
+    )
 
 
 def close(grid: Grid, heights: Singles) -> tuple[Singles, float]:
@@ -230,10 +242,18 @@ def lattice(surface):  # type: ignore[no-untyped-def]
     """The lines of a surface."""
     longitude = surface.west + 0.5 * surface.columns * surface.step_x
     return Lattice(
-        math.cos(longitude), math.sin(longitude), 0.5 * surface.columns, surface.north,
-        1 / surface.step_x, 1 / surface.step_y, FULL_TURN / surface.step_x,
-        surface.columns, surface.rows, surface.lowest, surface.highest,
-    )  # fmt: skip
+        math.cos(longitude),
+        math.sin(longitude),
+        0.5 * surface.columns,
+        surface.north,
+        1 / surface.step_x,
+        1 / surface.step_y,
+        FULL_TURN / surface.step_x,
+        surface.columns,
+        surface.rows,
+        surface.lowest,
+        surface.highest,
+    )
 
 
 @kernel(forceinline=True)

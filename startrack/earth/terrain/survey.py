@@ -130,10 +130,22 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
     tangent[~hit] = tangent_height(rays.origin[~hit], rays.direction[~hit])
     longitude, latitude, height = hits.place.T
     return Ground(
-        hit, distance, point, longitude, latitude, height, hits.normal,
-        between(hits.normal, -rays.direction), sun_incidence, shadow, sky_view, tangent,
-        np.where(hit, level, -1).astype(np.int8), sun, rays.direction,
-    )  # fmt: skip
+        hit,
+        distance,
+        point,
+        longitude,
+        latitude,
+        height,
+        hits.normal,
+        between(hits.normal, -rays.direction),
+        sun_incidence,
+        shadow,
+        sky_view,
+        tangent,
+        np.where(hit, level, -1).astype(np.int8),
+        sun,
+        rays.direction,
+    )
 
 
 def view_sky(

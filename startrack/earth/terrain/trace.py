@@ -107,8 +107,8 @@ def go_on(surface: Surface, origin: Floats, direction: Floats, hits: Hits, exact
 
 @kernel(borrows=True)
 def _gather(
-    bundle: Floats, who: Ints, n: int, origin: Floats, direction: Floats, hits: Hits,
-) -> tuple[int, int]:  # fmt: skip
+    bundle: Floats, who: Ints, n: int, origin: Floats, direction: Floats, hits: Hits
+) -> tuple[int, int]:
     """Fill a bundle with waiting rays from number n on; returns the next number, and how many."""
     status, distance, count = hits.status, hits.distance, 0
     while n < len(origin) and count < WIDTH:
@@ -128,8 +128,8 @@ def _gather(
 
 @kernel(borrows=True)
 def _march_all(
-    surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: Hits, exact: bool,
-) -> None:  # fmt: skip
+    surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: Hits, exact: bool
+) -> None:
     """Follow the rays of a bundle to a cell each, whose corners replace the path."""
     status, distance, tile = hits.status, hits.distance, hits.tile
     for k in range(len(who)):
@@ -175,9 +175,16 @@ def _describe_all(surface: Surface, lines: Lattice, bundle: Floats, who: Ints, h
         j, i = int(bundle[of.ROW + k]), int(bundle[of.COLUMN + k])
         ray, slot = ray_of(bundle, k), surface.slot[j >> SIZE, i >> SIZE]
         distance[n], over = settle(
-            lines, surface.heights, ray, slot, j, i,
-            bundle[of.LOW + k], bundle[of.HIGH + k], bundle[of.GUESS + k],
-        )  # fmt: skip
+            lines,
+            surface.heights,
+            ray,
+            slot,
+            j,
+            i,
+            bundle[of.LOW + k],
+            bundle[of.HIGH + k],
+            bundle[of.GUESS + k],
+        )
         x, y, _ = point_at(ray, distance[n])
         _describe(surface, lines, j >> SIZE, i >> SIZE, x, y, over, place[n], normal[n])
 
@@ -191,9 +198,16 @@ def _put_place(surface: Surface, u: float, v: float, place: Floats) -> None:
 
 @kernel(borrows=True)
 def _describe(
-    surface: Surface, lines: Lattice, tile_j: int, tile_i: int, x: float, y: float,
-    over: tuple[float, float, float, float, float], place: Floats, normal: Floats,
-) -> None:  # fmt: skip
+    surface: Surface,
+    lines: Lattice,
+    tile_j: int,
+    tile_i: int,
+    x: float,
+    y: float,
+    over: tuple[float, float, float, float, float],
+    place: Floats,
+    normal: Floats,
+) -> None:
     """Fill in the geodetic place of a point of the surface in a tile, and the normal there."""
     u, v, height, sine, cosine = over
     _put_place(surface, u, v, place)

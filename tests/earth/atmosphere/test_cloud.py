@@ -86,9 +86,17 @@ def test_disort_agrees():
     warnings.simplefilter("ignore")  # of its own precision
     sun, depth, g, streams = 0.6, 1.0, 0.85, 32
     found = disort.pydisort(
-        np.array([depth]), np.array([1 - 1e-7]), streams, g ** np.arange(200.0)[None], sun, 1.0,
-        np.pi, NLeg=streams, f_arr=np.array([g**streams]), NT_cor=True,
-    )  # fmt: skip
+        np.array([depth]),
+        np.array([1 - 1e-7]),
+        streams,
+        g ** np.arange(200.0)[None],
+        sun,
+        1.0,
+        np.pi,
+        NLeg=streams,
+        f_arr=np.array([g**streams]),
+        NT_cor=True,
+    )
     cosine, azimuth = found[0][found[0] > 0.3], np.array([0.3, 1.5, 2.8])
     theirs = np.pi * found[4](0, azimuth)[found[0] > 0.3] / sun
     c, a = (each.ravel() for each in np.meshgrid(cosine, azimuth, indexing="ij"))

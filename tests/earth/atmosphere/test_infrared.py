@@ -40,9 +40,14 @@ def looked_at(bands, zenith, height=0.0):
     ones = np.ones(1)
     here = Reach(*((one, one) for one in (height, zenith, 50 * deg, 90 * deg)))
     sight = Sight(
-        height * ones, zenith * ones, 50 * deg * ones, 90 * deg * ones,
-        np.cos(50 * deg) * ones, ones, ones,
-    )  # fmt: skip
+        height * ones,
+        zenith * ones,
+        50 * deg * ones,
+        90 * deg * ones,
+        np.cos(50 * deg) * ones,
+        ones,
+        ones,
+    )
     return refine(bands, here), sight
 
 

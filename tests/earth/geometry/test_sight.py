@@ -118,10 +118,11 @@ def test_the_sun_is_that_of_the_middle_line():
     """What is taken an hour after the epoch has the Sun 15 degrees further west."""
     terrain = Terrain(fractal=Fractal(0.1, 0.1, cells=16))
     suns = [
-        next(observe_earth(EarthScene(terrain, Sensor("line", 2, 1, delay=late), ORBIT), Path()))
-        .ground.sun
+        next(
+            observe_earth(EarthScene(terrain, Sensor("line", 2, 1, delay=late), ORBIT), Path())
+        ).ground.sun
         for late in (0.0, 3600.0)
-    ]  # fmt: skip
+    ]
     west = [np.degrees(np.arctan2(sun[1], sun[0])) for sun in suns]
     assert (west[0] - west[1]) % 360 == pytest.approx(15, abs=0.01)
 

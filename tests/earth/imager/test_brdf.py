@@ -73,9 +73,10 @@ def test_sun_and_camera_may_be_exchanged(law):
 
 
 @pytest.mark.parametrize(
-    ("law", "within"), list(zip(LAWS, (8e-3, 6e-3, 0.03), strict=True)),
+    ("law", "within"),
+    list(zip(LAWS, (8e-3, 6e-3, 0.03), strict=True)),
     ids=lambda each: type(each).__name__,
-)  # fmt: skip
+)
 def test_the_sky_reflects_the_mean_over_all_suns(law, within):
     """Errors: kernels are cut at 0 near the horizon, waves mirror below it, snow is a theory."""
     node, weight = np.polynomial.legendre.leggauss(80)

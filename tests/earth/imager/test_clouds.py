@@ -100,10 +100,16 @@ def test_cloud_and_shadow_lie_where_they_must(tmp_path):
     values[97:103, 97:103] = 50.0
     west, north = middle + np.array([-100, 100]) * cell
     with rasterio.open(
-        tmp_path / "cloud.tif", "w", driver="GTiff", height=200, width=200, count=1,
-        dtype="float32", crs="EPSG:4326",
+        tmp_path / "cloud.tif",
+        "w",
+        driver="GTiff",
+        height=200,
+        width=200,
+        count=1,
+        dtype="float32",
+        crs="EPSG:4326",
         transform=rasterio.Affine(cell[0], 0, west, 0, -cell[1], north),
-    ) as file:  # fmt: skip
+    ) as file:
         file.write(values, 1)
     cloudy = rendered(replace(seen, clouds=(CloudLayer(height, file="cloud.tif"),)), tmp_path)
     change = total(cloudy) / total(clear)

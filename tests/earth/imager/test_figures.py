@@ -63,10 +63,18 @@ def test_figures_are_those_that_are_published(name):
 
 def goals(**changed) -> Goals:
     asked = {
-        "gsd": 10.0, "swath": 20e3, "height": 600e3, "wavelength": 550 * nm,
-        "bandwidth": 50 * nm, "radiance": 100 / um, "snr": 150.0, "mtf": 0.2,
-        "read_noise": 40.0, "efficiency": 0.4, "smear": 0.5,
-    }  # fmt: skip
+        "gsd": 10.0,
+        "swath": 20e3,
+        "height": 600e3,
+        "wavelength": 550 * nm,
+        "bandwidth": 50 * nm,
+        "radiance": 100 / um,
+        "snr": 150.0,
+        "mtf": 0.2,
+        "read_noise": 40.0,
+        "efficiency": 0.4,
+        "smear": 0.5,
+    }
     return Goals(**(asked | changed))
 
 
@@ -83,22 +91,32 @@ def test_the_first_design_meets_its_goals(changed):
     low, high = asked.wavelength - asked.bandwidth / 2, asked.wavelength + asked.bandwidth / 2
     band = Curve((low - 1e-12, low, high, high + 1e-12), (0.0, 1.0, 1.0, 0.0))
     channel = Channel(
-        "one", Optics(first.focal_length, first.f_number, psf="airy"),
+        "one",
+        Optics(first.focal_length, first.f_number, psf="airy"),
         Detector(
-            first.columns, 100, asked.pixel_pitch, first.exposure,
-            Curve((), (asked.efficiency,)), read_noise=asked.read_noise * asked.stages**0.5,
-            bits=20, full_well=1e7, scan=kind, pixel_rate=1e9,
+            first.columns,
+            100,
+            asked.pixel_pitch,
+            first.exposure,
+            Curve((), (asked.efficiency,)),
+            read_noise=asked.read_noise * asked.stages**0.5,
+            bits=20,
+            full_well=1e7,
+            scan=kind,
+            pixel_rate=1e9,
         ),
         band,
-    )  # fmt: skip
+    )
     rate = asked.speed / asked.height
     found = figures(channel, band_of(channel, None, 1e3, 1.0), asked.height, rate, asked.radiance)
     assert found.gsd == pytest.approx(asked.gsd)
     assert found.swath == pytest.approx(asked.swath, rel=2e-3)
     assert found.clock == pytest.approx(first.clock)
     margins = (
-        asked.gsd / found.rayleigh - 1, found.snr / asked.snr - 1, found.mtf_along / asked.mtf - 1
-    )  # fmt: skip
+        asked.gsd / found.rayleigh - 1,
+        found.snr / asked.snr - 1,
+        found.mtf_along / asked.mtf - 1,
+    )
     assert min(margins) == pytest.approx(0, abs=0.01)
 
 
@@ -117,13 +135,22 @@ def test_a_rounded_satellite_is_as_fast_as_the_textbook_says():
 def test_snr_by_hand():
     """10,000 electrons, read noise 30, response 1 %: sqrt(10000 + 900 + 10000) = 144.6."""
     channel = Channel(
-        "one", Optics(0.1, 4.0, psf="airy"),
+        "one",
+        Optics(0.1, 4.0, psf="airy"),
         Detector(
-            100, 100, 10e-6, 1e-3, read_noise=30.0, prnu=0.01, bits=24, full_well=1e6, scan=Scan(),
+            100,
+            100,
+            10e-6,
+            1e-3,
+            read_noise=30.0,
+            prnu=0.01,
+            bits=24,
+            full_well=1e6,
+            scan=Scan(),
             pixel_rate=1e6,
         ),
         Curve((500 * nm, 501 * nm, 599 * nm, 600 * nm), (0.0, 1.0, 1.0, 0.0)),
-    )  # fmt: skip
+    )
     band = band_of(channel, None, 1e3, 1.0)
     per_radiance = channel.etendue() * 1e-3 * band.electrons
     found = figures(channel, band, 600e3, 0.01, light=1e4 / per_radiance)
@@ -219,9 +246,17 @@ def flat(**changed) -> Channel:
     """One channel, 500 to 600 nm."""
     edges = 500 * nm, 500.01 * nm, 599.99 * nm, 600 * nm
     detector = Detector(
-        100, 100, 10e-6, 1e-3, Curve((), (0.5,)), read_noise=30.0, bits=24, full_well=1e6,
-        scan=Scan(), pixel_rate=1e6,
-    )  # fmt: skip
+        100,
+        100,
+        10e-6,
+        1e-3,
+        Curve((), (0.5,)),
+        read_noise=30.0,
+        bits=24,
+        full_well=1e6,
+        scan=Scan(),
+        pixel_rate=1e6,
+    )
     both = {"response": Curve(edges, (0.0, 1.0, 1.0, 0.0))} | changed
     return Channel("one", Optics(0.1, 4.0, psf="airy"), detector, **both)
 
@@ -250,9 +285,10 @@ def test_the_mean_of_columns():
 
 def test_requirements_of_a_channel(tmp_path, capsys):
     channel = flat(
-        reference=Reference(100 / um), required=Performance(snr=1e6, gsd=60.0),
+        reference=Reference(100 / um),
+        required=Performance(snr=1e6, gsd=60.0),
         measured=Performance(snr=50.0),
-    )  # fmt: skip
+    )
     found = figures(channel, band_of(channel, None, 1e3, 1.0), 600e3, 0.01)
     assert margins_of(channel, found) == {
         "snr": pytest.approx(found.snr / 1e6 - 1),

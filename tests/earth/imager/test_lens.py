@@ -37,9 +37,17 @@ from startrack.optics.lens_psf import _stars
 FLAT = Terrain(fractal=Fractal(10 * deg, 47 * deg, 20.0, 64, 1e-3), highest=100.0, lowest=-10.0)
 PLANE = Aircraft("2026-06-21T10:00:00", 10 * deg, 47 * deg, 3e3, speed=100.0)
 LINE = Detector(
-    800, 12, 20e-6, 1e-3, Curve((), (0.5,)), full_well=1e6, bits=14, offset=20, pixel_rate=1e6,
+    800,
+    12,
+    20e-6,
+    1e-3,
+    Curve((), (0.5,)),
+    full_well=1e6,
+    bits=14,
+    offset=20,
+    pixel_rate=1e6,
     scan=Scan(),
-)  # fmt: skip
+)
 MATRIX = replace(LINE, columns=480, rows=320, scan=None)
 BRIGHT = 1e6  # electron of a star whose image is interpolated as well as it can be
 GREEN, NEAR = (540 * nm, 560 * nm), (890 * nm, 910 * nm)
@@ -183,9 +191,11 @@ def test_a_spectral_line_bends_by_smile(tmp_path):
     plain = {"lens_family": "", "psf": "airy", "psf_tolerance": 0.01}
     one = channel(replace(LINE, columns=400), (545 * nm, 555 * nm), **plain)
     bent = survey(
-        one, land=Land((replace(edge, reflectance=step),), lapse=0.0),
-        spectrometer=Spectrometer(smile=2 * nm), surroundings=0.0,
-    )  # fmt: skip
+        one,
+        land=Land((replace(edge, reflectance=step),), lapse=0.0),
+        spectrometer=Spectrometer(smile=2 * nm),
+        surroundings=0.0,
+    )
     even = replace(bent, land=Land((Cover(Curve((), (0.6,))),), lapse=0.0))
     light = []
     for each in (bent, even):

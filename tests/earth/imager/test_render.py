@@ -45,9 +45,17 @@ PLANCK_TIMES_C = 1.98644586e-25  # J m, CODATA 2018
 EPOCH = "2026-06-21T10:00:00"
 FLAT = Terrain(fractal=Fractal(10 * deg, 47 * deg, 20.0, 64, 1e-3), highest=100.0, lowest=-10.0)
 SCAN = Detector(
-    40, 40, 10e-6, 1e-3, Curve((), (0.5,)), fill_factor=0.8, full_well=1e6, bits=12, offset=10,
+    40,
+    40,
+    10e-6,
+    1e-3,
+    Curve((), (0.5,)),
+    fill_factor=0.8,
+    full_well=1e6,
+    bits=12,
+    offset=10,
     pixel_rate=1e6,
-)  # fmt: skip
+)
 
 
 def flat_band(low: float, high: float) -> Curve:
@@ -186,9 +194,12 @@ def test_the_surroundings_are_what_the_image_shows(tmp_path, kind, columns, line
     hills = Terrain(fractal=Fractal(10 * deg, 47 * deg, 5.0, 128, 100.0), highest=150, lowest=-10)
     land = Land((Cover(), Cover(Curve((), (0.9,)), above=50.0)))
     detector = replace(
-        SCAN, columns=columns, rows=lines, pixel_pitch=50e-6,
+        SCAN,
+        columns=columns,
+        rows=lines,
+        pixel_pitch=50e-6,
         scan=None if kind == "matrix" else Scan(kind),
-    )  # fmt: skip
+    )
     one = replace(channel(flat_band(500 * nm, 600 * nm)), detector=detector)
     seen = replace(survey(one, land, rays=1), terrain=hills)
     setting = prepare(seen, one, tmp_path)
@@ -311,8 +322,8 @@ def test_what_a_file_must_not_say(tmp_path, capsys):
     text = shipped("scenes/hsrs.toml").read_text()
     wrong = {
         'camera = "hsrs"': ('camera = "hrsc"', "camera must be one of"),
-        "[land]": ('[land]\nwarmth = 3', "land.warmth is unknown"),
-    }  # fmt: skip
+        "[land]": ("[land]\nwarmth = 3", "land.warmth is unknown"),
+    }
     for old, (new, sentence) in wrong.items():
         path = tmp_path / "scene.toml"
         path.write_text(text.replace(old, new, 1))

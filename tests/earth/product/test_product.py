@@ -36,7 +36,7 @@ from startrack.earth.imager import (
     open_sheets,
     prepare,
     render,
-)  # fmt: skip
+)
 from startrack.earth.imager.band import band_of
 from startrack.earth.product import Settings, calibrate, make_product, uncertainty
 from startrack.earth.product.ortho import (
@@ -66,9 +66,21 @@ sys.path.append(str(Path(__file__).parents[3] / "experiments"))
 HILLS = Terrain(fractal=Fractal(10 * deg, 47 * deg, 10.0, 256, 600.0), highest=700, lowest=-10)
 PLANE = Aircraft("2026-06-21T10:00:00", 10 * deg, 47 * deg, 3e3, speed=100.0)
 SCAN = Detector(
-    40, 40, 40e-6, 1e-3, Curve((), (0.5,)), full_well=1e6, bits=14, offset=20, prnu=0.02,
-    dark_current=1e6, read_noise=50.0, nonlinearity=0.02, pixel_rate=1e6, scan=Scan(),
-)  # fmt: skip
+    40,
+    40,
+    40e-6,
+    1e-3,
+    Curve((), (0.5,)),
+    full_well=1e6,
+    bits=14,
+    offset=20,
+    prnu=0.02,
+    dark_current=1e6,
+    read_noise=50.0,
+    nonlinearity=0.02,
+    pixel_rate=1e6,
+    scan=Scan(),
+)
 GREY = Land()
 GREEN = Curve((519 * nm, 520 * nm, 560 * nm, 561 * nm), (0.0, 1.0, 1.0, 0.0))
 
@@ -151,9 +163,7 @@ def test_what_hills_hide_is_marked():
     inside = np.flatnonzero(quality & NO_DATA == 0)
     lon, lat = grid.places(slice(0, grid.rows))
     terrain = scene.terrain.open(Path())
-    height = survey(
-        terrain, _down(lon[inside], lat[inside]), ground.sun
-    ).height  # fmt: skip
+    height = survey(terrain, _down(lon[inside], lat[inside]), ground.sun).height
     point = cartesian(lon[inside], lat[inside], height)
     eye = Locator(scene).camera(np.zeros(1))
     away = np.linalg.norm(point - eye, axis=1)

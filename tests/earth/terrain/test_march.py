@@ -138,8 +138,13 @@ def test_a_ray_over_the_edge_ends_at_its_side():
     """Level terrain 500 m high whose sides reach down to 0: the side is a plane or a cone."""
     grid, heights = flat(500.0)
     heights[20, 20] = 0
-    rays = ray(grid.west + np.linspace(-80, 30, 60) * STEP, grid.north - 15.3 * STEP, 400.0, 12,
-               np.radians(-70))  # fmt: skip
+    rays = ray(
+        grid.west + np.linspace(-80, 30, 60) * STEP,
+        grid.north - 15.3 * STEP,
+        400.0,
+        12,
+        np.radians(-70),
+    )
     found = trace(index(grid, heights), rays)
     expected, _ = Scan(grid, heights, 2.9e5, 3.1e5).meet(rays)
     np.testing.assert_array_equal(found.hit, expected.hit)
@@ -153,9 +158,12 @@ def test_a_cliff_of_two_kilometres_in_one_cell():
     surface = index(grid, heights)
     for azimuth in (-90, 90):
         rays = ray(
-            grid.west + np.linspace(15, 25, 300) * STEP, grid.north - 20.3 * STEP, 900.0, 20,
+            grid.west + np.linspace(15, 25, 300) * STEP,
+            grid.north - 20.3 * STEP,
+            900.0,
+            20,
             np.radians(azimuth),
-        )  # fmt: skip
+        )
         expected, _ = Scan(grid, heights, 2.9e5, 3.1e5).meet(rays)
         np.testing.assert_allclose(trace(surface, rays).distance, expected.distance, atol=1e-6)
 

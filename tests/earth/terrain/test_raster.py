@@ -20,14 +20,28 @@ SUN = up(np.array(0.3), np.array(0.5))
 def write(path, heights, grid=GRID, crs="EPSG:4326", nodata=None, transform=None, unit=None):
     step = np.degrees(grid.step_x), np.degrees(grid.step_y)
     transform = transform or rasterio.Affine(
-        step[0], 0, np.degrees(grid.west) - step[0] / 2,
-        0, -step[1], np.degrees(grid.north) + step[1] / 2,
-    )  # fmt: skip
+        step[0],
+        0,
+        np.degrees(grid.west) - step[0] / 2,
+        0,
+        -step[1],
+        np.degrees(grid.north) + step[1] / 2,
+    )
     with rasterio.open(
-        path, "w", driver="GTiff", width=heights.shape[1], height=heights.shape[0], count=1,
-        dtype=heights.dtype, crs=crs, transform=transform, nodata=nodata, tiled=True,
-        blockxsize=256, blockysize=256,
-    ) as file:  # fmt: skip
+        path,
+        "w",
+        driver="GTiff",
+        width=heights.shape[1],
+        height=heights.shape[0],
+        count=1,
+        dtype=heights.dtype,
+        crs=crs,
+        transform=transform,
+        nodata=nodata,
+        tiled=True,
+        blockxsize=256,
+        blockysize=256,
+    ) as file:
         file.write(heights, 1)
         if unit:
             file.set_band_unit(1, unit)

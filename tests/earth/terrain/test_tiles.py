@@ -52,12 +52,18 @@ def copernicus(folder, west: int, north: int, heights: np.ndarray, wide: int = 1
         place = f"{side(south_deg, 'NS', 2)}_00_{side(west_deg, 'EW', 3)}_00"
         across = wide / POSTS
         options = {
-            "driver": "GTiff", "height": 1200, "width": tile.shape[1], "count": 1,
-            "dtype": "float32", "crs": "EPSG:4326", "compress": "deflate", "nodata": VOID,
+            "driver": "GTiff",
+            "height": 1200,
+            "width": tile.shape[1],
+            "count": 1,
+            "dtype": "float32",
+            "crs": "EPSG:4326",
+            "compress": "deflate",
+            "nodata": VOID,
             "transform": rasterio.Affine(
                 across, 0, west_deg - across / 2, 0, -1 / POSTS, south_deg + 1 + 0.5 / POSTS
             ),
-        }  # fmt: skip
+        }
         path = folder / f"Copernicus_DSM_COG_30_{place}_DEM.tif"
         with rasterio.open(path, "w", **options) as file:
             file.write(tile, 1)
@@ -68,8 +74,9 @@ def corners(west: int, north: int, heights: np.ndarray) -> set[tuple[int, int]]:
     rows, columns = heights.shape
     return {
         ((north - j - 1) // POSTS, (west + i) // POSTS)
-        for j in (0, rows - 1) for i in (0, columns - 1)
-    }  # fmt: skip
+        for j in (0, rows - 1)
+        for i in (0, columns - 1)
+    }
 
 
 def cut(west, north, heights, first_west, first_north, rows, columns) -> np.ndarray:
@@ -173,9 +180,16 @@ def test_orthometric_heights_become_ellipsoidal(tmp_path, form):
         path.write_bytes(head + grid[::-1].astype(">f4").tobytes())
     else:
         with rasterio.open(
-            path, "w", driver="GTiff", height=rows, width=columns, count=1, dtype="float32",
-            crs="EPSG:4326", transform=transform,
-        ) as file:  # fmt: skip
+            path,
+            "w",
+            driver="GTiff",
+            height=rows,
+            width=columns,
+            count=1,
+            dtype="float32",
+            crs="EPSG:4326",
+            transform=transform,
+        ) as file:
             file.write(grid, 1)
     terrain = Terrain(("*.hgt",), geoid=path.name, lowest=-100).open(tmp_path)
     longitude, latitude = places(west, north, heights, 160)
