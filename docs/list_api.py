@@ -157,6 +157,8 @@ def _arguments(function: ast.FunctionDef, module: str) -> list[str]:
 
 
 def _field(name: str, kind: ast.expr | None, default: ast.expr | None, module: str) -> str:
+    if isinstance(default, ast.Call) and ast.unparse(default.func).split(".")[-1] == "parameter":
+        default = _default(default)
     text = f"{name}: {_plain(kind, module)}" if kind else name
     return f"{text} = {_plain(default, module)}" if default else text
 
@@ -169,13 +171,21 @@ def _written(thing: Any) -> ast.stmt:
     )
 
 
+def _default(declared: ast.Call) -> ast.expr | None:
+    """The default value of a declared parameter; None where there is none."""
+    words = {word.arg: word.value for word in declared.keywords}
+    if "default_factory" in words:
+        return ast.Call(words["default_factory"], [], [])
+    return words.get("default")
+
+
 def _plain(node: ast.AST, module: str) -> str:
     node = copy.deepcopy(node)  # which stays as it is written
     return ast.unparse(_Plainer(import_module(module)).visit(node))
 
 
 class _Plainer(ast.NodeTransformer):
-    """`Annotated[float, Unit("m")]` is a float, `field(default_factory=Motion)` a Motion()."""
+    """`Annotated[float, Unit("m")]` is a float, names stand without their room."""
 
     def __init__(self, module: ModuleType) -> None:
         self.module = module

@@ -15,6 +15,7 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
+import hypothesis
 
 from startrack.cli import terminal
 from startrack.core import Curve, interpreted
@@ -22,6 +23,8 @@ from startrack.design import Case, Design, load_design
 from startrack.io import shipped
 
 cv2.setNumThreads(1)  # workers take the cores
+hypothesis.settings.register_profile("untimed", deadline=None)  # the first call may compile kernels
+hypothesis.settings.load_profile("untimed")
 ROOT = Path(__file__).parents[1]
 ORACLE = ROOT / "tests" / "oracle"
 # Processes that tests start import these sources too, and so find the kernels that are compiled.

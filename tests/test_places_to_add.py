@@ -6,7 +6,6 @@ line here, with the name of its table.
 
 import dataclasses
 import sys
-from typing import Annotated
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from startrack import Fidelity, Refused, Streams, load_design
 from startrack.budget.left_out import of_the_case
 from startrack.cli import main
 from startrack.cli.options import Option, Options
-from startrack.core import NON_NEGATIVE, DiffuseLight, Unit
+from startrack.core import NON_NEGATIVE, DiffuseLight, Unit, parameter
 from startrack.core.extension import code_of_command
 from startrack.design.keys import keys_of
 from startrack.detection.methods import CENTROIDS
@@ -33,12 +32,11 @@ CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 # A noise source: its key in the class of the detector, and its row in PIXEL_EFFECTS.
-@dataclasses.dataclass(frozen=True)
 class NoisyDetector(Detector):
     """A detector whose amplifier has one more noise."""
 
-    popcorn_noise: Annotated[float, Unit("electron"), NON_NEGATIVE, "rms of the popcorn noise"] = (
-        0.0
+    popcorn_noise: float = parameter(
+        "rms of the popcorn noise", unit=Unit("electron"), limit=NON_NEGATIVE, default=0.0
     )
 
 

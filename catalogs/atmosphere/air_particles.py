@@ -8,12 +8,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, nm, um
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    nm,
+    parameter,
+    um,
+)
 
 REFERENCE = 550 * nm  # of visibility and extinction
 MOMENTS = 200  # of the phase function, which also sets the quadrature over its angle
@@ -78,14 +88,11 @@ def mie(
 class Particles:
     """How the mixture of particles scatters."""
 
-    extinction: Annotated[Floats, "(k,) 1, over that at 550 nm"]
-    albedo: Annotated[Floats, "(k,) 1, of single scattering"]
-    moments: Annotated[
-        Floats, "(k, MOMENTS) 1, Legendre moments of the phase function, (2 l + 1) g_l"
-    ]
+    extinction: Floats  # (k,) 1, over that at 550 nm
+    albedo: Floats  # (k,) 1, of single scattering
+    moments: Floats  # (k, MOMENTS) 1, Legendre moments of the phase function, (2 l + 1) g_l
 
 
-@dataclass(frozen=True)
 class Haze(Parameters):
     """Aerosol that thins out exponentially with height, and as a power of the wavelength.
 
@@ -95,17 +102,19 @@ class Haze(Parameters):
     The optical depth is that of all heights above the sea.
     """
 
-    optical_depth: Annotated[float, NON_NEGATIVE, "1, vertical, at 550 nm above the sea"]
-    scale_height: Annotated[float, POSITIVE, "metre"] = 2e3
-    angstrom: Annotated[float, FINITE, "1, exponent"] = 1.3
-    albedo: Annotated[float, Range(0, 1), "1, of single scattering"] = 0.95
-    asymmetry: Annotated[float, Range(-0.95, 0.95), "1, mean cosine of the scattering angle"] = 0.65
-    phase: Annotated[
-        tuple[float, ...],
+    optical_depth: float = parameter("1, vertical, at 550 nm above the sea", limit=NON_NEGATIVE)
+    scale_height: float = parameter("metre", limit=POSITIVE, default=2e3)
+    angstrom: float = parameter("1, exponent", limit=FINITE, default=1.3)
+    albedo: float = parameter("1, of single scattering", limit=Range(0, 1), default=0.95)
+    asymmetry: float = parameter(
+        "1, mean cosine of the scattering angle", limit=Range(-0.95, 0.95), default=0.65
+    )
+    phase: tuple[float, ...] = parameter(
         "1, of a measured phase function at `angles` instead of Henyey and Greenstein's; its "
         "scale is free",
-    ] = ()
-    angles: Annotated[tuple[float, ...], "radian from 0 to pi, rising"] = ()
+        default=(),
+    )
+    angles: tuple[float, ...] = parameter("radian from 0 to pi, rising", default=())
 
     def __post_init__(self) -> None:
         super().__post_init__()

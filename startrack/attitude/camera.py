@@ -9,7 +9,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Refused, Unit, printed
+from startrack.core import (
+    NON_NEGATIVE,
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+    printed,
+)
 
 UNKNOWNS = ("focal_length_px", "principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3")
 # Sigma, beyond which a residual counts linearly. Chosen by hand: a smaller one discards information
@@ -18,7 +28,6 @@ HUBER = 2.0
 NO_MOTION = np.zeros(3)
 
 
-@dataclass(frozen=True)
 class Calibration(Parameters):
     """Prior standard deviation of each unknown about the starting camera; 0 fixes it.
 
@@ -26,14 +35,16 @@ class Calibration(Parameters):
     covariance shows it. One narrow frame hardly separates principal point, attitude and distortion.
     """
 
-    focal_length: Annotated[float, NON_NEGATIVE, "relative"] = 0.1
-    principal: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 20.0
-    k1: Annotated[float, NON_NEGATIVE, "radial distortion"] = 1.0
-    k2: Annotated[float, NON_NEGATIVE, "radial distortion"] = 0.0
-    k3: Annotated[float, NON_NEGATIVE, "radial distortion"] = 0.0
-    tangential: Annotated[float, NON_NEGATIVE, "p1 and p2"] = 0.0
-    floor: Annotated[float, NON_NEGATIVE, "pixel, systematic error of a centroid"] = 0.05
-    steps: Annotated[int, Range(1, 1000), "of Gauss-Newton"] = 15
+    focal_length: float = parameter("relative", limit=NON_NEGATIVE, default=0.1)
+    principal: float = parameter("pixel, along each axis", limit=NON_NEGATIVE, default=20.0)
+    k1: float = parameter("radial distortion", limit=NON_NEGATIVE, default=1.0)
+    k2: float = parameter("radial distortion", limit=NON_NEGATIVE, default=0.0)
+    k3: float = parameter("radial distortion", limit=NON_NEGATIVE, default=0.0)
+    tangential: float = parameter("p1 and p2", limit=NON_NEGATIVE, default=0.0)
+    floor: float = parameter(
+        "pixel, systematic error of a centroid", limit=NON_NEGATIVE, default=0.05
+    )
+    steps: int = parameter("of Gauss-Newton", limit=Range(1, 1000), default=15)
 
     def sigma(self, camera: core.Camera) -> Floats:
         """(8,) standard deviations of the priors, in the order of UNKNOWNS."""

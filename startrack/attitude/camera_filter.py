@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack import core
 from startrack.attitude.camera import UNKNOWNS, Calibration, MatchedFrame, moved_camera
-from startrack.core import NON_NEGATIVE, Camera, Floats, Matches, Parameters, Spots
+from startrack.core import NON_NEGATIVE, Camera, Floats, Matches, Parameters, Spots, parameter
 
 FEWEST = 4  # stars of a frame that says something of its camera
 STEPS = 2  # of Gauss-Newton, in a frame
@@ -18,7 +18,6 @@ COUNT = len(UNKNOWNS)
 EVERY: core.Ints = np.arange(COUNT)
 
 
-@dataclass(frozen=True)
 class CameraFilter(Parameters):
     """A calibration in flight, frame by frame: what is known before, and how the camera changes.
 
@@ -27,24 +26,35 @@ class CameraFilter(Parameters):
     with straight lines between them.
     """
 
-    prior: Annotated[Calibration, "standard deviations at the begin"] = field(
-        default_factory=Calibration
+    prior: Calibration = parameter("standard deviations at the begin", default_factory=Calibration)
+    focal_length_walk: float = parameter(
+        "relative", unit=core.Unit("s(-1/2)"), limit=NON_NEGATIVE, default=0.0
     )
-    focal_length_walk: Annotated[float, core.Unit("s(-1/2)"), NON_NEGATIVE, "relative"] = 0.0
-    principal_walk: Annotated[float, NON_NEGATIVE, "pixel / second^(1/2), along each axis"] = 0.0
-    focal_length_slope: Annotated[
-        float, core.Unit("K-1"), NON_NEGATIVE, "relative, standard deviation at the begin"
-    ] = 0.0
-    principal_slope: Annotated[
-        float, NON_NEGATIVE, "pixel / kelvin along each axis, standard deviation at the begin"
-    ] = 0.0
-    map: Annotated[
-        int, core.Range(0, 9), "nodes along each side of a map of local distortion; 0: none"
-    ] = 0
-    map_sigma: Annotated[
-        float, NON_NEGATIVE, "pixel per axis, standard deviation of a node at the begin"
-    ] = 0.1
-    map_walk: Annotated[float, NON_NEGATIVE, "pixel / second^(1/2), of a node per axis"] = 0.0
+    principal_walk: float = parameter(
+        "pixel / second^(1/2), along each axis", limit=NON_NEGATIVE, default=0.0
+    )
+    focal_length_slope: float = parameter(
+        "relative, standard deviation at the begin",
+        unit=core.Unit("K-1"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    principal_slope: float = parameter(
+        "pixel / kelvin along each axis, standard deviation at the begin",
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    map: int = parameter(
+        "nodes along each side of a map of local distortion; 0: none",
+        limit=core.Range(0, 9),
+        default=0,
+    )
+    map_sigma: float = parameter(
+        "pixel per axis, standard deviation of a node at the begin", limit=NON_NEGATIVE, default=0.1
+    )
+    map_walk: float = parameter(
+        "pixel / second^(1/2), of a node per axis", limit=NON_NEGATIVE, default=0.0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,25 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from startrack.core import NON_NEGATIVE, Floats, Parameters
+from startrack.core import NON_NEGATIVE, Floats, Parameters, parameter
 
 
-@dataclass(frozen=True)
 class Gyroscope(Parameters):
     """The noise of a gyroscope's rates, the same on each axis."""
 
-    angle_random_walk: Annotated[
-        float, NON_NEGATIVE, "radian / sqrt(second), white noise of the rate"
-    ]
-    rate_random_walk: Annotated[
-        float, NON_NEGATIVE, "radian / second^1.5, white noise that drives the bias"
-    ]
+    angle_random_walk: float = parameter(
+        "radian / sqrt(second), white noise of the rate", limit=NON_NEGATIVE
+    )
+    rate_random_walk: float = parameter(
+        "radian / second^1.5, white noise that drives the bias", limit=NON_NEGATIVE
+    )
 
 
 @dataclass(frozen=True, eq=False)

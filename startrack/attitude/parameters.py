@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Annotated
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Unit
+from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Unit, parameter
 
 # Pixel per axis, typical of calibrated cameras. Chosen by hand: a larger one gives all stars nearly
 # the same weight, a smaller one states too small a covariance for bright stars.
@@ -21,41 +20,39 @@ SWING = "amplitude of the thermo-elastic error, one sinusoid per orbit; a trial 
 BIAS = "rotation vector in camera axes"
 
 
-@dataclass(frozen=True)
 class SolverSettings(Parameters):
     """How matched stars are weighted, and when one is left out.
 
     Raises  ValueError where the floor is negative or the gate is not positive.
     """
 
-    centroid_floor: Annotated[
-        float | None,
-        NON_NEGATIVE,
+    centroid_floor: float | None = parameter(
         "pixel, systematic error per axis that every centroid has beside its noise: sampling by "
         "pixels, their unequal response, light of other stars; None: the prediction of the "
         "design for each star, or 0.015 where there is no design",
-    ] = None
-    gate: Annotated[
-        float,
-        POSITIVE,
+        limit=NON_NEGATIVE,
+        default=None,
+    )
+    gate: float = parameter(
         "sigma, normalised residual beyond which a star is left out as a false match, a double "
         "star or a hot pixel; scaled with the residuals where these are larger than the noise "
         "explains. Chosen by hand: a smaller one loses stars, a larger one keeps outliers",
-    ] = 5.0
-    sift: Annotated[
-        bool,
+        limit=POSITIVE,
+        default=5.0,
+    )
+    sift: bool = parameter(
         "first take the largest set of stars that agree on one attitude within the gate, "
         "however small; for matches that were not verified together",
-    ] = False
-    method: Annotated[
-        str,
-        Range(choices=METHODS, code="attitudes"),
+        default=False,
+    )
+    method: str = parameter(
         '"least squares": by the residuals in the image plane; or code of one\'s own, see '
         "docs/extensions.md, which then also handles outliers: gate and sift are not used",
-    ] = "least squares"
+        limit=Range(choices=METHODS, code="attitudes"),
+        default="least squares",
+    )
 
 
-@dataclass(frozen=True)
 class Mounting(Parameters):
     """Rotation from the camera's axes to the spacecraft's reference axes.
 
@@ -67,12 +64,12 @@ class Mounting(Parameters):
     Raises  ValueError where an angle is not finite or an amplitude is negative.
     """
 
-    x: Annotated[float, Unit("rad", "arcsec"), FINITE, BIAS] = 0.0
-    y: Annotated[float, Unit("rad", "arcsec"), FINITE, BIAS] = 0.0
-    z: Annotated[float, Unit("rad", "arcsec"), FINITE, BIAS] = 0.0
-    swing_x: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, SWING] = 0.0
-    swing_y: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, SWING] = 0.0
-    swing_z: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, SWING] = 0.0
+    x: float = parameter(BIAS, unit=Unit("rad", "arcsec"), limit=FINITE, default=0.0)
+    y: float = parameter(BIAS, unit=Unit("rad", "arcsec"), limit=FINITE, default=0.0)
+    z: float = parameter(BIAS, unit=Unit("rad", "arcsec"), limit=FINITE, default=0.0)
+    swing_x: float = parameter(SWING, unit=Unit("rad", "arcsec"), limit=NON_NEGATIVE, default=0.0)
+    swing_y: float = parameter(SWING, unit=Unit("rad", "arcsec"), limit=NON_NEGATIVE, default=0.0)
+    swing_z: float = parameter(SWING, unit=Unit("rad", "arcsec"), limit=NON_NEGATIVE, default=0.0)
 
     @property
     def swings(self) -> bool:

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import NON_NEGATIVE, Floats, Parameters, Refused, printed
+from startrack.core import NON_NEGATIVE, Floats, Parameters, Refused, parameter, printed
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern", "offset")
@@ -23,8 +23,7 @@ SPREAD = 0.1  # of the logarithms at the start; chosen by hand: wider than usual
 SATURATED = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class Level(Parameters):
+class Level(Parameters, eq=False):
     """Two or more frames of the same exposure and light.
 
     frames    (m, rows, columns) digital number
@@ -33,7 +32,7 @@ class Level(Parameters):
     """
 
     frames: NDArray[np.number]
-    exposure: Annotated[float, NON_NEGATIVE]
+    exposure: float = parameter(limit=NON_NEGATIVE)
     lit: bool
 
     def __post_init__(self) -> None:

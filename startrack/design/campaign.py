@@ -2,10 +2,18 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
-from startrack.core import POSITIVE, Parameters, Range, Refused, non_negative, parse, whole
+from startrack.core import (
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    non_negative,
+    parameter,
+    parse,
+    whole,
+)
 from startrack.design.case import Case, Fidelity
 from startrack.design.conditions import Condition, Judged, OverUnits, judged
 from startrack.design.objective import Objective
@@ -23,96 +31,103 @@ def fewest_trials_beyond(objective: Objective) -> int:
     return max(2, math.ceil(1 / (1 - objective.fraction) - 1e-9))
 
 
-@dataclass(frozen=True)
 class Campaign(Parameters):
     """The question that is put to a design."""
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"prospects": "analytic_evaluations"}
 
-    variables: Annotated[tuple[Variable, ...], "what may change"] = ()
-    links: Annotated[tuple[Link, ...], "what follows them"] = ()
-    choices: Annotated[
-        tuple[Choice, ...], "what may be one of several: each combination is a branch of its own"
-    ] = ()
-    requirements: Annotated[Requirements, "what must hold"] = field(default_factory=Requirements)
-    conditions: Annotated[
-        tuple[Condition, ...],
-        "rates, backgrounds and ages at which the design is judged, besides its own",
-    ] = ()
-    objective: Annotated[
-        str,
+    variables: tuple[Variable, ...] = parameter("what may change", default=())
+    links: tuple[Link, ...] = parameter("what follows them", default=())
+    choices: tuple[Choice, ...] = parameter(
+        "what may be one of several: each combination is a branch of its own", default=()
+    )
+    requirements: Requirements = parameter("what must hold", default_factory=Requirements)
+    conditions: tuple[Condition, ...] = parameter(
+        "rates, backgrounds and ages at which the design is judged, besides its own", default=()
+    )
+    objective: str = parameter(
         '"across", "about" or "both", whose rms error is made small; with a fraction in '
         'percent, as in "across-99.73", the error that so many trials do not exceed by its '
         'length; as in "across-99.73 per axis", that so many errors about single axes do not '
         "exceed. Of several conditions, the geometric mean by their weights",
-    ] = "across"
-    units: Annotated[
-        float | None,
+        default="across",
+    )
+    units: float | None = parameter(
         "fraction of the units of the design, such as 0.95, that must be as good: the objective "
         "is then the error that this fraction does not exceed, and a limit on an error must "
         "hold for it; None: of the unit as designed alone",
-    ] = None
-    age: Annotated[str, 'of these units: "begin" or "end" of life, or a time such as "3 yr"'] = (
-        "end"
+        default=None,
     )
-    unit_count: Annotated[
-        int, Range(2, 1000), "units that the analytic budget of each design is computed for"
-    ] = 20
-    fresh_units: Annotated[
-        int, Range(2, 10**5), "units on which start and best are compared at the end"
-    ] = 60
-    unit_trials: Annotated[
-        int | None,
-        Range(2, 10**4),
+    age: str = parameter(
+        'of these units: "begin" or "end" of life, or a time such as "3 yr"', default="end"
+    )
+    unit_count: int = parameter(
+        "units that the analytic budget of each design is computed for",
+        limit=Range(2, 1000),
+        default=20,
+    )
+    fresh_units: int = parameter(
+        "units on which start and best are compared at the end", limit=Range(2, 10**5), default=60
+    )
+    unit_trials: int | None = parameter(
         "trials of each of these; None: 20, or so many that the level of the objective or of a "
         "requirement has one trial beyond it, which are 371 for 99.73 %",
-    ] = None
-    fidelity: Annotated[
-        Fidelity, "of the trials that a search is done with; the winner is verified on frames"
-    ] = Fidelity.WINDOW
-    trials: Annotated[int, Range(2, 10**6), "of each design at first"] = 50
-    most_trials: Annotated[
-        int, Range(high=10**6), "of each design at last; the number doubles between"
-    ] = 200
-    evaluations: Annotated[
-        int,
-        Range(1, 10**6),
+        limit=Range(2, 10**4),
+        default=None,
+    )
+    fidelity: Fidelity = parameter(
+        "of the trials that a search is done with; the winner is verified on frames",
+        default=Fidelity.WINDOW,
+    )
+    trials: int = parameter("of each design at first", limit=Range(2, 10**6), default=50)
+    most_trials: int = parameter(
+        "of each design at last; the number doubles between", limit=Range(high=10**6), default=200
+    )
+    evaluations: int = parameter(
         "designs at most that are tried by trials, in all branches together; three more "
         "in each round that follows fresh trials in which a limit is missed",
-    ] = 120
-    analytic_evaluations: Annotated[
-        int,
-        Range(0, 10**6),
+        limit=Range(1, 10**6),
+        default=120,
+    )
+    analytic_evaluations: int = parameter(
         "designs at most of each branch that the analytic budget evaluates, before the first trial",
-    ] = 200
-    search: Annotated[
-        str,
-        Range(code="searches", free=True),
+        limit=Range(0, 10**6),
+        default=200,
+    )
+    search: str = parameter(
         'how designs are chosen for the analytic budget: "emulator", where Gaussian processes '
         "through all that are known expect most, or algorithms of nlopt one after the other, such "
         'as "direct+sbplx" or "GN_ISRES", each with as many evaluations; or code of one\'s own, '
         "see docs/extensions.md",
-    ] = "emulator"
-    precision: Annotated[
-        float,
-        Range(1e-4, 0.5),
+        limit=Range(code="searches", free=True),
+        default="emulator",
+    )
+    precision: float = parameter(
         "fraction of the objective that is worth no further evaluation: a search ends when it "
         "expects to gain less, and each variable is known as well as that bears",
-    ] = 0.01
-    sample_trials: Annotated[
-        int, Range(2, 10**6), "trials for each design that the tolerance region is computed from"
-    ] = 160
-    fresh_trials: Annotated[
-        int, Range(2, 10**6), "frames on which start and best are compared at the end"
-    ] = 1000
-    margin: Annotated[
-        float, POSITIVE, "fraction by which the error may grow in the tolerance region of `sample`"
-    ] = 0.2
-    span: Annotated[
-        float,
-        Range(0.001, 0.5),
+        limit=Range(1e-4, 0.5),
+        default=0.01,
+    )
+    sample_trials: int = parameter(
+        "trials for each design that the tolerance region is computed from",
+        limit=Range(2, 10**6),
+        default=160,
+    )
+    fresh_trials: int = parameter(
+        "frames on which start and best are compared at the end",
+        limit=Range(2, 10**6),
+        default=1000,
+    )
+    margin: float = parameter(
+        "fraction by which the error may grow in the tolerance region of `sample`",
+        limit=POSITIVE,
+        default=0.2,
+    )
+    span: float = parameter(
         "half the width of that region's box, as a fraction of each variable's range",
-    ] = 0.15
+        limit=Range(0.001, 0.5),
+        default=0.15,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from startrack import core
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import FINITE, NON_NEGATIVE, Floats, Parameters, Range, Refused, Unit
+from startrack.core import FINITE, NON_NEGATIVE, Floats, Parameters, Range, Refused, Unit, parameter
 from startrack.design.epoch import believed_from, seen_from
 from startrack.design.parameter import unchecked
 from startrack.design.structure import Structure
@@ -41,7 +41,6 @@ PLACES = ("ground", "orbit", "recursive")
 ORDERS = (1, 3, 5, 7)
 
 
-@dataclass(frozen=True)
 class CameraCalibration(Parameters):
     """A calibration of the camera of one unit: a least-squares fit to stars at known directions.
 
@@ -52,47 +51,47 @@ class CameraCalibration(Parameters):
     `frames`: they last less than an environment does.
     """
 
-    place: Annotated[
-        str,
-        Range(choices=PLACES),
+    place: str = parameter(
         '"ground": before launch, so that steps of the launch come after; "orbit": once after it; '
         '"recursive": as "orbit", and then focal length, distortion and map again and again, so '
         "that they follow age and temperature; principal point and mounting stay, because stars "
         "hardly tell them from a turn",
-    ] = "ground"
-    positions: Annotated[int, Range(10, 10**5), "on the ground"] = 100
-    frames: Annotated[int, Range(1, 10**5), "in orbit"] = 50
-    stars: Annotated[int, Range(3, 1000), "in each of these frames"] = 10
-    noise: Annotated[
-        float,
-        NON_NEGATIVE,
+        limit=Range(choices=PLACES),
+        default="ground",
+    )
+    positions: int = parameter("on the ground", limit=Range(10, 10**5), default=100)
+    frames: int = parameter("in orbit", limit=Range(1, 10**5), default=50)
+    stars: int = parameter("in each of these frames", limit=Range(3, 1000), default=10)
+    noise: float = parameter(
         "pixel rms per axis, of the mean centroid of a star at a position, or in a frame",
-    ] = 0.02
-    direction: Annotated[
-        float,
-        Unit("rad", "arcsec"),
-        NON_NEGATIVE,
+        limit=NON_NEGATIVE,
+        default=0.02,
+    )
+    direction: float = parameter(
         "radian rms per axis, error of the direction of a position of the collimator",
-    ] = 0.0
-    temperature: Annotated[
-        float,
-        Unit("K"),
-        FINITE,
+        unit=Unit("rad", "arcsec"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    temperature: float = parameter(
         "of the instrument above its reference, at which the residual is seen",
-    ] = 0.0
-    order: Annotated[
-        int,
+        unit=Unit("K"),
+        limit=FINITE,
+        default=0.0,
+    )
+    order: int = parameter(
         "of the polynomial of distortion in the fit: 1: focal length and principal point alone; "
         "3: k1 too; 5: and k2; 7: and k3",
-    ] = 3
-    tangential: Annotated[bool, "whether p1 and p2 are fitted too"] = False
-    map: Annotated[
-        int,
-        Range(0, 9),
+        default=3,
+    )
+    tangential: bool = parameter("whether p1 and p2 are fitted too", default=False)
+    map: int = parameter(
         "nodes along each side of a table of displacements, to which what the polynomial leaves "
         "is fitted, with straight lines between them; 0: none; 1, a shift of all, is none, too: "
         "it is the principal point",
-    ] = 0
+        limit=Range(0, 9),
+        default=0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -127,16 +126,15 @@ class Fidelity(StrEnum):
     COVARIANCE = "covariance"
 
 
-@dataclass(frozen=True)
 class Temperatures(Parameters):
     """Temperatures of an instrument; that of its detector is in the detector."""
 
-    lens: Annotated[
-        float,
-        Unit("K", "degC", absolute=True),
-        Range(1, 1000),
+    lens: float = parameter(
         "of the lens, whose table then gives focal length, focus and distortion",
-    ] = ROOM
+        unit=Unit("K", "degC", absolute=True),
+        limit=Range(1, 1000),
+        default=ROOM,
+    )
 
 
 MOST_OUTSIDE = 0.02  # of the light of a sunlike star, that may have no bin of wavelength
@@ -160,7 +158,6 @@ def _traced_camera(
     return fit_camera(lens, columns, rows, pitch, principal, WAVELENGTH, spectrum)
 
 
-@dataclass(frozen=True)
 class Instrument(Parameters):
     """The truth that makes the frame, and that its attitude is judged by.
 
@@ -168,41 +165,43 @@ class Instrument(Parameters):
               the focal length; None: its own. No file holds it
     """
 
-    optics: Annotated[Optics, "A lens."]
-    detector: Annotated[
-        Detector, "A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0)."
-    ]
-    motion: Annotated[Motion, "How the camera turns in an exposure, about its own axes."] = field(
-        default_factory=Motion
+    optics: Optics = parameter("A lens.")
+    detector: Detector = parameter(
+        "A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0)."
     )
-    mounting: Annotated[Mounting, "how the camera sits on the spacecraft"] = field(
-        default_factory=Mounting
+    motion: Motion = parameter(
+        "How the camera turns in an exposure, about its own axes.", default_factory=Motion
     )
-    delay: Annotated[
-        float,
-        Unit("s", "ms"),
-        FINITE,
+    mounting: Mounting = parameter(
+        "how the camera sits on the spacecraft", default_factory=Mounting
+    )
+    delay: float = parameter(
         "by which the time stamp of a frame lies after the middle of its exposure",
-    ] = 0.0
-    baffle: Annotated[
-        Baffle | None, "what it lets through of Sun, Moon and Earth; None: nothing"
-    ] = None
-    tube: Annotated[
-        BaffleTube | None, "the baffle by its geometry, in place of a curve; None: as `baffle` says"
-    ] = None
-    thermal: Annotated[Temperatures | None, "temperatures; None: the lens is at 20 degC"] = None
-    ghosts: Annotated[
-        Ghosts | None, "reflections in the lens that make ghosts of bright sources; None: no ghosts"
-    ] = None
-    residual: Annotated[
-        Residual | None,
+        unit=Unit("s", "ms"),
+        limit=FINITE,
+        default=0.0,
+    )
+    baffle: Baffle | None = parameter(
+        "what it lets through of Sun, Moon and Earth; None: nothing", default=None
+    )
+    tube: BaffleTube | None = parameter(
+        "the baffle by its geometry, in place of a curve; None: as `baffle` says", default=None
+    )
+    thermal: Temperatures | None = parameter(
+        "temperatures; None: the lens is at 20 degC", default=None
+    )
+    ghosts: Ghosts | None = parameter(
+        "reflections in the lens that make ghosts of bright sources; None: no ghosts", default=None
+    )
+    residual: Residual | None = parameter(
         "displacements that no camera model holds, which a calibration leaves; None: none",
-    ] = None
-    structure: Annotated[
-        Structure | None,
+        default=None,
+    )
+    structure: Structure | None = parameter(
         "what carries lens and detector, and how warm it becomes; what follows from it differs "
         "as a [[variation]] does; None: nothing",
-    ] = None
+        default=None,
+    )
     imaged: Instrument | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
@@ -322,94 +321,93 @@ class Instrument(Parameters):
         return in_bins(*curves)
 
 
-@dataclass(frozen=True)
 class Tracker(Parameters):
     """What the flight software believes and how it works."""
 
-    detection: Annotated[
-        Detection,
+    detection: Detection = parameter(
         "How spots are found and measured. The defaults serve real images of many cameras.",
-    ] = field(default_factory=Detection)
-    identification: Annotated[
-        Identification,
+        default_factory=Detection,
+    )
+    identification: Identification = parameter(
         "Settings of the identification of spots, for calibrated cameras by default.",
-    ] = field(default_factory=Identification)
-    attitude: Annotated[
-        SolverSettings, "How matched stars are weighted, and when one is left out."
-    ] = field(default_factory=SolverSettings)
-    camera: Annotated[
-        core.Camera | None,
+        default_factory=Identification,
+    )
+    attitude: SolverSettings = parameter(
+        "How matched stars are weighted, and when one is left out.", default_factory=SolverSettings
+    )
+    camera: core.Camera | None = parameter(
         "its calibration; None for a perfect one, which follows the instrument's design",
-    ] = None
-    camera_model: Annotated[
-        str,
-        Range(choices=("radial", "polynomial")),
+        default=None,
+    )
+    camera_model: str = parameter(
         'model of that perfect calibration: "radial", focal length and three radial '
         'coefficients; "polynomial", to the third order in x and y',
-    ] = "radial"
-    catalog: Annotated[
-        Selection | None, "its cut of the star catalogue, None for the one that the sky is made of"
-    ] = None
-    mounting: Annotated[
-        Mounting | None, "mounting that it assumes, None for the true one without its swing"
-    ] = None
-    delay: Annotated[
-        float | None,
-        Unit("s", "ms"),
-        FINITE,
+        limit=Range(choices=("radial", "polynomial")),
+        default="radial",
+    )
+    catalog: Selection | None = parameter(
+        "its cut of the star catalogue, None for the one that the sky is made of", default=None
+    )
+    mounting: Mounting | None = parameter(
+        "mounting that it assumes, None for the true one without its swing", default=None
+    )
+    delay: float | None = parameter(
         "second that it takes off its time stamps, None for all of the delay there is",
-    ] = None
-    motion: Annotated[
-        Motion | None,
+        unit=Unit("s", "ms"),
+        limit=FINITE,
+        default=None,
+    )
+    motion: Motion | None = parameter(
         "how it believes the camera to turn, None for as it does, jitter apart; where lines "
         "scan, each spot has its own time",
-    ] = None
-    rate: Annotated[
-        str,
-        Range(choices=("known", "images")),
+        default=None,
+    )
+    rate: str = parameter(
         'how it knows the smear of its stars without a prediction: "known", by its motion; '
         '"images", by the streaks of the frame itself, whose sign stays open',
-    ] = "known"
-    reference: Annotated[
-        str,
-        Range(choices=("instant", "mean")),
+        limit=Range(choices=("known", "images")),
+        default="known",
+    )
+    reference: str = parameter(
         'attitude that it is judged by: "instant", that in the middle of the exposure, for which '
         'control wants it and ECSS-E-ST-60-20C states errors; "mean", that over the exposure, '
         "which leaves jitter within the exposure to the spacecraft, as makers' noise figures do",
-    ] = "instant"
-    row_delay: Annotated[
-        float | None,
-        Unit("s", "us"),
-        NON_NEGATIVE,
+        limit=Range(choices=("instant", "mean")),
+        default="instant",
+    )
+    row_delay: float | None = parameter(
         "second between the exposures of two rows, by which it moves each spot to the middle of "
         "the frame's exposure at the rates that it knows; None for that of the detector as "
         "designed, 0 for no correction",
-    ] = None
-    calibrated_at: Annotated[
-        float | None,
-        Unit("K", "degC", absolute=True),
-        Range(1, 1000),
+        unit=Unit("s", "us"),
+        limit=NON_NEGATIVE,
+        default=None,
+    )
+    calibrated_at: float | None = parameter(
         "temperature of the lens when the camera was calibrated, None for that which it has; a "
         "lens table says what differs",
-    ] = None
-    focal_length_by_colour: Annotated[
-        bool,
+        unit=Unit("K", "degC", absolute=True),
+        limit=Range(1, 1000),
+        default=None,
+    )
+    focal_length_by_colour: bool = parameter(
         "whether it scales the place of each star by a focal length of the star's colour in its "
         "catalogue, as calibrated: it takes off most of the lateral colour of a lens table",
-    ] = False
-    acquisition: Annotated[
-        str,
-        Range(choices=("whole", "box")),
+        default=False,
+    )
+    acquisition: str = parameter(
         'how it finds its stars where it expects an attitude: "whole" searches the frame, "box" '
         "a box about the place of each star, whose light it takes for the star's. In a sequence "
         "the first attitude comes from the whole frame; a single trial expects one",
-    ] = "whole"
-    box: Annotated[Box, "these boxes"] = field(default_factory=Box)
-    calibration: Annotated[
-        CameraCalibration | None,
+        limit=Range(choices=("whole", "box")),
+        default="whole",
+    )
+    box: Box = parameter("these boxes", default_factory=Box)
+    calibration: CameraCalibration | None = parameter(
         "how the camera of each unit is calibrated, where units vary; None: not at all, it is "
         "believed to be as designed",
-    ] = None
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -422,7 +420,6 @@ class Tracker(Parameters):
 
 
 @core.printed
-@dataclass(frozen=True)
 class Case(core.CarriesCode):
     """One design in one scene: everything that a trial needs except its attitude and its noise.
 
@@ -438,27 +435,27 @@ class Case(core.CarriesCode):
     Raises  ValueError where the catalogue contradicts the scene.
     """
 
-    instrument: Annotated[
-        Instrument, "The truth that makes the frame, and that its attitude is judged by."
-    ]
-    tracker: Annotated[Tracker, "What the flight software believes and how it works."] = field(
-        default_factory=Tracker
+    instrument: Instrument = parameter(
+        "The truth that makes the frame, and that its attitude is judged by."
     )
-    scene: Annotated[Scene, "Background and bodies besides the stars, date and observer."] = field(
-        default_factory=Scene
+    tracker: Tracker = parameter(
+        "What the flight software believes and how it works.", default_factory=Tracker
     )
-    catalog: Annotated[Selection, "The stars that a sky holds."] = field(default_factory=Selection)
-    variation: Annotated[
-        tuple[Variation, ...],
+    scene: Scene = parameter(
+        "Background and bodies besides the stars, date and observer.", default_factory=Scene
+    )
+    catalog: Selection = parameter("The stars that a sky holds.", default_factory=Selection)
+    variation: tuple[Variation, ...] = parameter(
         "what differs between units, launches, environments and in time; a trial without units "
         "leaves it out",
-    ] = ()
-    lifetime: Annotated[
-        float,
-        Unit("s", "yr"),
-        NON_NEGATIVE,
+        default=(),
+    )
+    lifetime: float = parameter(
         "age at the end of life; 0: that of the detector, if it has one",
-    ] = 0.0
+        unit=Unit("s", "yr"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
     design: Case | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:

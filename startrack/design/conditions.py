@@ -3,9 +3,18 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
-from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, printed
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+    printed,
+)
 from startrack.design.case import Case
 from startrack.design.parameter import with_values
 from startrack.design.requirements import Requirements
@@ -14,46 +23,48 @@ from startrack.motion import Motion
 NOMINAL, REST, MAX_RATE = "nominal", "rest", "max rate"
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(Parameters):
     """One parameter that has another value."""
 
-    name: Annotated[str, 'path in the case, such as "instrument.detector.dark_current"']
-    value: Annotated[float | str, "number, text with a unit where the parameter has one, or name"]
+    name: str = parameter('path in the case, such as "instrument.detector.dark_current"')
+    value: float | str = parameter("number, text with a unit where the parameter has one, or name")
 
 
 MAX_ERROR = "limits in this condition; None: those of the requirements"
 
 
-@dataclass(frozen=True)
 class Condition(Parameters):
     """A condition in which a design is judged, besides that of the file itself."""
 
-    name: Annotated[str, "for tables and messages"]
-    weight: Annotated[
-        float,
-        NON_NEGATIVE,
+    name: str = parameter("for tables and messages")
+    weight: float = parameter(
         "of its error in the objective, in which the file's own condition has 1; 0: only its "
         "requirements count",
-    ] = 1.0
-    rate: Annotated[
-        float | None,
-        Unit("rad/s", "deg/s"),
-        NON_NEGATIVE,
+        limit=NON_NEGATIVE,
+        default=1.0,
+    )
+    rate: float | None = parameter(
         "slew rate, about the axis about which the design turns; where it does not, across the "
         "boresight at 45 degrees to the columns. None: as the design",
-    ] = None
-    background_g: Annotated[
-        float | None, "magnitude per square arcsecond of the sky; None: as the design"
-    ] = None
-    change: Annotated[
-        tuple[Change, ...], "any other parameter, such as the dark current at the end of life"
-    ] = ()
-    max_across: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
-    max_about: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
-    min_availability: Annotated[
-        float | None, Range(0, 1), "limits in this condition; None: those of the requirements"
-    ] = None
+        unit=Unit("rad/s", "deg/s"),
+        limit=NON_NEGATIVE,
+        default=None,
+    )
+    background_g: float | None = parameter(
+        "magnitude per square arcsecond of the sky; None: as the design", default=None
+    )
+    change: tuple[Change, ...] = parameter(
+        "any other parameter, such as the dark current at the end of life", default=()
+    )
+    max_across: float | None = parameter(
+        MAX_ERROR, unit=Unit("rad", "arcsec"), limit=POSITIVE, default=None
+    )
+    max_about: float | None = parameter(
+        MAX_ERROR, unit=Unit("rad", "arcsec"), limit=POSITIVE, default=None
+    )
+    min_availability: float | None = parameter(
+        "limits in this condition; None: those of the requirements", limit=Range(0, 1), default=None
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -112,8 +112,8 @@ def item_of(field: Field) -> tuple[Any, Unit | None]:
     """The type of a value, or of each of a list, and its unit."""
     if typing.get_origin(field.kind) is not tuple:
         return field.kind, field.unit
-    item = bare(typing.get_args(field.kind)[0])
-    return item.kind, item.unit or field.unit
+    kind, unit = bare(typing.get_args(field.kind)[0])
+    return kind, unit or field.unit
 
 
 def _kind(field: Field, inner: Any) -> str:

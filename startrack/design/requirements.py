@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 from scipy import special
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, parameter
 from startrack.design.case import Case
 from startrack.design.objective import AXES, KINDS, Objective
 from startrack.metrics import Limits
@@ -79,14 +79,17 @@ HALF_TURN = Range(0, math.pi)
 CENTRE = "to the centre; None: not required"
 
 
-@dataclass(frozen=True)
 class KeepOut(Parameters):
     """Angles from the boresight from which on accuracy and availability must hold, radian."""
 
-    sun: Annotated[float | None, Unit("rad", "deg"), HALF_TURN, CENTRE] = None
-    moon: Annotated[float | None, Unit("rad", "deg"), HALF_TURN, CENTRE] = None
-    earth: Annotated[float | None, Unit("rad", "deg"), HALF_TURN, "to the limb"] = None
-    altitude: Annotated[float, Unit("m", "km"), POSITIVE, "from which the Earth is seen"] = 600e3
+    sun: float | None = parameter(CENTRE, unit=Unit("rad", "deg"), limit=HALF_TURN, default=None)
+    moon: float | None = parameter(CENTRE, unit=Unit("rad", "deg"), limit=HALF_TURN, default=None)
+    earth: float | None = parameter(
+        "to the limb", unit=Unit("rad", "deg"), limit=HALF_TURN, default=None
+    )
+    altitude: float = parameter(
+        "from which the Earth is seen", unit=Unit("m", "km"), limit=POSITIVE, default=600e3
+    )
 
     @property
     def angles(self) -> dict[str, float]:
@@ -137,7 +140,6 @@ def _length(axes: int, fraction: float) -> float:
 MAX_ERROR = "error across and about the boresight; None where there is no such limit"
 
 
-@dataclass(frozen=True)
 class Requirements(core.CarriesCode):
     """Limits, and the coefficients of the cost models behind them.
 
@@ -168,130 +170,169 @@ class Requirements(core.CarriesCode):
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"sky_share": "sky_fraction"}
 
-    max_mass: Annotated[
-        float, Unit("kg"), POSITIVE, "of lens, baffle and electronics, by these models"
-    ] = 1.0
-    mass_fixed: Annotated[
-        float, Unit("kg"), NON_NEGATIVE, "mass of what does not grow with the aperture"
-    ] = 0.15
-    mass_per_volume: Annotated[
-        float,
-        Unit("kg / m3"),
-        NON_NEGATIVE,
+    max_mass: float = parameter(
+        "of lens, baffle and electronics, by these models",
+        unit=Unit("kg"),
+        limit=POSITIVE,
+        default=1.0,
+    )
+    mass_fixed: float = parameter(
+        "mass of what does not grow with the aperture",
+        unit=Unit("kg"),
+        limit=NON_NEGATIVE,
+        default=0.15,
+    )
+    mass_per_volume: float = parameter(
         "mass of lens and baffle over the cube of the aperture",
-    ] = 6000.0
-    density: Annotated[
-        float | None,
-        Unit("kg / m3"),
-        POSITIVE,
+        unit=Unit("kg / m3"),
+        limit=NON_NEGATIVE,
+        default=6000.0,
+    )
+    density: float | None = parameter(
         "of the whole tracker, which then has the mass of its volume; None: the mass is that of "
         "the aperture. Of seven that were built 950 kg/m3 in the median",
-    ] = None
-    baffle_angle: Annotated[
-        float | None,
-        Unit("rad", "deg"),
-        Range(0, math.pi / 2),
+        unit=Unit("kg / m3"),
+        limit=POSITIVE,
+        default=None,
+    )
+    baffle_angle: float | None = parameter(
         "from the boresight, from which on the baffle keeps the Sun from the lens; None: no "
         "baffle, or one within the other terms",
-    ] = None
-    shielding: Annotated[
-        float,
-        Unit("m", "mm"),
-        NON_NEGATIVE,
+        unit=Unit("rad", "deg"),
+        limit=Range(0, math.pi / 2),
+        default=None,
+    )
+    shielding: float = parameter(
         "thickness of a layer of aluminium around the tracker; 0: none but its housing",
-    ] = 0.0
-    max_power: Annotated[
-        float, Unit("W"), POSITIVE, "of lens, baffle and electronics, by these models"
-    ] = 2.0
-    power_fixed: Annotated[
-        float, Unit("W"), NON_NEGATIVE, "power of what does not grow with the data rate"
-    ] = 0.4
-    energy_per_bit: Annotated[
-        float, Unit("J / bit", "nJ / bit"), NON_NEGATIVE, "of reading out and processing"
-    ] = 20e-9
-    max_volume: Annotated[
-        float | None, Unit("m3", "cm3"), POSITIVE, "None where there is no such limit"
-    ] = None
-    volume_fixed: Annotated[
-        float, Unit("m3", "cm3"), NON_NEGATIVE, "volume of all but the lens"
-    ] = 100e-6
-    length_ratio: Annotated[float, POSITIVE, "length of the tube over the focal length"] = 2.0
-    max_data_rate: Annotated[
-        float | None, Unit("bit / s", "Mbit / s"), POSITIVE, "None where there is no such limit"
-    ] = None
-    max_cost: Annotated[float | None, POSITIVE, "None where there is no such limit"] = None
-    cost_fixed: Annotated[float, NON_NEGATIVE, "cost of all but the lens, in any currency"] = 0.0
-    cost_of_metre: Annotated[
-        float, NON_NEGATIVE, "cost of a lens with an aperture of one metre"
-    ] = 20e6
-    cost_power: Annotated[float, POSITIVE, "with which the cost grows with the aperture"] = 1.7
-    position_time: Annotated[
-        float, Unit("s"), NON_NEGATIVE, "of a position of a calibration on the ground; assumed"
-    ] = 30.0
-    calibration_price: Annotated[
-        float, NON_NEGATIVE, "of an hour of a calibration on the ground, in the unit of the cost"
-    ] = 0.0
-    cost_of_part: Annotated[
-        float, NON_NEGATIVE, "cost of a kilogram of a structure in aluminium, machined; assumed"
-    ] = 500.0
-    min_update_rate: Annotated[float, Unit("Hz"), NON_NEGATIVE, "attitudes in a second"] = 1.0
-    min_stars: Annotated[
-        int,
-        Range(1, 100),
+        unit=Unit("m", "mm"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    max_power: float = parameter(
+        "of lens, baffle and electronics, by these models",
+        unit=Unit("W"),
+        limit=POSITIVE,
+        default=2.0,
+    )
+    power_fixed: float = parameter(
+        "power of what does not grow with the data rate",
+        unit=Unit("W"),
+        limit=NON_NEGATIVE,
+        default=0.4,
+    )
+    energy_per_bit: float = parameter(
+        "of reading out and processing",
+        unit=Unit("J / bit", "nJ / bit"),
+        limit=NON_NEGATIVE,
+        default=20e-9,
+    )
+    max_volume: float | None = parameter(
+        "None where there is no such limit", unit=Unit("m3", "cm3"), limit=POSITIVE, default=None
+    )
+    volume_fixed: float = parameter(
+        "volume of all but the lens", unit=Unit("m3", "cm3"), limit=NON_NEGATIVE, default=100e-6
+    )
+    length_ratio: float = parameter(
+        "length of the tube over the focal length", limit=POSITIVE, default=2.0
+    )
+    max_data_rate: float | None = parameter(
+        "None where there is no such limit",
+        unit=Unit("bit / s", "Mbit / s"),
+        limit=POSITIVE,
+        default=None,
+    )
+    max_cost: float | None = parameter(
+        "None where there is no such limit", limit=POSITIVE, default=None
+    )
+    cost_fixed: float = parameter(
+        "cost of all but the lens, in any currency", limit=NON_NEGATIVE, default=0.0
+    )
+    cost_of_metre: float = parameter(
+        "cost of a lens with an aperture of one metre", limit=NON_NEGATIVE, default=20e6
+    )
+    cost_power: float = parameter(
+        "with which the cost grows with the aperture", limit=POSITIVE, default=1.7
+    )
+    position_time: float = parameter(
+        "of a position of a calibration on the ground; assumed",
+        unit=Unit("s"),
+        limit=NON_NEGATIVE,
+        default=30.0,
+    )
+    calibration_price: float = parameter(
+        "of an hour of a calibration on the ground, in the unit of the cost",
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    cost_of_part: float = parameter(
+        "cost of a kilogram of a structure in aluminium, machined; assumed",
+        limit=NON_NEGATIVE,
+        default=500.0,
+    )
+    min_update_rate: float = parameter(
+        "attitudes in a second", unit=Unit("Hz"), limit=NON_NEGATIVE, default=1.0
+    )
+    min_stars: int = parameter(
         "stars above the detection threshold that `sky_fraction` of the sky must show",
-    ] = 5
-    sky_fraction: Annotated[
-        float, Range(0, 1), "fraction of the sky that must show `min_stars`"
-    ] = 0.99
-    min_availability: Annotated[
-        float, Range(0, 1), "fraction of trials with a correct attitude, see `limits`"
-    ] = 0.99
-    max_across: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
-    max_about: Annotated[float | None, Unit("rad", "arcsec"), POSITIVE, MAX_ERROR] = None
-    level: Annotated[
-        str,
+        limit=Range(1, 100),
+        default=5,
+    )
+    sky_fraction: float = parameter(
+        "fraction of the sky that must show `min_stars`", limit=Range(0, 1), default=0.99
+    )
+    min_availability: float = parameter(
+        "fraction of trials with a correct attitude, see `limits`", limit=Range(0, 1), default=0.99
+    )
+    max_across: float | None = parameter(
+        MAX_ERROR, unit=Unit("rad", "arcsec"), limit=POSITIVE, default=None
+    )
+    max_about: float | None = parameter(
+        MAX_ERROR, unit=Unit("rad", "arcsec"), limit=POSITIVE, default=None
+    )
+    level: str = parameter(
         'of these errors: "rms", or a percentage such as "99.73 %" that they must not exceed in '
         "so many cases",
-    ] = "rms"
-    kind: Annotated[
-        str,
-        Range(choices=KINDS),
+        default="rms",
+    )
+    kind: str = parameter(
         '"per axis": of the errors about single axes; "radial": of their length. About the '
         "boresight, both are the same",
-    ] = "per axis"
-    sky: Annotated[
-        str,
-        Range(choices=SKIES),
+        limit=Range(choices=KINDS),
+        default="per axis",
+    )
+    sky: str = parameter(
         '"whole": over the whole sky; "worst": in the worst of 12 regions of equal area',
-    ] = "whole"
-    confidence: Annotated[
-        float, Range(0.5, 0.9999), "with which trials must show what they show"
-    ] = 0.95
-    max_rate: Annotated[
-        float | None,
-        Unit("rad/s", "deg/s"),
-        POSITIVE,
+        limit=Range(choices=SKIES),
+        default="whole",
+    )
+    confidence: float = parameter(
+        "with which trials must show what they show", limit=Range(0.5, 0.9999), default=0.95
+    )
+    max_rate: float | None = parameter(
         "slew rate at which accuracy and availability must hold, too",
-    ] = None
-    min_keep_out: Annotated[
-        KeepOut, "angles to Sun, Moon and Earth at which they must hold, too"
-    ] = field(default_factory=KeepOut)
-    blinded: Annotated[
-        str,
-        Range(choices=BLINDED),
+        unit=Unit("rad/s", "deg/s"),
+        limit=POSITIVE,
+        default=None,
+    )
+    min_keep_out: KeepOut = parameter(
+        "angles to Sun, Moon and Earth at which they must hold, too", default_factory=KeepOut
+    )
+    blinded: str = parameter(
         "whether trials in which Sun, Moon or Earth are nearer than min_keep_out count in the "
         'availability and the errors: "counted" or "left out"',
-    ] = "counted"
-    cost_model: Annotated[
-        str,
-        Range(choices=COST_MODELS, code="costs"),
+        limit=Range(choices=BLINDED),
+        default="counted",
+    )
+    cost_model: str = parameter(
         '"aperture": as above; or code of one\'s own, see docs/extensions.md',
-    ] = "aperture"
-    checks: Annotated[
-        tuple[str, ...],
-        Range(code="requirements"),
+        limit=Range(choices=COST_MODELS, code="costs"),
+        default="aperture",
+    )
+    checks: tuple[str, ...] = parameter(
         "code of one's own, each of whose margins must not be negative",
-    ] = ()
+        limit=Range(code="requirements"),
+        default=(),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

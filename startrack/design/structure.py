@@ -3,16 +3,26 @@
 import cmath
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+)
 from startrack.design.variation import ABSOLUTE, RELATIVE, Scope, Variation
 from startrack.io import csv_table, regular_file
 from startrack.optics import Optics
@@ -66,7 +76,6 @@ SHEAR = 3.2  # of a rectangle: 2 (1 + 0.33) 6 / 5
 SPREAD = 1.5  # span of the feet over the diameter of the tube; assumed
 
 
-@dataclass(frozen=True)
 class Structure(Parameters):
     """What carries lens and detector on the spacecraft, and how warm it becomes.
 
@@ -111,156 +120,179 @@ class Structure(Parameters):
               gradient, 18 % with a flux and 15 % where the panel bends the base.
     """
 
-    material: Annotated[str, Range(choices=tuple(MATERIALS)), "of tube, base and feet"] = (
-        "aluminium"
+    material: str = parameter(
+        "of tube, base and feet", limit=Range(choices=tuple(MATERIALS)), default="aluminium"
     )
-    expansion: Annotated[float | None, EXPANSION, FINITE, "in place of the material's"] = None
-    conductivity: Annotated[
-        float | None, Unit("W / (m K)"), POSITIVE, "in place of the material's"
-    ] = None
-    length: Annotated[
-        float | None,
-        LENGTH,
-        NON_NEGATIVE,
+    expansion: float | None = parameter(
+        "in place of the material's", unit=EXPANSION, limit=FINITE, default=None
+    )
+    conductivity: float | None = parameter(
+        "in place of the material's", unit=Unit("W / (m K)"), limit=POSITIVE, default=None
+    )
+    length: float | None = parameter(
         "L, from the middle of the base to the lens; None: the focal length, the detector is there",
-    ] = None
-    diameter: Annotated[
-        float | None, LENGTH, POSITIVE, "D, of the tube; None: 1.96 apertures, as of nine lenses"
-    ] = None
-    wall: Annotated[float, LENGTH, POSITIVE, "u, thickness of the tube; assumed"] = 2e-3
-    feet_span: Annotated[
-        float | None,
-        LENGTH,
-        POSITIVE,
+        unit=LENGTH,
+        limit=NON_NEGATIVE,
+        default=None,
+    )
+    diameter: float | None = parameter(
+        "D, of the tube; None: 1.96 apertures, as of nine lenses",
+        unit=LENGTH,
+        limit=POSITIVE,
+        default=None,
+    )
+    wall: float = parameter(
+        "u, thickness of the tube; assumed", unit=LENGTH, limit=POSITIVE, default=2e-3
+    )
+    feet_span: float | None = parameter(
         "S, between opposite feet's middles; None: 1.5 diameters, assumed",
-    ] = None
-    height: Annotated[float, LENGTH, POSITIVE, "h, of the feet; assumed"] = 10e-3
-    feet_thickness: Annotated[
-        float, LENGTH, POSITIVE, "w, of a foot along the span: thin ones give way; assumed"
-    ] = 5e-3
-    base: Annotated[float, LENGTH, POSITIVE, "c, thickness of the base; assumed"] = 5e-3
-    offset: Annotated[
-        float,
-        LENGTH,
-        FINITE,
+        unit=LENGTH,
+        limit=POSITIVE,
+        default=None,
+    )
+    height: float = parameter("h, of the feet; assumed", unit=LENGTH, limit=POSITIVE, default=10e-3)
+    feet_thickness: float = parameter(
+        "w, of a foot along the span: thin ones give way; assumed",
+        unit=LENGTH,
+        limit=POSITIVE,
+        default=5e-3,
+    )
+    base: float = parameter(
+        "c, thickness of the base; assumed", unit=LENGTH, limit=POSITIVE, default=5e-3
+    )
+    offset: float = parameter(
         "o, of the lens along x from the middle of the feet, by their stiffness: 0 where they are "
         "alike about it",
-    ] = 0.0
-    plate_expansion: Annotated[
-        float, EXPANSION, FINITE, "p, of the panel of the platform: aluminium"
-    ] = 23.6e-6
-    bracket: Annotated[
-        float,
-        LENGTH,
-        NON_NEGATIVE,
+        unit=LENGTH,
+        limit=FINITE,
+        default=0.0,
+    )
+    plate_expansion: float = parameter(
+        "p, of the panel of the platform: aluminium", unit=EXPANSION, limit=FINITE, default=23.6e-6
+    )
+    bracket: float = parameter(
         "H, of what stands between the panel and the feet, made as the panel: 0 for errors at the "
         "head's flange",
-    ] = 0.0
-    lens_expansion: Annotated[
-        float,
-        EXPANSION,
-        FINITE,
+        unit=LENGTH,
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    lens_expansion: float = parameter(
         "e, relative change of the focal length of the lens alone, by its glasses",
-    ] = 5e-6
-    telecentric: Annotated[
-        float,
-        Range(0, 1),
+        unit=EXPANSION,
+        limit=FINITE,
+        default=5e-6,
+    )
+    telecentric: float = parameter(
         "T, 0: the exit pupil is at the nodal point; 1: it is infinitely far. By default the scale "
         "changes as that of the shipped Petzval lens, which is traced in aluminium: 20 um / (m K)",
-    ] = 0.2
-    detector_offset: Annotated[
-        float, LENGTH, FINITE, "along x, of the detector's middle from where its board is fixed"
-    ] = 0.0
-    board_expansion: Annotated[float, EXPANSION, FINITE, "of that board: of glass and epoxy"] = (
-        15e-6
+        limit=Range(0, 1),
+        default=0.2,
     )
-    swing: Annotated[
-        float, KELVIN, NON_NEGATIVE, "amplitude of the mean temperature over an orbit"
-    ] = 0.0
-    gradient_x: Annotated[
-        float,
-        GRADIENT,
-        NON_NEGATIVE,
+    detector_offset: float = parameter(
+        "along x, of the detector's middle from where its board is fixed",
+        unit=LENGTH,
+        limit=FINITE,
+        default=0.0,
+    )
+    board_expansion: float = parameter(
+        "of that board: of glass and epoxy", unit=EXPANSION, limit=FINITE, default=15e-6
+    )
+    swing: float = parameter(
+        "amplitude of the mean temperature over an orbit",
+        unit=KELVIN,
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    gradient_x: float = parameter(
         "G, amplitude over an orbit of the growth along x, in the panel, and as steep in the head",
-    ] = 0.0
-    gradient_y: Annotated[float, GRADIENT, NON_NEGATIVE, "likewise of y"] = 0.0
-    phase_x: Annotated[
-        float,
-        FINITE,
+        unit=GRADIENT,
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    gradient_y: float = parameter("likewise of y", unit=GRADIENT, limit=NON_NEGATIVE, default=0.0)
+    phase_x: float = parameter(
         "of the gradient along x, in periods before the mean temperature, which follows heat by a "
         "quarter",
-    ] = 0.25
-    phase_y: Annotated[float, FINITE, "likewise of y: a quarter more, the warm side goes round"] = (
-        0.5
+        limit=FINITE,
+        default=0.25,
     )
-    flux: Annotated[
-        float,
-        Unit("W / m2"),
-        NON_NEGATIVE,
+    phase_y: float = parameter(
+        "likewise of y: a quarter more, the warm side goes round", limit=FINITE, default=0.5
+    )
+    flux: float = parameter(
         "q, amplitude over an orbit of what the tube takes up on one side, in the middle of it, "
         "less on the other; about both axes, in phase with the gradients",
-    ] = 0.0
-    mean_profile: Annotated[
-        tuple[float, ...],
-        KELVIN,
+        unit=Unit("W / m2"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    mean_profile: tuple[float, ...] = parameter(
         "temperature above that of the calibration, evenly over an orbit; in place of `swing`, "
         "whatever the heater does",
-    ] = ()
-    gradient_x_profile: Annotated[
-        tuple[float, ...], GRADIENT, "likewise of the gradient, in place of `gradient_x`"
-    ] = ()
-    gradient_y_profile: Annotated[tuple[float, ...], GRADIENT, "likewise of y"] = ()
-    heat: Annotated[
-        Heat | None,
+        unit=KELVIN,
+        default=(),
+    )
+    gradient_x_profile: tuple[float, ...] = parameter(
+        "likewise of the gradient, in place of `gradient_x`", unit=GRADIENT, default=()
+    )
+    gradient_y_profile: tuple[float, ...] = parameter("likewise of y", unit=GRADIENT, default=())
+    heat: Heat | None = parameter(
         "orbit, surfaces and heat capacities that give mean temperature and flux over an orbit, "
         "in place of `swing`, `flux` and their phases; gradients in the panel remain",
-    ] = None
-    displacements: Annotated[
-        str,
-        core.FILE,
+        default=None,
+    )
+    displacements: str = parameter(
         "CSV of a thermo-elastic program, of nodes by kelvin, or kelvin / metre of a gradient: "
         "part (feet, detector, lens), load (mean, gradient_x, gradient_y, flux_x, flux_y), x, y, "
         "z, dx, dy, dz (metre, in the camera's axes); for the loads that it has, in place of the "
         'formulas; "": none',
-    ] = ""
-    calibration_offset: Annotated[
-        float,
-        KELVIN,
-        NON_NEGATIVE,
+        limit=core.FILE,
+        default="",
+    )
+    calibration_offset: float = parameter(
         "sigma, between units, of the mean temperature in flight from that of the calibration",
-    ] = 0.0
-    gradient_offset: Annotated[
-        float, GRADIENT, NON_NEGATIVE, "likewise of the gradient, per axis"
-    ] = 0.0
-    rise: Annotated[
-        float, KELVIN, NON_NEGATIVE, "by which the head warms itself after it is switched on"
-    ] = 0.0
-    rise_time: Annotated[float, Unit("s", "min"), POSITIVE, "time constant of it"] = 1800.0
-    since: Annotated[
-        float | None,
-        Unit("s", "min"),
-        NON_NEGATIVE,
+        unit=KELVIN,
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    gradient_offset: float = parameter(
+        "likewise of the gradient, per axis", unit=GRADIENT, limit=NON_NEGATIVE, default=0.0
+    )
+    rise: float = parameter(
+        "by which the head warms itself after it is switched on",
+        unit=KELVIN,
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    rise_time: float = parameter(
+        "time constant of it", unit=Unit("s", "min"), limit=POSITIVE, default=1800.0
+    )
+    since: float | None = parameter(
         "time since it was switched on; None: long ago, as at the calibration",
-    ] = None
-    heater: Annotated[
-        float,
-        Unit("W"),
-        NON_NEGATIVE,
+        unit=Unit("s", "min"),
+        limit=NON_NEGATIVE,
+        default=None,
+    )
+    heater: float = parameter(
         "mean power of heaters at the feet, or below the bracket, each controlled by itself: where "
         "a foot swings by A, with the gradient, it takes power / (conductance A) off swing and "
         "gradients",
-    ] = 0.0
-    conductance: Annotated[
-        float,
-        Unit("W / K"),
-        POSITIVE,
+        unit=Unit("W"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    conductance: float = parameter(
         "from the head to the platform, with its heat capacity: |G + i 2 pi C / orbit|, assumed",
-    ] = 0.5
-    focus: Annotated[
-        bool,
+        unit=Unit("W / K"),
+        limit=POSITIVE,
+        default=0.5,
+    )
+    focus: bool = parameter(
         "whether the defocus changes, too: images are then those of each environment, in several "
         "times the time",
-    ] = False
+        default=False,
+    )
 
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 

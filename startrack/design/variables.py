@@ -5,35 +5,42 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import product
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import FINITE, Floats, Parameters, Range, Refused, printed
-from startrack.design import parameter
+from startrack.core import FINITE, Floats, Parameters, Range, Refused, parameter, printed
 from startrack.design.case import Case
-from startrack.design.parameter import find, number, quantity, replaced_all, text, unchecked
+from startrack.design.parameter import (
+    find,
+    number,
+    quantity,
+    replaced_all,
+    text,
+    unchecked,
+    with_values,
+)
+from startrack.design.parameter import label as parameter_label
 from startrack.design.products import with_product
 from startrack.io import from_table, to_table
 
 
-@dataclass(frozen=True)
 class Variable(Parameters):
     """One parameter that may change."""
 
-    name: Annotated[
-        str,
+    name: str = parameter(
         'path in the case, such as "instrument.optics.focal_length"; in a list by number, such '
-        'as "instrument.motion.tones.0.rms_x". A whole number is rounded',
-    ]
-    low: Annotated[float | str, "bounds, with a unit where the parameter has one"]
-    high: Annotated[float | str, "bounds, with a unit where the parameter has one"]
-    scale: Annotated[
-        str, Range(choices=("linear", "log")), '"linear" or "log": how the range is walked through'
-    ] = "linear"
+        'as "instrument.motion.tones.0.rms_x". A whole number is rounded'
+    )
+    low: float | str = parameter("bounds, with a unit where the parameter has one")
+    high: float | str = parameter("bounds, with a unit where the parameter has one")
+    scale: str = parameter(
+        '"linear" or "log": how the range is walked through',
+        limit=Range(choices=("linear", "log")),
+        default="linear",
+    )
 
 
-@dataclass(frozen=True)
 class Link(Parameters):
     """One parameter that follows another, from their values in the design.
 
@@ -42,11 +49,11 @@ class Link(Parameters):
     The index 0 is that of the design as it is read.
     """
 
-    name: Annotated[str, "path of the parameter that follows"]
-    to: Annotated[
-        str, "path of the one that it follows, which may be no variable itself but follow one"
-    ]
-    power: Annotated[float, FINITE, "see above; 0 keeps the value"] = 1.0
+    name: str = parameter("path of the parameter that follows")
+    to: str = parameter(
+        "path of the one that it follows, which may be no variable itself but follow one"
+    )
+    power: float = parameter("see above; 0 keeps the value", limit=FINITE, default=1.0)
 
 
 AT_BOUND = 0.01  # of a variable's range: as near a bound counts as on it; chosen by hand
@@ -175,7 +182,7 @@ class DesignSpace:
     def labels(self) -> dict[str, str]:
         """The names of the variables, and how tables show them."""
         names = (variable.name for variable in self.variables)
-        return {name: parameter.label(self.case, name) for name in names}
+        return {name: parameter_label(self.case, name) for name in names}
 
     def text(self, case: Case) -> dict[str, str]:
         """The variables of a design as a person writes them, four digits and a unit."""
@@ -209,21 +216,20 @@ OPERATED = "frame_rate", "binning", "row_delay"
 OF_DEVICE = ("depleted",)  # of the age
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(Parameters):
     """One parameter that takes one of some values."""
 
-    name: Annotated[
-        str,
+    name: str = parameter(
         'path in the case; "instrument.detector" for a product of the catalogue, whose values '
         "take the place of all but exposure, frame rate, binning, row delay and age (whose "
-        "`depleted` is the product's)",
-    ]
-    values: Annotated[
-        tuple[float | str, ...], "numbers, texts with a unit where the parameter has one, or names"
-    ]
+        "`depleted` is the product's)"
+    )
+    values: tuple[float | str, ...] = parameter(
+        "numbers, texts with a unit where the parameter has one, or names"
+    )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.values or len(set(self.values)) < len(self.values):
             raise Refused(f"values must be given, each once, got {self.values}")
 
@@ -274,4 +280,4 @@ def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
             own["exposure"] = rest.pop(EXPOSURE)
         table["instrument"]["detector"] = {"product": rest.pop(DETECTOR)} | own
         case = from_table(Case, with_product(table))
-    return parameter.with_values(case, rest)
+    return with_values(case, rest)

@@ -5,13 +5,13 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, Parameters, Range, Refused
+from startrack.core import FINITE, NON_NEGATIVE, Parameters, Range, Refused, parameter
 from startrack.design.parameter import find, replaced_all, unchecked, unit_at
 
 LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
@@ -44,7 +44,6 @@ DIFFERENCE = (
 )
 
 
-@dataclass(frozen=True)
 class Variation(Parameters):
     """How one number of the truth differs by chance; the tracker does not know by how much.
 
@@ -62,42 +61,47 @@ class Variation(Parameters):
                    over a period
     """
 
-    name: Annotated[
-        str,
+    name: str = parameter(
         'dotted, of the truth: "instrument.optics.focal_length"; a curve over wavelength '
-        "changes relatively, all values alike",
-    ]
-    law: Annotated[str, Range(choices=LAWS), "see above"] = "normal"
-    sigma: Annotated[float | str, DIFFERENCE] = 0.0
-    low: Annotated[float | str, DIFFERENCE] = 0.0
-    high: Annotated[float | str, DIFFERENCE] = 0.0
-    mean: Annotated[float | str, DIFFERENCE] = 0.0
-    amplitude: Annotated[float | str, DIFFERENCE] = 0.0
-    values: Annotated[tuple[float | str, ...], "of the table, likewise"] = ()
-    phase: Annotated[float, FINITE, "of a sinusoid, in periods: ahead of others of its group"] = 0.0
-    vary: Annotated[
-        str,
-        Range(choices=(ABSOLUTE, RELATIVE)),
+        "changes relatively, all values alike"
+    )
+    law: str = parameter("see above", limit=Range(choices=LAWS), default="normal")
+    sigma: float | str = parameter(DIFFERENCE, default=0.0)
+    low: float | str = parameter(DIFFERENCE, default=0.0)
+    high: float | str = parameter(DIFFERENCE, default=0.0)
+    mean: float | str = parameter(DIFFERENCE, default=0.0)
+    amplitude: float | str = parameter(DIFFERENCE, default=0.0)
+    values: tuple[float | str, ...] = parameter("of the table, likewise", default=())
+    phase: float = parameter(
+        "of a sinusoid, in periods: ahead of others of its group", limit=FINITE, default=0.0
+    )
+    vary: str = parameter(
         '"absolute" or "relative": how the difference is meant',
-    ] = ABSOLUTE
-    per: Annotated[Scope, "unit, launch, environment, life or frame"] = Scope.UNIT
-    group: Annotated[str, 'variations of one group and scope share their z; "": its own'] = ""
-    correlation: Annotated[
-        float, Range(-1, 1), "with the z of its group; a sinusoid's phase is that of its group"
-    ] = 1.0
-    scale: Annotated[
-        float,
-        NON_NEGATIVE,
+        limit=Range(choices=(ABSOLUTE, RELATIVE)),
+        default=ABSOLUTE,
+    )
+    per: Scope = parameter("unit, launch, environment, life or frame", default=Scope.UNIT)
+    group: str = parameter(
+        'variations of one group and scope share their z; "": its own', default=""
+    )
+    correlation: float = parameter(
+        "with the z of its group; a sinusoid's phase is that of its group",
+        limit=Range(-1, 1),
+        default=1.0,
+    )
+    scale: float = parameter(
         "factor on all differences from the mean: a tolerance, which may be a variable of a "
         'campaign, such as "variation.0.scale"',
-    ] = 1.0
-    price: Annotated[
-        float,
-        NON_NEGATIVE,
+        limit=NON_NEGATIVE,
+        default=1.0,
+    )
+    price: float = parameter(
         "what it costs to halve `scale` from 1, in the unit of the requirements' cost; each "
         "further halving costs as much, and doubling it saves as much",
-    ] = 0.0
-    source: Annotated[str, "where the numbers are from; it has no effect"] = ""
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    source: str = parameter("where the numbers are from; it has no effect", default="")
 
     def __post_init__(self) -> None:
         super().__post_init__()

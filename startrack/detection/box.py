@@ -4,16 +4,25 @@ Between exposures an image stays where it is until its star has moved by a limit
 """
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import POSITIVE, Flags, Floats, Ints, Parameters, Refused, Singles, arcsec
+from startrack.core import (
+    POSITIVE,
+    Flags,
+    Floats,
+    Ints,
+    Parameters,
+    Refused,
+    Singles,
+    arcsec,
+    parameter,
+)
 from startrack.detection.pixels import Gain, corrected, gain_of
 from startrack.detection.plan import DetectionPlan
 
@@ -30,7 +39,6 @@ IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
 APPARENT = "magnitudes by which a star may seem fainter or brighter than its catalogue says"
 
 
-@dataclass(frozen=True)
 class Box(Parameters):
     """Search boxes about the places where stars are expected, as in trackers that are given
     the stars to take.
@@ -46,32 +54,34 @@ class Box(Parameters):
     averaged is assumed.
     """
 
-    half_width: Annotated[float, core.Unit("rad", "arcsec"), POSITIVE, "half side of a box"] = (
-        120 * arcsec
+    half_width: float = parameter(
+        "half side of a box", unit=core.Unit("rad", "arcsec"), limit=POSITIVE, default=120 * arcsec
     )
-    size: Annotated[int, "pixel, side of an image: 4, 6 (without its corners) or 8"] = 6
-    background: Annotated[
-        str,
-        core.Range(choices=BACKGROUNDS),
+    size: int = parameter("pixel, side of an image: 4, 6 (without its corners) or 8", default=6)
+    background: str = parameter(
         '"dynamic": middle half of eight pixels at the corners of 8 x 8; "none": 0',
-    ] = "dynamic"
-    fainter: Annotated[float, POSITIVE, APPARENT] = 1.5
-    brighter: Annotated[float, POSITIVE, APPARENT] = 1.5
-    moves: Annotated[
-        float,
-        core.Range(0.4, 2.0),
+        limit=core.Range(choices=BACKGROUNDS),
+        default="dynamic",
+    )
+    fainter: float = parameter(APPARENT, limit=POSITIVE, default=1.5)
+    brighter: float = parameter(APPARENT, limit=POSITIVE, default=1.5)
+    moves: float = parameter(
         "pixel, of the moment from the middle, from which on an image moves",
-    ] = 0.53
-    stars: Annotated[
-        int, core.Range(2, 1000), "boxes, about the brightest stars of the catalogue in the field"
-    ] = 8
-    prior: Annotated[
-        float,
-        core.Unit("rad", "arcsec"),
-        POSITIVE,
+        limit=core.Range(0.4, 2.0),
+        default=0.53,
+    )
+    stars: int = parameter(
+        "boxes, about the brightest stars of the catalogue in the field",
+        limit=core.Range(2, 1000),
+        default=8,
+    )
+    prior: float = parameter(
         "radian rms per axis, error of the attitude that a single trial expects the stars by; "
         "in a sequence it is that of the filter",
-    ] = 4 * arcsec
+        unit=core.Unit("rad", "arcsec"),
+        limit=POSITIVE,
+        default=4 * arcsec,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,10 +1,19 @@
 """Detection: how spots are distinguished from noise, and how they are measured."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import Annotated, Self
+from dataclasses import replace
+from typing import Self
 
-from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, within
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+    within,
+)
 from startrack.detection.methods import CENTROIDS
 from startrack.detection.pixels import DarkMap
 
@@ -25,88 +34,95 @@ SMEAR = (
 )
 
 
-@dataclass(frozen=True)
 class Detection(Parameters):
     """How spots are found and measured. The defaults serve real images of many cameras."""
 
-    centroid: Annotated[
-        str,
-        Range(choices=CENTROIDS, code="centroids"),
+    centroid: str = parameter(
         '"gravity": centre of gravity; "weighted": under a Gaussian weight that follows the '
         'star; "gaussian": fit of a Gaussian, its width too; "likelihood": fit of the design\'s '
         "PSF; or code of one's own, see docs/extensions.md",
-    ] = "gravity"
-    compensation: Annotated[
-        str,
-        Range(choices=COMPENSATIONS),
+        limit=Range(choices=CENTROIDS, code="centroids"),
+        default="gravity",
+    )
+    compensation: str = parameter(
         'of "gravity" for what its window cuts off and pixels average: "none", "gaussian" as '
         'for a Gaussian star of unknown width, "psf" by the design\'s PSF',
-    ] = "gaussian"
-    kernel: Annotated[
-        str,
-        Range(choices=KERNELS),
+        limit=Range(choices=COMPENSATIONS),
+        default="gaussian",
+    )
+    kernel: str = parameter(
         'of the matched filter: "gaussian" of kernel_sigma, or the design\'s "psf"',
-    ] = "gaussian"
-    smear_x: Annotated[float | None, SMEAR] = None
-    smear_y: Annotated[float | None, SMEAR] = None
-    threshold: Annotated[
-        float,
-        POSITIVE,
+        limit=Range(choices=KERNELS),
+        default="gaussian",
+    )
+    smear_x: float | None = parameter(SMEAR, default=None)
+    smear_y: float | None = parameter(SMEAR, default=None)
+    threshold: float = parameter(
         "sigma of the filtered frame, above the background, that a spot must exceed",
-    ] = 5.5
-    false_per_frame: Annotated[
-        float | None,
-        Range(1e-12, 1e3),
+        limit=POSITIVE,
+        default=5.5,
+    )
+    false_per_frame: float | None = parameter(
         "false spots that noise may make on average in what is searched; where given, the "
         "threshold follows from it",
-    ] = None
-    kernel_sigma: Annotated[
-        float,
-        Range(0.3, 10),
+        limit=Range(1e-12, 1e3),
+        default=None,
+    )
+    kernel_sigma: float = parameter(
         "pixel, sigma of the Gaussian matched filter; best near that of the stars",
-    ] = 1.0
-    window: Annotated[
-        int, Range(3, 31), "pixel, odd side of the square whose centre of gravity is taken"
-    ] = 5
-    mesh: Annotated[
-        int, Range(8, 1024), "pixel, side of the tiles that background and noise are estimated on"
-    ] = 32
-    min_area: Annotated[
-        int, Range(1, 2**30), "pixel, smallest connected component above the threshold"
-    ] = 1
-    max_area: Annotated[
-        int, Range(1, 2**30), "pixel, largest one; trees, clouds and the Earth's limb are larger"
-    ] = 1000
-    max_spots: Annotated[int, Range(1, 2**30), "the brightest so many are kept"] = 100
-    sharpest_sigma: Annotated[
-        float,
-        NON_NEGATIVE,
+        limit=Range(0.3, 10),
+        default=1.0,
+    )
+    window: int = parameter(
+        "pixel, odd side of the square whose centre of gravity is taken",
+        limit=Range(3, 31),
+        default=5,
+    )
+    mesh: int = parameter(
+        "pixel, side of the tiles that background and noise are estimated on",
+        limit=Range(8, 1024),
+        default=32,
+    )
+    min_area: int = parameter(
+        "pixel, smallest connected component above the threshold", limit=Range(1, 2**30), default=1
+    )
+    max_area: int = parameter(
+        "pixel, largest one; trees, clouds and the Earth's limb are larger",
+        limit=Range(1, 2**30),
+        default=1000,
+    )
+    max_spots: int = parameter("the brightest so many are kept", limit=Range(1, 2**30), default=100)
+    sharpest_sigma: float = parameter(
         "pixel, sigma of the sharpest star; what is sharper is a hot pixel. 0 keeps all",
-    ] = 0.35
-    saturation: Annotated[
-        float | None,
-        POSITIVE,
+        limit=NON_NEGATIVE,
+        default=0.35,
+    )
+    saturation: float | None = parameter(
         "digital number from which a pixel's value is no longer known; None if never",
-    ] = None
-    edge: Annotated[
-        int, Range(0, 2**20), "pixel, how far a window must stay from the border of the frame"
-    ] = 0
-    dark_map: Annotated[
-        DarkMap | None, "what the tracker knows of the dark signal of its pixels; None: nothing"
-    ] = None
-    dark_map_age: Annotated[
-        float | None,
-        Unit("s", "yr"),
-        NON_NEGATIVE,
+        limit=POSITIVE,
+        default=None,
+    )
+    edge: int = parameter(
+        "pixel, how far a window must stay from the border of the frame",
+        limit=Range(0, 2**20),
+        default=0,
+    )
+    dark_map: DarkMap | None = parameter(
+        "what the tracker knows of the dark signal of its pixels; None: nothing", default=None
+    )
+    dark_map_age: float | None = parameter(
         "second in orbit at which its dark map is made; before, and None: of the same day",
-    ] = None
-    search: Annotated[
-        str,
-        Range(choices=SEARCHES, code="detections"),
+        unit=Unit("s", "yr"),
+        limit=NON_NEGATIVE,
+        default=None,
+    )
+    search: str = parameter(
         '"filter": peaks of the matched filter above the threshold; or code of one\'s own, see '
         "docs/extensions.md, which finds the stars of whole frames without threshold, kernel, "
         "mesh and areas",
-    ] = "filter"
+        limit=Range(choices=SEARCHES, code="detections"),
+        default="filter",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,15 +2,25 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Annotated, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import Flags, Floats, Ints, Parameters, Refused, Singles, kernel, printed
+from startrack.core import (
+    Flags,
+    Floats,
+    Ints,
+    Parameters,
+    Refused,
+    Singles,
+    kernel,
+    parameter,
+    printed,
+)
 from startrack.detection.robust import clipped
 
 # Dark frames of a map, at most: of more the mean has less than 3 % of the noise of a frame, and a
@@ -18,7 +28,6 @@ from startrack.detection.robust import clipped
 LONGEST_MEAN = 1024
 
 
-@dataclass(frozen=True)
 class DarkMap(Parameters):
     """A map of the dark signal of each pixel, which the tracker measured on its own detector.
 
@@ -27,22 +36,23 @@ class DarkMap(Parameters):
     own number, because its shot noise cannot be subtracted.
     """
 
-    frames: Annotated[
-        int,
-        core.Range(1, LONGEST_MEAN),
+    frames: int = parameter(
         "dark frames with the exposure and temperature of the flight, whose mean it is",
-    ] = 64
-    step: Annotated[
-        float, core.POSITIVE, "digital number, to whose multiples the map is rounded"
-    ] = 1.0
-    hot: Annotated[
-        float,
-        core.POSITIVE,
+        limit=core.Range(1, LONGEST_MEAN),
+        default=64,
+    )
+    step: float = parameter(
+        "digital number, to whose multiples the map is rounded", limit=core.POSITIVE, default=1.0
+    )
+    hot: float = parameter(
         "sigma of a pixel's noise by which the dark signal of a hot pixel exceeds the median",
-    ] = 5.0
-    subtracted: Annotated[
-        bool, "whether dark signal is subtracted; if not, the tracker has a list of hot pixels only"
-    ] = True
+        limit=core.POSITIVE,
+        default=5.0,
+    )
+    subtracted: bool = parameter(
+        "whether dark signal is subtracted; if not, the tracker has a list of hot pixels only",
+        default=True,
+    )
 
 
 @printed

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Annotated, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, within
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+    within,
+)
 from startrack.space import solar_protons, trapped_electrons, trapped_protons
 
 # Trapped protons in a circular orbit at 550 km for five years: AP-8 at solar minimum, SHIELDOSE-2,
@@ -188,7 +198,6 @@ TABLE = 4000  # entries of these tables
 MANY = 1e4  # mean number of events, beyond which no table has their probabilities
 
 
-@dataclass(frozen=True)
 class Flicker(Parameters):
     """Pixels whose dark current jumps at random (random telegraph signal).
 
@@ -202,22 +211,31 @@ class Flicker(Parameters):
     600 to 800 and above 1000 electron / s); the dwell time is theirs (chandra_aca, aca_image.py).
     """
 
-    down: Annotated[float, Range(0, 1), "fraction of the jumps below the mean"] = 0.448
-    step: Annotated[float, POSITIVE, "scale of the jumps of the coldest pixels, in decades"] = 0.117
-    current: Annotated[
-        float,
-        Unit("electron / s"),
-        POSITIVE,
-        "electron / second, at which the scale is half of that",
-    ] = 344.0
-    power: Annotated[float, POSITIVE, "exponent with which the scale falls with the current"] = (
-        0.695
+    down: float = parameter(
+        "fraction of the jumps below the mean", limit=Range(0, 1), default=0.448
     )
-    largest: Annotated[float, POSITIVE, "decades; a longer jump ends there"] = 0.35
-    least: Annotated[
-        float, Unit("electron / s"), NON_NEGATIVE, "electron / second, of a pixel that flickers"
-    ] = 50.0
-    dwell: Annotated[float, Unit("s"), POSITIVE, "mean time between jumps"] = 10e3
+    step: float = parameter(
+        "scale of the jumps of the coldest pixels, in decades", limit=POSITIVE, default=0.117
+    )
+    current: float = parameter(
+        "electron / second, at which the scale is half of that",
+        unit=Unit("electron / s"),
+        limit=POSITIVE,
+        default=344.0,
+    )
+    power: float = parameter(
+        "exponent with which the scale falls with the current", limit=POSITIVE, default=0.695
+    )
+    largest: float = parameter("decades; a longer jump ends there", limit=POSITIVE, default=0.35)
+    least: float = parameter(
+        "electron / second, of a pixel that flickers",
+        unit=Unit("electron / s"),
+        limit=NON_NEGATIVE,
+        default=50.0,
+    )
+    dwell: float = parameter(
+        "mean time between jumps", unit=Unit("s"), limit=POSITIVE, default=10e3
+    )
 
     def scale(self, current: Floats) -> Floats:
         """Decades, of pixels of dark currents (electron / s)."""
@@ -233,7 +251,6 @@ class Flicker(Parameters):
         return np.asarray(np.clip(step, -self.largest, self.largest))
 
 
-@dataclass(frozen=True)
 class Age(Parameters):
     """Years in orbit, and what they did to the detector.
 
@@ -253,92 +270,94 @@ class Age(Parameters):
     distribution, whose mean is published between some 3000 and 6000 electron / s at 296 K.
     """
 
-    time: Annotated[
-        float | None,
-        Unit("s", "yr"),
-        Range(0, 100 * YEAR),
+    time: float | None = parameter(
         "second in orbit; None: from `year` and `launch`",
-    ] = None
-    year: Annotated[
-        float | None, Range(1950, 2150), "calendar years, such as 2017.0 and 1999.56"
-    ] = None
-    launch: Annotated[
-        float | None, Range(1950, 2150), "calendar years, such as 2017.0 and 1999.56"
-    ] = None
-    family: Annotated[str, Range(choices=FAMILIES), '"interactions" or "chandra-aca"'] = (
-        "interactions"
+        unit=Unit("s", "yr"),
+        limit=Range(0, 100 * YEAR),
+        default=None,
     )
-    fluence: Annotated[
-        float,
-        Unit("m-2 / s", "cm-2 / yr"),
-        NON_NEGATIVE,
+    year: float | None = parameter(
+        "calendar years, such as 2017.0 and 1999.56", limit=Range(1950, 2150), default=None
+    )
+    launch: float | None = parameter(
+        "calendar years, such as 2017.0 and 1999.56", limit=Range(1950, 2150), default=None
+    )
+    family: str = parameter(
+        '"interactions" or "chandra-aca"', limit=Range(choices=FAMILIES), default="interactions"
+    )
+    fluence: float = parameter(
         "proton equivalents of 10 MeV, of a square metre and a second, behind the shield; of "
         'the family "interactions"',
-    ] = 0.0
-    inclination: Annotated[
-        float | None,
-        Unit("rad", "deg"),
+        unit=Unit("m-2 / s", "cm-2 / yr"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    inclination: float | None = parameter(
         "of a circular orbit, from which the fluence of trapped particles then follows",
-    ] = None
-    altitude: Annotated[
-        float,
-        Unit("m", "km"),
-        Range(150e3, 4e7),
+        unit=Unit("rad", "deg"),
+        default=None,
+    )
+    altitude: float = parameter(
         "of that orbit; for others than 550 km, which has a table of protons alone, extra "
         "`radiation`",
-    ] = ALTITUDE
-    solar_events: Annotated[
-        float,
-        Unit("s-1", "yr-1"),
-        NON_NEGATIVE,
+        unit=Unit("m", "km"),
+        limit=Range(150e3, 4e7),
+        default=ALTITUDE,
+    )
+    solar_events: float = parameter(
         "anomalously large events of the Sun, as of August 1972, whose protons are added (extra "
         "`radiation`): one in an active period of seven years was seen in 1964 to 1972",
-    ] = 0.0
-    shielding: Annotated[
-        float | None,
-        Unit("m", "mm"),
-        Range(float(THICKNESS[0]), float(THICKNESS[-1])),
+        unit=Unit("s-1", "yr-1"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    shielding: float | None = parameter(
         "of aluminium around the detector in that orbit",
-    ] = None
-    dose: Annotated[
-        float | None,
-        Unit("Gy / s", "krad / yr"),
-        NON_NEGATIVE,
+        unit=Unit("m", "mm"),
+        limit=Range(float(THICKNESS[0]), float(THICKNESS[-1])),
+        default=None,
+    )
+    dose: float | None = parameter(
         "gray / second, ionising, of protons in silicon behind the shield, from which the "
         "fluence then follows: of any orbit, and with those of the Sun, such as SPENVIS "
         "computes by the models of ECSS-E-ST-10-04C",
-    ] = None
-    depleted: Annotated[
-        float,
-        Unit("m", "um"),
-        POSITIVE,
+        unit=Unit("Gy / s", "krad / yr"),
+        limit=NON_NEGATIVE,
+        default=None,
+    )
+    depleted: float = parameter(
         "depth of the silicon whose damage makes dark current; of the same",
-    ] = 10e-6
-    interaction: Annotated[
-        float,
-        Unit("electron / s"),
-        POSITIVE,
+        unit=Unit("m", "um"),
+        limit=POSITIVE,
+        default=10e-6,
+    )
+    interaction: float = parameter(
         "electron / second, mean dark current of an interaction, at 296 K; of the same",
-    ] = 4000.0
-    annealed: Annotated[
-        float, Range(0, 1), "fraction of the damage's dark current that annealing took away"
-    ] = 0.0
-    flicker: Annotated[
-        Flicker | None, "pixels with random telegraph signal; None: none flicker"
-    ] = None
-    sensitivity_loss: Annotated[
-        float,
-        Unit("s-1", "yr-1"),
-        NON_NEGATIVE,
+        unit=Unit("electron / s"),
+        limit=POSITIVE,
+        default=4000.0,
+    )
+    annealed: float = parameter(
+        "fraction of the damage's dark current that annealing took away",
+        limit=Range(0, 1),
+        default=0.0,
+    )
+    flicker: Flicker | None = parameter(
+        "pixels with random telegraph signal; None: none flicker", default=None
+    )
+    sensitivity_loss: float = parameter(
         "of the light: glass that darkens, quantum efficiency that falls",
-    ] = 0.0
-    transfer_loss: Annotated[
-        float,
-        Unit("s-1", "yr-1"),
-        Range(0, 1e-3 / YEAR),
+        unit=Unit("s-1", "yr-1"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    transfer_loss: float = parameter(
         "by which the fraction of the charge that a CCD leaves behind in a transfer from row to "
         "row grows; it follows in the next row. Rows are read from the first on",
-    ] = 0.0
+        unit=Unit("s-1", "yr-1"),
+        limit=Range(0, 1e-3 / YEAR),
+        default=0.0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

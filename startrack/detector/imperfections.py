@@ -1,18 +1,15 @@
 """Thermal, Hits, Defects, Pattern: what a real detector adds to an ideal one."""
 
 import math
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Ints, Parameters, Range, Unit
+from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Ints, Parameters, Range, Unit, parameter
 
 ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
 
 
-@dataclass(frozen=True)
 class Thermal(Parameters):
     """Temperature of the detector, growth of its dark current, reset noise.
 
@@ -30,23 +27,30 @@ class Thermal(Parameters):
     Proc. SPIE 4669, 193, for the activation energy.
     """
 
-    temperature: Annotated[float, Unit("K", absolute=True), Range(0, 500), "of the pixels"]
-    reference: Annotated[
-        float, Unit("K", absolute=True), POSITIVE, "of the dark_current of the detector"
-    ] = 293.15
-    doubling: Annotated[float, Unit("K"), POSITIVE, "in which the dark current doubles"] = 8.0
-    activation: Annotated[
-        float,
-        Unit("J", "eV"),
-        NON_NEGATIVE,
+    temperature: float = parameter(
+        "of the pixels", unit=Unit("K", absolute=True), limit=Range(0, 500)
+    )
+    reference: float = parameter(
+        "of the dark_current of the detector",
+        unit=Unit("K", absolute=True),
+        limit=POSITIVE,
+        default=293.15,
+    )
+    doubling: float = parameter(
+        "in which the dark current doubles", unit=Unit("K"), limit=POSITIVE, default=8.0
+    )
+    activation: float = parameter(
         "joule, activation energy of the dark current; 0: it doubles in steps",
-    ] = 0.0
-    capacitance: Annotated[
-        float,
-        Unit("F", "fF"),
-        NON_NEGATIVE,
+        unit=Unit("J", "eV"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    capacitance: float = parameter(
         "farad, of the sense node; 0 with correlated double sampling",
-    ] = 0.0
+        unit=Unit("F", "fF"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
 
     @property
     def growth(self) -> float:
@@ -69,7 +73,6 @@ SAMPLES = 16  # points per pixel along a track; chosen by hand: lengths in 1/16 
 LEAST_COSINE = 0.01  # to the normal; only one track in 10 000 has a smaller one
 
 
-@dataclass(frozen=True)
 class Hits(Parameters):
     """Particles through the sensitive layer.
 
@@ -80,16 +83,20 @@ class Hits(Parameters):
     micrometre (Particle Data Group, Passage of particles through matter).
     """
 
-    rate: Annotated[
-        float,
-        Unit("m-2 s-1", "cm-2 s-1"),
-        NON_NEGATIVE,
+    rate: float = parameter(
         "particle / m^2 / s through the surface, from both sides",
-    ]
-    charge: Annotated[
-        float, Unit("electron / m", "electron / um"), POSITIVE, "electron / m along the track"
-    ] = 80e6
-    depth: Annotated[float, Unit("m", "um"), POSITIVE, "of the sensitive layer"] = 10e-6
+        unit=Unit("m-2 s-1", "cm-2 s-1"),
+        limit=NON_NEGATIVE,
+    )
+    charge: float = parameter(
+        "electron / m along the track",
+        unit=Unit("electron / m", "electron / um"),
+        limit=POSITIVE,
+        default=80e6,
+    )
+    depth: float = parameter(
+        "of the sensitive layer", unit=Unit("m", "um"), limit=POSITIVE, default=10e-6
+    )
 
 
 def tracks(
@@ -124,7 +131,6 @@ def tracks(
     return pixel, electrons.astype(float)
 
 
-@dataclass(frozen=True)
 class Defects(Parameters):
     """Pixels with deviating dark current or response, fixed for each device.
 
@@ -136,21 +142,23 @@ class Defects(Parameters):
     Transactions on Nuclear Science 43, 614).
     """
 
-    dsnu: Annotated[
-        float,
-        Unit("electron / s"),
-        NON_NEGATIVE,
+    dsnu: float = parameter(
         "electron / second rms over the pixels, at the reference temperature",
-    ] = 0.0
-    hot: Annotated[float, Range(0, 1), "fraction of the pixels"] = 0.0
-    hot_current: Annotated[
-        float,
-        Unit("electron / s"),
-        NON_NEGATIVE,
+        unit=Unit("electron / s"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    hot: float = parameter("fraction of the pixels", limit=Range(0, 1), default=0.0)
+    hot_current: float = parameter(
         "electron / second, mean over the hot pixels, at the reference temperature",
-    ] = 0.0
-    dead: Annotated[float, Range(0, 1), "fraction of the pixels"] = 0.0
-    dead_columns: Annotated[int, Range(0, 2**16), "number of columns without response"] = 0
+        unit=Unit("electron / s"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    dead: float = parameter("fraction of the pixels", limit=Range(0, 1), default=0.0)
+    dead_columns: int = parameter(
+        "number of columns without response", limit=Range(0, 2**16), default=0
+    )
 
 
 def photo_response(
@@ -186,21 +194,20 @@ def dark_response(
 LINE_NOISE = "electron rms, random in each frame"
 
 
-@dataclass(frozen=True)
 class Pattern(Parameters):
     """Normal offsets of the signal that the pixels of a row or column share.
 
     Source: EMVA 1288 release 4.0, section 2.3 (row and column variances).
     """
 
-    row: Annotated[float, Unit("electron"), NON_NEGATIVE, LINE_NOISE] = 0.0
-    column: Annotated[float, Unit("electron"), NON_NEGATIVE, LINE_NOISE] = 0.0
-    column_offset: Annotated[
-        float,
-        Unit("electron"),
-        NON_NEGATIVE,
+    row: float = parameter(LINE_NOISE, unit=Unit("electron"), limit=NON_NEGATIVE, default=0.0)
+    column: float = parameter(LINE_NOISE, unit=Unit("electron"), limit=NON_NEGATIVE, default=0.0)
+    column_offset: float = parameter(
         "electron rms over the columns, fixed for each device",
-    ] = 0.0
+        unit=Unit("electron"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
 
 
 def offsets(

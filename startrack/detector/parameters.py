@@ -2,30 +2,43 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from dataclasses import replace
+from typing import ClassVar
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, um
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+    um,
+)
 from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
 
 KINDS = ("line", "staggered", "tdi", "lines")
 
 
-@dataclass(frozen=True)
 class Line(Parameters):
     """A line of pixels: its position, delay and gain."""
 
-    row: Annotated[float, FINITE, "pixel of the camera"]
-    shift: Annotated[float, FINITE, "pixel of the camera, of its first column"] = 0.0
-    delay: Annotated[
-        float, FINITE, "exposures, of its exposure behind that of a line without delay"
-    ] = 0.0
-    gain: Annotated[float, FINITE, "factor on what the pixels of the line collect"] = 1.0
-    phase: Annotated[
-        int, Range(0, 15), "number of the interleaved lines of the image to which it adds"
-    ] = 0
+    row: float = parameter("pixel of the camera", limit=FINITE)
+    shift: float = parameter("pixel of the camera, of its first column", limit=FINITE, default=0.0)
+    delay: float = parameter(
+        "exposures, of its exposure behind that of a line without delay", limit=FINITE, default=0.0
+    )
+    gain: float = parameter(
+        "factor on what the pixels of the line collect", limit=FINITE, default=1.0
+    )
+    phase: int = parameter(
+        "number of the interleaved lines of the image to which it adds",
+        limit=Range(0, 15),
+        default=0,
+    )
 
 
 def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...]:
@@ -47,7 +60,6 @@ def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
     return Line(row), Line(row + distance, 0.5, distance, phase=1)
 
 
-@dataclass(frozen=True)
 class Scan(Parameters):
     """A detector of lines, whose image grows while the camera turns.
 
@@ -56,15 +68,15 @@ class Scan(Parameters):
     image.
     """
 
-    kind: Annotated[
-        str,
-        Range(choices=KINDS),
+    kind: str = parameter(
         '"line", "staggered", "tdi", or "lines" for any others, given in `lines`',
-    ] = "line"
-    stages: Annotated[int, Range(1, 2**12), "of a TDI"] = 1
-    distance: Annotated[float, NON_NEGATIVE, "pixel between staggered lines"] = 4.0
-    upward: Annotated[bool, "whether the charge of a TDI moves to smaller rows"] = False
-    lines: Annotated[tuple[Line, ...], 'lines of the kind "lines"'] = ()
+        limit=Range(choices=KINDS),
+        default="line",
+    )
+    stages: int = parameter("of a TDI", limit=Range(1, 2**12), default=1)
+    distance: float = parameter("pixel between staggered lines", limit=NON_NEGATIVE, default=4.0)
+    upward: bool = parameter("whether the charge of a TDI moves to smaller rows", default=False)
+    lines: tuple[Line, ...] = parameter('lines of the kind "lines"', default=())
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -103,17 +115,15 @@ EFFECTS_BY_CODE = ("charge_effects", "signal_effects", "image_effects")
 ROOM = core.ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
 
 
-@dataclass(frozen=True)
 class RegionOfInterest(Parameters):
     """The part of an array that is read."""
 
-    left: Annotated[int, Range(0, 2**16), "pixel of the array, where the image begins"]
-    top: Annotated[int, Range(0, 2**16), "pixel of the array, where the image begins"]
-    array_columns: Annotated[int, Range(1, 2**16), "pixel, of the array"]
-    array_rows: Annotated[int, Range(1, 2**16), "pixel, of the array"]
+    left: int = parameter("pixel of the array, where the image begins", limit=Range(0, 2**16))
+    top: int = parameter("pixel of the array, where the image begins", limit=Range(0, 2**16))
+    array_columns: int = parameter("pixel, of the array", limit=Range(1, 2**16))
+    array_rows: int = parameter("pixel, of the array", limit=Range(1, 2**16))
 
 
-@dataclass(frozen=True)
 class Detector(Parameters):
     """A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0).
 
@@ -126,134 +136,152 @@ class Detector(Parameters):
         "multiplication": "em_gain",
     }
 
-    columns: Annotated[int, Range(1, 2**16), "pixel, of the image"]
-    rows: Annotated[int, Range(1, 2**16), "pixel, of the image"]
-    pixel_pitch: Annotated[
-        float, Unit("m", "um"), POSITIVE, "of a pixel of the array, which is square"
-    ]
-    exposure: Annotated[float, Unit("s", "ms"), POSITIVE, "in which a frame collects light"]
-    quantum_efficiency: Annotated[core.Curve, "electron / photon over wavelength"] = core.ALL
-    fill_factor: Annotated[float, Range(0.01, 1), "fraction of a pixel that detects"] = 1.0
-    dark_current: Annotated[float, Unit("electron / s"), NON_NEGATIVE, "electron / second"] = 0.0
-    read_noise: Annotated[
-        float,
-        Unit("electron"),
-        NON_NEGATIVE,
+    columns: int = parameter("pixel, of the image", limit=Range(1, 2**16))
+    rows: int = parameter("pixel, of the image", limit=Range(1, 2**16))
+    pixel_pitch: float = parameter(
+        "of a pixel of the array, which is square", unit=Unit("m", "um"), limit=POSITIVE
+    )
+    exposure: float = parameter(
+        "in which a frame collects light", unit=Unit("s", "ms"), limit=POSITIVE
+    )
+    quantum_efficiency: core.Curve = parameter(
+        "electron / photon over wavelength", default=core.ALL
+    )
+    fill_factor: float = parameter(
+        "fraction of a pixel that detects", limit=Range(0.01, 1), default=1.0
+    )
+    dark_current: float = parameter(
+        "electron / second", unit=Unit("electron / s"), limit=NON_NEGATIVE, default=0.0
+    )
+    read_noise: float = parameter(
         "electron rms, temporal dark noise of the signal chain",
-    ] = 0.0
-    read_noise_rate: Annotated[
-        float | None,
-        Unit("pix / s", "Mpix / s"),
-        POSITIVE,
+        unit=Unit("electron"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    read_noise_rate: float | None = parameter(
         "pixel / second at which read_noise holds, where a datasheet says it; budgets and trials "
         "do not change with it, and name a faster pixel_rate",
-    ] = None
-    prnu: Annotated[float, Range(0, 0.5), "rms of the photo response over the pixels"] = 0.0
-    full_well: Annotated[float, Unit("electron"), POSITIVE, "electron"] = 50e3
-    bits: Annotated[
-        int, Range(1, 24), "of the converter; its largest number is the full well over `gain`"
-    ] = 12
-    offset: Annotated[int, Range(0), "digital number of an empty pixel"] = 0
-    pixel_rate: Annotated[
-        float,
-        Unit("pix / s", "Mpix / s"),
-        POSITIVE,
+        unit=Unit("pix / s", "Mpix / s"),
+        limit=POSITIVE,
+        default=None,
+    )
+    prnu: float = parameter(
+        "rms of the photo response over the pixels", limit=Range(0, 0.5), default=0.0
+    )
+    full_well: float = parameter("electron", unit=Unit("electron"), limit=POSITIVE, default=50e3)
+    bits: int = parameter(
+        "of the converter; its largest number is the full well over `gain`",
+        limit=Range(1, 24),
+        default=12,
+    )
+    offset: int = parameter("digital number of an empty pixel", limit=Range(0), default=0)
+    pixel_rate: float = parameter(
         "pixel / second of the read-out, which sets the update rate",
-    ] = 40e6
-    frame_rate: Annotated[
-        float | None,
-        Unit("Hz"),
-        POSITIVE,
+        unit=Unit("pix / s", "Mpix / s"),
+        limit=POSITIVE,
+        default=40e6,
+    )
+    frame_rate: float | None = parameter(
         "frames a second; None: the next exposure begins when the frame before is read. At most "
         "such that the longer of exposure and read-out fits into a period",
-    ] = None
-    device_seed: Annotated[int, Range(0, 2**63 - 1), "seed of the maps of one device"] = 0
-    binning: Annotated[
-        int,
-        Range(1, 64),
+        unit=Unit("Hz"),
+        limit=POSITIVE,
+        default=None,
+    )
+    device_seed: int = parameter(
+        "seed of the maps of one device", limit=Range(0, 2**63 - 1), default=0
+    )
+    binning: int = parameter(
         "pixels of the array on a side of a pixel of the image, added as charge; dark_current, "
         "prnu and defects are those of a pixel of the array",
-    ] = 1
-    region: Annotated[
-        RegionOfInterest | None, "part of the array that is the image, None for all"
-    ] = None
-    row_delay: Annotated[
-        float,
-        Unit("s", "us"),
-        NON_NEGATIVE,
-        "by which each row's exposure starts after the one before: 0 for a global shutter",
-    ] = 0.0
-    thermal: Annotated[
-        Thermal | None, "temperature; None: dark_current is that of the operating temperature"
-    ] = None
-    defects: Annotated[Defects | None, "hot and dead pixels"] = None
-    diffusion: Annotated[
-        float,
-        Unit("m", "um"),
-        NON_NEGATIVE,
-        "sigma per axis of the Gaussian by which charge spreads before it is collected",
-    ] = 0.0
-    crosstalk: Annotated[
-        float,
-        Range(0, 0.25),
-        "fraction of a pixel's electrons that diffuses to each of its four sides",
-    ] = 0.0
-    lag: Annotated[
-        float, Range(0, 0.99), "fraction of the charge that remains for the next frame"
-    ] = 0.0
-    hits: Annotated[Hits | None, "cosmic rays and protons"] = None
-    blooming: Annotated[
-        bool, "whether charge above the full well flows along the column, or is lost"
-    ] = False
-    em_gain: Annotated[float, Range(1, 1e5), "gain of the multiplication register of an EMCCD"] = (
-        1.0
+        limit=Range(1, 64),
+        default=1,
     )
-    em_stages: Annotated[
-        int, Range(100, 10000), "stages of that register, each with a little gain"
-    ] = 536
+    region: RegionOfInterest | None = parameter(
+        "part of the array that is the image, None for all", default=None
+    )
+    row_delay: float = parameter(
+        "by which each row's exposure starts after the one before: 0 for a global shutter",
+        unit=Unit("s", "us"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    thermal: Thermal | None = parameter(
+        "temperature; None: dark_current is that of the operating temperature", default=None
+    )
+    defects: Defects | None = parameter("hot and dead pixels", default=None)
+    diffusion: float = parameter(
+        "sigma per axis of the Gaussian by which charge spreads before it is collected",
+        unit=Unit("m", "um"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    crosstalk: float = parameter(
+        "fraction of a pixel's electrons that diffuses to each of its four sides",
+        limit=Range(0, 0.25),
+        default=0.0,
+    )
+    lag: float = parameter(
+        "fraction of the charge that remains for the next frame", limit=Range(0, 0.99), default=0.0
+    )
+    hits: Hits | None = parameter("cosmic rays and protons", default=None)
+    blooming: bool = parameter(
+        "whether charge above the full well flows along the column, or is lost", default=False
+    )
+    em_gain: float = parameter(
+        "gain of the multiplication register of an EMCCD", limit=Range(1, 1e5), default=1.0
+    )
+    em_stages: int = parameter(
+        "stages of that register, each with a little gain", limit=Range(100, 10000), default=536
+    )
     # Beyond these limits, more light would give less signal.
-    nonlinearity: Annotated[
-        float, Range(-0.49, 0.49), "fraction by which the signal of a full pixel is too small"
-    ] = 0.0
-    pattern: Annotated[Pattern | None, "noise of rows and columns"] = None
-    settling: Annotated[
-        float,
-        Range(0, 0.99),
+    nonlinearity: float = parameter(
+        "fraction by which the signal of a full pixel is too small",
+        limit=Range(-0.49, 0.49),
+        default=0.0,
+    )
+    pattern: Pattern | None = parameter("noise of rows and columns", default=None)
+    settling: float = parameter(
         "fraction of the signal of a pixel that remains for the next one read",
-    ] = 0.0
-    read_noise_spread: Annotated[
-        float,
-        Range(0, 2),
+        limit=Range(0, 0.99),
+        default=0.0,
+    )
+    read_noise_spread: float = parameter(
         "rms of the logarithm of the read noise over the pixels of a CMOS array, whose median "
         "is `read_noise`",
-    ] = 0.0
-    gain: Annotated[float, POSITIVE, "of the amplifier before the converter"] = 1.0
-    adc_inl: Annotated[
-        float, FINITE, "digital number, integral non-linearity of the converter at half scale"
-    ] = 0.0
-    scan: Annotated[Scan | None, "lines that sweep over the sky; None for a matrix"] = None
-    age: Annotated[Age | None, "damage by radiation in orbit; None: as at launch"] = None
-    charge_effects: Annotated[
-        tuple[str, ...],
-        Range(code="charge_effects"),
+        limit=Range(0, 2),
+        default=0.0,
+    )
+    gain: float = parameter("of the amplifier before the converter", limit=POSITIVE, default=1.0)
+    adc_inl: float = parameter(
+        "digital number, integral non-linearity of the converter at half scale",
+        limit=FINITE,
+        default=0.0,
+    )
+    scan: Scan | None = parameter("lines that sweep over the sky; None for a matrix", default=None)
+    age: Age | None = parameter("damage by radiation in orbit; None: as at launch", default=None)
+    charge_effects: tuple[str, ...] = parameter(
         "code of one's own, one after the other, that changes the charge of all pixels at the "
         "end of the exposure, see docs/extensions.md",
-    ] = ()
-    signal_effects: Annotated[
-        tuple[str, ...],
-        Range(code="signal_effects"),
+        limit=Range(code="charge_effects"),
+        default=(),
+    )
+    signal_effects: tuple[str, ...] = parameter(
         "the same of the signal at the input of the converter",
-    ] = ()
-    image_effects: Annotated[
-        tuple[str, ...], Range(code="image_effects"), "the same of the digital numbers"
-    ] = ()
-    pixel_pitch_y: Annotated[
-        float | None,
-        Unit("m", "um"),
-        POSITIVE,
+        limit=Range(code="signal_effects"),
+        default=(),
+    )
+    image_effects: tuple[str, ...] = parameter(
+        "the same of the digital numbers", limit=Range(code="image_effects"), default=()
+    )
+    pixel_pitch_y: float | None = parameter(
         "from row to row, where a datasheet has two: refused where it is not pixel_pitch, with "
         "the square pixels that come closest",
-    ] = None
+        unit=Unit("m", "um"),
+        limit=POSITIVE,
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,18 +2,16 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import POSITIVE, Floats, Ints, Parameters, Range
+from startrack.core import POSITIVE, Floats, Ints, Parameters, Range, parameter
 
 METHODS = ("triangles",)
 
 
-@dataclass(frozen=True)
 class Identification(Parameters):
     """Settings of the identification of spots, for calibrated cameras by default.
 
@@ -23,52 +21,56 @@ class Identification(Parameters):
     Raises                 ValueError where a value lies outside its range.
     """
 
-    focal_tolerance: Annotated[
-        float,
-        Range(0, 0.3),
+    focal_tolerance: float = parameter(
         "relative error allowed to the focal length; 0 holds it, above 0 it is estimated with "
         "the attitude",
-    ] = 0.01
-    match_radius: Annotated[
-        float, POSITIVE, "pixel, largest distance between a spot and its star"
-    ] = 2.0
-    max_false_probability: Annotated[
-        float,
-        Range(0, 1, above=True),
+        limit=Range(0, 0.3),
+        default=0.01,
+    )
+    match_radius: float = parameter(
+        "pixel, largest distance between a spot and its star", limit=POSITIVE, default=2.0
+    )
+    max_false_probability: float = parameter(
         "largest bound on the probability that chance makes an accepted match",
-    ] = 1e-5
-    max_false_track: Annotated[
-        float,
-        Range(0, 1, above=True),
+        limit=Range(0, 1, above=True),
+        default=1e-5,
+    )
+    max_false_track: float = parameter(
         "the same with a predicted attitude; larger, because the prediction has been confirmed "
         "before and two stars are weak evidence",
-    ] = 1e-3
-    min_matches: Annotated[int, Range(4, 2**20), "fewest matched stars of an accepted match"] = 4
-    pattern_spots: Annotated[
-        int,
-        Range(4, 40),
+        limit=Range(0, 1, above=True),
+        default=1e-3,
+    )
+    min_matches: int = parameter(
+        "fewest matched stars of an accepted match", limit=Range(4, 2**20), default=4
+    )
+    pattern_spots: int = parameter(
         "number of the brightest spots that form triangles first; the other spots of "
         "`verify_spots` follow",
-    ] = 24
-    verify_spots: Annotated[
-        int, Range(4, 2**20), "number of the brightest spots that verify a hypothesis"
-    ] = 40
-    code_tolerance: Annotated[
-        float,
-        Range(0, 0.1),
+        limit=Range(4, 40),
+        default=24,
+    )
+    verify_spots: int = parameter(
+        "number of the brightest spots that verify a hypothesis", limit=Range(4, 2**20), default=40
+    )
+    code_tolerance: float = parameter(
         "error of a triangle's code beyond the noise of the centroids, from distortion that the "
         "camera model lacks",
-    ] = 0.003
-    max_hypotheses: Annotated[
-        int, Range(1, 2**30), "number of hypotheses after which the search ends without a match"
-    ] = 4000
-    method: Annotated[
-        str,
-        Range(choices=METHODS, code="identifications"),
+        limit=Range(0, 0.1),
+        default=0.003,
+    )
+    max_hypotheses: int = parameter(
+        "number of hypotheses after which the search ends without a match",
+        limit=Range(1, 2**30),
+        default=4000,
+    )
+    method: str = parameter(
         '"triangles": codes of triangles, which other spots verify; or code of one\'s own, see '
         "docs/extensions.md. Of the keys above it, code follows min_matches and what it reads "
         "itself",
-    ] = "triangles"
+        limit=Range(choices=METHODS, code="identifications"),
+        default="triangles",
+    )
 
 
 GROUP = "identifications"

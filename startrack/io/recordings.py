@@ -9,16 +9,24 @@ import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Parameters, Range, Refused, Singles, one_of, require_memory, whole
+from startrack.core import (
+    Parameters,
+    Range,
+    Refused,
+    Singles,
+    one_of,
+    parameter,
+    require_memory,
+    whole,
+)
 from startrack.io.reading import regular_file
 
 PATTERNS = ("RGGB", "GRBG", "GBRG", "BGGR")
@@ -37,7 +45,6 @@ SER_TICKS = 10**7  # in a second
 YEAR_1, YEAR_2000 = datetime(1, 1, 1), datetime(2000, 1, 1)
 
 
-@dataclass(frozen=True)
 class Layout(Parameters):
     """What a file of an image may not say of itself.
 
@@ -50,9 +57,9 @@ class Layout(Parameters):
     raw     "COLUMNSxROWS:TYPE" of a file without a header, with a type of RAW_TYPES
     """
 
-    plane: Annotated[int | None, Range(0, 2**31)] = None
-    bayer: Annotated[str | None, Range(choices=(*PATTERNS, "none"))] = None
-    colour: Annotated[str, Range(choices=COLOURS)] = "superpixel"
+    plane: int | None = parameter(limit=Range(0, 2**31), default=None)
+    bayer: str | None = parameter(limit=Range(choices=(*PATTERNS, "none")), default=None)
+    colour: str = parameter(limit=Range(choices=COLOURS), default="superpixel")
     raw: str | None = None
 
     def __post_init__(self) -> None:

@@ -172,8 +172,8 @@ def _read(field: core.Field, value: object, place: str) -> Any:
     if typing.get_origin(kind) is tuple:
         if not isinstance(value, list):
             raise Refused(f"{place} must be a list, got {core.shown(value)}")
-        own = bare(typing.get_args(kind)[0])
-        inner = field._replace(kind=own.kind, unit=own.unit or unit)
+        own, own_unit = bare(typing.get_args(kind)[0])
+        inner = field._replace(kind=own, unit=own_unit or unit)
         return tuple(_read(inner, item, f"{place}[{i}]") for i, item in enumerate(value))
     if unit and kind is float:
         if not isinstance(value, str):
@@ -218,8 +218,8 @@ def _write(kind: Any, unit: Unit | None, value: Any) -> Any:
     if dataclasses.is_dataclass(kind):
         return to_table(value)
     if typing.get_origin(kind) is tuple:
-        own = bare(typing.get_args(kind)[0])
-        return [_write(own.kind, own.unit or unit, item) for item in value]
+        own, own_unit = bare(typing.get_args(kind)[0])
+        return [_write(own, own_unit or unit, item) for item in value]
     if isinstance(value, StrEnum):
         return value.value
     if unit and kind is float:

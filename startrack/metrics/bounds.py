@@ -1,32 +1,44 @@
 """Cramer-Rao bounds of centroid and attitude."""
 
 import math
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from scipy.special import ndtr
 
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Refused, positive, whole
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Refused,
+    parameter,
+    positive,
+    whole,
+)
 
 PHASES = 8  # sub-pixel positions per axis for the mean; 16 change the bound by less than 1e-3
 REACH = 6.0  # sigma, half width of the star's pixels: 2e-9 of the light lies outside
 
 
-@dataclass(frozen=True)
 class Star(Parameters):
     """A Gaussian star on pixels, and the noise around it.
 
     Raises  Refused where flux or sigma is not positive, or another value is negative.
     """
 
-    flux: Annotated[float, POSITIVE, "electron"]
-    sigma: Annotated[float, POSITIVE, "pixel, of the Gaussian before the pixels integrate it"]
-    background: Annotated[
-        float, NON_NEGATIVE, "electron per pixel, of sky background, dark current and stray light"
-    ] = 0.0
-    read_noise: Annotated[float, NON_NEGATIVE, "electron rms"] = 0.0
-    smear: Annotated[float, NON_NEGATIVE, "pixel, length of a uniform motion along x"] = 0.0
+    flux: float = parameter("electron", limit=POSITIVE)
+    sigma: float = parameter(
+        "pixel, of the Gaussian before the pixels integrate it", limit=POSITIVE
+    )
+    background: float = parameter(
+        "electron per pixel, of sky background, dark current and stray light",
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    read_noise: float = parameter("electron rms", limit=NON_NEGATIVE, default=0.0)
+    smear: float = parameter(
+        "pixel, length of a uniform motion along x", limit=NON_NEGATIVE, default=0.0
+    )
 
 
 def centroid_bound(star: Star) -> tuple[float, float]:

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core, space
 from startrack.attitude import Mounting
-from startrack.core import FINITE, Floats, Parameters, Range, Refused, Unit, deg, within
+from startrack.core import FINITE, Floats, Parameters, Range, Refused, Unit, deg, parameter, within
 from startrack.design import Design, Fidelity, KeepOut, load_design, replaced_all
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
 
@@ -26,43 +25,51 @@ OLDEST = 100 * JULIAN_YEAR  # second, of a head
 UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from one
 
 
-@dataclass(frozen=True)
 class Orbit(Parameters):
     """An orbit around the Earth: exactly one of mean elements, `tle` and `oem`."""
 
-    altitude: Annotated[
-        float | None,
-        Unit("m", "km"),
-        core.POSITIVE,
+    altitude: float | None = parameter(
         "semi-major axis minus the Earth's equatorial radius",
-    ] = None
-    inclination: Annotated[
-        float | None, Unit("rad", "deg"), Range(0, math.pi), "mean, to the true equator of date"
-    ] = None
-    node: Annotated[
-        float,
-        Unit("rad", "deg"),
-        FINITE,
+        unit=Unit("m", "km"),
+        limit=core.POSITIVE,
+        default=None,
+    )
+    inclination: float | None = parameter(
+        "mean, to the true equator of date",
+        unit=Unit("rad", "deg"),
+        limit=Range(0, math.pi),
+        default=None,
+    )
+    node: float = parameter(
         "right ascension of the ascending node, from the mean equinox of date",
-    ] = 0.0
-    local_time: Annotated[
-        float | None,
-        Unit("s", "h", clock=True),
-        Range(0, 86400),
+        unit=Unit("rad", "deg"),
+        limit=FINITE,
+        default=0.0,
+    )
+    local_time: float | None = parameter(
         'mean solar time at the ascending node (LTAN), as "10.5 h" or "10:30"; it replaces '
         "`inclination` and `node` by those of a Sun-synchronous orbit",
-    ] = None
-    anomaly: Annotated[float, Unit("rad", "deg"), FINITE, "mean, from the perigee"] = 0.0
-    perigee: Annotated[float, Unit("rad", "deg"), FINITE, "its argument"] = 0.0
-    eccentricity: Annotated[float, Range(0, 0.9), "mean"] = 0.0
-    epoch: Annotated[str | None, "UTC, of the elements; None: the begin of the mission"] = None
-    tle: Annotated[tuple[str, ...], "two-line element set, moved by SGP4 (extra `earth`)"] = ()
-    oem: Annotated[
-        str | None,
-        core.FILE,
+        unit=Unit("s", "h", clock=True),
+        limit=Range(0, 86400),
+        default=None,
+    )
+    anomaly: float = parameter(
+        "mean, from the perigee", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    perigee: float = parameter("its argument", unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
+    eccentricity: float = parameter("mean", limit=Range(0, 0.9), default=0.0)
+    epoch: str | None = parameter(
+        "UTC, of the elements; None: the begin of the mission", default=None
+    )
+    tle: tuple[str, ...] = parameter(
+        "two-line element set, moved by SGP4 (extra `earth`)", default=()
+    )
+    oem: str | None = parameter(
         "file with a CCSDS orbit ephemeris message; or a SPICE kernel of one body (.bsp; extra "
         "`spice`)",
-    ] = None
+        limit=core.FILE,
+        default=None,
+    )
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
@@ -80,7 +87,6 @@ class Orbit(Parameters):
             core.utc(self.epoch)
 
 
-@dataclass(frozen=True)
 class Scan(Parameters):
     """A rotation about a body axis on top of the law: a swing, a steady rate, or both.
 
@@ -89,65 +95,68 @@ class Scan(Parameters):
     Both are about one axis.
     """
 
-    axis: Annotated[tuple[float, ...], "body axis; its length does not matter"] = (1.0, 0.0, 0.0)
-    amplitude: Annotated[float, Unit("rad", "deg"), core.NON_NEGATIVE, "of the swing"] = 0.0
-    period: Annotated[float, Unit("s"), core.POSITIVE, "of the swing"] = 60.0
-    rate: Annotated[float, Unit("rad/s", "deg/s"), FINITE, "steady"] = 0.0
+    axis: tuple[float, ...] = parameter(
+        "body axis; its length does not matter", default=(1.0, 0.0, 0.0)
+    )
+    amplitude: float = parameter(
+        "of the swing", unit=Unit("rad", "deg"), limit=core.NON_NEGATIVE, default=0.0
+    )
+    period: float = parameter("of the swing", unit=Unit("s"), limit=core.POSITIVE, default=60.0)
+    rate: float = parameter("steady", unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _vector("axis", self.axis, 3)
 
 
-@dataclass(frozen=True)
 class Attitude(Parameters):
     """The attitude law of the spacecraft: its axes x, y, z at every time."""
 
-    law: Annotated[
-        str,
-        Range(choices=LAWS),
+    law: str = parameter(
         '"nadir": z to the Earth\'s centre; "inertial": fixed to the stars; "sun": `axis` to the '
         'Sun; "target": z to a place on the ground where it is above the horizon, else nadir; '
         '"aem": a file',
-    ] = "nadir"
-    yaw: Annotated[
-        str,
-        Range(choices=YAWS),
+        limit=Range(choices=LAWS),
+        default="nadir",
+    )
+    yaw: str = parameter(
         'with nadir and target, x: "velocity": in the plane of the orbit, forward; "ground": '
         'along the velocity over the rotating Earth; "sun": so that the Sun is in the plane of '
         "x and z, on the side of +x",
-    ] = "velocity"
-    quaternion: Annotated[tuple[float, ...], "x, y, z, w of icrs_to_body, of the inertial law"] = (
-        0.0,
-        0.0,
-        0.0,
-        1.0,
+        limit=Range(choices=YAWS),
+        default="velocity",
     )
-    axis: Annotated[
-        tuple[float, ...],
+    quaternion: tuple[float, ...] = parameter(
+        "x, y, z, w of icrs_to_body, of the inertial law", default=(0.0, 0.0, 0.0, 1.0)
+    )
+    axis: tuple[float, ...] = parameter(
         'body axis that the law "sun" turns to the Sun; the x axis, or where that is `axis` the '
         "z axis, is as near as possible to the celestial north",
-    ] = (0.0, 0.0, 1.0)
-    latitude: Annotated[
-        float,
-        Unit("rad", "deg"),
-        Range(-math.pi / 2, math.pi / 2),
-        "of the target, geodetic on WGS 84",
-    ] = 0.0
-    longitude: Annotated[float, Unit("rad", "deg"), FINITE, "of the target, geodetic on WGS 84"] = (
-        0.0
+        default=(0.0, 0.0, 1.0),
     )
-    height: Annotated[
-        float, Unit("m"), Range(-500.0, 9000.0), "of the target, geodetic on WGS 84"
-    ] = 0.0
-    aem: Annotated[
-        str | None,
-        core.FILE,
+    latitude: float = parameter(
+        "of the target, geodetic on WGS 84",
+        unit=Unit("rad", "deg"),
+        limit=Range(-math.pi / 2, math.pi / 2),
+        default=0.0,
+    )
+    longitude: float = parameter(
+        "of the target, geodetic on WGS 84", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    height: float = parameter(
+        "of the target, geodetic on WGS 84",
+        unit=Unit("m"),
+        limit=Range(-500.0, 9000.0),
+        default=0.0,
+    )
+    aem: str | None = parameter(
         "file with a CCSDS attitude ephemeris message, of quaternions between ICRF or EME2000 and "
         "SC_BODY; or a SPICE kernel of one instrument (.bc, its clock beside it as .tsc; extra "
         "`spice`)",
-    ] = None
-    scan: Annotated[Scan | None, "a rotation on top of the law; None: none"] = None
+        limit=core.FILE,
+        default=None,
+    )
+    scan: Scan | None = parameter("a rotation on top of the law; None: none", default=None)
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
@@ -158,7 +167,6 @@ class Attitude(Parameters):
             raise Refused("aem must be given with law = 'aem', and with no other")
 
 
-@dataclass(frozen=True)
 class HeadTemperature(Parameters):
     """Temperature of a head over the orbit, above that of its design.
 
@@ -169,79 +177,78 @@ class HeadTemperature(Parameters):
     design has them.
     """
 
-    offset: Annotated[float, Unit("K"), FINITE, "at all times"] = 0.0
-    swing: Annotated[float, Unit("K"), core.NON_NEGATIVE, "amplitude"] = 0.0
-    ahead: Annotated[float, Unit("rad", "deg"), FINITE, "angle of the orbit"] = 0.0
+    offset: float = parameter("at all times", unit=Unit("K"), limit=FINITE, default=0.0)
+    swing: float = parameter("amplitude", unit=Unit("K"), limit=core.NON_NEGATIVE, default=0.0)
+    ahead: float = parameter(
+        "angle of the orbit", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
 
 
-@dataclass(frozen=True)
 class Head(Parameters):
     """A star tracker on the spacecraft."""
 
-    name: Annotated[str, "for tables"]
-    design: Annotated[
-        str,
+    name: str = parameter("for tables")
+    design: str = parameter(
         "design file, its path from the folder of the mission file, or a shipped one such as "
-        '"designs/nanosatellite.toml"',
-    ]
-    azimuth: Annotated[
-        float, Unit("rad", "deg"), FINITE, "of the boresight, from body +x to +y"
-    ] = 0.0
-    elevation: Annotated[
-        float,
-        Unit("rad", "deg"),
-        Range(-math.pi / 2, math.pi / 2),
+        '"designs/nanosatellite.toml"'
+    )
+    azimuth: float = parameter(
+        "of the boresight, from body +x to +y", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    elevation: float = parameter(
         "of the boresight, from the plane of body x and y to +z",
-    ] = 0.0
-    roll: Annotated[
-        float,
-        Unit("rad", "deg"),
-        FINITE,
+        unit=Unit("rad", "deg"),
+        limit=Range(-math.pi / 2, math.pi / 2),
+        default=0.0,
+    )
+    roll: float = parameter(
         "of the camera about its boresight; at 0 its x axis is body z cross boresight",
-    ] = 0.0
-    camera_to_body: Annotated[
-        tuple[float, ...] | None,
-        "quaternion x, y, z, w instead of these three angles; None: the angles",
-    ] = None
-    exclusion: Annotated[
-        KeepOut,
+        unit=Unit("rad", "deg"),
+        limit=FINITE,
+        default=0.0,
+    )
+    camera_to_body: tuple[float, ...] | None = parameter(
+        "quaternion x, y, z, w instead of these three angles; None: the angles", default=None
+    )
+    exclusion: KeepOut = parameter(
         "angles from the boresight below which Sun, Moon and the lit limb of the Earth blind "
         "it; each that is not given follows from the design's baffle, or is the half diagonal "
         "of its field",
-    ] = field(default_factory=KeepOut)
-    alignment: Annotated[
-        Mounting,
+        default_factory=KeepOut,
+    )
+    alignment: Mounting = parameter(
         "error of the known mounting: bias, and a thermo-elastic swing that goes with the orbit",
-    ] = field(default_factory=Mounting)
-    age: Annotated[
-        float | None,
-        Unit("s", "yr"),
-        Range(0, OLDEST),
+        default_factory=Mounting,
+    )
+    age: float | None = parameter(
         "in orbit at the begin of the mission; it grows with the mission by the laws of the "
         "design (`instrument.detector.age`, [[variation]] per life of a unit). None: the design "
         "as it is, at all times",
-    ] = None
-    temperature: Annotated[HeadTemperature, "over the orbit, above that of the design"] = field(
-        default_factory=HeadTemperature
+        unit=Unit("s", "yr"),
+        limit=Range(0, OLDEST),
+        default=None,
     )
-    unit: Annotated[
-        int | None,
-        Range(0, 10**6),
+    temperature: HeadTemperature = parameter(
+        "over the orbit, above that of the design", default_factory=HeadTemperature
+    )
+    unit: int | None = parameter(
         "number of a unit that is drawn from the [[variation]] tables of the design; None: the "
         "unit as designed",
-    ] = None
-    position: Annotated[
-        tuple[float, ...],
-        Unit("m"),
+        limit=Range(0, 10**6),
+        default=None,
+    )
+    position: tuple[float, ...] = parameter(
         "of its aperture in body axes; it matters beside `structure` alone",
-    ] = (0.0, 0.0, 0.0)
-    clear: Annotated[
-        float | None,
-        Unit("rad", "deg"),
-        Range(0, math.pi),
+        unit=Unit("m"),
+        default=(0.0, 0.0, 0.0),
+    )
+    clear: float | None = parameter(
         "angle from the boresight that structure in sunlight must keep; None: the exclusion "
         "angle of the lit limb",
-    ] = None
+        unit=Unit("rad", "deg"),
+        limit=Range(0, math.pi),
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -269,15 +276,19 @@ def mounted(azimuth: float, elevation: float, roll: float = 0.0) -> Rotation:
     return Rotation.from_euler("ZYZ", [azimuth, math.pi / 2 - elevation, math.pi / 2 + roll])
 
 
-@dataclass(frozen=True)
 class TimeSpan(Parameters):
     """The time of a mission: SI seconds after its begin."""
 
-    begin: Annotated[str, 'UTC, as "2026-03-20T12:00:00"']
-    duration: Annotated[float, Unit("s", "d"), core.POSITIVE, "of the mission"] = 86400.0
-    step: Annotated[
-        float, Unit("s"), core.POSITIVE, "between two instants at which all is computed"
-    ] = 10.0
+    begin: str = parameter('UTC, as "2026-03-20T12:00:00"')
+    duration: float = parameter(
+        "of the mission", unit=Unit("s", "d"), limit=core.POSITIVE, default=86400.0
+    )
+    step: float = parameter(
+        "between two instants at which all is computed",
+        unit=Unit("s"),
+        limit=core.POSITIVE,
+        default=10.0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -292,37 +303,34 @@ class TimeSpan(Parameters):
         return max(math.ceil(self.duration / self.step - 1e-9), 1)
 
 
-@dataclass(frozen=True)
 class Radiation(Parameters):
     """What the South Atlantic anomaly does, as a box; the orbit by which detectors age."""
 
-    saa: Annotated[
-        str,
-        Range(choices=("ignored", "blind")),
+    saa: str = parameter(
         '"ignored", or "blind": no head is valid inside the box',
-    ] = "ignored"
-    latitude: Annotated[tuple[float, ...], Unit("rad", "deg"), "geodetic south and north"] = (
-        -50 * deg,
-        0.0,
+        limit=Range(choices=("ignored", "blind")),
+        default="ignored",
     )
-    longitude: Annotated[tuple[float, ...], Unit("rad", "deg"), "west and east"] = (
-        -90 * deg,
-        40 * deg,
+    latitude: tuple[float, ...] = parameter(
+        "geodetic south and north", unit=Unit("rad", "deg"), default=(-50 * deg, 0.0)
     )
-    hits: Annotated[
-        float | None,
-        Unit("m", "mm"),
-        core.POSITIVE,
+    longitude: tuple[float, ...] = parameter(
+        "west and east", unit=Unit("rad", "deg"), default=(-90 * deg, 40 * deg)
+    )
+    hits: float | None = parameter(
         "aluminium through which trapped protons and electrons hit the detectors in rendered "
         "frames, at the rate of each place of the orbit, beside those of their designs; None: none "
         "do (extra `radiation`)",
-    ] = None
-    ageing: Annotated[
-        str,
-        Range(choices=("design", "orbit")),
+        unit=Unit("m", "mm"),
+        limit=core.POSITIVE,
+        default=None,
+    )
+    ageing: str = parameter(
         '"design": detectors age in the orbit that their designs name; "orbit": in that of the '
         "mission, of a given altitude (extra `radiation`)",
-    ] = "design"
+        limit=Range(choices=("design", "orbit")),
+        default="design",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -334,34 +342,32 @@ class Radiation(Parameters):
                 core.finite(**{name: angle})
 
 
-@dataclass(frozen=True)
 class MissionRequirements(Parameters):
     """What the mission asks of its heads together; None: not asked."""
 
-    max_blind: Annotated[
-        float | None, Unit("s"), core.NON_NEGATIVE, "longest time without any valid head"
-    ] = None
-    availability_one: Annotated[
-        float | None, Range(0, 1), "fraction of the time with at least one valid head"
-    ] = None
-    availability_two: Annotated[
-        float | None, Range(0, 1), "fraction of the time with at least two"
-    ] = None
-    max_error: Annotated[
-        float | None,
-        Unit("rad", "arcsec"),
-        core.POSITIVE,
+    max_blind: float | None = parameter(
+        "longest time without any valid head", unit=Unit("s"), limit=core.NON_NEGATIVE, default=None
+    )
+    availability_one: float | None = parameter(
+        "fraction of the time with at least one valid head", limit=Range(0, 1), default=None
+    )
+    availability_two: float | None = parameter(
+        "fraction of the time with at least two", limit=Range(0, 1), default=None
+    )
+    max_error: float | None = parameter(
         "rms error of the fused attitude about its worst axis, over the times with a valid head",
-    ] = None
+        unit=Unit("rad", "arcsec"),
+        limit=core.POSITIVE,
+        default=None,
+    )
 
 
-@dataclass(frozen=True)
 class SharedAlignmentError(Parameters):
     """Errors about the body's axes that all heads share, as of the structure that carries them."""
 
-    x: Annotated[float, Unit("rad", "arcsec"), core.NON_NEGATIVE, "rms"] = 0.0
-    y: Annotated[float, Unit("rad", "arcsec"), core.NON_NEGATIVE, "rms"] = 0.0
-    z: Annotated[float, Unit("rad", "arcsec"), core.NON_NEGATIVE, "rms"] = 0.0
+    x: float = parameter("rms", unit=Unit("rad", "arcsec"), limit=core.NON_NEGATIVE, default=0.0)
+    y: float = parameter("rms", unit=Unit("rad", "arcsec"), limit=core.NON_NEGATIVE, default=0.0)
+    z: float = parameter("rms", unit=Unit("rad", "arcsec"), limit=core.NON_NEGATIVE, default=0.0)
 
     @property
     def variance(self) -> Floats:
@@ -369,15 +375,16 @@ class SharedAlignmentError(Parameters):
         return np.array([self.x, self.y, self.z]) ** 2
 
 
-@dataclass(frozen=True)
 class Check(Parameters):
     """Trials at instants of the mission, which check and correct the errors of the error budget."""
 
-    trials: Annotated[
-        int, Range(0, 10**4), "of each design of heads; 0: none, the errors are those of the budget"
-    ] = 0
-    fidelity: Annotated[Fidelity, "of the trials"] = Fidelity.FRAME
-    seed: Annotated[int, Range(0, 2**63 - 1), "of their noise, and of units"] = 1
+    trials: int = parameter(
+        "of each design of heads; 0: none, the errors are those of the budget",
+        limit=Range(0, 10**4),
+        default=0,
+    )
+    fidelity: Fidelity = parameter("of the trials", default=Fidelity.FRAME)
+    seed: int = parameter("of their noise, and of units", limit=Range(0, 2**63 - 1), default=1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -385,14 +392,13 @@ class Check(Parameters):
             raise Refused(f"trials must be 0, or {LEAST_TRIALS} or more, got {self.trials}")
 
 
-@dataclass(frozen=True)
 class KeepClear(Parameters):
     """A cone in body axes in which no boresight may be placed, such as of a panel."""
 
-    axis: Annotated[tuple[float, ...], "of the cone; its length does not matter"]
-    angle: Annotated[
-        float, Unit("rad", "deg"), Range(0, math.pi), "between the axis and the cone's surface"
-    ]
+    axis: tuple[float, ...] = parameter("of the cone; its length does not matter")
+    angle: float = parameter(
+        "between the axis and the cone's surface", unit=Unit("rad", "deg"), limit=Range(0, math.pi)
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -404,8 +410,7 @@ class KeepClear(Parameters):
         return max(self.angle - math.acos(min(max(float(axis @ line), -1.0), 1.0)), 0.0)
 
 
-@dataclass(frozen=True)
-class Obstacle:
+class Obstacle(Parameters):
     """A box or a panel of the spacecraft, in body axes.
 
     It blinds a head where it reaches into the half diagonal of its field, and where the Sun shines
@@ -413,17 +418,18 @@ class Obstacle:
     Moon or Earth from a head.
     """
 
-    name: Annotated[str, "for messages"]
-    centre: Annotated[tuple[float, ...], Unit("m"), "of the box"]
-    size: Annotated[
-        tuple[float, ...], Unit("m"), "along x, y and z; one of them may be 0, of a panel"
-    ]
-    hinge: Annotated[
-        tuple[float, ...] | None,
+    name: str = parameter("for messages")
+    centre: tuple[float, ...] = parameter("of the box", unit=Unit("m"))
+    size: tuple[float, ...] = parameter(
+        "along x, y and z; one of them may be 0, of a panel", unit=Unit("m")
+    )
+    hinge: tuple[float, ...] | None = parameter(
         "axis through the centre about which the thinnest side follows the Sun; None: it stands",
-    ] = None
+        default=None,
+    )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("centre", "size"):
             value = getattr(self, name)
             if len(value) != 3:
@@ -439,37 +445,38 @@ class Obstacle:
                 raise Refused("hinge must not be the normal of the thinnest side")
 
 
-@dataclass(frozen=True)
-class Mission:
+class Mission(Parameters):
     """What a mission file holds; see the tables."""
 
-    time: Annotated[TimeSpan, "begin, duration and step"]
-    orbit: Annotated[Orbit, "of the spacecraft"]
-    heads: Annotated[tuple[Head, ...], "its star trackers"]
-    attitude: Annotated[Attitude, "its attitude law"] = field(default_factory=Attitude)
-    radiation: Annotated[Radiation, "the South Atlantic anomaly"] = field(default_factory=Radiation)
-    common: Annotated[SharedAlignmentError, "errors that all heads share; they count once"] = field(
-        default_factory=SharedAlignmentError
+    time: TimeSpan = parameter("begin, duration and step")
+    orbit: Orbit = parameter("of the spacecraft")
+    heads: tuple[Head, ...] = parameter("its star trackers")
+    attitude: Attitude = parameter("its attitude law", default_factory=Attitude)
+    radiation: Radiation = parameter("the South Atlantic anomaly", default_factory=Radiation)
+    common: SharedAlignmentError = parameter(
+        "errors that all heads share; they count once", default_factory=SharedAlignmentError
     )
-    requirements: Annotated[MissionRequirements, "on the heads together"] = field(
-        default_factory=MissionRequirements
+    requirements: MissionRequirements = parameter(
+        "on the heads together", default_factory=MissionRequirements
     )
-    keep_out: Annotated[tuple[KeepClear, ...], "cones in which no boresight may be placed"] = ()
-    check: Annotated[Check, "trials that check and correct the errors of the heads"] = field(
-        default_factory=Check
+    keep_out: tuple[KeepClear, ...] = parameter(
+        "cones in which no boresight may be placed", default=()
     )
-    structure: Annotated[
-        tuple[Obstacle, ...],
-        "boxes and panels of the spacecraft that may stand in the way of heads",
-    ] = ()
-    heat: Annotated[
-        space.Heat | None,
+    check: Check = parameter(
+        "trials that check and correct the errors of the heads", default_factory=Check
+    )
+    structure: tuple[Obstacle, ...] = parameter(
+        "boxes and panels of the spacecraft that may stand in the way of heads", default=()
+    )
+    heat: space.Heat | None = parameter(
         "surfaces and heat capacities of platform and heads, from which the temperatures of drawn "
         "units follow (`--units`); orbit, attitude and direction of the heads are those of the "
         "mission. None: those of the designs' structures",
-    ] = None
+        default=None,
+    )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 1 <= len(self.heads) <= 8:
             raise Refused(f"heads must be one to eight, got {len(self.heads)}")
         if self.radiation.ageing == "orbit" and self.orbit.altitude is None:

@@ -2,26 +2,23 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Ints, Parameters, Range, Refused, Streams
+from startrack.core import Floats, Ints, Parameters, Range, Refused, Streams, parameter
 from startrack.trial import random_attitudes, rotations_from_cube
 
 
-@dataclass(frozen=True)
 class Regions(Parameters):
     """Bands of equal height in the sine of the declination, cut by hours of right ascension.
 
     Archimedes: a band of a sphere has the area of its height, so that all cells are equal.
     """
 
-    bands: Annotated[int, Range(1, 1000)] = 6
-    sectors: Annotated[int, Range(1, 1000)] = 12
+    bands: int = parameter(limit=Range(1, 1000), default=6)
+    sectors: int = parameter(limit=Range(1, 1000), default=12)
 
     def __len__(self) -> int:
         return self.bands * self.sectors

@@ -12,15 +12,24 @@ import time
 import traceback
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from startrack import core, metrics
-from startrack.core import Floats, Parameters, Range, Refused, Rows, arcsec, positive, whole
+from startrack.core import (
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Rows,
+    arcsec,
+    parameter,
+    positive,
+    whole,
+)
 from startrack.montecarlo.estimate import mean_square
 from startrack.montecarlo.run import BLOCKS_PER_WORKER, blocks
 from startrack.montecarlo.store import Store
@@ -29,7 +38,6 @@ STATISTICS = ("across", "about", "availability", "across-99.73")
 GROWTH = 1.2, 4.0  # least and largest factor from one test of the interval to the next; by hand
 
 
-@dataclass(frozen=True)
 class Precision(Parameters):
     """The precision that a statistic is to reach.
 
@@ -43,9 +51,9 @@ class Precision(Parameters):
     limits      of a correct attitude, for the availability
     """
 
-    relative: Annotated[float, Range(1e-6, 1)]
-    statistic: Annotated[str, Range(choices=STATISTICS)] = "across"
-    confidence: Annotated[float, Range(0.5, 0.9999)] = 0.95
+    relative: float = parameter(limit=Range(1e-6, 1))
+    statistic: str = parameter(limit=Range(choices=STATISTICS), default="across")
+    confidence: float = parameter(limit=Range(0.5, 0.9999), default=0.95)
     sobol: bool = False
     limits: metrics.Limits = metrics.STATED_ALONE
 

@@ -1,13 +1,12 @@
 """Sampling: fidelity and attitudes of the trials of a campaign, and their control variate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Parameters, Range, Refused, Rows, Streams
+from startrack.core import Floats, Parameters, Range, Refused, Rows, Streams, parameter
 from startrack.design import YEAR, Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
@@ -71,7 +70,6 @@ ATTITUDES = ("random", "sobol")
 SURPLUS = [("surplus_across", float), ("surplus_about", float)]
 
 
-@dataclass(frozen=True)
 class Sampling(Parameters):
     """How the trials of a campaign are made.
 
@@ -82,7 +80,7 @@ class Sampling(Parameters):
     """
 
     fidelity: Fidelity = Fidelity.FRAME
-    attitudes: Annotated[str, Range(choices=ATTITUDES)] = "random"
+    attitudes: str = parameter(limit=Range(choices=ATTITUDES), default="random")
     control: bool = False
     units: Units | None = None
 

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
-from typing import Annotated
 
 import numpy as np
 
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+)
 
 AXES = ("x", "y", "z")
 
@@ -18,7 +27,6 @@ LEAD = "phase of these axes ahead of x: -90 deg makes a circle"
 TONE_RMS = "root mean square about each of the camera's axes"
 
 
-@dataclass(frozen=True)
 class Tone(Parameters):
     """A sinusoidal jitter, such as that of a reaction wheel or a cooler.
 
@@ -27,15 +35,15 @@ class Tone(Parameters):
     About all axes of the camera it has one frequency and one phase.
     """
 
-    frequency: Annotated[float, Unit("Hz"), POSITIVE, "of the sinusoid"]
-    rms_x: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, TONE_RMS] = 0.0
-    rms_y: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, TONE_RMS] = 0.0
-    rms_z: Annotated[float, Unit("rad", "arcsec"), NON_NEGATIVE, TONE_RMS] = 0.0
-    phase: Annotated[
-        float | None, Unit("rad", "deg"), FINITE, "radian; None: random in each trial"
-    ] = None
-    lead_y: Annotated[float, Unit("rad", "deg"), FINITE, LEAD] = 0.0
-    lead_z: Annotated[float, Unit("rad", "deg"), FINITE, LEAD] = 0.0
+    frequency: float = parameter("of the sinusoid", unit=Unit("Hz"), limit=POSITIVE)
+    rms_x: float = parameter(TONE_RMS, unit=Unit("rad", "arcsec"), limit=NON_NEGATIVE, default=0.0)
+    rms_y: float = parameter(TONE_RMS, unit=Unit("rad", "arcsec"), limit=NON_NEGATIVE, default=0.0)
+    rms_z: float = parameter(TONE_RMS, unit=Unit("rad", "arcsec"), limit=NON_NEGATIVE, default=0.0)
+    phase: float | None = parameter(
+        "radian; None: random in each trial", unit=Unit("rad", "deg"), limit=FINITE, default=None
+    )
+    lead_y: float = parameter(LEAD, unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
+    lead_z: float = parameter(LEAD, unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
 
     @property
     def silent(self) -> bool:
@@ -43,7 +51,6 @@ class Tone(Parameters):
         return not (self.rms_x or self.rms_y or self.rms_z)
 
 
-@dataclass(frozen=True)
 class Broadband(Parameters):
     """Random jitter about one axis, with a power spectral density (PSD) given as a table.
 
@@ -51,9 +58,11 @@ class Broadband(Parameters):
     specified; outside them it is zero. Its integral is the rms squared.
     """
 
-    axis: Annotated[str, Range(choices=AXES), "x, y or z, of the camera"]
-    frequency: Annotated[tuple[float, ...], Unit("Hz"), POSITIVE, "increasing"]
-    density: Annotated[tuple[float, ...], Unit("rad2 / Hz", "arcsec2 / Hz"), POSITIVE, "one-sided"]
+    axis: str = parameter("x, y or z, of the camera", limit=Range(choices=AXES))
+    frequency: tuple[float, ...] = parameter("increasing", unit=Unit("Hz"), limit=POSITIVE)
+    density: tuple[float, ...] = parameter(
+        "one-sided", unit=Unit("rad2 / Hz", "arcsec2 / Hz"), limit=POSITIVE
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,34 +78,36 @@ class Broadband(Parameters):
 RATE = "about the axes along the columns and rows: they smear stars along y and x"
 
 
-@dataclass(frozen=True)
 class Motion(Parameters):
     """How the camera turns in an exposure, about its own axes."""
 
-    rate_x: Annotated[float, Unit("rad/s", "deg/s"), FINITE, RATE] = 0.0
-    rate_y: Annotated[float, Unit("rad/s", "deg/s"), FINITE, RATE] = 0.0
-    rate_z: Annotated[
-        float, Unit("rad/s", "deg/s"), FINITE, "about the boresight: it smears stars around it"
-    ] = 0.0
-    tones: Annotated[
-        tuple[Tone, ...],
+    rate_x: float = parameter(RATE, unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
+    rate_y: float = parameter(RATE, unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
+    rate_z: float = parameter(
+        "about the boresight: it smears stars around it",
+        unit=Unit("rad/s", "deg/s"),
+        limit=FINITE,
+        default=0.0,
+    )
+    tones: tuple[Tone, ...] = parameter(
         "sinusoidal jitter; one without amplitude does not change the draws of the others",
-    ] = ()
-    broadband: Annotated[
-        tuple[Broadband, ...], "random jitter, at most one spectrum for each axis"
-    ] = ()
-    jitter: Annotated[
-        tuple[str, ...],
-        Range(code="jitters"),
+        default=(),
+    )
+    broadband: tuple[Broadband, ...] = parameter(
+        "random jitter, at most one spectrum for each axis", default=()
+    )
+    jitter: tuple[str, ...] = parameter(
         "code of one's own that draws lines of jitter in each trial, see docs/extensions.md",
-    ] = ()
-    jitter_of: Annotated[
-        str,
-        Range(choices=("platform", "head")),
+        limit=Range(code="jitters"),
+        default=(),
+    )
+    jitter_of: str = parameter(
         '"platform": tones, broadband and jitter are of the spacecraft: one motion of all of its '
         'heads, which no fusion reduces, and no noise of the sensor; "head": of its own mount, '
         "independent of other heads'",
-    ] = "platform"
+        limit=Range(choices=("platform", "head")),
+        default="platform",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

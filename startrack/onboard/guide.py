@@ -1,10 +1,10 @@
 """Case -> its guide stars: in the band of the instrument, thinned; and the triangles of them."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from startrack.core import (
     Range,
     Refused,
     deg,
+    parameter,
     within,
 )
 from startrack.design import Case
@@ -48,7 +49,6 @@ class Variable(NamedTuple):
     name: str
 
 
-@dataclass(frozen=True)
 class GuideSettings(Parameters):
     """How the guide stars of a design are chosen.
 
@@ -65,13 +65,13 @@ class GuideSettings(Parameters):
     pattern_stars   the brightest of any circle that fits into a field, which form triangles
     """
 
-    limit: Annotated[float | None, Range(-2, 21)] = None
+    limit: float | None = parameter(limit=Range(-2, 21), default=None)
     epoch: float | None = None
-    resolution: Annotated[float | None, NON_NEGATIVE] = None
-    doubles: Annotated[str, Range(choices=CHOICES)] = "mark"
-    variables: Annotated[str, Range(choices=CHOICES)] = "mark"
-    per_field: Annotated[int, Range(3, 40)] = 16
-    pattern_stars: Annotated[int, Range(3, 12)] = 5
+    resolution: float | None = parameter(limit=NON_NEGATIVE, default=None)
+    doubles: str = parameter(limit=Range(choices=CHOICES), default="mark")
+    variables: str = parameter(limit=Range(choices=CHOICES), default="mark")
+    per_field: int = parameter(limit=Range(3, 40), default=16)
+    pattern_stars: int = parameter(limit=Range(3, 12), default=5)
 
 
 def read_variables(path: Path | None = None) -> list[Variable]:

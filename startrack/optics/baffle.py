@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, kernel
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    kernel,
+    parameter,
+)
 from startrack.optics.parameters import Optics
 
 MAP_NODES = 17  # of the map of stray light along a side of the frame: 1 % between them
@@ -30,7 +40,6 @@ SHOULDER, SLOPE = 0.02, -1.5
 NOTHING, LENS = -1, -2  # what a ray meets besides the vanes, the wall and the floor
 
 
-@dataclass(frozen=True)
 class Baffle(Parameters):
     """Point-source transmittance (PST) of a baffle and the lens behind it.
 
@@ -39,17 +48,14 @@ class Baffle(Parameters):
     to stray light and stars alike.
     """
 
-    angle: Annotated[
-        tuple[float, ...],
-        Unit("rad", "deg"),
-        Range(0, math.pi),
+    angle: tuple[float, ...] = parameter(
         "radian between the source and the line of sight, increasing",
-    ]
-    transmittance: Annotated[
-        tuple[float, ...],
-        POSITIVE,
-        "positive; its logarithm is linear between the angles, constant outside",
-    ]
+        unit=Unit("rad", "deg"),
+        limit=Range(0, math.pi),
+    )
+    transmittance: tuple[float, ...] = parameter(
+        "positive; its logarithm is linear between the angles, constant outside", limit=POSITIVE
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,7 +96,6 @@ def stray_light(
     return replace(light, diffuse=(*light.diffuse, *stray))
 
 
-@dataclass(frozen=True)
 class BaffleTube(Parameters):
     """A cylinder with vanes before the lens, painted black inside, and how the lens scatters.
 
@@ -99,22 +104,29 @@ class BaffleTube(Parameters):
     follows from length and diameter.
     """
 
-    length: Annotated[float, Unit("m", "mm"), POSITIVE, "from the lens to the entrance"]
-    diameter: Annotated[
-        float | None,
-        Unit("m", "mm"),
-        POSITIVE,
+    length: float = parameter("from the lens to the entrance", unit=Unit("m", "mm"), limit=POSITIVE)
+    diameter: float | None = parameter(
         "of the wall; None: a quarter more than the entrance",
-    ] = None
-    reflectance: Annotated[
-        float, Range(0, 1), "diffuse, of the black paint; of those for space 0.03 to 0.06"
-    ] = 0.05
-    edge: Annotated[float, Unit("m", "um"), NON_NEGATIVE, "thickness of the edges of the vanes"] = (
-        50e-6
+        unit=Unit("m", "mm"),
+        limit=POSITIVE,
+        default=None,
     )
-    scatter: Annotated[
-        float, Range(0, 0.5), "fraction of light that the surfaces of the lens scatter, in all"
-    ] = 1e-3
+    reflectance: float = parameter(
+        "diffuse, of the black paint; of those for space 0.03 to 0.06",
+        limit=Range(0, 1),
+        default=0.05,
+    )
+    edge: float = parameter(
+        "thickness of the edges of the vanes",
+        unit=Unit("m", "um"),
+        limit=NON_NEGATIVE,
+        default=50e-6,
+    )
+    scatter: float = parameter(
+        "fraction of light that the surfaces of the lens scatter, in all",
+        limit=Range(0, 0.5),
+        default=1e-3,
+    )
 
     def shape(self, lens: float, field: float) -> Shape:
         """The vanes of a tube before a lens.

@@ -1,14 +1,23 @@
 """Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse light."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, DiffuseLight, Floats, Light, Parameters, Range, Refused
+from startrack.core import (
+    Camera,
+    DiffuseLight,
+    Floats,
+    Light,
+    Parameters,
+    Range,
+    Refused,
+    parameter,
+)
 from startrack.optics.lens_family import family_surfaces
 from startrack.optics.lens_table import lens_path, open_lens
 from startrack.optics.parameters import Optics
@@ -24,19 +33,18 @@ NODES = 20  # of a map, across half a ghost
 COARSEST = 64  # pixel between nodes
 
 
-@dataclass(frozen=True)
 class Ghosts(Parameters):
     """Reflections that make ghosts."""
 
-    coating: Annotated[float, Range(0, 1), "reflectance of each surface between glass and air"] = (
-        0.005
+    coating: float = parameter(
+        "reflectance of each surface between glass and air", limit=Range(0, 1), default=0.005
     )
-    detector: Annotated[float, Range(0, 1), "reflectance of the detector"] = 0.1
-    sources: Annotated[
-        int,
-        Range(1, 10_000),
+    detector: float = parameter("reflectance of the detector", limit=Range(0, 1), default=0.1)
+    sources: int = parameter(
         "how many of the brightest point sources make ghosts, beside Sun, Moon and Earth",
-    ] = 10
+        limit=Range(1, 10_000),
+        default=10,
+    )
 
 
 class Pair(NamedTuple):

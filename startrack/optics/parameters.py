@@ -2,11 +2,21 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Annotated, Any
+from dataclasses import field
+from typing import Any
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, deg
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    deg,
+    parameter,
+)
 from startrack.io import from_table
 from startrack.optics.lens_table import WIDEST
 from startrack.optics.psf_file import open_psf_file
@@ -22,124 +32,126 @@ COEFFICIENT = "OpenCV's distortion coefficients"
 PRINCIPAL_POINT = "pixel from the centre of the detector to the principal point"
 
 
-@dataclass(frozen=True)
 class Optics(Parameters):
     """A lens."""
 
-    focal_length: Annotated[
-        float, Unit("m", "mm"), POSITIVE, "effective, for an object at infinity"
-    ]
-    f_number: Annotated[
-        float, Range(0.3, 200), "focal length over the diameter of the clear aperture"
-    ]
-    blur: Annotated[
-        float,
-        Unit("m", "um", others=("pixel", "arcsec")),
-        NON_NEGATIVE,
+    focal_length: float = parameter(
+        "effective, for an object at infinity", unit=Unit("m", "mm"), limit=POSITIVE
+    )
+    f_number: float = parameter(
+        "focal length over the diameter of the clear aperture", limit=Range(0.3, 200)
+    )
+    blur: float = parameter(
         "sigma of the Gaussian that manufacture adds to diffraction, on the detector. Pixels and "
         "angles become a length by the pitch and the image distance of the file, which stays "
         "where a campaign changes them. Its bounds and variations are lengths",
-    ] = 0.0
-    psf: Annotated[
-        str,
-        Range(choices=(*MODELS, "auto"), code="psfs"),
+        unit=Unit("m", "um", others=("pixel", "arcsec")),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    psf: str = parameter(
         '"gaussian": one Gaussian, the core of the Airy pattern; "airy": diffraction of a clear '
         'circular pupil in closed form; "fraunhofer": of any pupil with aberrations; "fresnel": '
         'with the scale of a plane out of focus; "kirchhoff": with inclined rays and the phase '
         'of the lens; "auto": the cheapest of these within psf_tolerance; or code of one\'s own, '
         "see docs/extensions.md",
-    ] = "auto"
-    psf_tolerance: Annotated[
-        float,
-        Range(1e-6, 1),
+        limit=Range(choices=(*MODELS, "auto"), code="psfs"),
+        default="auto",
+    )
+    psf_tolerance: float = parameter(
         "largest error of the chosen model, as a fraction of the PSF's peak; from 0.05 on "
         "images of a lens table have fewer wavelengths, in half of the time",
-    ] = 0.01
-    lens: Annotated[
-        str,
-        Range(choices=LENSES),
+        limit=Range(1e-6, 1),
+        default=0.01,
+    )
+    lens: str = parameter(
         '"aplanatic": corrected for spherical aberration and coma, as real lenses are; '
         '"perfect": one thin plane that makes a spherical wave; "parabolic": one thin plane '
         "with the phase of a parabola, as in Krutz et al. The last two differ from the first in "
         'the model "kirchhoff" only',
-    ] = "aplanatic"
-    object_distance: Annotated[
-        float | None,
-        Unit("m"),
-        POSITIVE,
+        limit=Range(choices=LENSES),
+        default="aplanatic",
+    )
+    object_distance: float | None = parameter(
         "from the lens; None: at infinity. The detector is at the image",
-    ] = None
-    defocus: Annotated[
-        float, Unit("m", "um"), FINITE, "by which the detector lies behind the image"
-    ] = 0.0
-    pupil: Annotated[Pupil, "the shape of the aperture"] = field(default_factory=Pupil)
-    aberrations: Annotated[tuple[Aberration, ...], "wavefront errors"] = ()
-    field_edge: Annotated[
-        float,
-        Unit("rad", "deg"),
-        POSITIVE,
+        unit=Unit("m"),
+        limit=POSITIVE,
+        default=None,
+    )
+    defocus: float = parameter(
+        "by which the detector lies behind the image",
+        unit=Unit("m", "um"),
+        limit=FINITE,
+        default=0.0,
+    )
+    pupil: Pupil = parameter("the shape of the aperture", default_factory=Pupil)
+    aberrations: tuple[Aberration, ...] = parameter("wavefront errors", default=())
+    field_edge: float = parameter(
         "field angle at which growing aberrations have their rms",
-    ] = 10 * deg
-    seeing: Annotated[
-        float,
-        Unit("rad", "arcsec"),
-        NON_NEGATIVE,
+        unit=Unit("rad", "deg"),
+        limit=POSITIVE,
+        default=10 * deg,
+    )
+    seeing: float = parameter(
         "sigma of the Gaussian blur of an atmosphere per axis; 0: none",
-    ] = 0.0
-    transmission: Annotated[
-        core.Curve, "fraction of the light that the lens passes, over wavelength"
-    ] = core.ALL
-    lens_file: Annotated[
-        str,
-        core.FILE,
+        unit=Unit("rad", "arcsec"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    transmission: core.Curve = parameter(
+        "fraction of the light that the lens passes, over wavelength", default=core.ALL
+    )
+    lens_file: str = parameter(
         'a lens table: a shipped one by its name, or the path of a FITS file; "": none. The '
         "table is scaled to `focal_length` and stopped down to `f_number`; it gives the "
         "distortion, and `aberrations` and `blur` add to it",
-    ] = ""
-    lens_family: Annotated[
-        str,
+        limit=core.FILE,
+        default="",
+    )
+    lens_family: str = parameter(
         '"double-gauss", "petzval", "cooke-triplet" or "catadioptric": the lens table of that '
         'family\'s lens of `focal_length` and `f_number`; "": none',
-    ] = ""
-    family_field: Annotated[
-        float | None,
-        Unit("rad", "deg"),
-        Range(0.001, WIDEST),
+        default="",
+    )
+    family_field: float | None = parameter(
         "half field that a lens of a family is made for; None: that of the published lens",
-    ] = None
-    psf_file: Annotated[
-        str,
-        core.FILE,
+        unit=Unit("rad", "deg"),
+        limit=Range(0.001, WIDEST),
+        default=None,
+    )
+    psf_file: str = parameter(
         "images of a point, measured or exported: the path of a FITS file (`startrack lens "
         'measure` and `import` write them), or a shipped one by its name; "": none. `blur`, '
         "`seeing` and `as_built` add to it; f-number and pupil say how much light there is",
-    ] = ""
-    as_built: Annotated[
-        float,
-        Unit("m", "nm"),
-        NON_NEGATIVE,
+        limit=core.FILE,
+        default="",
+    )
+    as_built: float = parameter(
         "rms wavefront error of manufacture and alignment, which blurs by its mean slope: see "
         "`total_blur`",
-    ] = 0.0
-    lens_field: Annotated[
-        bool,
+        unit=Unit("m", "nm"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    lens_field: bool = parameter(
         "whether the image changes over the field; false: all stars have the mean image of the "
         "lens table, at the places of its distortion for sunlike stars",
-    ] = True
-    lens_colour: Annotated[
-        bool, "whether the image changes with the star's colour; false: all are as sunlike"
-    ] = True
-    principal_x: Annotated[float, PRINCIPAL_POINT] = 0.0
-    principal_y: Annotated[float, PRINCIPAL_POINT] = 0.0
-    k1: Annotated[float, COEFFICIENT] = 0.0
-    k2: Annotated[float, COEFFICIENT] = 0.0
-    p1: Annotated[float, COEFFICIENT] = 0.0
-    p2: Annotated[float, COEFFICIENT] = 0.0
-    k3: Annotated[float, COEFFICIENT] = 0.0
-    polynomial: Annotated[
-        core.FieldPolynomial | None,
+        default=True,
+    )
+    lens_colour: bool = parameter(
+        "whether the image changes with the star's colour; false: all are as sunlike", default=True
+    )
+    principal_x: float = parameter(PRINCIPAL_POINT, default=0.0)
+    principal_y: float = parameter(PRINCIPAL_POINT, default=0.0)
+    k1: float = parameter(COEFFICIENT, default=0.0)
+    k2: float = parameter(COEFFICIENT, default=0.0)
+    p1: float = parameter(COEFFICIENT, default=0.0)
+    p2: float = parameter(COEFFICIENT, default=0.0)
+    k3: float = parameter(COEFFICIENT, default=0.0)
+    polynomial: core.FieldPolynomial | None = parameter(
         "distortion over the field besides, as `calibrate` fits it to a table of stars",
-    ] = None
+        default=None,
+    )
 
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 

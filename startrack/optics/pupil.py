@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
-from typing import Annotated
 
 import numpy as np
 from scipy import special
 
-from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Refused, Unit
+from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Refused, Unit, parameter
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
 MARGIN = 3  # cells beyond the rim, where the soft edge is zero
@@ -19,22 +17,20 @@ SIDES = (math.pi / 6, math.pi / 2, 5 * math.pi / 6)  # radian, normals of a hexa
 AREA_CELLS = 512  # across the aperture, for its open area: 1e-5 for shapes with corners
 
 
-@dataclass(frozen=True)
 class Segment(Parameters):
     """One piece of a segmented or sparse aperture."""
 
-    x: Annotated[float, FINITE, "its centre, in radii of the whole aperture"]
-    y: Annotated[float, FINITE, "its centre, in radii of the whole aperture"]
-    size: Annotated[
-        float,
-        POSITIVE,
+    x: float = parameter("its centre, in radii of the whole aperture", limit=FINITE)
+    y: float = parameter("its centre, in radii of the whole aperture", limit=FINITE)
+    size: float = parameter(
         "radius of a circle, or half the distance between two opposite sides of a hexagon",
-    ]
-    shape: Annotated[
-        str,
-        Range(choices=("circle", "hexagon")),
+        limit=POSITIVE,
+    )
+    shape: str = parameter(
         '"circle" or "hexagon" (two of its sides along x)',
-    ] = "hexagon"
+        limit=Range(choices=("circle", "hexagon")),
+        default="hexagon",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -59,21 +55,26 @@ class Segment(Parameters):
         return apart < self.size + other.size - 1e-9
 
 
-@dataclass(frozen=True)
 class Pupil(Parameters):
     """Shape of the aperture; the default is a clear circle."""
 
-    obscuration: Annotated[
-        float, Range(0, 0.95), "radius of the central obscuration over that of the aperture"
-    ] = 0.0
-    vanes: Annotated[int, Range(0, 32), "number of evenly spaced arms that hold it"] = 0
-    vane_width: Annotated[float, Range(0, 0.5), "over the radius of the aperture"] = 0.0
-    vane_angle: Annotated[
-        float, Unit("rad", "deg"), FINITE, "of the first arm, from +x towards +y"
-    ] = 0.0
-    segments: Annotated[
-        tuple[Segment, ...], "the pieces of a segmented or sparse aperture; none: the whole circle"
-    ] = ()
+    obscuration: float = parameter(
+        "radius of the central obscuration over that of the aperture",
+        limit=Range(0, 0.95),
+        default=0.0,
+    )
+    vanes: int = parameter(
+        "number of evenly spaced arms that hold it", limit=Range(0, 32), default=0
+    )
+    vane_width: float = parameter(
+        "over the radius of the aperture", limit=Range(0, 0.5), default=0.0
+    )
+    vane_angle: float = parameter(
+        "of the first arm, from +x towards +y", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    segments: tuple[Segment, ...] = parameter(
+        "the pieces of a segmented or sparse aperture; none: the whole circle", default=()
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -173,26 +174,23 @@ def _segment(segment: Segment, x: Floats, y: Floats, cell: float) -> Floats:
 MOST = 231  # Noll index of the last mode with n = 20
 
 
-@dataclass(frozen=True)
 class Aberration(Parameters):
     """One term of the wavefront error."""
 
-    noll: Annotated[
-        int,
-        Range(1, MOST),
+    noll: int = parameter(
         "Noll's index: 4 defocus, 5 and 6 astigmatism, 7 and 8 coma, 11 spherical",
-    ]
-    rms: Annotated[
-        float,
-        Unit("m", "nm"),
-        FINITE,
+        limit=Range(1, MOST),
+    )
+    rms: float = parameter(
         "over the clear circular aperture (at the edge of the field if it grows)",
-    ]
-    growth: Annotated[
-        int,
-        Range(0, 10),
+        unit=Unit("m", "nm"),
+        limit=FINITE,
+    )
+    growth: int = parameter(
         "power of the field angle with which it grows from the axis; 0: the same everywhere",
-    ] = 0
+        limit=Range(0, 10),
+        default=0,
+    )
 
 
 def noll_to_nm(noll: int) -> tuple[int, int]:

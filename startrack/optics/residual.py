@@ -1,21 +1,28 @@
 """Residual: displacements of stars that no camera model has, of a unit, from their causes."""
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import numpy as np
 from scipy.linalg import lstsq
 from scipy.spatial import distance
 
 from startrack import core
-from startrack.core import FINITE, NODES, NON_NEGATIVE, Floats, Ints, Parameters, Range, Unit, kept
+from startrack.core import (
+    FINITE,
+    NODES,
+    NON_NEGATIVE,
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Unit,
+    kept,
+    parameter,
+)
 from startrack.optics.as_built import KINDS, BuiltLens, built_lens, element_slopes
 from startrack.optics.parameters import Optics
 
 PER_AXIS = "rms of each element along either axis"
 
 
-@dataclass(frozen=True)
 class Residual(Parameters):
     """Displacements over the frame which no camera model of a tracker has beforehand.
 
@@ -34,40 +41,45 @@ class Residual(Parameters):
               pupil is a focal length away.
     """
 
-    rms: Annotated[float, NON_NEGATIVE, "pixel, per axis, over the frame"] = 0.0
-    angle: Annotated[
-        float, Unit("rad", "arcsec"), NON_NEGATIVE, "the same as an angle on the sky"
-    ] = 0.0
-    grid: Annotated[
-        float,
-        Unit("m", "um"),
-        NON_NEGATIVE,
+    rms: float = parameter("pixel, per axis, over the frame", limit=NON_NEGATIVE, default=0.0)
+    angle: float = parameter(
+        "the same as an angle on the sky",
+        unit=Unit("rad", "arcsec"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    grid: float = parameter(
         "the same on the detector: errors of the grid of its pixels",
-    ] = 0.0
-    flatness: Annotated[
-        float,
-        Unit("m", "um"),
-        NON_NEGATIVE,
+        unit=Unit("m", "um"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    flatness: float = parameter(
         "rms by which the surface of the detector is not flat; oblique light is displaced",
-    ] = 0.0
-    scale: Annotated[
-        float, Range(0.05, 10), "correlation length over half the diagonal of the frame"
-    ] = 0.3
-    drift: Annotated[
-        float, NON_NEGATIVE, "pixel per kelvin: rms of the change with temperature"
-    ] = 0.0
-    temperature: Annotated[float, Unit("K"), FINITE, "above that at which there is no drift"] = 0.0
-    decentre: Annotated[float, Unit("m", "um"), NON_NEGATIVE, PER_AXIS] = 0.0
-    tilt: Annotated[float, Unit("rad", "arcmin"), NON_NEGATIVE, PER_AXIS] = 0.0
-    wedge: Annotated[float, Unit("rad", "arcmin"), NON_NEGATIVE, PER_AXIS] = 0.0
-    family: Annotated[
-        str, "lens_family whose elements are off, where the optics have no lens table"
-    ] = ""
-    seed: Annotated[
-        int,
-        Range(0, 2**63 - 1),
+        unit=Unit("m", "um"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    scale: float = parameter(
+        "correlation length over half the diagonal of the frame", limit=Range(0.05, 10), default=0.3
+    )
+    drift: float = parameter(
+        "pixel per kelvin: rms of the change with temperature", limit=NON_NEGATIVE, default=0.0
+    )
+    temperature: float = parameter(
+        "above that at which there is no drift", unit=Unit("K"), limit=FINITE, default=0.0
+    )
+    decentre: float = parameter(PER_AXIS, unit=Unit("m", "um"), limit=NON_NEGATIVE, default=0.0)
+    tilt: float = parameter(PER_AXIS, unit=Unit("rad", "arcmin"), limit=NON_NEGATIVE, default=0.0)
+    wedge: float = parameter(PER_AXIS, unit=Unit("rad", "arcmin"), limit=NON_NEGATIVE, default=0.0)
+    family: str = parameter(
+        "lens_family whose elements are off, where the optics have no lens table", default=""
+    )
+    seed: int = parameter(
         "of what one unit has by chance; 0: of the unit as designed, which has none",
-    ] = 0
+        limit=Range(0, 2**63 - 1),
+        default=0,
+    )
 
     def smooth(self, camera: core.Camera, pitch: float) -> float:
         """Pixel, s of the equation."""

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Any
 
 import nlopt
 import numpy as np
 
 from startrack import core
-from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, printed
+from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, parameter, printed
 
 CODE = "searches"  # group of code of one's own
 REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
@@ -63,7 +63,6 @@ def algorithms(text: str) -> list[str]:
     return names
 
 
-@dataclass(frozen=True)
 class Search(Parameters):
     """How long and how finely to search.
 
@@ -75,10 +74,10 @@ class Search(Parameters):
     """
 
     algorithm: str = Algorithm.SBPLX
-    evaluations: Annotated[int, Range(1, 10**7)] = 200
-    first_step: Annotated[float, Range(1e-9, 0.5)] = 0.15
-    last_step: Annotated[float, POSITIVE] = 2e-3
-    seed: Annotated[int, Range(0, 2**32 - 1)] = 0
+    evaluations: int = parameter(limit=Range(1, 10**7), default=200)
+    first_step: float = parameter(limit=Range(1e-9, 0.5), default=0.15)
+    last_step: float = parameter(limit=POSITIVE, default=2e-3)
+    seed: int = parameter(limit=Range(0, 2**32 - 1), default=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,14 @@
 """Units -> outcomes of trials of many, error of each, yield, and what made one of them bad."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Rows, whole
+from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Rows, parameter, whole
 from startrack.design import Case, Fidelity, Moment, Objective, Scope
 from startrack.metrics import Interval, fraction_interval
 from startrack.population.nodes import unit_plans
@@ -22,7 +22,6 @@ UNITS: np.dtype[np.void] = np.dtype(
 )
 
 
-@dataclass(frozen=True)
 class Units(Parameters):
     """How the trials of a campaign go over units: those of each one after the other.
 
@@ -34,9 +33,9 @@ class Units(Parameters):
                   some hundred units on
     """
 
-    trials: Annotated[int, Range(1, 10**6)]
-    environments: Annotated[int, Range(1)] = ENVIRONMENTS
-    age: Annotated[float, NON_NEGATIVE] = 0.0
+    trials: int = parameter(limit=Range(1, 10**6))
+    environments: int = parameter(limit=Range(1), default=ENVIRONMENTS)
+    age: float = parameter(limit=NON_NEGATIVE, default=0.0)
     exact: bool = False
 
     def __post_init__(self) -> None:

@@ -2,13 +2,11 @@
 
 import json
 import math
-from dataclasses import dataclass
-from typing import Annotated
 
 import tomli_w
 
 from startrack import budget, metrics
-from startrack.core import Advance, Parameters, Range, Rows, arcsec, deg
+from startrack.core import Advance, Parameters, Range, Rows, arcsec, deg, parameter
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
 from startrack.montecarlo import Sampling, Store, fidelity_comparison, origin
@@ -19,7 +17,6 @@ from startrack.report.page import Section, code, page, panels, paragraph, table
 MOST_POINTS = 5000  # trials on the map
 
 
-@dataclass(frozen=True)
 class Depth(Parameters):
     """Numbers of trials that the page repeats for its details.
 
@@ -31,12 +28,12 @@ class Depth(Parameters):
     conditions           trials in each condition of the verdict, but the design's own
     """
 
-    stars: Annotated[int, Range(1, 10**6)] = 60
-    slews: Annotated[int, Range(1, 10**6)] = 60
-    budget: Annotated[int, Range(2, 10**6)] = 60
-    fidelity_comparison: Annotated[int, Range(2, 10**6)] = 60
-    worst: Annotated[int, Range(0, 100)] = 3
-    conditions: Annotated[int, Range(2, 10**6)] = 200
+    stars: int = parameter(limit=Range(1, 10**6), default=60)
+    slews: int = parameter(limit=Range(1, 10**6), default=60)
+    budget: int = parameter(limit=Range(2, 10**6), default=60)
+    fidelity_comparison: int = parameter(limit=Range(2, 10**6), default=60)
+    worst: int = parameter(limit=Range(0, 100), default=3)
+    conditions: int = parameter(limit=Range(2, 10**6), default=200)
 
     @property
     def trials(self) -> int:

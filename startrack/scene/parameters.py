@@ -1,12 +1,21 @@
 """Scene: date, observer, background and bodies besides the stars; the lights that it may have."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, within
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+    within,
+)
 from startrack.space import FIRST_YEAR, LAST_YEAR
 
 LIMBS = ("molecules", "rural")  # air of the Earth's bright limb
@@ -44,66 +53,66 @@ LIGHTS = {
 }
 
 
-@dataclass(frozen=True)
 class Orbit(Parameters):
     """A circular orbit around the Earth."""
 
-    altitude: Annotated[float, Unit("m", "km"), POSITIVE, "above the equator's radius"]
-    inclination: Annotated[float, Unit("rad", "deg"), FINITE, "of the orbit to the equator"] = 0.0
-    node: Annotated[float, Unit("rad", "deg"), FINITE, "right ascension of the ascending node"] = (
-        0.0
+    altitude: float = parameter("above the equator's radius", unit=Unit("m", "km"), limit=POSITIVE)
+    inclination: float = parameter(
+        "of the orbit to the equator", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
     )
-    phase: Annotated[
-        float | None,
-        Unit("rad", "deg"),
-        FINITE,
+    node: float = parameter(
+        "right ascension of the ascending node", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    phase: float | None = parameter(
         "from the node at the date; None: each trial draws it",
-    ] = None
+        unit=Unit("rad", "deg"),
+        limit=FINITE,
+        default=None,
+    )
 
 
-@dataclass(frozen=True)
 class Scene(Parameters):
     """Background and bodies besides the stars, date and observer.
 
     What is absent costs no time and draws no random number.
     """
 
-    background_g: Annotated[
-        float | None,
-        Range(-30, DARK),
+    background_g: float | None = parameter(
         "magnitude per square arcsecond in Gaia's G of a uniform background, None for none. It "
         "replaces the zodiacal light, which is near V 23.3 at high ecliptic latitude and near "
         "22.1 on the ecliptic at 90 degrees from the Sun.",
-    ] = None
-    lights: Annotated[
-        tuple[str, ...],
-        Range(choices=LIGHTS, code="lights"),
+        limit=Range(-30, DARK),
+        default=None,
+    )
+    lights: tuple[str, ...] = parameter(
         'which of LIGHTS are present: "zodiacal" light; "starlight" of stars below the '
         'catalogue\'s limit and of the dust that they light; "planets", the "sun" and the '
         '"moon", in the field and through the baffle; the "earth" under an orbit, its "airglow" '
         'and its "cities" at night. Sun, Moon and Earth hide the stars behind them, and each '
         "other's light. Diffuse light by code of one's own, see docs/extensions.md, too; it is "
         "in front of everything",
-    ] = ()
-    date: Annotated[str | None, 'UTC, as "2026-03-20T12:00:00"'] = None
-    days: Annotated[
-        float, NON_NEGATIVE, "each trial draws its date within so many days after `date`"
-    ] = 0.0
-    orbit: Annotated[
-        Orbit | None,
+        limit=Range(choices=LIGHTS, code="lights"),
+        default=(),
+    )
+    date: str | None = parameter('UTC, as "2026-03-20T12:00:00"', default=None)
+    days: float = parameter(
+        "each trial draws its date within so many days after `date`",
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    orbit: Orbit | None = parameter(
         "around the Earth; None: the observer is at the Earth's centre, without an Earth",
-    ] = None
-    place: Annotated[
-        tuple[float, ...] | None,
-        Unit("m", "AU"),
-        "from the solar system's barycentre, ICRS axes, instead",
-    ] = None
-    limb: Annotated[
-        str,
-        Range(choices=LIMBS),
+        default=None,
+    )
+    place: tuple[float, ...] | None = parameter(
+        "from the solar system's barycentre, ICRS axes, instead", unit=Unit("m", "AU"), default=None
+    )
+    limb: str = parameter(
         "air of the Earth's bright limb: molecules alone, or with the rural aerosol of Shettle "
         "and Fenn, 23 km of visibility and their stratosphere's background",
-    ] = "molecules"
+        limit=Range(choices=LIMBS),
+        default="molecules",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

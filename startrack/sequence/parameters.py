@@ -2,58 +2,64 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.attitude import CameraFilter
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, deg
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    deg,
+    parameter,
+)
 from startrack.io import from_table, read_table
 from startrack.motion import Tone
 
 TURN = "of the rotation vector, about the axes of the camera of the design"
 
 
-@dataclass(frozen=True)
 class Leg(Parameters):
     """A time in which the camera turns at constant rates about its own axes."""
 
-    duration: Annotated[float, Unit("s"), POSITIVE]
-    rate_x: Annotated[float, Unit("rad/s", "deg/s"), FINITE] = 0.0
-    rate_y: Annotated[float, Unit("rad/s", "deg/s"), FINITE] = 0.0
-    rate_z: Annotated[float, Unit("rad/s", "deg/s"), FINITE] = 0.0
+    duration: float = parameter(unit=Unit("s"), limit=POSITIVE)
+    rate_x: float = parameter(unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
+    rate_y: float = parameter(unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
+    rate_z: float = parameter(unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
 
 
-@dataclass(frozen=True)
 class Gyro(Parameters):
     """A gyroscope, the same on each axis; the filter knows these numbers, not the drawn errors."""
 
-    angle_random_walk: Annotated[
-        float,
-        Unit("rad/s(1/2)", "deg/h(1/2)"),
-        NON_NEGATIVE,
+    angle_random_walk: float = parameter(
         "radian / second^(1/2), white noise of the rate",
-    ]
-    rate_random_walk: Annotated[
-        float,
-        Unit("rad/s(3/2)", "deg/h(3/2)"),
-        NON_NEGATIVE,
+        unit=Unit("rad/s(1/2)", "deg/h(1/2)"),
+        limit=NON_NEGATIVE,
+    )
+    rate_random_walk: float = parameter(
         "radian / second^(3/2), white noise that drives the bias",
-    ]
-    bias: Annotated[float, Unit("rad/s", "deg/h"), NON_NEGATIVE, "rms of the bias at the start"]
-    misalignment: Annotated[
-        float,
-        Unit("rad", "arcsec"),
-        NON_NEGATIVE,
+        unit=Unit("rad/s(3/2)", "deg/h(3/2)"),
+        limit=NON_NEGATIVE,
+    )
+    bias: float = parameter(
+        "rms of the bias at the start", unit=Unit("rad/s", "deg/h"), limit=NON_NEGATIVE
+    )
+    misalignment: float = parameter(
         "rms rotation of its axes from those of the camera, about each of them; the filter "
         "estimates it from the slews",
-    ] = 0.0
+        unit=Unit("rad", "arcsec"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
 
 
-@dataclass(frozen=True)
 class Head(Parameters):
     """A further head of the tracker: another camera of the same make on the same bench.
 
@@ -61,16 +67,16 @@ class Head(Parameters):
     these; its detector and the residual of its lens have seeds of their own.
     """
 
-    x: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
-    y: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
-    z: Annotated[float, Unit("rad", "deg"), FINITE, TURN] = 0.0
-    alignment_sigma: Annotated[
-        float,
-        Unit("rad", "arcsec"),
-        NON_NEGATIVE,
+    x: float = parameter(TURN, unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
+    y: float = parameter(TURN, unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
+    z: float = parameter(TURN, unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
+    alignment_sigma: float = parameter(
         "rms error of that rotation about each axis, drawn for each sequence; the filter "
         "estimates it from the attitudes of both heads",
-    ] = 0.0
+        unit=Unit("rad", "arcsec"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
 
     @property
     def to_head(self) -> Rotation:
@@ -78,7 +84,6 @@ class Head(Parameters):
         return Rotation.from_rotvec([-self.x, -self.y, -self.z])
 
 
-@dataclass(frozen=True)
 class Sequence(Parameters):
     """Frames in a row."""
 
@@ -88,51 +93,52 @@ class Sequence(Parameters):
         "swiftness": "initial_rate_sigma",
     }
 
-    legs: Annotated[
-        tuple[Leg, ...],
+    legs: tuple[Leg, ...] = parameter(
         "of the attitude profile, one after the other; they replace the rates of the design's "
-        "motion, whose jitter remains",
-    ]
-    period: Annotated[
-        float | None,
-        Unit("s"),
-        POSITIVE,
-        "from one frame to the next; None: as fast as the detector gives them",
-    ] = None
-    gyro: Annotated[Gyro | None, "None: the filter estimates the rate from the attitudes alone"] = (
-        None
+        "motion, whose jitter remains"
     )
-    angular_acceleration_psd: Annotated[
-        float,
-        Unit("rad/s(3/2)", "deg/s(3/2)"),
-        POSITIVE,
+    period: float | None = parameter(
+        "from one frame to the next; None: as fast as the detector gives them",
+        unit=Unit("s"),
+        limit=POSITIVE,
+        default=None,
+    )
+    gyro: Gyro | None = parameter(
+        "None: the filter estimates the rate from the attitudes alone", default=None
+    )
+    angular_acceleration_psd: float = parameter(
         "radian / second^(3/2), square root of the spectral density of the angular acceleration "
         "that a filter without gyroscope assumes",
-    ] = 60 * core.arcsec
-    initial_rate_sigma: Annotated[
-        float,
-        Unit("rad/s", "deg/s"),
-        POSITIVE,
+        unit=Unit("rad/s(3/2)", "deg/s(3/2)"),
+        limit=POSITIVE,
+        default=60 * core.arcsec,
+    )
+    initial_rate_sigma: float = parameter(
         "rms rate that the filter assumes at the start, and when a frame has no attitude: a "
         "manoeuvre may have begun",
-    ] = 1 * deg
-    max_coasted_frames: Annotated[
-        int, Range(0, 10**6), "frames without attitude after which the prediction is dropped"
-    ] = 3
-    heads: Annotated[
-        tuple[Head, ...],
+        unit=Unit("rad/s", "deg/s"),
+        limit=POSITIVE,
+        default=1 * deg,
+    )
+    max_coasted_frames: int = parameter(
+        "frames without attitude after which the prediction is dropped",
+        limit=Range(0, 10**6),
+        default=3,
+    )
+    heads: tuple[Head, ...] = parameter(
         "further heads, whose frames are taken at the same times; one filter has the attitudes of "
         "all",
-    ] = ()
-    camera: Annotated[
-        CameraFilter | None,
+        default=(),
+    )
+    camera: CameraFilter | None = parameter(
         "calibrates the tracker's camera from frame to frame; None: it keeps what it believes",
-    ] = None
-    dither: Annotated[
-        tuple[Tone, ...],
+        default=None,
+    )
+    dither: tuple[Tone, ...] = parameter(
         "sinusoidal motion beside the legs and the design's jitter, such as of a spacecraft that "
         "moves its image over the pixels; of one start in a sequence",
-    ] = ()
+        default=(),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,14 +1,23 @@
 """Orbit, Sun and surfaces -> temperatures of a platform and of a head on it over an orbit."""
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Refused, Unit, kernel
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    kernel,
+    parameter,
+)
 from startrack.space.bodies import barycentric, seen_from
 from startrack.space.earth import EARTH_RADIUS, GM, cross, dot, unit
 from startrack.space.orbit import Kepler, node_at, sun_synchronous
@@ -20,7 +29,6 @@ NEWTON = 30  # steps; some five are enough
 FACES = {"+x": (0, 1), "-x": (0, -1), "+y": (1, 1), "-y": (1, -1), "+z": (2, 1), "-z": (2, -1)}
 
 
-@dataclass(frozen=True)
 class Heat(Parameters):
     """A box in orbit, and a head that stands outside on one of its faces.
 
@@ -36,51 +44,73 @@ class Heat(Parameters):
               spacecraft; faces do not see each other. numerical: 0.1 K for 240 steps an orbit.
     """
 
-    epoch: Annotated[str, "UTC, for the place of the Sun"] = "2026-03-20T12:00:00"
-    altitude: Annotated[float, Unit("m", "km"), Range(150e3, 4e7), "of a circular orbit"] = 600e3
-    local_time: Annotated[
-        float, Unit("s", "h", clock=True), "of the ascending node, mean solar time"
-    ] = 10.5 * 3600
-    inclination: Annotated[
-        float | None, Unit("rad", "deg"), Range(0, math.pi), "None: that of a Sun-synchronous orbit"
-    ] = None
-    size: Annotated[tuple[float, ...], Unit("m"), POSITIVE, "of the box along x, y and z"] = (
-        0.6,
-        0.6,
-        0.8,
+    epoch: str = parameter("UTC, for the place of the Sun", default="2026-03-20T12:00:00")
+    altitude: float = parameter(
+        "of a circular orbit", unit=Unit("m", "km"), limit=Range(150e3, 4e7), default=600e3
     )
-    absorptance: Annotated[
-        tuple[float, ...],
-        Range(0, 1),
+    local_time: float = parameter(
+        "of the ascending node, mean solar time",
+        unit=Unit("s", "h", clock=True),
+        default=10.5 * 3600,
+    )
+    inclination: float | None = parameter(
+        "None: that of a Sun-synchronous orbit",
+        unit=Unit("rad", "deg"),
+        limit=Range(0, math.pi),
+        default=None,
+    )
+    size: tuple[float, ...] = parameter(
+        "of the box along x, y and z", unit=Unit("m"), limit=POSITIVE, default=(0.6, 0.6, 0.8)
+    )
+    absorptance: tuple[float, ...] = parameter(
         "of sunlight, by the faces +x, -x, +y, -y, +z and -z, or one of all",
-    ] = (0.3,)
-    emittance: Annotated[tuple[float, ...], Range(0, 1), "in the infrared, likewise"] = (0.3,)
-    capacity: Annotated[float, Unit("J / K"), POSITIVE, "of the platform"] = 60e3
-    power: Annotated[float, Unit("W"), NON_NEGATIVE, "that its electronics turn into heat"] = 60.0
-    face: Annotated[str, Range(choices=tuple(FACES)), "on which the head is"] = "-z"
-    head_size: Annotated[
-        tuple[float, ...], Unit("m", "mm"), POSITIVE, "diameter and length of what stands outside"
-    ] = (80e-3, 100e-3)
-    head_absorptance: Annotated[
-        float,
-        Range(0, 1),
+        limit=Range(0, 1),
+        default=(0.3,),
+    )
+    emittance: tuple[float, ...] = parameter(
+        "in the infrared, likewise", limit=Range(0, 1), default=(0.3,)
+    )
+    capacity: float = parameter("of the platform", unit=Unit("J / K"), limit=POSITIVE, default=60e3)
+    power: float = parameter(
+        "that its electronics turn into heat", unit=Unit("W"), limit=NON_NEGATIVE, default=60.0
+    )
+    face: str = parameter("on which the head is", limit=Range(choices=tuple(FACES)), default="-z")
+    head_size: tuple[float, ...] = parameter(
+        "diameter and length of what stands outside",
+        unit=Unit("m", "mm"),
+        limit=POSITIVE,
+        default=(80e-3, 100e-3),
+    )
+    head_absorptance: float = parameter(
         "of sunlight, of its tube; under insulation, the part that reaches the tube",
-    ] = 0.01
-    head_emittance: Annotated[
-        float, Range(0, 1), "in the infrared; under insulation, its effective emittance"
-    ] = 0.02
-    aperture: Annotated[
-        float,
-        Unit("m", "mm"),
-        NON_NEGATIVE,
+        limit=Range(0, 1),
+        default=0.01,
+    )
+    head_emittance: float = parameter(
+        "in the infrared; under insulation, its effective emittance",
+        limit=Range(0, 1),
+        default=0.02,
+    )
+    aperture: float = parameter(
         "diameter of the opening, black, which sees space alone",
-    ] = 30e-3
-    head_capacity: Annotated[float, Unit("J / K"), POSITIVE, "0.5 kg of aluminium"] = 450.0
-    head_power: Annotated[float, Unit("W"), NON_NEGATIVE, "of its electronics"] = 1.0
-    conductance: Annotated[float, Unit("W / K"), POSITIVE, "from head to platform"] = 0.2
-    albedo: Annotated[float, Range(0, 1), "of the Earth"] = 0.3
-    infrared: Annotated[float, Unit("W / m2"), NON_NEGATIVE, "of the Earth"] = 237.0
-    solar: Annotated[float, Unit("W / m2"), NON_NEGATIVE, "of the Sun"] = SOLAR
+        unit=Unit("m", "mm"),
+        limit=NON_NEGATIVE,
+        default=30e-3,
+    )
+    head_capacity: float = parameter(
+        "0.5 kg of aluminium", unit=Unit("J / K"), limit=POSITIVE, default=450.0
+    )
+    head_power: float = parameter(
+        "of its electronics", unit=Unit("W"), limit=NON_NEGATIVE, default=1.0
+    )
+    conductance: float = parameter(
+        "from head to platform", unit=Unit("W / K"), limit=POSITIVE, default=0.2
+    )
+    albedo: float = parameter("of the Earth", limit=Range(0, 1), default=0.3)
+    infrared: float = parameter(
+        "of the Earth", unit=Unit("W / m2"), limit=NON_NEGATIVE, default=237.0
+    )
+    solar: float = parameter("of the Sun", unit=Unit("W / m2"), limit=NON_NEGATIVE, default=SOLAR)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -4,12 +4,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated
 
 import numpy as np
 import scipy
 
-from startrack.core import Flags, Floats, Parameters, Range, Rows, whole
+from startrack.core import Flags, Floats, Parameters, Range, Rows, parameter, whole
 from startrack.design import Accuracy, Requirements
 from startrack.metrics import Interval, Limits, correct, fraction_interval, level_ranks, mean_bounds
 from startrack.verification.accuracy import REGIONS, measured_over
@@ -39,7 +38,6 @@ def answer_of(parts: Sequence[Answer], left: object) -> Answer:
     return Answer.PASS if shown else Answer.NOT_SHOWN
 
 
-@dataclass(frozen=True)
 class Looks(Parameters):
     """Numbers of trials at which a requirement is tested, and the errors that the tests may make.
 
@@ -55,9 +53,9 @@ class Looks(Parameters):
     alpha  1, one minus the confidence
     """
 
-    first: Annotated[int, Range(2, 10**9)] = 256
-    most: Annotated[int, Range(high=10**9)] = 8192
-    alpha: Annotated[float, Range(1e-6, 0.5)] = 0.05
+    first: int = parameter(limit=Range(2, 10**9), default=256)
+    most: int = parameter(limit=Range(high=10**9), default=8192)
+    alpha: float = parameter(limit=Range(1e-6, 0.5), default=0.05)
 
     def __post_init__(self) -> None:
         super().__post_init__()

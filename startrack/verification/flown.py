@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -61,8 +61,7 @@ KEYS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Windows(core.Parameters):
+class Windows(core.Parameters, eq=False):
     """Images of one star over time.
 
     time        (n,) second, rising

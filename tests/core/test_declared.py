@@ -1,9 +1,8 @@
 """A parameter that is declared once is checked, and may name code where its declaration says so."""
 
 import os
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import field, is_dataclass
 from importlib import import_module
-from typing import Annotated
 
 import pytest
 
@@ -17,21 +16,23 @@ from startrack.core import (
     Range,
     Unit,
     fields_of,
+    parameter,
 )
 
 
-@dataclass(frozen=True)
 class Lens(Parameters):
     """Of all kinds of declarations."""
 
-    focal_length: Annotated[float, Unit("m", "mm"), POSITIVE, "of the lens"]
-    blur: Annotated[float | None, NON_NEGATIVE] = None
-    loss: Annotated[float, Range(0, 1, above=True)] = 0.5
-    elements: Annotated[int, Range(1, 20)] = 4
-    first: Annotated[int, Range(0)] = 0
-    kind: Annotated[str, Range(choices=("thin", "thick"))] = "thin"
-    radii: Annotated[tuple[float, ...], POSITIVE] = ()
-    methods: Annotated[tuple[str, ...], Range(choices=("own",), code="centroids")] = ()
+    focal_length: float = parameter("of the lens", unit=Unit("m", "mm"), limit=POSITIVE)
+    blur: float | None = parameter(limit=NON_NEGATIVE, default=None)
+    loss: float = parameter(limit=Range(0, 1, above=True), default=0.5)
+    elements: int = parameter(limit=Range(1, 20), default=4)
+    first: int = parameter(limit=Range(0), default=0)
+    kind: str = parameter(limit=Range(choices=("thin", "thick")), default="thin")
+    radii: tuple[float, ...] = parameter(limit=POSITIVE, default=())
+    methods: tuple[str, ...] = parameter(
+        limit=Range(choices=("own",), code="centroids"), default=()
+    )
 
 
 @pytest.mark.parametrize(
@@ -67,12 +68,11 @@ def test_a_declaration_has_unit_range_meaning_and_default():
     assert fields_of(Lens)["blur"].default is None
 
 
-@dataclass(frozen=True)
 class Scanned(Parameters):
     """An object with files."""
 
-    table: Annotated[str, FILE] = ""
-    beside: Annotated[str | None, FILE] = None
+    table: str = parameter(limit=FILE, default="")
+    beside: str | None = parameter(limit=FILE, default=None)
     _files: tuple[FileState, ...] = field(init=False, repr=False, default=())
 
 

@@ -51,11 +51,12 @@ def test_heads_on_one_platform_see_one_motion(tmp_path, of):
     """The angle between two heads holds the jitter of their mounts, and none of the platform's.
 
     20 arcsec rms of a tone of 5 / T: the mean of an exposure is all of it off the middle, and each
-    head errs by it. 48 errors of two heads: an rms has a standard error of 10 %.
+    head errs by it. 48 errors of two heads: an rms has a standard error of 10 %. The tone is about
+    x of the first head alone, so that it shows how the motion is turned for the second one.
     """
-    plan = plan_with(tmp_path, HEADS[:2])
+    plan = plan_with(tmp_path, [("left", -90, 5), ("front", 20, 5)])
     hertz = 5 / plan.loaded.designs[0].case.instrument.detector.exposure
-    tones = tuple(Tone(hertz, **{f"rms_{axis}": 20 * arcsec}) for axis in AXES)
+    tones = (Tone(hertz, rms_x=20 * arcsec),)
     motion = Motion(tones=tones, jitter_of=of)
     designs = tuple(
         dataclasses.replace(design, case=replaced(design.case, "instrument.motion", motion))

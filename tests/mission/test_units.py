@@ -2,15 +2,16 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Refused, arcsec
+from startrack.core import Refused, arcsec, deg
 from startrack.design import Fidelity, load_design
 from startrack.io import shipped
-from startrack.mission import fly_units, load_mission, plan_of
+from startrack.mission import fly_units, load_mission, placement, plan_of
 from startrack.mission import units as of_units
 from startrack.mission.engine import at
 from startrack.mission.fusion import fuse
@@ -101,6 +102,39 @@ def test_the_motion_of_the_platform_is_one_in_every_sum_of_heads(tmp_path):
         patch.setattr(of_units, "turned_by_heat", lambda *a: np.zeros((3, len(a[3].second))))
         fleet, alone = (fly_units(one, 1, 1).rms for one in (of_platform, still))
     assert fleet**2 - alone**2 == pytest.approx(np.full((1, 3), (2 * arcsec) ** 2), rel=1e-6)
+
+
+def test_two_heads_of_one_direction_share_the_platforms_motion(tmp_path, monkeypatch):
+    """Their covariance in closed form: half of the heads' own noise, and all of the motion.
+
+    Trials correct the variance across by 1.5 and about by 3, and the motion with it. The placement
+    of heads uses the errors without this correction.
+    """
+    plan = plan_with(tmp_path, [("first", 0, 60), ("second", 0, 60)])
+    moved = (arcsec * np.array([1.0, 1.0, 4.0])) ** 2
+    factor = np.array([1.5, 3.0])
+    correction = SimpleNamespace(
+        coefficient=np.log(factor)[:, None],
+        features=lambda values: np.ones_like(values["stars"])[:, None],
+    )
+    heads = tuple(replace(head, moved=moved) for head in plan.heads)
+    stars = np.zeros(ROWS * COLUMNS)
+    corrected = tuple(replace(one, stars=stars, correction=correction) for one in plan.surrogates)
+    noise = (arcsec * np.array([2.0, 2.0, 20.0])) ** 2 - moved
+
+    def variance(factor):
+        camera = (noise / 2 + moved) * factor
+        axes = plan.heads[0].axes
+        return np.diag(axes @ np.diag(camera) @ axes.T)
+
+    seen = at(replace(plan, heads=heads, surrogates=corrected), plan.motion.at(0.0, 60.0, 20))
+    free = seen.seen[0].blind == 0
+    assert free.sum() > 5
+    want = variance(factor[[0, 0, 1]])
+    assert seen.variance[:, free] == pytest.approx(np.tile(want[:, None], free.sum()), rel=1e-9)
+    monkeypatch.setattr(placement, "WINDOWS", 2)
+    placed = placement.place(replace(plan, heads=heads), grid_step=90 * deg, evaluations=0)
+    assert placed.before.error**2 == pytest.approx(variance(1.0).max(), rel=1e-9)
 
 
 def test_fused_errors_are_those_of_fused_rotations(tmp_path, monkeypatch):

@@ -4,13 +4,21 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, Floats, Parameters, Range, Unit, positive, printed
+from startrack.core import (
+    NON_NEGATIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    parameter,
+    positive,
+    printed,
+)
 from startrack.io import open_checked
 
 KOSCHMIEDER = 3.912  # ln 50: a contrast of 2 %
@@ -69,28 +77,29 @@ SPREADS: Floats = 20.0 * np.sqrt(10.0) ** np.arange(7.0)  # metre, of the Gaussi
 WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scatters (as 6S)
 
 
-@dataclass(frozen=True)
 class Air(Parameters):
     """One state of the atmosphere; the defaults are a clear day in mid-latitude summer."""
 
-    aerosol: Annotated[
-        str,
-        Range(choices=AEROSOLS),
+    aerosol: str = parameter(
         'type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone',
-    ] = "rural"
-    visibility: Annotated[
-        float,
-        Unit("m", "km"),
-        Range(2e3, 150e3),
+        limit=Range(choices=AEROSOLS),
+        default="rural",
+    )
+    visibility: float = parameter(
         "meteorological range at the ground: where contrast falls to 2 %",
-    ] = 23e3
-    water: Annotated[float, Unit("kg / m2"), NON_NEGATIVE, "vapour above the sea"] = 29.2
-    ozone: Annotated[
-        float,
-        Unit("m", "mm"),
-        NON_NEGATIVE,
+        unit=Unit("m", "km"),
+        limit=Range(2e3, 150e3),
+        default=23e3,
+    )
+    water: float = parameter(
+        "vapour above the sea", unit=Unit("kg / m2"), limit=NON_NEGATIVE, default=29.2
+    )
+    ozone: float = parameter(
         "pure, at standard conditions; 1e-5 m is a Dobson unit",
-    ] = 3.32e-3
+        unit=Unit("m", "mm"),
+        limit=NON_NEGATIVE,
+        default=3.32e-3,
+    )
 
 
 @printed

@@ -2,35 +2,39 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core, space
-from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Unit, printed
+from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Unit, parameter, printed
 from startrack.earth.terrain import cartesian, up
 
 SPIN_VECTOR: Floats = np.array([0.0, 0.0, space.SPIN])  # rad / s
 
 
-@dataclass(frozen=True)
 class Orbit(Parameters):
     """A satellite by its mean elements at an epoch, moved by SGP4 without drag."""
 
-    epoch: Annotated[str, "UTC, as ISO 8601"]
-    altitude: Annotated[
-        float, Unit("m", "km"), POSITIVE, "semi-major axis minus the equatorial radius"
-    ] = 600e3
-    inclination: Annotated[float, Unit("rad", "deg"), Range(0, math.pi), "radian"] = math.radians(
-        97.8
+    epoch: str = parameter("UTC, as ISO 8601")
+    altitude: float = parameter(
+        "semi-major axis minus the equatorial radius",
+        unit=Unit("m", "km"),
+        limit=POSITIVE,
+        default=600e3,
     )
-    node: Annotated[float, Unit("rad", "deg"), FINITE, "right ascension of the ascending node"] = (
-        0.0
+    inclination: float = parameter(
+        "radian", unit=Unit("rad", "deg"), limit=Range(0, math.pi), default=math.radians(97.8)
     )
-    anomaly: Annotated[float, Unit("rad", "deg"), FINITE, "mean, from the perigee"] = 0.0
-    perigee: Annotated[float, Unit("rad", "deg"), FINITE, "its argument"] = 0.0
-    eccentricity: Annotated[float, Range(0, 0.9), "1"] = 0.0
+    node: float = parameter(
+        "right ascension of the ascending node", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    anomaly: float = parameter(
+        "mean, from the perigee", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    perigee: float = parameter("its argument", unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
+    eccentricity: float = parameter("1", limit=Range(0, 0.9), default=0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,17 +74,22 @@ class TwoLines:
         return space.two_line_record((self.first, self.second))
 
 
-@dataclass(frozen=True)
 class Aircraft(Parameters):
     """A great circle at one height, flown at one speed over ground."""
 
-    epoch: Annotated[str, "UTC, as ISO 8601"]
-    longitude: Annotated[float, Unit("rad", "deg"), FINITE, "position at the epoch"]
+    epoch: str = parameter("UTC, as ISO 8601")
+    longitude: float = parameter("position at the epoch", unit=Unit("rad", "deg"), limit=FINITE)
     # Beyond these limits, at the poles, there is no heading.
-    latitude: Annotated[float, Unit("rad", "deg"), Range(-1.5, 1.5), "position at the epoch"]
-    altitude: Annotated[float, Unit("m", "km"), Range(1.0, 100e3), "above the ellipsoid"] = 3e3
-    heading: Annotated[float, Unit("rad", "deg"), FINITE, "from north to east"] = 0.0
-    speed: Annotated[float, Unit("m / s"), POSITIVE, "over ground"] = 80.0
+    latitude: float = parameter(
+        "position at the epoch", unit=Unit("rad", "deg"), limit=Range(-1.5, 1.5)
+    )
+    altitude: float = parameter(
+        "above the ellipsoid", unit=Unit("m", "km"), limit=Range(1.0, 100e3), default=3e3
+    )
+    heading: float = parameter(
+        "from north to east", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    speed: float = parameter("over ground", unit=Unit("m / s"), limit=POSITIVE, default=80.0)
 
     def state(self, second: Floats) -> tuple[Floats, Floats]:
         """Positions in metre and velocities over ground in metre / second, (n, 3) each, ITRS.
@@ -105,16 +114,14 @@ class Aircraft(Parameters):
 class Flight:
     """A satellite or an aircraft at some times, in the Earth's fixed axes (ITRS)."""
 
-    second: Annotated[Floats, "(n,) since the epoch of its orbit"]
-    position: Annotated[Floats, "(n, 3) metre"]
-    velocity: Annotated[Floats, "(n, 3) metre / second, over the rotating Earth"]
-    inertial: Annotated[Floats, "(n, 3) metre / second, against the stars, in the same axes"]
-    course: Annotated[
-        Floats,
-        "(n, 3) metre / second, direction of flight of `Pointing`: against the stars for a "
-        "satellite, over ground for an aircraft",
-    ]
-    icrs_to_itrs: Annotated[Rotation, "(n,) rotations"]
+    second: Floats  # (n,) since the epoch of its orbit
+    position: Floats  # (n, 3) metre
+    velocity: Floats  # (n, 3) metre / second, over the rotating Earth
+    inertial: Floats  # (n, 3) metre / second, against the stars, in the same axes
+    # (n, 3) metre / second, direction of flight of `Pointing`: against the stars for a satellite,
+    # over ground for an aircraft.
+    course: Floats
+    icrs_to_itrs: Rotation  # (n,) rotations
 
 
 Carrier = Orbit | TwoLines | Aircraft  # what a camera flies on

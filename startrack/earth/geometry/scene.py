@@ -11,7 +11,17 @@ from typing import Annotated
 import numpy as np
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit, printed
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    parameter,
+    printed,
+)
 from startrack.earth.geometry import sight
 from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, choose_carrier
 from startrack.earth.geometry.sight import Elements
@@ -36,27 +46,33 @@ DETECTORS = ("matrix", "line", "staggered", "tdi")
 BATCH = 2**17  # rays at a time, which limit the memory; chosen by hand
 
 
-@dataclass(frozen=True)
 class Sensor(Parameters):
     """The detector and lens, as the geometry needs them."""
 
-    detector: Annotated[str, Range(choices=DETECTORS), "matrix, line, staggered or tdi"] = "line"
-    columns: Annotated[int, Range(2, 2**16), "pixel, of the image"] = 512
-    lines: Annotated[int, Range(1, 2**16), "of the image"] = 512
-    focal_length: Annotated[float, Unit("m"), POSITIVE, "metre"] = 1.0
-    pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "metre"] = 10e-6
-    period: Annotated[
-        Annotated[float, Unit("s", "ms")] | None,
-        POSITIVE,
+    detector: str = parameter(
+        "matrix, line, staggered or tdi", limit=Range(choices=DETECTORS), default="line"
+    )
+    columns: int = parameter("pixel, of the image", limit=Range(2, 2**16), default=512)
+    lines: int = parameter("of the image", limit=Range(1, 2**16), default=512)
+    focal_length: float = parameter("metre", unit=Unit("m"), limit=POSITIVE, default=1.0)
+    pixel_pitch: float = parameter("metre", unit=Unit("m", "um"), limit=POSITIVE, default=10e-6)
+    period: Annotated[float, Unit("s", "ms")] | None = parameter(
         "from line to line; None for square pixels below the satellite",
-    ] = None
-    stages: Annotated[
-        int, Range(1, 512), "rows of a TDI detector, or rows between the two of a staggered one"
-    ] = 8
-    rays: Annotated[int, Range(1, 16), "along each side of a pixel"] = 1
-    delay: Annotated[
-        float, Unit("s"), FINITE, "after the orbit's epoch at which the middle line is taken"
-    ] = 0.0
+        limit=POSITIVE,
+        default=None,
+    )
+    stages: int = parameter(
+        "rows of a TDI detector, or rows between the two of a staggered one",
+        limit=Range(1, 512),
+        default=8,
+    )
+    rays: int = parameter("along each side of a pixel", limit=Range(1, 16), default=1)
+    delay: float = parameter(
+        "after the orbit's epoch at which the middle line is taken",
+        unit=Unit("s"),
+        limit=FINITE,
+        default=0.0,
+    )
 
     @property
     def camera(self) -> core.Camera:
@@ -92,21 +108,23 @@ class Sensor(Parameters):
         return self.pixel_pitch / self.focal_length / sight.ground_rate(orbit)
 
 
-@dataclass(frozen=True)
 class Fractal(Parameters):
     """Terrain from a seed."""
 
-    longitude: Annotated[
-        float, Unit("rad", "deg"), Range(-2 * math.pi, 2 * math.pi), "of its middle"
-    ]
+    longitude: float = parameter(
+        "of its middle", unit=Unit("rad", "deg"), limit=Range(-2 * math.pi, 2 * math.pi)
+    )
     # Nearer to the poles, cells of one size are impossible.
-    latitude: Annotated[float, Unit("rad", "deg"), Range(-1.48, 1.48), "of its middle"]
-    cell: Annotated[float, Unit("m"), POSITIVE, "metre"] = 30.0
-    cells: Annotated[int, Range(2, 2**14), "along each side"] = 1024
-    relief: Annotated[
-        float, Unit("m"), POSITIVE, "from the lowest height, at 0, to the highest"
-    ] = 2000.0
-    roughness: Annotated[float, FINITE, "1, lower for rougher terrain"] = 2.0
+    latitude: float = parameter("of its middle", unit=Unit("rad", "deg"), limit=Range(-1.48, 1.48))
+    cell: float = parameter("metre", unit=Unit("m"), limit=POSITIVE, default=30.0)
+    cells: int = parameter("along each side", limit=Range(2, 2**14), default=1024)
+    relief: float = parameter(
+        "from the lowest height, at 0, to the highest",
+        unit=Unit("m"),
+        limit=POSITIVE,
+        default=2000.0,
+    )
+    roughness: float = parameter("1, lower for rougher terrain", limit=FINITE, default=2.0)
     seed: int = 1
 
     @lru_cache(maxsize=2)  # noqa: B019 - by value; every image opens its terrain several times
@@ -120,45 +138,45 @@ class Fractal(Parameters):
         return Array(Grid(west, north, step_x, step_y, count, count), heights)
 
 
-@dataclass(frozen=True)
 class MapFile(Parameters):
     """A map of the ground."""
 
-    name: Annotated[str, "of the map"]
-    file: Annotated[str, "any raster"]
-    exact: Annotated[bool, "whether its values are classes"] = False
-    absent: Annotated[float, "value where the file has none"] = math.nan
-    band: Annotated[int, Range(1, 2**16), "of it, 1 the first"] = 1
+    name: str = parameter("of the map")
+    file: str = parameter("any raster")
+    exact: bool = parameter("whether its values are classes", default=False)
+    absent: float = parameter("value where the file has none", default=math.nan)
+    band: int = parameter("of it, 1 the first", limit=Range(1, 2**16), default=1)
 
 
-@dataclass(frozen=True)
 class Terrain(Parameters):
     """Heights and maps of a scene, and how finely they are used."""
 
-    files: Annotated[
-        tuple[str, ...], 'rasters of heights, or patterns such as "dem/*.tif"; the finest is used'
-    ] = ()
-    fractal: Annotated[Fractal | None, "terrain from a seed, instead of or besides them"] = None
-    geoid: Annotated[str | None, "raster of undulations, where the heights are above the geoid"] = (
-        None
+    files: tuple[str, ...] = parameter(
+        'rasters of heights, or patterns such as "dem/*.tif"; the finest is used', default=()
     )
-    sea: Annotated[float, Unit("m"), "height beside all files"] = 0.0
-    holes: Annotated[
-        float | None,
-        Unit("m"),
+    fractal: Fractal | None = parameter(
+        "terrain from a seed, instead of or besides them", default=None
+    )
+    geoid: str | None = parameter(
+        "raster of undulations, where the heights are above the geoid", default=None
+    )
+    sea: float = parameter("height beside all files", unit=Unit("m"), default=0.0)
+    holes: float | None = parameter(
         "of holes inside files; without it, holes in what is seen are refused",
-    ] = None
-    lowest: Annotated[
-        float, Unit("m"), "above the ellipsoid, between which all heights lie"
-    ] = -500.0
-    highest: Annotated[float, Unit("m"), "above the ellipsoid, between which all heights lie"] = (
-        9000.0
+        unit=Unit("m"),
+        default=None,
     )
-    tiles: Annotated[
-        int, Range(2, 2**16), "of 512 x 512 cells that fit into memory, 1.4 MB each"
-    ] = 64
-    sharpness: Annotated[float, NON_NEGATIVE, "1, as in Pyramid"] = 1.0
-    maps: Annotated[tuple[MapFile, ...], "on the terrain"] = ()
+    lowest: float = parameter(
+        "above the ellipsoid, between which all heights lie", unit=Unit("m"), default=-500.0
+    )
+    highest: float = parameter(
+        "above the ellipsoid, between which all heights lie", unit=Unit("m"), default=9000.0
+    )
+    tiles: int = parameter(
+        "of 512 x 512 cells that fit into memory, 1.4 MB each", limit=Range(2, 2**16), default=64
+    )
+    sharpness: float = parameter("1, as in Pyramid", limit=NON_NEGATIVE, default=1.0)
+    maps: tuple[MapFile, ...] = parameter("on the terrain", default=())
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -191,19 +209,18 @@ class Terrain(Parameters):
         return charts
 
 
-@dataclass(frozen=True)
 class EarthScene(Parameters):
     """A camera in flight over terrain."""
 
     terrain: Terrain
     sensor: Sensor = field(default_factory=Sensor)
     orbit: Orbit | None = None
-    tle: Annotated[tuple[str, ...], "two lines of a satellite, instead of an orbit"] = ()
-    aircraft: Annotated[Aircraft | None, "instead of both"] = None
+    tle: tuple[str, ...] = parameter("two lines of a satellite, instead of an orbit", default=())
+    aircraft: Aircraft | None = parameter("instead of both", default=None)
     pointing: sight.Pointing = field(default_factory=sight.Pointing)
-    sky_rays: Annotated[
-        int, Range(0, 2**12), "rays from each point that sample the sky; 0 for none"
-    ] = 0
+    sky_rays: int = parameter(
+        "rays from each point that sample the sky; 0 for none", limit=Range(0, 2**12), default=0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -6,18 +6,16 @@ As in orekit's Rugged, the times of lines and the elements do not depend on each
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.core import FINITE, Floats, Parameters, Unit, printed
+from startrack.core import FINITE, Floats, Parameters, Unit, parameter, printed
 from startrack.earth.geometry.orbit import Carrier, Flight, fly
 from startrack.earth.terrain import Rays, geodetic
 
 
-@dataclass(frozen=True)
 class Dating(Parameters):
     """When each line of the image is taken.
 
@@ -26,10 +24,12 @@ class Dating(Parameters):
     Lines are read at even times.
     """
 
-    start: Annotated[float, FINITE, "second after the epoch"] = 0.0
-    period: Annotated[
-        float, FINITE, "second from line to line; 0 for a matrix, whose lines are all taken at once"
-    ] = 0.0
+    start: float = parameter("second after the epoch", limit=FINITE, default=0.0)
+    period: float = parameter(
+        "second from line to line; 0 for a matrix, whose lines are all taken at once",
+        limit=FINITE,
+        default=0.0,
+    )
 
     def at(self, line: Floats) -> Floats:
         """Seconds after the epoch, (n,), of lines (n,), also between whole ones."""
@@ -41,13 +41,11 @@ class Dating(Parameters):
 class Elements:
     """Positions on the camera's pixel grid of the elements that make one line of the image."""
 
-    x: Annotated[
-        Floats,
-        "(columns, stages) pixel, of each column of the image; the charges or "
-        "numbers of all stages are added",
-    ]
-    y: Annotated[Floats, "(columns, stages) pixel, likewise"]
-    delay: Annotated[Floats, "(columns, stages) lines by which a stage is exposed later"]
+    # (columns, stages) pixel, of each column of the image; the charges or numbers of all stages are
+    # added.
+    x: Floats
+    y: Floats  # (columns, stages) pixel, likewise
+    delay: Floats  # (columns, stages) lines by which a stage is exposed later
 
 
 def line_elements(columns: int, y: float) -> Elements:
@@ -108,7 +106,6 @@ def inside_pixel(side: int) -> Floats:
 Jitter = Callable[[Floats], Floats]
 
 
-@dataclass(frozen=True)
 class Pointing(Parameters):
     """Attitude of a camera with respect to its orbit.
 
@@ -117,9 +114,13 @@ class Pointing(Parameters):
     z first, then y, then x.
     """
 
-    roll: Annotated[float, Unit("rad", "deg"), FINITE, "about y, along the flight"] = 0.0
-    pitch: Annotated[float, Unit("rad", "deg"), FINITE, "about x: forwards where positive"] = 0.0
-    yaw: Annotated[float, Unit("rad", "deg"), FINITE, "about z"] = 0.0
+    roll: float = parameter(
+        "about y, along the flight", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    pitch: float = parameter(
+        "about x: forwards where positive", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+    )
+    yaw: float = parameter("about z", unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
 
     def camera_to_itrs(self, flight: Flight) -> Rotation:
         """(n,) rotations."""

@@ -7,11 +7,11 @@ Lambertian one: pi times the BRDF.
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Curve, Floats, Parameters, Range, Unit
+from startrack.core import Curve, Floats, Parameters, Range, Unit, parameter
 from startrack.earth.terrain import Ground
 
 GRAZING = 1e-3  # least cosine, against division by zero
@@ -33,12 +33,13 @@ class RossLi:
     geometric: Curve = NONE
 
 
-@dataclass(frozen=True)
 class Water(Parameters):
     """Waves, over water whose own light has the cover's `reflectance`."""
 
-    wind: Annotated[float, Unit("m / s"), Range(0, 20), "12.5 m above the water"] = 5.0
-    refraction: Annotated[float, Range(1.01, 3), "1, refractive index"] = 1.34
+    wind: float = parameter(
+        "12.5 m above the water", unit=Unit("m / s"), limit=Range(0, 20), default=5.0
+    )
+    refraction: float = parameter("1, refractive index", limit=Range(1.01, 3), default=1.34)
 
     @property
     def slope_variance(self) -> float:

@@ -7,12 +7,21 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Floats, Parameters, Range, Unit, printed
+from startrack.core import (
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    parameter,
+    printed,
+)
 from startrack.earth.imager.land import TEXELS, on_texture
 from startrack.earth.terrain import EQUATORIAL, Chart, Mosaic, Raster, fractal, geodetic, up
 
@@ -32,52 +41,54 @@ ALBEDOS = {
 }
 
 
-@dataclass(frozen=True)
 class CloudLayer(Parameters):
     """A thin sheet of cloud at one height."""
 
-    height: Annotated[
-        float,
-        Unit("m", "km"),
-        Range(0, 30e3),
+    height: float = parameter(
         "above the ellipsoid; terrain that is higher stands out of it",
-    ]
-    optical_depth: Annotated[
-        float,
-        NON_NEGATIVE,
+        unit=Unit("m", "km"),
+        limit=Range(0, 30e3),
+    )
+    optical_depth: float = parameter(
         "1, vertical, the same at all wavelengths: of an even layer, the mean inside the clouds "
         "of a generated one, or the factor of the values of a file",
-    ] = 1.0
-    file: Annotated[
-        str,
+        limit=NON_NEGATIVE,
+        default=1.0,
+    )
+    file: str = parameter(
         "raster of optical depth in any projection, relative to the scene file; no cloud where "
         "it has no value",
-    ] = ""
-    band: Annotated[int, Range(1, 2**16), "1, the first, of the file"] = 1
-    cover: Annotated[
-        float | None,
-        Range(0.001, 1),
+        default="",
+    )
+    band: int = parameter("1, the first, of the file", limit=Range(1, 2**16), default=1)
+    cover: float | None = parameter(
         "1, fraction of the sky that a generated field of clouds covers; None for an even layer "
         "or a file",
-    ] = None
-    cell: Annotated[
-        float,
-        Unit("m"),
-        POSITIVE,
+        limit=Range(0.001, 1),
+        default=None,
+    )
+    cell: float = parameter(
         "smallest detail of generated clouds, which repeat themselves after 1024",
-    ] = 100.0
-    seed: Annotated[int, Range(0, 2**31), "of generated clouds"] = 1
-    particles: Annotated[
-        str, Range(choices=tuple(ALBEDOS)), "ice or water, for the albedo of single scattering"
-    ] = "ice"
-    albedo: Annotated[core.Curve | None, "1 over wavelength, instead"] = None
-    asymmetry: Annotated[float, Range(-0.99, 0.99), "1, mean cosine of the scattering angle"] = 0.85
-    temperature: Annotated[
-        float | None,
-        Unit("K", absolute=True),
-        Range(50, 400),
+        unit=Unit("m"),
+        limit=POSITIVE,
+        default=100.0,
+    )
+    seed: int = parameter("of generated clouds", limit=Range(0, 2**31), default=1)
+    particles: str = parameter(
+        "ice or water, for the albedo of single scattering",
+        limit=Range(choices=tuple(ALBEDOS)),
+        default="ice",
+    )
+    albedo: core.Curve | None = parameter("1 over wavelength, instead", default=None)
+    asymmetry: float = parameter(
+        "1, mean cosine of the scattering angle", limit=Range(-0.99, 0.99), default=0.85
+    )
+    temperature: float | None = parameter(
         "kelvin; None for that of the US Standard Atmosphere at this height",
-    ] = None
+        unit=Unit("K", absolute=True),
+        limit=Range(50, 400),
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -3,13 +3,12 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from scipy.optimize import brentq
 
 from startrack import core
-from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Unit, deg, um
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Unit, deg, parameter, um
 from startrack.detector import Detector
 from startrack.earth.atmosphere import Reach, Sight, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
@@ -269,35 +268,43 @@ def _noise(detector: Detector, electrons: float, dark: float) -> float:
     )
 
 
-@dataclass(frozen=True)
 class Goals(Parameters):
     """Requirements on a line camera, and its detector."""
 
-    gsd: Annotated[float, Unit("m"), POSITIVE, "between pixels, along and across"]
-    swath: Annotated[float, Unit("m", "km"), POSITIVE]
-    height: Annotated[float, Unit("m", "km"), POSITIVE, "of the orbit"]
-    wavelength: Annotated[float, Unit("m", "nm"), POSITIVE, "of the band"]
-    bandwidth: Annotated[float, Unit("m", "nm"), POSITIVE, "of the band"]
-    radiance: Annotated[float, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE]
-    snr: Annotated[float, POSITIVE, "required signal-to-noise ratio of this radiance"]
-    mtf: Annotated[
-        float, Range(0.001, 0.99), "at Nyquist along the track, pixel and smear included"
-    ] = 0.1
-    pixel_pitch: Annotated[float, Unit("m", "um"), POSITIVE, "of the detector"] = 10e-6
-    read_noise: Annotated[float, Unit("electron"), NON_NEGATIVE, "of the detector"] = 30.0
-    bits: Annotated[int, Range(1, 24), "of the detector"] = 12
-    stages: Annotated[int, Range(1, 4096), "of the detector"] = 1
-    efficiency: Annotated[float, Range(0.001, 1), "electron / photon, lens and filter included"] = (
-        0.4
+    gsd: float = parameter("between pixels, along and across", unit=Unit("m"), limit=POSITIVE)
+    swath: float = parameter(unit=Unit("m", "km"), limit=POSITIVE)
+    height: float = parameter("of the orbit", unit=Unit("m", "km"), limit=POSITIVE)
+    wavelength: float = parameter("of the band", unit=Unit("m", "nm"), limit=POSITIVE)
+    bandwidth: float = parameter("of the band", unit=Unit("m", "nm"), limit=POSITIVE)
+    radiance: float = parameter(unit=Unit("W / (m2 sr m)", "W / (m2 sr um)"), limit=POSITIVE)
+    snr: float = parameter("required signal-to-noise ratio of this radiance", limit=POSITIVE)
+    mtf: float = parameter(
+        "at Nyquist along the track, pixel and smear included",
+        limit=Range(0.001, 0.99),
+        default=0.1,
     )
-    smear: Annotated[
-        float,
-        Range(0.001, 1),
+    pixel_pitch: float = parameter(
+        "of the detector", unit=Unit("m", "um"), limit=POSITIVE, default=10e-6
+    )
+    read_noise: float = parameter(
+        "of the detector", unit=Unit("electron"), limit=NON_NEGATIVE, default=30.0
+    )
+    bits: int = parameter("of the detector", limit=Range(1, 24), default=12)
+    stages: int = parameter("of the detector", limit=Range(1, 4096), default=1)
+    efficiency: float = parameter(
+        "electron / photon, lens and filter included", limit=Range(0.001, 1), default=0.4
+    )
+    smear: float = parameter(
         "pixel that the ground moves in an exposure, as a fraction of the line period",
-    ] = 1.0
-    ground_speed: Annotated[
-        float | None, Unit("m / s"), POSITIVE, "None for a circular orbit around the Earth"
-    ] = None
+        limit=Range(0.001, 1),
+        default=1.0,
+    )
+    ground_speed: float | None = parameter(
+        "None for a circular orbit around the Earth",
+        unit=Unit("m / s"),
+        limit=POSITIVE,
+        default=None,
+    )
 
     @property
     def speed(self) -> float:

@@ -1,15 +1,24 @@
 """Reflectance and temperature of ground: covers by height, maps, texture, slopes, hot spots."""
 
 import math
-from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Floats, Ints, Parameters, Range, Unit
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Unit,
+    parameter,
+)
 from startrack.earth.imager import brdf
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
@@ -18,23 +27,22 @@ GREY = core.Curve((), (0.2,))
 DEPTHS = -1000.0  # metre, below all land
 
 
-@dataclass(frozen=True)
 class Cover(Parameters):
     """Reflectance and temperature of ground above a height.
 
     It is Lambertian, or one of `ross_li`, `water` and `snow`.
     """
 
-    reflectance: Annotated[
-        core.Curve,
+    reflectance: core.Curve = parameter(
         "1 over wavelength: of Lambertian ground; the isotropic weight of `ross_li`; of the "
         "light from below the surface of `water`; the white-sky albedo of `snow`. The "
         "emissivity is 1 minus it, or 1 minus the fraction of a uniform sky that is reflected",
-    ] = GREY
-    temperature: Annotated[
-        float, Unit("K", absolute=True), Range(50, 3000), "at the height zero"
-    ] = 288.0
-    above: Annotated[float, Unit("m"), FINITE, "above the ellipsoid"] = DEPTHS
+        default=GREY,
+    )
+    temperature: float = parameter(
+        "at the height zero", unit=Unit("K", absolute=True), limit=Range(50, 3000), default=288.0
+    )
+    above: float = parameter("above the ellipsoid", unit=Unit("m"), limit=FINITE, default=DEPTHS)
     ross_li: brdf.RossLi | None = None
     water: brdf.Water | None = None
     snow: brdf.Snow | None = None
@@ -59,52 +67,61 @@ class Cover(Parameters):
         return isotropic, volumetric, geometric
 
 
-@dataclass(frozen=True)
 class ReflectanceMap(Parameters):
     """A map of the terrain whose values are reflectance at one wavelength."""
 
-    map: Annotated[str, "its name in `terrain.maps`"]
-    wavelength: Annotated[float, Unit("m", "nm"), POSITIVE]
-    factor: Annotated[
-        float, FINITE, "1, by which values are multiplied, such as 1e-4 for Sentinel-2"
-    ] = 1.0
-    offset: Annotated[float, FINITE, "1, then added"] = 0.0
+    map: str = parameter("its name in `terrain.maps`")
+    wavelength: float = parameter(unit=Unit("m", "nm"), limit=POSITIVE)
+    factor: float = parameter(
+        "1, by which values are multiplied, such as 1e-4 for Sentinel-2", limit=FINITE, default=1.0
+    )
+    offset: float = parameter("1, then added", limit=FINITE, default=0.0)
 
 
-@dataclass(frozen=True)
 class HotSpot(Parameters):
     """A fire, a blackbody that may be smaller than a pixel."""
 
-    longitude: Annotated[float, Unit("rad", "deg"), FINITE]
-    latitude: Annotated[float, Unit("rad", "deg"), Range(-math.pi / 2, math.pi / 2)]
-    area: Annotated[float, Unit("m2"), POSITIVE, "square metre"]
-    temperature: Annotated[float, Unit("K", absolute=True), Range(50, 3000)] = 1000.0
+    longitude: float = parameter(unit=Unit("rad", "deg"), limit=FINITE)
+    latitude: float = parameter(unit=Unit("rad", "deg"), limit=Range(-math.pi / 2, math.pi / 2))
+    area: float = parameter("square metre", unit=Unit("m2"), limit=POSITIVE)
+    temperature: float = parameter(
+        unit=Unit("K", absolute=True), limit=Range(50, 3000), default=1000.0
+    )
 
 
-@dataclass(frozen=True)
 class Land(Parameters):
     """The surface of a scene."""
 
-    covers: Annotated[
-        tuple[Cover, ...], "in the order of their heights; each holds up to the next"
-    ] = (Cover(),)
-    texture: Annotated[
-        float, Range(0, 1), "1, rms of the relative variation of reflectance, a fractal from a seed"
-    ] = 0.0
-    texture_cell: Annotated[float, Unit("m"), POSITIVE, "its smallest detail"] = 30.0
-    texture_seed: Annotated[int, Range(0, 2**31)] = 1
-    lapse: Annotated[
-        float, Unit("K / m", "K / km"), FINITE, "decrease of temperature with height"
-    ] = 6.5e-3
-    warming: Annotated[
-        float, Unit("K"), NON_NEGATIVE, "ground that faces the Sun minus ground in shadow"
-    ] = 0.0
-    hot_spots: Annotated[tuple[HotSpot, ...], "fires"] = field(default_factory=tuple)
-    maps: Annotated[
-        tuple[ReflectanceMap, ...],
+    covers: tuple[Cover, ...] = parameter(
+        "in the order of their heights; each holds up to the next", default=(Cover(),)
+    )
+    texture: float = parameter(
+        "1, rms of the relative variation of reflectance, a fractal from a seed",
+        limit=Range(0, 1),
+        default=0.0,
+    )
+    texture_cell: float = parameter(
+        "its smallest detail", unit=Unit("m"), limit=POSITIVE, default=30.0
+    )
+    texture_seed: int = parameter(limit=Range(0, 2**31), default=1)
+    lapse: float = parameter(
+        "decrease of temperature with height",
+        unit=Unit("K / m", "K / km"),
+        limit=FINITE,
+        default=6.5e-3,
+    )
+    warming: float = parameter(
+        "ground that faces the Sun minus ground in shadow",
+        unit=Unit("K"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
+    hot_spots: tuple[HotSpot, ...] = parameter("fires", default_factory=tuple)
+    maps: tuple[ReflectanceMap, ...] = parameter(
         "of reflectance, instead of that of the covers where they have values; linear between "
         "their wavelengths, constant beyond",
-    ] = ()
+        default=(),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,6 +22,7 @@ from startrack.core import (
     Refused,
     Unit,
     nm,
+    parameter,
 )
 from startrack.detector import Detector
 from startrack.earth import geometry
@@ -39,14 +40,18 @@ UNKNOWN = {
 }
 
 
-@dataclass(frozen=True)
 class Reference(Parameters):
     """The light at the lens for which the SNR of a channel is required: one of the two."""
 
-    radiance: Annotated[
-        float | None, Unit("W / (m2 sr m)", "W / (m2 sr um)"), POSITIVE, "watt / m^2 / sr / m"
-    ] = None
-    temperature: Annotated[float | None, Unit("K"), Range(100, 2000), "of a blackbody"] = None
+    radiance: float | None = parameter(
+        "watt / m^2 / sr / m",
+        unit=Unit("W / (m2 sr m)", "W / (m2 sr um)"),
+        limit=POSITIVE,
+        default=None,
+    )
+    temperature: float | None = parameter(
+        "of a blackbody", unit=Unit("K"), limit=Range(100, 2000), default=None
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,22 +60,28 @@ class Reference(Parameters):
             raise ValueError(f"either radiance or temperature must be given, got {len(given)}")
 
 
-@dataclass(frozen=True)
 class Performance(Parameters):
     """What is required of a channel, or was measured of it in orbit; None: unknown."""
 
-    snr: Annotated[float | None, POSITIVE, "1, at the light of `reference`"] = None
-    nedt: Annotated[
-        float | None, Unit("K", "mK"), POSITIVE, "noise-equivalent temperature difference, likewise"
-    ] = None
-    mtf: Annotated[float | None, POSITIVE, "1, at Nyquist, the lower of both axes"] = None
-    saturation: Annotated[
-        float | None,
-        Unit("W / (m2 sr m)", "W / (m2 sr um)"),
-        POSITIVE,
+    snr: float | None = parameter("1, at the light of `reference`", limit=POSITIVE, default=None)
+    nedt: float | None = parameter(
+        "noise-equivalent temperature difference, likewise",
+        unit=Unit("K", "mK"),
+        limit=POSITIVE,
+        default=None,
+    )
+    mtf: float | None = parameter(
+        "1, at Nyquist, the lower of both axes", limit=POSITIVE, default=None
+    )
+    saturation: float | None = parameter(
         "watt / m^2 / sr / m, largest radiance that is measured",
-    ] = None
-    gsd: Annotated[float | None, Unit("m"), POSITIVE, "metre between columns"] = None
+        unit=Unit("W / (m2 sr m)", "W / (m2 sr um)"),
+        limit=POSITIVE,
+        default=None,
+    )
+    gsd: float | None = parameter(
+        "metre between columns", unit=Unit("m"), limit=POSITIVE, default=None
+    )
 
 
 COMPARED = (
@@ -79,7 +90,6 @@ COMPARED = (
 )
 
 
-@dataclass(frozen=True)
 class Channel(Parameters):
     """One image that a camera makes: a lens, a filter, a detector of one kind.
 
@@ -91,34 +101,34 @@ class Channel(Parameters):
     name: str
     optics: Optics
     detector: Detector
-    band: Annotated[core.Curve, "transmittance of the filter, 1 over wavelength"] = core.ALL
-    forwards: Annotated[
-        float,
-        Unit("rad", "deg"),
-        FINITE,
+    band: core.Curve = parameter("transmittance of the filter, 1 over wavelength", default=core.ALL)
+    forwards: float = parameter(
         "radian ahead of the camera's axis; different for stereo lines. With a lens table the "
         "line lies there in the focal plane of the one lens, else it has a lens of its own",
-    ] = 0.0
-    period: Annotated[
-        Annotated[float, Unit("s", "ms")] | None,
-        POSITIVE,
+        unit=Unit("rad", "deg"),
+        limit=FINITE,
+        default=0.0,
+    )
+    period: Annotated[float, Unit("s", "ms")] | None = parameter(
         "from line to line; None for square pixels below, exposed all the time",
-    ] = None
-    response: Annotated[
-        core.Curve | None,
+        limit=POSITIVE,
+        default=None,
+    )
+    response: core.Curve | None = parameter(
         "spectral response of the whole channel to radiance, over its peak, as it is measured; "
         "None: that of band, transmission and quantum efficiency. With it `band` is left out, "
         "and transmission and quantum efficiency are those at its mean wavelength",
-    ] = None
-    average: Annotated[
-        int,
-        Range(1, 64),
+        default=None,
+    )
+    average: int = parameter(
         "columns of the detector that the ground segment averages to one; counts in the figures "
         "of the channel, not in its images",
-    ] = 1
-    reference: Annotated[Reference | None, COMPARED] = None
-    required: Annotated[Performance, COMPARED] = field(default_factory=Performance)
-    measured: Annotated[Performance, COMPARED] = field(default_factory=Performance)
+        limit=Range(1, 64),
+        default=1,
+    )
+    reference: Reference | None = parameter(COMPARED, default=None)
+    required: Performance = parameter(COMPARED, default_factory=Performance)
+    measured: Performance = parameter(COMPARED, default_factory=Performance)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -230,7 +240,6 @@ class Channel(Parameters):
         return replace(self, detector=kept)
 
 
-@dataclass(frozen=True)
 class Spectrometer(Parameters):
     """Distortions of an imaging spectrometer, whose channels are bands of one spectrum.
 
@@ -241,33 +250,33 @@ class Spectrometer(Parameters):
     channels' mean wavelengths.
     """
 
-    smile: Annotated[
-        float,
-        Unit("m", "nm"),
-        Range(-1e-7, 1e-7),
+    smile: float = parameter(
         "wavelength by which a channel at the ends of its line lies above that in its middle: "
         "the image of a spectral line bends",
-    ] = 0.0
-    keystone: Annotated[
-        float,
-        Unit("m", "um"),
-        Range(-1e-3, 1e-3),
+        unit=Unit("m", "nm"),
+        limit=Range(-1e-7, 1e-7),
+        default=0.0,
+    )
+    keystone: float = parameter(
         "metre on the detector, by which the longest wavelength's image lies farther out at the "
         "ends of the line than that of the middle of the spectrum: the spectrum of a point is "
         "oblique",
-    ] = 0.0
+        unit=Unit("m", "um"),
+        limit=Range(-1e-3, 1e-3),
+        default=0.0,
+    )
 
 
-@dataclass(frozen=True)
-class Imager:
+class Imager(Parameters):
     """A camera with one or more channels that images extended scenes."""
 
     channels: tuple[Channel, ...]
-    spectrometer: Annotated[
-        Spectrometer | None, "smile and keystone, where the channels are lines of one spectrum"
-    ] = None
+    spectrometer: Spectrometer | None = parameter(
+        "smile and keystone, where the channels are lines of one spectrum", default=None
+    )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         names = [channel.name for channel in self.channels]
         if not names or len(set(names)) < len(names):
             raise ValueError(f"channels must be one or more with different names, got {names}")
@@ -289,63 +298,69 @@ class Imager:
                 )
 
 
-@dataclass(frozen=True)
 class Knowledge(Parameters):
     """One standard deviation of what a product takes as known; the defaults are assumed."""
 
-    lamp: Annotated[float, NON_NEGATIVE, "1, of the calibration's radiance, relative"] = 0.02
-    straylight: Annotated[float, NON_NEGATIVE, "1, of the mean radiance of the image"] = 0.003
-    wavelength: Annotated[float, Unit("m", "nm"), NON_NEGATIVE, "of the channel's response"] = (
-        0.5 * nm
+    lamp: float = parameter(
+        "1, of the calibration's radiance, relative", limit=NON_NEGATIVE, default=0.02
     )
-    visibility: Annotated[float, NON_NEGATIVE, "1, of the air's visibility, relative"] = 0.1
-    slope: Annotated[float, Unit("rad", "deg"), NON_NEGATIVE, "of the terrain, along each axis"] = (
-        0.01
+    straylight: float = parameter(
+        "1, of the mean radiance of the image", limit=NON_NEGATIVE, default=0.003
     )
-    height: Annotated[float, Unit("m"), NON_NEGATIVE, "of the terrain"] = 5.0
-    registration: Annotated[float, NON_NEGATIVE, "pixel, along each axis"] = 0.3
-    beyond: Annotated[
-        float,
-        NON_NEGATIVE,
+    wavelength: float = parameter(
+        "of the channel's response", unit=Unit("m", "nm"), limit=NON_NEGATIVE, default=0.5 * nm
+    )
+    visibility: float = parameter(
+        "1, of the air's visibility, relative", limit=NON_NEGATIVE, default=0.1
+    )
+    slope: float = parameter(
+        "of the terrain, along each axis", unit=Unit("rad", "deg"), limit=NON_NEGATIVE, default=0.01
+    )
+    height: float = parameter("of the terrain", unit=Unit("m"), limit=NON_NEGATIVE, default=5.0)
+    registration: float = parameter("pixel, along each axis", limit=NON_NEGATIVE, default=0.3)
+    beyond: float = parameter(
         "1, of the mean reflectance around the image, which is taken as that of the image",
-    ] = 0.03
+        limit=NON_NEGATIVE,
+        default=0.03,
+    )
 
 
 OF_IMAGE = "of the image; None for those of the whole detector"
 
 
-@dataclass(frozen=True)
 class Survey(Parameters):
     """An image to be rendered: camera, carrier, terrain, air and land."""
 
-    camera: Annotated[Imager, "its channels"]
+    camera: Imager = parameter("its channels")
     terrain: geometry.Terrain
     orbit: Orbit | None = None
     tle: tuple[str, ...] = ()
     aircraft: geometry.Aircraft | None = None
     pointing: geometry.Pointing = field(default_factory=geometry.Pointing)
-    lines: Annotated[int | None, Range(2, 2**16), OF_IMAGE] = None
-    columns: Annotated[int | None, Range(2, 2**16), OF_IMAGE] = None
-    rays: Annotated[int, Range(1, 16), "along each side of a pixel"] = 2
-    sky_rays: Annotated[int, Range(0, 2**12), "from each point that sample the sky; 0 for none"] = 0
-    air: Annotated[Air | None, "its state, one of the shipped tables; None: no air"] = None
-    land: Annotated[Land, "reflectance and temperature of the ground"] = field(default_factory=Land)
-    clouds: Annotated[tuple[CloudLayer, ...], "layers of cloud, which cast shadows"] = ()
-    surroundings: Annotated[
-        float | None,
-        Range(0, 1),
+    lines: int | None = parameter(OF_IMAGE, limit=Range(2, 2**16), default=None)
+    columns: int | None = parameter(OF_IMAGE, limit=Range(2, 2**16), default=None)
+    rays: int = parameter("along each side of a pixel", limit=Range(1, 16), default=2)
+    sky_rays: int = parameter(
+        "from each point that sample the sky; 0 for none", limit=Range(0, 2**12), default=0
+    )
+    air: Air | None = parameter("its state, one of the shipped tables; None: no air", default=None)
+    land: Land = parameter("reflectance and temperature of the ground", default_factory=Land)
+    clouds: tuple[CloudLayer, ...] = parameter("layers of cloud, which cast shadows", default=())
+    surroundings: float | None = parameter(
         "1, reflectance of the ground around, which illuminates air and slopes; None for the "
         "mean of the image",
-    ] = None
-    sun_distance: Annotated[float, POSITIVE, "astronomical unit"] = 1.0
-    knowledge: Annotated[Knowledge, "how well a product knows what it assumes"] = field(
-        default_factory=Knowledge
+        limit=Range(0, 1),
+        default=None,
     )
-    motion: Annotated[
-        Motion,
+    sun_distance: float = parameter("astronomical unit", limit=POSITIVE, default=1.0)
+    knowledge: Knowledge = parameter(
+        "how well a product knows what it assumes", default_factory=Knowledge
+    )
+    motion: Motion = parameter(
         "drift and jitter of the camera, one motion for all channels: those that see the ground "
         "at different times do not register. Time is zero at the epoch",
-    ] = field(default_factory=Motion)
+        default_factory=Motion,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -429,7 +444,6 @@ def _read_spectra(table: Any, folder: Path, place: str) -> None:
             _read_spectra(value, folder, f"{place}.{key}")
 
 
-@dataclass(frozen=True)
 class SpectrumFile(Parameters):
     """A curve in a text file: a wavelength and a value in each line, and what follows.
 
@@ -437,9 +451,13 @@ class SpectrumFile(Parameters):
     left out. Between them may be commas, semicolons, tabs or spaces.
     """
 
-    file: Annotated[str, "relative to the scene file"]
-    unit: Annotated[str, Range(choices=("nm", "um")), "of the wavelengths: nm or um"] = "um"
-    factor: Annotated[float, FINITE, "1, by which values are multiplied: 0.01 for per cent"] = 1.0
+    file: str = parameter("relative to the scene file")
+    unit: str = parameter(
+        "of the wavelengths: nm or um", limit=Range(choices=("nm", "um")), default="um"
+    )
+    factor: float = parameter(
+        "1, by which values are multiplied: 0.01 for per cent", limit=FINITE, default=1.0
+    )
 
     def read(self, folder: Path) -> dict[str, Any]:
         """As the table of a Curve; values are put into [0, 1].

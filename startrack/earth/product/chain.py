@@ -2,15 +2,25 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from startrack.core import POSITIVE, Flags, Floats, Parameters, Range, Unit, printed, require_memory
+from startrack.core import (
+    POSITIVE,
+    Flags,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    parameter,
+    printed,
+    require_memory,
+)
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
 from startrack.earth.product import ortho, retrieval
@@ -27,16 +37,21 @@ UNITS = {
 }
 
 
-@dataclass(frozen=True)
 class Settings(Parameters):
     """How a product is put on a map."""
 
-    projection: Annotated[str, Range(choices=ortho.PROJECTIONS)] = "utm"
-    cell: Annotated[
-        float | None, Unit("m"), POSITIVE, "None for the pixel's size in the middle of the image"
-    ] = None
-    resampling: Annotated[str, Range(choices=tuple(ortho.RESAMPLING))] = "bilinear"
-    uncertainty: Annotated[bool, "whether each pixel has one, by contributors"] = False
+    projection: str = parameter(limit=Range(choices=ortho.PROJECTIONS), default="utm")
+    cell: float | None = parameter(
+        "None for the pixel's size in the middle of the image",
+        unit=Unit("m"),
+        limit=POSITIVE,
+        default=None,
+    )
+    resampling: str = parameter(limit=Range(choices=tuple(ortho.RESAMPLING)), default="bilinear")
+    uncertainty: bool = parameter("whether each pixel has one, by contributors", default=False)
+
+
+STANDARD = Settings()
 
 
 @printed
@@ -71,7 +86,7 @@ def make_product(
     folder: Path,
     numbers: NDArray[np.integer],
     calibration: retrieval.Calibration,
-    settings: Settings = Settings(),
+    settings: Settings = STANDARD,
     advance: Callable[[float], None] = lambda part: None,
 ) -> Product:
     """Radiance, reflectance or temperature, and their map on the terrain.
