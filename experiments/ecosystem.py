@@ -208,16 +208,13 @@ def slowdown(options: argparse.Namespace) -> dict[str, float]:
 
 @contextlib.contextmanager
 def without_places_for_code() -> Iterator[None]:
-    """Take out what each frame asks: the centroid's name, effects of one's own, and the sending.
+    """Take out what each frame asks: the name of the centroid, and the exchange of user code.
 
-    The question for the method of the identification, one comparison of a frame, stays.
+    Two questions of a frame stay: for the method of the identification, and for effects by code.
     """
-    from startrack.detector import readout
-
     plain = property(lambda plan: CENTROIDS[plan.settings.centroid])
     with (
         mock.patch.object(DetectionPlan, "method", plain),
-        mock.patch.object(readout, "after_effects", lambda group, values, *_: values),
         mock.patch.object(Case, "__getstate__", lambda case: case.__dict__.copy()),
         mock.patch.object(Case, "__setstate__", lambda case, state: case.__dict__.update(state)),
     ):

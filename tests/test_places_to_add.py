@@ -20,7 +20,7 @@ from startrack.core.extension import code_of_command
 from startrack.design.keys import keys_of
 from startrack.detection.methods import CENTROIDS
 from startrack.detector import PIXEL_EFFECTS, Detector
-from startrack.detector.readout import PixelEffect
+from startrack.detector.effects import PixelEffect, Stage
 from startrack.io import shipped
 from startrack.optimise.search import Search, algorithms, least
 from startrack.scene import LIGHTS
@@ -48,11 +48,13 @@ def add_popcorn_noise(signal, detector, streams):
 def noisy(monkeypatch):
     row = PixelEffect(
         "popcorn_noise",
+        Stage.SIGNAL,
         lambda detector: getattr(detector, "popcorn_noise", 0.0),
+        add_popcorn_noise,
         left_out="popcorn noise",
-        signal=add_popcorn_noise,
     )
-    PIXEL_EFFECTS.append(row)
+    behind = next(k for k, effect in enumerate(PIXEL_EFFECTS) if effect.key == "pattern")
+    PIXEL_EFFECTS.insert(behind, row)
     known = dataclasses.asdict(CASE.instrument.detector)
     values = {name: getattr(CASE.instrument.detector, name) for name in known}
     yield lambda rms: dataclasses.replace(

@@ -13,8 +13,10 @@ law                  Signal chain of a pixel, and tables of the exact distributi
                      number.
 digitise             Expected electrons -> digital numbers: one uniform number a pixel, exact
                      distribution.
-readout              Expected electrons -> digital numbers with all effects: charge, signal, image;
-                     one table of those by which pixels depend on each other.
+effects              Effects on the pixels of a frame, one table in the order of the physics:
+                     charge, signal, image.
+readout              Expected electrons -> digital numbers: independent pixels at once, others
+                     effect by effect.
 exposure             Exposure: what a frame depends on -> expected electrons, and a Frame.
 windows              Stars and windows -> a Frame whose numbers are valid inside these windows
                      alone.
@@ -24,8 +26,16 @@ scan                 Light and the motion of a camera -> the image of a detector
 """
 
 from startrack.detector.ageing import YEAR, Age, Flicker
-from startrack.detector.collect import electron_rate, mean_wavelength
+from startrack.detector.collect import diffuse, electron_rate, mean_wavelength
 from startrack.detector.digitise import normals, shot
+from startrack.detector.effects import (
+    PIXEL_EFFECTS,
+    EffectInput,
+    added_noise,
+    multiplied,
+    require_independent_pixels,
+    settle,
+)
 from startrack.detector.exposure import (
     Exposure,
     MotionFunction,
@@ -42,15 +52,7 @@ from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal, of
 from startrack.detector.law import law_of, nonlinear_signal, unrounded
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.parameters import Detector, Line, RegionOfInterest, Scan, staggered, tdi
-from startrack.detector.readout import (
-    PIXEL_EFFECTS,
-    EffectInput,
-    diffuse,
-    multiplied,
-    read_out,
-    require_independent_pixels,
-    settle,
-)
+from startrack.detector.readout import read_out
 from startrack.detector.scan import LineExposure, scan
 from startrack.detector.stamp import stamp
 from startrack.detector.threshold_crossings import (

@@ -1,12 +1,12 @@
 """Light and detector -> electrons of stars, of the background and of diffuse light (equation 4)."""
 
+import cv2
 import numpy as np
 
 from startrack.core import Camera, Floats, Light, kept
 from startrack.detector.law import Tables, law_of, tables_for
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
-from startrack.detector.readout import diffuse
 
 # Standard deviations above the background, of most pixels in the wings of stars. Chosen by hand:
 # more make larger tables, fewer draw more pixels one by one; the numbers are the same.
@@ -101,3 +101,38 @@ def background_tables(detector: Detector, sky: float) -> Tables:
     Arguments as `background`.
     """
     return tables_for(background(detector, sky) * (1 - detector.lag), law_of(detector), STAR_WINGS)
+
+
+def carry(electrons: Floats, before: Floats | None, fraction: float) -> Floats:
+    """Expected electrons that are read with a frame, with the residual charge of the one before.
+
+        read = (1 - fraction) electrons + fraction before
+
+    Each electron is left behind independently, so that the numbers remain Poisson numbers.
+
+    Source: Janesick (2001), Scientific Charge-Coupled Devices, on deferred charge; here of one
+    frame alone.
+
+    electrons  (rows, columns) electron, generated in this frame
+    before     (rows, columns) electron, generated in the frame before; None: none
+    """
+    kept = (1 - fraction) * electrons
+    return kept if before is None else kept + fraction * before
+
+
+def diffuse(electrons: Floats, fraction: float) -> Floats:
+    """Expected electrons after crosstalk: a fraction of each pixel's diffuses to each of its sides.
+
+        after = (1 - 4 fraction) electrons + fraction (left + right + above + below)
+
+    Electrons diffuse independently, so that Poisson numbers stay independent Poisson numbers, and
+    it is enough to spread their expectations.
+
+    Source: Janesick (2001), Scientific Charge-Coupled Devices, on diffusion; here to the nearest
+    pixels alone.
+
+    electrons  (rows, columns) electron; none crosses the border of the array
+    fraction   1, at most 1/4
+    """
+    kernel = np.array([[0, fraction, 0], [fraction, 1 - 4 * fraction, fraction], [0, fraction, 0]])
+    return np.asarray(cv2.filter2D(electrons, -1, kernel, borderType=cv2.BORDER_REFLECT), float)

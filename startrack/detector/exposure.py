@@ -12,10 +12,11 @@ from startrack import core
 from startrack.core import Floats, Light, Refused, kept
 from startrack.detector import collect
 from startrack.detector.ageing import Flickering, trailed
+from startrack.detector.collect import carry, diffuse
 from startrack.detector.law import Tables, law_of, mean_numbers
 from startrack.detector.maps import device_streams, flickering, response
 from startrack.detector.parameters import Detector
-from startrack.detector.readout import carry, diffuse, read_out
+from startrack.detector.readout import read_out
 from startrack.detector.stamp import stamp, stamp_paths
 
 Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in LineOfSight

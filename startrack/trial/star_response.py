@@ -23,13 +23,10 @@ from startrack.detection import (
 )
 from startrack.detector import (
     Detector,
-    device_streams,
+    added_noise,
     diffuse,
     electron_rate,
     nonlinear_signal,
-    normals,
-    offsets,
-    read_noise,
     settle,
     stamp,
     to_frame,
@@ -79,17 +76,8 @@ def _numbers(level, ripple, gain, offset, adc_inl, largest):  # type: ignore[no-
 
 
 def pixel_noise(detector: Detector, streams: Streams) -> Floats:
-    """The noise (rows, columns) that read-out adds, electron; its draws are those of `read_out`."""
-    shape = detector.rows, detector.columns
-    noise = np.zeros(shape)
-    if detector.read_noise:
-        noise += read_noise(detector) * normals(shape, streams, "read noise")
-    if detector.reset_noise:
-        noise += detector.reset_noise * normals(shape, streams, "reset noise")
-    if detector.pattern:
-        for offset in offsets(detector.pattern, shape, device_streams(detector), streams):
-            noise += offset
-    return noise / detector.em_gain
+    """The noise (rows, columns) that read-out adds, electron before the multiplication."""
+    return added_noise(detector, streams) / detector.em_gain
 
 
 PHASES = 6  # sub-pixel positions per axis

@@ -11,9 +11,10 @@ from scipy import constants, ndimage, stats
 
 from startrack.core.streams import Streams
 from startrack.detector import Defects, Detector, Hits, Pattern, RegionOfInterest, Thermal, read_out
+from startrack.detector.collect import carry, diffuse
+from startrack.detector.effects import bloom, settle
 from startrack.detector.imperfections import tracks
 from startrack.detector.maps import dark, read_noise, response
-from startrack.detector.readout import bloom, carry, diffuse, settle
 from startrack.io.tables import from_table, to_table
 
 PLAIN = Detector(200, 100, 5e-6, 0.1, full_well=65535.0, bits=16, offset=1000)

@@ -7,7 +7,7 @@ import pytest
 
 from startrack.core import Streams
 from startrack.detector import Detector, frame_of
-from startrack.detector.readout import multiplied
+from startrack.detector.effects import multiplied
 from startrack.trial import star_response
 from tests.trial.designs import with_detector
 

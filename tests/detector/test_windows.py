@@ -10,10 +10,10 @@ from startrack.core.streams import Streams
 from startrack.core.values import Frame, Psf
 from startrack.detector import Defects, Detector, Hits, Pattern
 from startrack.detector.collect import background, background_tables
+from startrack.detector.effects import require_independent_pixels
 from startrack.detector.exposure import draw, frame_of
 from startrack.detector.imperfections import tracks
 from startrack.detector.maps import dark
-from startrack.detector.readout import require_independent_pixels
 from startrack.detector.windows import (
     expose_within,
     independent_pixels,
