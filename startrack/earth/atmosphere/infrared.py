@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from startrack.core import Floats, deg, positive, um
+from startrack.core import Flags, Floats, deg, positive, um
 from startrack.earth.atmosphere.radiance import planck
 from startrack.earth.atmosphere.spectra import sun_spectrum
 from startrack.earth.atmosphere.table import BandTable, require_response
@@ -42,6 +42,11 @@ class InfraredTable:
     through: Floats
     rise: Floats
     fall: Floats
+
+    def within(self, used: Flags) -> "InfraredTable":
+        """The same at some wavelengths (f,)."""
+        rest = (self.through[..., used], self.rise[..., used], self.fall[used])
+        return InfraredTable(self.spectrum[used], self.altitude, self.sensor, *rest)
 
 
 def vacuum() -> InfraredTable:
@@ -76,7 +81,9 @@ def infrared_bands(
     positive(altitude=altitude, distance=distance)
     require_response(response, table.spectrum)
     weights = response * np.gradient(table.spectrum)
-    sunlight = sun_spectrum(table.spectrum) / distance**2
+    used = weights.any(0)  # the rest of the spectrum costs time
+    sunlight = sun_spectrum(table.spectrum)[used] / distance**2
+    weights, table = weights[:, used], table.within(used)
     angles = ANGLES[: np.searchsorted(ANGLES, table.sensor[-1] + 1e-9)]
     shape = len(HEIGHT), len(angles), len(angles), len(response)
     direct, warm = np.empty(shape), planck(table.spectrum, WARM)

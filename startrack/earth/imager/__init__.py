@@ -38,8 +38,14 @@ from startrack.earth.imager.files import (
     write_bands,
     write_geotiff,
 )
-from startrack.earth.imager.land import Cover, HotSpot, Land, ReflectanceMap
-from startrack.earth.imager.lens import lens_registration
+from startrack.earth.imager.land import ROUGHNESS, TEXELS, Cover, HotSpot, Land, ReflectanceMap, cover_at
+from startrack.earth.imager.lens import (
+    blur_strips,
+    blur_weights,
+    lens_registration,
+    point_images,
+    smeared,
+)
 from startrack.earth.imager.parameters import (
     Channel,
     Imager,
@@ -49,8 +55,10 @@ from startrack.earth.imager.parameters import (
     Spectrometer,
     Survey,
     cameras,
+    exposure_of,
     load_imager,
     load_survey,
+    smear,
 )
 from startrack.earth.imager.render import (
     MOST_LINES,
@@ -58,10 +66,13 @@ from startrack.earth.imager.render import (
     Setting,
     around_of,
     as_matrix,
+    image_blur,
+    lines_apart,
     misregistration,
     pixel_electrons,
     prepare,
     render,
+    setting_below,
 )
 
 # Public; the other imports serve other rooms.

@@ -23,6 +23,7 @@ from startrack.earth.imager import brdf
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
 TEXELS = 1024  # along each side of the texture, which is periodic
+ROUGHNESS = 1.2  # of the texture, as of `fractal`: rougher than mountains; chosen by hand
 GREY = core.Curve((), (0.2,))
 DEPTHS = -1000.0  # metre, below all land
 
@@ -104,6 +105,12 @@ class Land(Parameters):
         "its smallest detail", unit=Unit("m"), limit=POSITIVE, default=30.0
     )
     texture_seed: int = parameter(limit=Range(0, 2**31), default=1)
+    temperature_texture: float = parameter(
+        "rms of the variation of temperature, a fractal from the seed after `texture_seed`",
+        unit=Unit("K"),
+        limit=NON_NEGATIVE,
+        default=0.0,
+    )
     lapse: float = parameter(
         "decrease of temperature with height",
         unit=Unit("K / m", "K / km"),
@@ -135,6 +142,12 @@ class Land(Parameters):
             raise ValueError(f"maps must rise in their wavelengths, got {lengths}")
 
 
+def cover_at(land: Land, height: float) -> Cover:
+    """The cover of the land at a height, metre."""
+    ground = [cover for cover in land.covers if cover.above <= height]
+    return ground[-1] if ground else land.covers[0]
+
+
 def reflectance(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Floats:
     """Mean reflectance of n rays in one band, whatever its direction.
 
@@ -147,7 +160,7 @@ def reflectance(land: Land, ground: Ground, wavelength: Floats, weight: Floats) 
         mapped = _mapped(land, ground, wavelength, weight)
         here = np.where(np.isnan(mapped), here, mapped)
     if land.texture:
-        here = here * (1 + land.texture * _texture(land, ground))
+        here = here * (1 + land.texture * _texture(land, ground, land.texture_seed))
     return np.clip(here, 0.0, 1.0)
 
 
@@ -187,6 +200,8 @@ def temperature(land: Land, ground: Ground) -> Floats:
     of_cover = np.array([cover.temperature for cover in land.covers])
     facing = np.where(ground.shadow, 0.0, np.cos(ground.sun_incidence))
     warm = of_cover[_cover(land, ground)] - land.lapse * ground.height + land.warming * facing
+    if land.temperature_texture:
+        warm = warm + land.temperature_texture * _texture(land, ground, land.texture_seed + 1)
     return np.where(ground.hit, np.clip(warm, 50, 3000), of_cover[0])
 
 
@@ -230,12 +245,12 @@ def _mapped(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> F
     return out
 
 
-def _texture(land: Land, ground: Ground) -> Floats:
+def _texture(land: Land, ground: Ground, seed: int) -> Floats:
     """(n,) deviation of mean zero and rms one."""
     longitude, latitude = np.nan_to_num(ground.longitude), np.nan_to_num(ground.latitude)
     x, y = on_texture(longitude, latitude, land.texture_cell)
     i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    return _texels(land.texture_seed)[j % TEXELS, i % TEXELS]
+    return _texels(seed)[j % TEXELS, i % TEXELS]
 
 
 def on_texture(longitude: Floats, latitude: Floats, cell: float) -> tuple[Floats, Floats]:
@@ -252,6 +267,6 @@ def on_texture(longitude: Floats, latitude: Floats, cell: float) -> tuple[Floats
 
 @lru_cache(maxsize=4)
 def _texels(seed: int) -> Floats:
-    """A fractal rougher than mountains: fields, forests, rocks; roughness chosen by hand."""
-    values = fractal(TEXELS, TEXELS, core.Streams(seed, 1), 1.0, 1.2).astype(np.float64)
+    """A fractal rougher than mountains: fields, forests, rocks."""
+    values = fractal(TEXELS, TEXELS, core.Streams(seed, 1), 1.0, ROUGHNESS).astype(np.float64)
     return (values - values.mean()) / values.std()

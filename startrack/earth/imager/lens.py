@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from scipy.ndimage import map_coordinates, shift
 from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 
 from startrack.core import Camera, Displacement, FieldPsf, Floats, Psf, Singles, node_places
@@ -58,6 +59,35 @@ def blur_weights(psf: Psf, side: int, across: float, along: float, smear: float)
     at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
     psf_at = RegularGridInterpolator((at, at), psf.table, bounds_error=False, fill_value=0.0)
     return _even(_samples(psf_at, side, across, along, smear, half))
+
+
+def smeared(psf: Psf, smear: float) -> Psf:
+    """The images of points that move by `smear` pixel along the lines in an exposure."""
+    room = math.ceil(smear / 2 * psf.oversampling) + 1
+    table = np.pad(psf.table, room)
+    late = ((np.arange(SMEARED) + 0.5) / SMEARED - 0.5) * smear * psf.oversampling
+    table = np.mean([shift(table, (delay, 0.0), order=1) for delay in late], 0)
+    return Psf(table, psf.oversampling, psf.energy)
+
+
+def point_images(psf: Psf, place: Floats, across: float, along: float) -> Floats:
+    """Images of points: the fraction of the light of each in the pixels around it.
+
+    psf            of the pixels, the pixel's square and the smear included
+    place          (n, 2) pixel of the image from the middle of the images, columns first
+    across, along  pixel of the detector between columns and between lines of the image
+    Returns        (n, k, k), k odd; lines first. Their sum over places all over a pixel is one
+    Accuracy       numerical: linear between the samples of the PSF's table.
+    """
+    half = _reach(psf, across, along, 0.0) + 1
+    middle, fine = psf.table.shape[0] // 2, psf.oversampling
+    step = np.arange(-half, half + 1)
+    right = (step - place[:, :1]) * (across * fine) + middle
+    down = (step - place[:, 1:]) * (along * fine) + middle
+    shape = len(place), len(step), len(step)
+    at = [np.broadcast_to(down[:, :, None], shape), np.broadcast_to(right[:, None], shape)]
+    images: Floats = map_coordinates(psf.table, at, order=1)
+    return images * (fine**2 / psf.table.sum())
 
 
 def _reach(psf: Psf, across: float, along: float, smear: float) -> int:

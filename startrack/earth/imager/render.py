@@ -147,6 +147,38 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     return _with_smile(survey, channel, setting, max(above, 1.0))
 
 
+def setting_below(
+    survey: Survey, channel: Channel, height: float, surroundings: float
+) -> tuple[Setting, float]:
+    """What is constant over an image of level ground straight below, in the middle of the field.
+
+    height        metre, of the ground above the sea
+    surroundings  1, reflectance of the ground around
+    Returns       the setting, and metre from the ground to the camera
+    Raises        ValueError as `band_of`; where the channel's lens is a table over its field.
+    """
+    if channel.optics.tabulated:
+        raise core.Refused(
+            f"channel {channel.name}: lens_file, lens_family and psf_file must be left out of a "
+            "camera whose retrieval is studied: its images are those of the axis"
+        )
+    carrier = survey.carrier
+    above = float(geodetic(geometry.fly(carrier, np.zeros(1)).position)[2][0]) - height
+    band = band_of(channel, survey.air, above, survey.sun_distance)
+    rate = geometry.ground_rate(carrier)
+    sensor = channel.sensor(survey.rays, rate)
+    period = sensor.dating(carrier).period
+    exposure = exposure_of(channel, period)
+    optics = _shaken(survey.motion, channel, period)
+    field = lens.field_lens(channel, sensor, optics, band.wavelength, band.weight)
+    electrons = channel.etendue() * exposure * band.electrons
+    drift = smear(channel, period, rate)
+    setting = Setting(
+        period, exposure, drift, field.images, band, surroundings, electrons, field.camera
+    )
+    return setting, above
+
+
 def _keystone(survey: Survey, channel: Channel) -> tuple[float, float]:
     """Metre by which a channel's image lies farther out at the end of its line, and half of it."""
     detector_line = survey.whole(channel)
@@ -226,7 +258,7 @@ def _blurred(
 ) -> Iterator[Singles]:
     """Strips of rays as strips of pixels."""
     across = channel.detector.columns / channel.columns
-    along, drift = _lines_apart(channel, setting), setting.smear
+    along, drift = lines_apart(channel, setting), setting.smear
     if isinstance(setting.psf, core.Psf):
         weights = lens.blur_weights(setting.psf, survey.rays, across, along, drift)
         return lens.blur_strips(strips, weights)
@@ -264,14 +296,26 @@ def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float,
     return float(right), float(down)
 
 
+def image_blur(motion: Motion, channel: Channel, period: float) -> float:
+    """Metre rms along an axis: blur of a channel's lens, and of the motion within a line."""
+    optics = channel.optics
+    if motion == Motion():
+        return optics.total_blur
+    return math.hypot(optics.total_blur, _shake(motion, channel, period))
+
+
+def _shake(motion: Motion, channel: Channel, period: float) -> float:
+    once = channel.exposure_of_line(period)
+    mean = math.sqrt(float((motion_blur(motion, once)[:2] ** 2).mean()))
+    return mean * channel.optics.image_distance
+
+
 def _shaken(motion: Motion, channel: Channel, period: float) -> Optics:
     """A channel's lens with the blur by motion within an exposure of one line."""
     if motion == Motion():
         return channel.optics
-    once = channel.exposure_of_line(period)
-    mean = math.sqrt(float((motion_blur(motion, once)[:2] ** 2).mean()))
-    optics = channel.optics
-    return replace(optics, blur=math.hypot(optics.blur, mean * optics.image_distance))
+    blur = math.hypot(channel.optics.blur, _shake(motion, channel, period))
+    return replace(channel.optics, blur=blur)
 
 
 def pixel_electrons(
@@ -434,7 +478,7 @@ def _coarse(sensor: geometry.Sensor, flight: geometry.Carrier) -> geometry.Senso
     )
 
 
-def _lines_apart(channel: Channel, setting: Setting) -> float:
+def lines_apart(channel: Channel, setting: Setting) -> float:
     """Pixel of the detector between lines of the image."""
     if not (setting.period and setting.smear):
         return 1.0

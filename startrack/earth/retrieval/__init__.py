@@ -1,0 +1,1 @@
+"""Retrievals of Earth cameras."""

@@ -1,0 +1,86 @@
+"""Images in the mid and the thermal infrared -> by how much each pixel exceeds its surroundings."""
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from scipy import stats
+
+from startrack.core import Floats, Singles, printed
+
+LEAST = 1e-12  # of the variance of a channel, below which it has no contrast
+
+
+@printed
+class Contrast(NamedTuple):
+    """How each pixel of the mid infrared differs from what its surroundings predict.
+
+    score   1, excess over the standard deviation of such predictions
+    excess  watt / m^2 / sr / m, over the prediction from the thermal infrared
+    mid, thermal  watt / m^2 / sr / m, over the mean of the surroundings
+    """
+
+    score: Singles
+    excess: Singles
+    mid: Singles
+    thermal: Singles
+
+
+def pixels_around(window: int, guard: int) -> int:
+    """Pixels of the surroundings."""
+    return (2 * window + 1) ** 2 - (2 * guard + 1) ** 2
+
+
+def threshold_of(false_alarms: float, window: int, guard: int) -> float:
+    """The score that even ground exceeds in this fraction of pixels: a quantile of Student's t.
+
+    Of n pixels around, three are spent on means and slope.
+    """
+    return float(stats.t.isf(false_alarms, pixels_around(window, guard) - 3))
+
+
+def contrast_of(mid: Floats, thermal: Floats, window: int, guard: int) -> Contrast:
+    """The contextual test of each pixel: mid infrared against its surroundings.
+
+        score = (m - <m> - slope (t - <t>)) / s,   slope = <m' t'> / <t' t'>,
+        s^2 = n / (n - 3) (<m' m'> - slope <m' t'>) (1 + 1 / n)
+
+    with means over the n pixels of a square around without its middle, and deviations m', t' from
+    them. What temperature and emissivity change in both channels alike is no excess; a fire
+    exceeds in the mid infrared alone.
+
+    Source: contextual tests are those of Flasse and Ceccato (1996), Int. J. Remote Sensing 17,
+    419, and of BIRD (Zhukov et al. 2006, Remote Sensing of Environment 100, 29), which asks the
+    excess in the mid infrared and the ratio of both channels one after the other. The linear
+    prediction is that of Reed and Yu (1990), IEEE Trans. ASSP 38, 1760, for two channels.
+
+    mid, thermal   (lines, columns) watt / m^2 / sr / m, of the same pixels
+    window, guard  pixel, half a side of the square and of its middle
+    Accuracy       statistical: exact for normal deviations that are independent between pixels;
+                   smooth ground differs less from its surroundings than they scatter, and is found
+                   to be hot more rarely.
+    """
+    count = pixels_around(window, guard)
+    # Differences from the whole image lose no digits in the squares.
+    m, t = (np.asarray(image - image.mean(), np.float64) for image in (mid, thermal))
+
+    def around(values: Floats) -> Floats:
+        sums = (
+            cv2.boxFilter(values, cv2.CV_64F, (2 * half + 1,) * 2, normalize=False)
+            for half in (window, guard)
+        )
+        outer, inner = sums
+        return np.asarray((outer - inner) / count)
+
+    mean_m, mean_t = around(m), around(t)
+    both = around(m * t) - mean_m * mean_t
+    of_t = around(t * t) - mean_t**2
+    of_m = around(m * m) - mean_m**2
+    slope = np.where(of_t > LEAST * (t**2).mean(), both / np.maximum(of_t, 1e-300), 0.0)
+    from_m, from_t = m - mean_m, t - mean_t
+    excess = from_m - slope * from_t
+    variance = np.maximum(of_m - slope * both, 0) * (count + 1) / (count - 3)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        score = np.nan_to_num(excess / np.sqrt(variance), nan=0.0, posinf=math.inf)
+    return Contrast(*(image.astype(np.float32) for image in (score, excess, from_m, from_t)))

@@ -1,0 +1,84 @@
+"""Excess radiance of a cluster of pixels -> radiative power, temperature and area of its fire."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.constants import Stefan_Boltzmann
+
+from startrack.core import Floats
+from startrack.earth.atmosphere import Heat
+
+LOW, HIGH = 650.0, 1350.0  # kelvin, of the fires for which the power law is fitted
+NODES = 141
+COOLEST, HOTTEST = 350.0, 2000.0  # kelvin, of a fire whose temperature is found
+STEPS = 331
+
+
+@lru_cache(maxsize=64)
+def power_coefficient(heat: Heat) -> float:
+    """The coefficient of the power law by which a band's radiance follows the temperature.
+
+        B(T) ~ a T^4,   fitted to ln B from 650 to 1350 K
+
+    Source: Wooster, Zhukov and Oertel (2003), Remote Sensing of Environment 86, 83.
+
+    Returns   watt / m^2 / sr / m / K^4
+    Accuracy  model: at 3.4 to 4.2 um within 20 % of B between these temperatures.
+    """
+    temperature = np.linspace(LOW, HIGH, NODES)
+    return float(np.exp(np.mean(np.log(heat(temperature)[:, 0] / temperature**4))))
+
+
+def radiated_power(temperature: float, area: float) -> float:
+    """Watt that a blackbody radiates: its fire radiative power."""
+    return float(Stefan_Boltzmann * temperature**4 * area)
+
+
+def power_of(excess: Floats, heat: Heat) -> Floats:
+    """Fire radiative power from the radiance of the mid infrared.
+
+        FRP = sigma / a * sum over pixels of A (L - L_background)
+
+    Source: Wooster et al. (2003), eq. (6); (2005), J. Geophys. Res. 110, D24311.
+
+    excess   (n,) watt / sr / m: sums of excess radiance at the ground times the area of the
+             samples
+    heat     of the band in the mid infrared
+    Returns  (n,) watt
+    """
+    return excess * (Stefan_Boltzmann / power_coefficient(heat))
+
+
+def temperature_and_area(
+    mid: Floats,
+    thermal: Floats,
+    heats: tuple[Heat, Heat],
+    background: tuple[float, float],
+) -> tuple[Floats, Floats]:
+    """Temperature and area of fires from two bands.
+
+        E = A (B(T) - L_background)   in each band
+
+    Source: Dozier (1981), Remote Sensing of Environment 11, 221, eqs. (5) and (6), in differences
+    from the background.
+
+    mid, thermal  (n,) watt / sr / m, as for `power_of`, in each band
+    heats         of both bands
+    background    watt / m^2 / sr / m, radiance that leaves the ground around, in each band
+    Returns       (n,) kelvin and (n,) square metre; NaN where no temperature between 350 and 2000 K
+                  has this ratio
+    Accuracy      numerical: 1e-4 of the temperature.
+    """
+    nodes = np.geomspace(COOLEST, HOTTEST, STEPS)
+    light = [heat(nodes)[:, 0] - own for heat, own in zip(heats, background, strict=True)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(light[0] / light[1])
+        wanted = np.log(mid / thermal)
+        # Below the temperature at which a band is no brighter than its background there is none.
+        good = np.isfinite(ratio)
+        inside = (wanted >= ratio[good][0]) & (wanted <= ratio[good][-1])
+        temperature = np.exp(np.interp(wanted, ratio[good], np.log(nodes[good])))
+        temperature = np.where(inside, temperature, np.nan)
+        known = np.where(inside, temperature, COOLEST)
+        area = np.where(inside, mid / (heats[0](known)[:, 0] - background[0]), np.nan)
+    return temperature, area

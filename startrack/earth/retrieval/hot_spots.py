@@ -1,0 +1,315 @@
+"""HotSpots: fires in the mid and the thermal infrared; a trial of their detection and power."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, NamedTuple, Protocol
+
+import numpy as np
+
+from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, Singles, Streams, Unit
+from startrack.earth.imager import Channel, Survey
+from startrack.earth.retrieval import fire, patch, texture
+from startrack.earth.retrieval.context import Contrast, contrast_of, threshold_of
+
+ALIKE = 1e-6  # relative difference of the ground between pixels of two channels, at most
+ROOM = 2  # pixel between the surroundings of a fire and the image's edge
+ROUNDS = 7  # in which the smallest area is found
+CLOSE = 0.01  # relative, of the smallest area
+WIDEST = 16.0  # factor by which an area is changed in a round, at most
+
+
+@dataclass(frozen=True)
+class HotSpots(Parameters):
+    """Detection of fires against their surroundings, and their radiative power.
+
+    Images are those of level ground straight below, with the cover, the temperature and the
+    textures of the scene's land at a height.
+    """
+
+    mid: Annotated[str, "name of the channel in the mid infrared"] = "mir"
+    thermal: Annotated[str, "name of the channel in the thermal infrared"] = "tir"
+    false_alarms: Annotated[
+        float, Range(1e-12, 0.1), "fraction of the pixels without fire that may be found to be hot"
+    ] = 1e-6
+    window: Annotated[
+        int, Range(3, 50), "pixel, half a side of the square that each pixel is compared with"
+    ] = 10
+    guard: Annotated[
+        int,
+        Range(1, 20),
+        "pixel, half a side of its middle, which is left out of it and over which the light of a "
+        "fire is summed",
+    ] = 3
+    height: Annotated[float, Unit("m"), Range(0, 9000), "of the ground above the ellipsoid"] = 0.0
+    sun_zenith: Annotated[
+        float, Unit("rad", "deg"), Range(0, math.pi), "of the Sun; beyond 90 deg it is night"
+    ] = math.radians(40)
+    temperatures: Annotated[
+        tuple[Annotated[float, Unit("K")], ...], "of the fires whose smallest area is found"
+    ] = (800.0, 1000.0)
+    found: Annotated[
+        float, Range(0.5, 0.99), "1, probability with which a fire of the smallest area is found"
+    ] = 0.95
+    area: Annotated[
+        float, Unit("m2"), POSITIVE, "of the fire whose radiative power is measured"
+    ] = 1000.0
+    temperature: Annotated[
+        float, Unit("K"), Range(400, 1900), "of the fire whose radiative power is measured"
+    ] = 1000.0
+    size: Annotated[int, Range(16, 1024), "pixel, a side of an image of a trial"] = 128
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.guard >= self.window:
+            raise Refused(f"guard must be below window, {self.window}, got {self.guard}")
+        if not self.temperatures or not all(400 <= kelvin <= 1900 for kelvin in self.temperatures):
+            raise Refused(f"temperatures must lie in [400, 1900] K, got {self.temperatures}")
+        if self.size < 2 * (self.window + ROOM) + 1:
+            raise Refused(
+                f"size must be at least {2 * (self.window + ROOM) + 1}, the surroundings of a "
+                f"fire, got {self.size}"
+            )
+
+    @property
+    def a_side(self) -> int:
+        """Fires along each side of an image, so far apart that none is in another's surroundings."""
+        room = self.size - 2 * (self.window + ROOM)
+        return 1 + (room - 1) // (2 * (self.window + ROOM))
+
+    @property
+    def per_image(self) -> int:
+        """Fires of an image, each a trial."""
+        return self.a_side**2
+
+
+class Views(NamedTuple):
+    """What is constant over the images of both channels; and fires' light in them.
+
+    mid, thermal  of each channel
+    """
+
+    mid: patch.View
+    thermal: patch.View
+
+    @property
+    def near(self) -> int:
+        """Pixel from a fire's pixel within which a hot one is that fire."""
+        return math.ceil(self.mid.side / min(self.mid.across, self.mid.along) - 1e-6)
+
+
+def channels_of(survey: Survey, spots: HotSpots) -> tuple[Channel, Channel]:
+    """The channels in the mid and in the thermal infrared.
+
+    Raises  ValueError where the camera has none of that name.
+    """
+    names = {channel.name: channel for channel in survey.camera.channels}
+    for key in ("mid", "thermal"):
+        if getattr(spots, key) not in names:
+            raise Refused(
+                f"retrieval.hot_spots.{key} must be a channel of the camera, "
+                f"{', '.join(names)}, got {getattr(spots, key)!r}"
+            )
+    return names[spots.mid], names[spots.thermal]
+
+
+@lru_cache(maxsize=8)
+def views_of(survey: Survey, spots: HotSpots) -> Views:
+    """Both channels over the ground.
+
+    Raises  ValueError as `channels_of`, `refuse_other_pixels` and `view_below`.
+    """
+    mid, thermal = (
+        patch.view_below(survey, channel, spots.size, spots.height, spots.sun_zenith)
+        for channel in channels_of(survey, spots)
+    )
+    refuse_other_pixels(mid, thermal)
+    return Views(mid, thermal)
+
+
+class Sampled(Protocol):
+    """A channel over the ground."""
+
+    @property
+    def channel(self) -> Channel: ...  # noqa: D102
+    @property
+    def radiation(self) -> patch.Radiation: ...  # noqa: D102
+    @property
+    def across(self) -> float: ...  # noqa: D102
+    @property
+    def along(self) -> float: ...  # noqa: D102
+
+
+def refuse_other_pixels(mid: Sampled, thermal: Sampled) -> None:
+    """Both channels must be infrared and see the ground in the same pixels."""
+    pairs = ("across", mid.across, thermal.across), ("along", mid.along, thermal.along)
+    for name, first, second in pairs:
+        if abs(first / second - 1) > ALIKE:
+            raise Refused(
+                f"channels {mid.channel.name} and {thermal.channel.name} must sample the ground "
+                f"alike, got {first:.6g} and {second:.6g} m {name}"
+            )
+    for view in (mid, thermal):
+        if view.radiation.heat is None:
+            raise Refused(f"channel {view.channel.name} must be infrared, to see hot spots")
+
+
+class Image(NamedTuple):
+    """Both channels of an image without fires, and where fires are put.
+
+    scene     radiance (size, size) of each channel, watt / m^2 / sr / m
+    streams   of the noise of each channel
+    pixel     (n, 2) of the fires, columns first
+    inside    (n, 2) pixel, of each fire from the middle of its pixel
+    """
+
+    scene: tuple[Singles, Singles]
+    streams: tuple[Streams, Streams]
+    pixel: np.ndarray
+    inside: Floats
+
+
+def image_of(survey: Survey, spots: HotSpots, views: Views, seed: int, number: int) -> Image:
+    """An image's ground, and its fires' places, from a seed and its number."""
+    streams = Streams(seed, number)
+    mid = views.mid
+    size, rays, land = spots.size, survey.rays, survey.land
+    step = mid.along / rays, mid.across / rays
+    textures = [
+        texture.draw(streams(cause), size * rays, size * rays, step, land.texture_cell)
+        if rms
+        else None
+        for cause, rms in (
+            ("reflectance", land.texture),
+            ("temperature", land.temperature_texture),
+        )
+    ]
+    scene = tuple(
+        patch.ground_radiance(view, land, textures[0], textures[1], size, rays) for view in views
+    )
+    first, step_of_fires = spots.window + ROOM, 2 * (spots.window + ROOM)
+    at = first + step_of_fires * np.arange(spots.a_side)
+    pixel = np.stack(np.meshgrid(at, at), -1).reshape(-1, 2)
+    inside = streams("fires").random((len(pixel), 2)) - 0.5
+    noise = Streams(seed, 2 * number), Streams(seed, 2 * number + 1)
+    return Image((scene[0], scene[1]), noise, pixel, inside)
+
+
+class Burning(NamedTuple):
+    """Images of the fires of one temperature, for 1 m^2, in both channels, and where they are."""
+
+    mid: Floats
+    thermal: Floats
+
+
+def burning(views: Views, image: Image, temperature: float, area: float) -> Burning:
+    """The excess radiance (n, k, k) of fires, each per m^2, in place of the ground that burns."""
+    images = []
+    for view, scene in zip(views, image.scene, strict=True):
+        flame = view.radiation.path + view.radiation.emitted(np.array([temperature]))[0]
+        ground = scene[image.pixel[:, 1], image.pixel[:, 0]].astype(np.float64)
+        shape = patch.fire_images(view, image.inside, area)
+        images.append(shape * (flame - ground)[:, None, None])
+    return Burning(*images)
+
+
+def observed(views: Views, image: Image, spots: HotSpots, fires: Burning, area: Floats) -> Contrast:
+    """The contrast of an image's pixels, with fires of (n,) square metre."""
+    radiance = []
+    for view, scene, streams, shape in zip(views, image.scene, image.streams, fires, strict=True):
+        lit = scene.astype(np.float64)
+        if area.any():
+            patch.add_images(lit, image.pixel, shape * area[:, None, None])
+        radiance.append(patch.numbers_of(view, lit, streams))
+    return contrast_of(radiance[0], radiance[1], spots.window, spots.guard)
+
+
+def smallest_areas(
+    views: Views, image: Image, spots: HotSpots, temperature: float, guess: float
+) -> Floats:
+    """The smallest area (n,) with which each fire of an image is found, square metre.
+
+    The noise of an image is the same for fires of any area: one random number a pixel.
+
+    guess    square metre, where the search begins
+    Returns  inf where a fire as large as the ground between two pixels is not found
+    Accuracy numerical: 1 %.
+    """
+    limit = threshold_of(spots.false_alarms, spots.window, spots.guard)
+    fires = burning(views, image, temperature, guess)
+    count, most = len(image.pixel), views.mid.across * views.mid.along
+    near = views.near
+
+    def score(area: Floats) -> Floats:
+        values = observed(views, image, spots, fires, area).score
+        return np.array(
+            [
+                values[y - near : y + near + 1, x - near : x + near + 1].max()
+                for x, y in image.pixel
+            ],
+            np.float64,
+        )
+
+    low, below = np.zeros(count), score(np.zeros(count))
+    area = np.full(count, min(guess, most))
+    high, above = np.full(count, math.inf), np.full(count, math.nan)
+    for _ in range(ROUNDS):
+        value = score(area)
+        hit = value > limit
+        high, above = np.where(hit, area, high), np.where(hit, value, above)
+        low, below = np.where(hit, low, area), np.where(hit, below, value)
+        if ((high - low) <= CLOSE * high).all():
+            break
+        with np.errstate(invalid="ignore", divide="ignore"):
+            straight = low + (high - low) * (limit - below) / (above - below)
+        # A line through both ends, a little to the side of the farther one so that both close in.
+        nudge = np.where(straight - low < high - straight, 1 + CLOSE / 2, 1 - CLOSE / 2)
+        inner = np.clip(straight * nudge, low + 0.02 * (high - low), high - 0.02 * (high - low))
+        rising = np.clip(area * limit / np.maximum(value, limit / WIDEST), 1.5 * area, WIDEST * area)
+        area = np.where(np.isfinite(high), inner, np.minimum(rising, most))
+    found = np.where(np.isfinite(high), 0.5 * (high + np.where(low > 0, low, high)), math.inf)
+    # Where noise alone exceeds the limit, any fire is found.
+    return np.where(score_at_zero(below, low, limit), 0.0, found)
+
+
+def score_at_zero(below: Floats, low: Floats, limit: float) -> Floats:
+    """Whether the pixel is found hot without a fire."""
+    return np.asarray((low == 0) & (below > limit))
+
+
+class Measured(NamedTuple):
+    """What is retrieved of fires, (n,) each: watt, kelvin, square metre."""
+
+    power: Floats
+    temperature: Floats
+    area: Floats
+
+
+def measure(views: Views, image: Image, spots: HotSpots) -> Measured:
+    """Radiative power, temperature and area of fires of the area and temperature that are asked."""
+    fires = burning(views, image, spots.temperature, spots.area)
+    seen = observed(views, image, spots, fires, np.full(len(image.pixel), spots.area))
+    half = spots.guard
+    sums = []
+    for layer, view in zip((seen.mid, seen.thermal), views, strict=True):
+        around = [
+            layer[y - half : y + half + 1, x - half : x + half + 1].sum(dtype=np.float64)
+            for x, y in image.pixel
+        ]
+        sums.append(np.array(around) * view.across * view.along / view.radiation.through)
+    heats = tuple(view.radiation.heat for view in views)
+    assert heats[0] and heats[1]
+    ground = tuple((view.mean - view.radiation.path) / view.radiation.through for view in views)
+    kelvin, area = fire.temperature_and_area(
+        sums[0], sums[1], (heats[0], heats[1]), (ground[0], ground[1])
+    )
+    return Measured(fire.power_of(sums[0], heats[0]), kelvin, area)
+
+
+def false_alarms(views: Views, image: Image, spots: HotSpots) -> tuple[int, int]:
+    """Pixels that are found to be hot in an image without fires, and pixels that are tested."""
+    nothing = burning(views, image, spots.temperature, spots.area)
+    seen = observed(views, image, spots, nothing, np.zeros(len(image.pixel)))
+    inner = seen.score[spots.window : -spots.window, spots.window : -spots.window]
+    limit = threshold_of(spots.false_alarms, spots.window, spots.guard)
+    return int((inner > limit).sum()), inner.size

@@ -1,0 +1,246 @@
+"""A channel's image of level ground straight below, with fires: radiance and digital numbers.
+
+What `render` does for any terrain and any place of the field, where it is even: one line of sight,
+one transmittance, textures instead of maps. An image takes milliseconds.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.core import Floats, Ints, Psf, Singles, Streams, printed
+from startrack.detector import Detector, read_out
+from startrack.earth.atmosphere import Heat
+from startrack.earth.geometry import inside_pixel
+from startrack.earth.imager import (
+    Band,
+    Channel,
+    Land,
+    Setting,
+    Survey,
+    as_matrix,
+    blur_strips,
+    cover_at,
+    lines_apart,
+    pixel_electrons,
+    point_images,
+    setting_below,
+    smeared,
+    terms_in_band,
+)
+from startrack.earth.terrain import Ground, cartesian
+
+FIRES = 37  # points of a fire as large as the ground between two pixels
+SMALL = 0.2  # of that ground's side, below which a fire is a point
+
+
+@printed
+class Radiation(NamedTuple):
+    """The radiance at the sensor over level ground, watt / m^2 / sr / m in the band.
+
+        L = path + rho lit + (1 - rho) through B(T)
+
+    path, lit   light of the air; light that white ground sends to the sensor
+    through     1, transmittance from ground to sensor
+    heat        B in the band; None where thermal radiance is negligible
+    """
+
+    path: float
+    lit: float
+    through: float
+    heat: Heat | None
+
+    def emitted(self, temperature: Floats) -> Floats:
+        """(n,) of a blackbody on the ground at (n,) kelvin."""
+        if self.heat is None:
+            return np.zeros(len(temperature))
+        return self.through * self.heat(temperature)[:, 0]
+
+    def of_ground(self, reflectance: Floats | float, temperature: Floats) -> Floats:
+        """(n,) of ground of some reflectance and temperature."""
+        return self.path + reflectance * self.lit + (1 - reflectance) * self.emitted(temperature)
+
+
+@printed
+class View(NamedTuple):
+    """What is constant over the images of a channel.
+
+    channel       with as many columns and lines as the image
+    setting       of its images
+    radiation     of the ground that it sees
+    reflectance, temperature  1, kelvin: means of the ground
+    side          metre, of a pixel projected on the ground
+    across, along  metre between columns and between lines
+    psf           images of points, smear included
+    weights       of the rays of a pixel, as `blur_weights`
+    device        the detector with the image's lines as its rows
+    """
+
+    channel: Channel
+    setting: Setting
+    radiation: Radiation
+    reflectance: float
+    temperature: float
+    side: float
+    across: float
+    along: float
+    psf: Psf
+    weights: Floats
+    device: Detector
+
+    @property
+    def mean(self) -> float:
+        """Radiance of the mean ground."""
+        return float(self.radiation.of_ground(self.reflectance, np.array([self.temperature]))[0])
+
+
+def radiation_over(
+    band: Band, surroundings: float, height: float, sun_zenith: float
+) -> Radiation:
+    """The radiance over level ground, from that of black and of white ground.
+
+    surroundings  1, reflectance of the ground around
+    height        metre above the sea
+    sun_zenith    radian; beyond pi / 2 it is night
+    """
+    ground = level_ground(2, height, sun_zenith)
+    heat = band.heat
+    warm = None if heat is None else np.full(2, 300.0)
+    terms = terms_in_band(ground, band, np.array([0.0, 1.0]), surroundings, warm)
+    black = terms.total[0] - terms.emitted[0]
+    through = 1.0 if heat is None or warm is None else terms.emitted[0] / heat(warm)[0, 0]
+    return Radiation(float(black), float(terms.total[1] - black), float(through), heat)
+
+
+def level_ground(count: int, height: float, sun_zenith: float) -> Ground:
+    """The same point of level ground, seen from above, so many times."""
+    zero, one = np.zeros(count), np.ones(count)
+    vertical, sun = np.tile([1.0, 0.0, 0.0], (count, 1)), np.array([math.cos(sun_zenith), 0.0, 0.0])
+    sun[1] = math.sin(sun_zenith)
+    return Ground(
+        np.ones(count, bool),
+        one,
+        cartesian(zero, zero, height * one),
+        zero,
+        zero,
+        height * one,
+        vertical,
+        zero,
+        sun_zenith * one,
+        np.full(count, sun_zenith >= math.pi / 2),
+        one,
+        np.full(count, math.nan),
+        np.zeros(count, np.int8),
+        sun,
+        -vertical,
+    )
+
+
+def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: float) -> View:
+    """What is constant over the images of one channel of size x size pixels.
+
+    height, sun  metre above the sea; radian, zenith angle of the Sun
+    Raises  ValueError as `setting_below`.
+    """
+    own = channel.cropped(size, size)
+    cover = cover_at(survey.land, height)
+    setting, above = setting_below(survey, own, height, 0.0)
+    band = setting.band
+    reflectance = float(cover.reflectance(band.wavelength) @ band.weight)
+    around = reflectance if survey.surroundings is None else survey.surroundings
+    setting = setting._replace(surroundings=around)
+    side = above * own.detector.pitch / own.optics.image_distance
+    across, along = own.detector.columns / own.columns, lines_apart(own, setting)
+    offsets = inside_pixel(survey.rays)
+    assert isinstance(setting.psf, Psf)
+    psf = smeared(setting.psf, setting.smear)
+    images = point_images(psf, offsets, across, along)[:, ::-1, ::-1]
+    weights = images / images.sum((-2, -1), keepdims=True) / len(offsets)
+    return View(
+        own,
+        setting,
+        radiation_over(band, around, height, sun),
+        reflectance,
+        cover.temperature - survey.land.lapse * height,
+        side,
+        side * across,
+        side * along,
+        psf,
+        weights,
+        as_matrix(own, size),
+    )
+
+
+def ground_radiance(
+    view: View, land: Land, grey: Singles | None, warm: Singles | None, size: int, rays: int
+) -> Singles:
+    """Radiance of each pixel of an image, the lens and the pixel included.
+
+    grey, warm  (size rays, size rays) textures of reflectance and of temperature, of rms one; None
+                where the land has none
+    Returns     (size, size) watt / m^2 / sr / m
+    """
+    reflectance, temperature = view.reflectance, np.array([view.temperature])
+    if grey is not None:
+        reflectance = np.clip(reflectance * (1 + land.texture * grey.ravel()), 0, 1)
+    if warm is not None:
+        temperature = np.clip(view.temperature + land.temperature_texture * warm.ravel(), 50, 3000)
+    full = view.radiation.of_ground(reflectance, temperature)
+    if len(full) == 1:
+        return np.full((size, size), full[0], np.float32)
+    full = full.astype(np.float32).reshape(size, rays, size, rays).transpose(0, 2, 1, 3)
+    lattices = np.ascontiguousarray(full.reshape(size, size, rays**2))
+    (image,) = _joined(lattices, view.weights)
+    return image
+
+
+def _joined(lattices: Singles, weights: Floats) -> tuple[Singles]:
+    return (np.concatenate(list(blur_strips(iter([lattices]), weights))),)
+
+
+def fire_images(view: View, place: Floats, area: float) -> Floats:
+    """Images of fires: the pixel's light over that of a pixel that is all on fire, per m^2.
+
+    place    (n, 2) pixel, from the middle of the images
+    area     square metre of each; it widens the images where it is no point
+    Returns  (n, k, k) 1 / m^2, k odd
+    """
+    across, along = view.across / view.side, view.along / view.side
+    radius = math.sqrt(area / math.pi)
+    points = np.zeros((1, 2))
+    if 2 * radius > SMALL * min(view.across, view.along):
+        turn = np.arange(FIRES)
+        spread = radius * np.sqrt((turn + 0.5) / FIRES)
+        angle = turn * math.pi * (3 - math.sqrt(5))
+        points = np.stack(
+            [spread * np.cos(angle) / view.across, spread * np.sin(angle) / view.along], 1
+        )
+    every = (place[:, None] + points).reshape(-1, 2)
+    images = point_images(view.psf, every, across, along)
+    shape = len(place), len(points), *images.shape[1:]
+    return images.reshape(shape).mean(1) / view.side**2
+
+
+def add_images(scene: Floats, pixel: Ints, images: Floats) -> None:
+    """Add images (n, k, k) to a scene, whose middles lie at pixels (n, 2), columns first."""
+    half = images.shape[1] // 2
+    padded = np.pad(scene, half)
+    for (x, y), image in zip(pixel, images, strict=True):
+        padded[y : y + 2 * half + 1, x : x + 2 * half + 1] += image
+    scene[:] = padded[half : half + len(scene), half : half + scene.shape[1]]
+
+
+def numbers_of(view: View, radiance: Floats, streams: Streams) -> Floats:
+    """Measured radiance of each pixel, from its digital number, watt / m^2 / sr / m.
+
+    The gain is that of the design; the differences between pixels (PRNU) stay in the image.
+
+    Returns  (size, size); of saturated pixels that of their number
+    """
+    electrons = pixel_electrons(view.channel, view.setting, radiance)
+    detector = view.channel.detector
+    numbers = read_out(electrons, view.device, streams)
+    dark = detector.dark_rate * view.setting.exposure
+    charge = (numbers - float(detector.offset)) * detector.electrons_per_dn - dark
+    return charge / view.setting.electrons
