@@ -15,6 +15,7 @@ ROOMS = (
     *("design", "trial", "population", "sequence", "montecarlo", "budget", "verification"),
     *("optimise", "calibration", "mission", "onboard"),
     *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager", "earth.product"),
+    *("earth.retrieval",),
     *("plots", "report", "benchmark", "cli"),
 )
 # From catalog to metrics: strangers to each other, which meet only in `core`, `io` and `space`.

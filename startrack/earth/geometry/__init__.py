@@ -18,7 +18,14 @@ from startrack.earth.geometry.scene import (
     ground_finder,
     observe_earth,
 )
-from startrack.earth.geometry.sight import Elements, Jitter, Pointing, ground_rate, inside_pixel
+from startrack.earth.geometry.sight import (
+    Elements,
+    Jitter,
+    Pointing,
+    flight_height,
+    ground_rate,
+    inside_pixel,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [

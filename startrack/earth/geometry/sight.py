@@ -195,17 +195,27 @@ def scan_lines(
     return sight(camera, place, np.broadcast_to(time, shape).ravel(), orbit, pointing, turn, spread)
 
 
-@lru_cache(maxsize=16)
 def ground_rate(orbit: Carrier) -> float:
     """Radian per second at which the ground below the satellite moves at its epoch.
 
     Times the focal length in pixels it is the line rate that makes square pixels at the nadir. Kept
     for the 16 last orbits, because astropy takes 7 ms for the axes of the Earth.
     """
+    return _below(orbit)[0]
+
+
+def flight_height(orbit: Carrier) -> float:
+    """Metre above the ellipsoid at the epoch; kept as `ground_rate`."""
+    return _below(orbit)[1]
+
+
+@lru_cache(maxsize=16)
+def _below(orbit: Carrier) -> tuple[float, float]:
+    """Radian per second of the ground below, and metre above it."""
     flight = fly(orbit, np.zeros(1))
     position, velocity = flight.position[0], flight.velocity[0]
     radius = float(np.linalg.norm(position))
     rise = position / radius
     across = float(np.linalg.norm(velocity - velocity @ rise * rise))
     height = float(geodetic(position[None])[2][0])
-    return across * (radius - height) / radius / height
+    return across * (radius - height) / radius / height, height

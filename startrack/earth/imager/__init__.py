@@ -38,7 +38,15 @@ from startrack.earth.imager.files import (
     write_bands,
     write_geotiff,
 )
-from startrack.earth.imager.land import ROUGHNESS, TEXELS, Cover, HotSpot, Land, ReflectanceMap, cover_at
+from startrack.earth.imager.land import (
+    ROUGHNESS,
+    TEXELS,
+    Cover,
+    HotSpot,
+    Land,
+    ReflectanceMap,
+    cover_at,
+)
 from startrack.earth.imager.lens import (
     blur_strips,
     blur_weights,

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from scipy.ndimage import map_coordinates, shift
 from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
+from scipy.ndimage import map_coordinates, shift
 
 from startrack.core import Camera, Displacement, FieldPsf, Floats, Psf, Singles, node_places
 from startrack.earth.geometry import Sensor, inside_pixel
@@ -76,7 +76,7 @@ def point_images(psf: Psf, place: Floats, across: float, along: float) -> Floats
     psf            of the pixels, the pixel's square and the smear included
     place          (n, 2) pixel of the image from the middle of the images, columns first
     across, along  pixel of the detector between columns and between lines of the image
-    Returns        (n, k, k), k odd; lines first. Their sum over places all over a pixel is one
+    Returns        (n, k, k), k odd; lines first. Light beyond the PSF's table is lost
     Accuracy       numerical: linear between the samples of the PSF's table.
     """
     half = _reach(psf, across, along, 0.0) + 1
@@ -87,7 +87,7 @@ def point_images(psf: Psf, place: Floats, across: float, along: float) -> Floats
     shape = len(place), len(step), len(step)
     at = [np.broadcast_to(down[:, :, None], shape), np.broadcast_to(right[:, None], shape)]
     images: Floats = map_coordinates(psf.table, at, order=1)
-    return images * (fine**2 / psf.table.sum())
+    return images
 
 
 def _reach(psf: Psf, across: float, along: float, smear: float) -> int:

@@ -163,7 +163,7 @@ def setting_below(
             "camera whose retrieval is studied: its images are those of the axis"
         )
     carrier = survey.carrier
-    above = float(geodetic(geometry.fly(carrier, np.zeros(1)).position)[2][0]) - height
+    above = geometry.flight_height(carrier) - height
     band = band_of(channel, survey.air, above, survey.sun_distance)
     rate = geometry.ground_rate(carrier)
     sensor = channel.sensor(survey.rays, rate)

@@ -1,1 +1,36 @@
-"""Retrievals of Earth cameras."""
+"""Retrievals of Earth cameras: what images are for, with its error by formula and by trials.
+
+texture        Texture of a land -> its power spectrum, and realisations of it.
+patch          A channel's image of level ground straight below, with fires.
+context        Images in two channels -> by how much each pixel exceeds its surroundings.
+fire           Excess radiance of a fire -> its radiative power, temperature and area.
+hot_spots      HotSpots: fires, their detection and power; a trial of both.
+fire_forecast  The smallest fire that is found, and the error of its power, by formula.
+"""
+
+from startrack.earth.retrieval.fire import (
+    power_coefficient,
+    power_of,
+    radiated_power,
+    temperature_and_area,
+)
+from startrack.earth.retrieval.fire_forecast import FireForecast, forecast_fires
+from startrack.earth.retrieval.hot_spots import (
+    HotSpots,
+    false_alarms,
+    image_of,
+    measure,
+    smallest_areas,
+    views_of,
+)
+
+# Public; the other imports serve other rooms.
+__all__ = [
+    "FireForecast",
+    "HotSpots",
+    "forecast_fires",
+    "power_coefficient",
+    "power_of",
+    "radiated_power",
+    "temperature_and_area",
+]

@@ -16,15 +16,16 @@ LEAST = 1e-12  # of the variance of a channel, below which it has no contrast
 class Contrast(NamedTuple):
     """How each pixel of the mid infrared differs from what its surroundings predict.
 
-    score   1, excess over the standard deviation of such predictions
-    excess  watt / m^2 / sr / m, over the prediction from the thermal infrared
-    mid, thermal  watt / m^2 / sr / m, over the mean of the surroundings
+    score         1, excess over the standard deviation of such predictions
+    mid, thermal  watt / m^2 / sr / m, as given
+    mid_around, thermal_around  their means over the surroundings
     """
 
     score: Singles
-    excess: Singles
-    mid: Singles
-    thermal: Singles
+    mid: Floats
+    thermal: Floats
+    mid_around: Floats
+    thermal_around: Floats
 
 
 def pixels_around(window: int, guard: int) -> int:
@@ -63,7 +64,8 @@ def contrast_of(mid: Floats, thermal: Floats, window: int, guard: int) -> Contra
     """
     count = pixels_around(window, guard)
     # Differences from the whole image lose no digits in the squares.
-    m, t = (np.asarray(image - image.mean(), np.float64) for image in (mid, thermal))
+    level_m, level_t = float(mid.mean()), float(thermal.mean())
+    m, t = mid - level_m, thermal - level_t
 
     def around(values: Floats) -> Floats:
         sums = (
@@ -78,9 +80,8 @@ def contrast_of(mid: Floats, thermal: Floats, window: int, guard: int) -> Contra
     of_t = around(t * t) - mean_t**2
     of_m = around(m * m) - mean_m**2
     slope = np.where(of_t > LEAST * (t**2).mean(), both / np.maximum(of_t, 1e-300), 0.0)
-    from_m, from_t = m - mean_m, t - mean_t
-    excess = from_m - slope * from_t
+    excess = m - mean_m - slope * (t - mean_t)
     variance = np.maximum(of_m - slope * both, 0) * (count + 1) / (count - 3)
     with np.errstate(divide="ignore", invalid="ignore"):
         score = np.nan_to_num(excess / np.sqrt(variance), nan=0.0, posinf=math.inf)
-    return Contrast(*(image.astype(np.float32) for image in (score, excess, from_m, from_t)))
+    return Contrast(score.astype(np.float32), mid, thermal, mean_m + level_m, mean_t + level_t)

@@ -50,10 +50,7 @@ def power_of(excess: Floats, heat: Heat) -> Floats:
 
 
 def temperature_and_area(
-    mid: Floats,
-    thermal: Floats,
-    heats: tuple[Heat, Heat],
-    background: tuple[float, float],
+    mid: Floats, thermal: Floats, heats: tuple[Heat, Heat], background: tuple[float, float]
 ) -> tuple[Floats, Floats]:
     """Temperature and area of fires from two bands.
 

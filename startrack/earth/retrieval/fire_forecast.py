@@ -7,12 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from startrack.core import Curve, Floats, Refused, printed
+from startrack.core import Floats, Refused, printed
 from startrack.earth import geometry
 from startrack.earth.atmosphere import Air
 from startrack.earth.imager import (
     Band,
     Channel,
+    Cover,
+    Land,
     Survey,
     band_of,
     cover_at,
@@ -22,16 +24,22 @@ from startrack.earth.imager import (
 )
 from startrack.earth.retrieval import fire, texture
 from startrack.earth.retrieval.context import pixels_around, threshold_of
-from startrack.earth.retrieval.hot_spots import HotSpots, channels_of, refuse_other_pixels
+from startrack.earth.retrieval.hot_spots import (
+    HotSpots,
+    channels_of,
+    pixels_of_fire,
+    refuse_other_pixels,
+)
 from startrack.earth.retrieval.patch import Radiation, radiation_over
-from startrack.earth.terrain import geodetic
 from startrack.optics import blur_transfer, pupil_transfer
 
 WAVES, TURNS = 96, 12  # frequencies and directions, over which textures are integrated
-FREQUENCIES, FINEST = 48, 4.0  # along each axis, to so many cycles a pixel, of a point's image
+FINEST = 4.0  # cycles a pixel, of a point's image
+LEAST_NODES = 48  # over frequencies of it, along each axis
 PHASES = 4  # places along half a side of the ground between two pixels
-AREAS = 96  # between which the smallest is interpolated
-DRAWS = 12  # nodes over the ground's contrast
+COARSE, FINE = 20, 10  # areas between which the smallest is interpolated, one after the other
+WIDTHS = 3  # of the surroundings, over which the covariance of textures is summed
+DRAWS = 8  # nodes over the ground's contrast
 SMALLEST = 1e-7  # of the ground between two pixels
 
 
@@ -75,14 +83,20 @@ class Side(NamedTuple):
         full = min(detector.full_well, numbers * detector.electrons_per_dn)
         return (full - detector.dark_rate * self.exposure) / self.electrons
 
+    @property
+    def stripes(self) -> float:
+        """Variance of the mean ground's radiance between columns of a scanner, by its PRNU."""
+        detector = self.channel.detector
+        return (detector.prnu * self.mean) ** 2 if detector.scan else 0.0
+
     def variance(self, radiance: Floats) -> Floats:
-        """Of a pixel's radiance by its noise."""
+        """Of a pixel's radiance by its noise, `stripes` left out."""
         detector = self.channel.detector
         light = self.electrons * radiance
         step = detector.electrons_per_dn
         variance = detector.excess_noise * (light + detector.dark_rate * self.exposure)
         variance = variance + detector.noise**2 + step**2 / 12 + (detector.prnu * light) ** 2
-        return np.asarray(variance / self.electrons**2)
+        return np.maximum(variance / self.electrons**2 - self.stripes, 0.0)
 
     def transfer(self, x: Floats, y: Floats) -> Floats:
         """Transfer function at frequencies in cycle / pixel: lens, blur, pixel, smear."""
@@ -103,31 +117,39 @@ class Side(NamedTuple):
         return float(grey), float((1 - self.reflectance) * (light[2] - light[0]))
 
 
-Curves = tuple[Curve, ...]
-
-
-@lru_cache(maxsize=64)
-def _band(
-    curves: Curves, channel: "Same", air: Air | None, above: float, distance: float
-) -> Band:
-    return band_of(channel.channel, air, above, distance)
-
-
-class Same:
-    """A channel, equal to others of the same fill factor: for what depends on its curves."""
+class _Curves:
+    """What the band of a channel depends on, equal for channels that differ in the rest."""
 
     def __init__(self, channel: Channel) -> None:
         self.channel = channel
+        self._key = channel.curves, channel.detector.fill_factor
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and self._key == other._key
+        return isinstance(other, _Curves) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
 
-    @property
-    def _key(self) -> tuple[float, bool]:
-        return self.channel.detector.fill_factor, self.channel.response is None
+
+_Lit = tuple[Band, Radiation, float]
+
+
+@lru_cache(maxsize=64)
+def _lit(
+    curves: _Curves,
+    air: Air | None,
+    above: float,
+    distance: float,
+    cover: Cover,
+    around: float | None,
+    height: float,
+    sun: float,
+) -> _Lit:
+    """Band, radiation of the ground and its mean reflectance; kept while a search goes on."""
+    band = band_of(curves.channel, air, above, distance)
+    reflectance = float(cover.reflectance(band.wavelength) @ band.weight)
+    around = reflectance if around is None else around
+    return band, radiation_over(band, around, height, sun), reflectance
 
 
 def side_of(survey: Survey, channel: Channel, spots: HotSpots) -> Side:
@@ -142,16 +164,21 @@ def side_of(survey: Survey, channel: Channel, spots: HotSpots) -> Side:
             "lens_file, lens_family, psf_file, pupil, defocus and aberrations must be left out"
         )
     carrier = survey.carrier
-    height = float(geodetic(geometry.fly(carrier, np.zeros(1)).position)[2][0])
-    above = height - spots.height
-    own = Same(channel)
-    band = _band(channel.curves, own, survey.air, above, survey.sun_distance)
+    above = geometry.flight_height(carrier) - spots.height
+    cover = cover_at(survey.land, spots.height)
+    band, radiation, reflectance = _lit(
+        _Curves(channel),
+        survey.air,
+        above,
+        survey.sun_distance,
+        cover,
+        survey.surroundings,
+        spots.height,
+        spots.sun_zenith,
+    )
     rate = geometry.ground_rate(carrier)
     period = channel.sensor(survey.rays, rate).dating(carrier).period
     exposure = exposure_of(channel, period)
-    cover = cover_at(survey.land, spots.height)
-    reflectance = float(cover.reflectance(band.wavelength) @ band.weight)
-    around = reflectance if survey.surroundings is None else survey.surroundings
     side = above * channel.detector.pitch / optics.image_distance
     drift = smear(channel, period, rate)
     once = channel.exposure_of_line(period)
@@ -159,7 +186,7 @@ def side_of(survey: Survey, channel: Channel, spots: HotSpots) -> Side:
     return Side(
         channel,
         band,
-        radiation_over(band, around, spots.height, spots.sun_zenith),
+        radiation,
         reflectance,
         cover.temperature - survey.land.lapse * spots.height,
         side,
@@ -195,10 +222,12 @@ def forecast_fires(survey: Survey, spots: HotSpots) -> FireForecast:
 
         P(found) = mean over places [1 - mean over c prod over pixels Phi((q s - A k - c) / n)]
 
-    A k is the excess of a fire of the area A in a pixel, lens, pixel and smear included; n the noise
-    of that pixel, of its photons too; s the scatter of the surroundings, of which q is the quantile
-    of the false-alarm rate; c the ground's own contrast at the fire. s and c follow from the power
-    spectrum of the textures by the transfer functions of both channels and of the surroundings.
+    A k is the excess of a fire of the area A in a pixel, lens, pixel and smear included; n the
+    noise of that pixel, of its photons too; s the scatter of the surroundings, of which q is the
+    quantile of the false-alarm rate; c the ground's own contrast at the fire, with that of its
+    column, and by how much q s differs from its mean. s and c follow from the power spectrum of
+    the textures by the transfer functions of both channels and of the surroundings; the scatter
+    of s^2 from the covariance of the textures over all pairs of pixels.
 
     Raises    ValueError as `side_of`, and where both channels have other pixels.
     Accuracy  model: contrast linear in textures; noise independent between pixels, the ground's
@@ -208,26 +237,33 @@ def forecast_fires(survey: Survey, spots: HotSpots) -> FireForecast:
     refuse_other_pixels(mid, thermal)
     ground = _ground(survey, spots, mid, thermal)
     quiet = [float(side.variance(np.array(side.mean))) for side in (mid, thermal)]
-    count = pixels_around(spots.window, spots.guard)
-    of_t, both = ground.around[1, 1] + quiet[1], ground.around[0, 1]
-    slope = both / of_t
-    scatter = math.sqrt(ground.around[0, 0] + quiet[0] - slope * both)
+    count, wide = pixels_around(spots.window, spots.guard), 2 * spots.window + 1
+    steady = [noise + side.stripes for noise, side in zip(quiet, (mid, thermal), strict=True)]
+    slope = ground.around[0, 1] / (ground.around[1, 1] + steady[1])
     weights = np.array([1.0, -slope])
-    own = float(weights @ ground.here @ weights)
-    steady = (quiet[0] + slope**2 * quiet[1]) / count
-    limit = threshold_of(spots.false_alarms, spots.window, spots.guard) * scatter
-    shares = [_point_shares(side, spots) for side in (mid, thermal)]
+    noise = quiet[0] + slope**2 * quiet[1]
+    stripes = mid.stripes + slope**2 * thermal.stripes
+    square = float(weights @ ground.around @ weights) + noise + stripes
+    quantile = threshold_of(spots.false_alarms, spots.window, spots.guard)
+    limit = quantile * math.sqrt(square)
+    # Variance of the mean square of the surroundings: of the ground, of pixels, of columns.
+    loose = 2 * (ground.uneven(weights) + noise**2 / count + stripes**2 / wide)
+    common = float(weights @ ground.here @ weights) + stripes * (1 + 1 / wide) + noise / count
+    common += quantile**2 * loose / (4 * square)
+    near = pixels_of_fire(mid)
+    shares = [_point_shares(side, near) for side in (mid, thermal)]
     areas = []
     for temperature in spots.temperatures:
         flames = [_flame(side, temperature) for side in (mid, thermal)]
-        excess = [flame * share / side.side**2 for flame, share, side in zip(
-            flames, shares, (mid, thermal), strict=True)]
-        areas.append(
-            _smallest(excess, (mid, thermal), slope, limit, own + steady, spots.found)
-        )
+        excess = [
+            flame * share / side.side**2
+            for flame, share, side in zip(flames, shares, (mid, thermal), strict=True)
+        ]
+        areas.append(_smallest(excess, (mid, thermal), slope, limit, common, spots.found))
     error, bias = _power(spots, mid, ground, quiet[0])
-    noise = math.sqrt(quiet[0] + slope**2 * quiet[1])
-    return FireForecast(tuple(areas), error, bias, math.sqrt(noise**2 + own), noise)
+    full = noise + stripes
+    here = float(weights @ ground.here @ weights)
+    return FireForecast(tuple(areas), error, bias, math.sqrt(full + here), math.sqrt(full))
 
 
 def _flame(side: Side, temperature: float) -> float:
@@ -251,56 +287,63 @@ def _smallest(
     """
     mid, thermal = sides
     most = mid.across * mid.along
-    area = np.geomspace(SMALLEST * most, most, AREAS)[:, None, None]
-    light = [
-        np.minimum(side.mean + area * part, side.saturation)
-        for side, part in zip(sides, excess, strict=True)
-    ]
-    signal = (light[0] - mid.mean) - slope * (light[1] - thermal.mean)
-    full = light[0] >= mid.saturation
-    noise = np.sqrt(mid.variance(light[0]) + slope**2 * thermal.variance(light[1]))
+    if mid.mean >= mid.saturation or thermal.mean >= thermal.saturation:
+        return math.inf  # the ground itself saturates
     node, weight = special.roots_hermitenorm(DRAWS)
-    weight = weight / weight.sum()
-    common = node * math.sqrt(ground)
-    argument = (limit - signal[..., None] - common) / np.where(full, 1e-9, noise)[..., None]
-    missed = (special.ndtr(argument).prod(-2) @ weight).mean(-1)
-    found = np.maximum.accumulate(1 - missed)
-    if found[-1] < wanted:
-        return math.inf
-    above = int(np.argmax(found >= wanted))
-    if above == 0:
-        return 0.0
-    ends = special.ndtri(np.clip(found[above - 1 : above + 1], 1e-12, 1 - 1e-12))
+    weight, common = weight / weight.sum(), node * math.sqrt(ground)
+
+    def found(areas: Floats) -> Floats:
+        area = areas[:, None, None]
+        light = [
+            np.minimum(side.mean + area * part, side.saturation)
+            for side, part in zip(sides, excess, strict=True)
+        ]
+        signal = (light[0] - mid.mean) - slope * (light[1] - thermal.mean)
+        noise = np.sqrt(mid.variance(light[0]) + slope**2 * thermal.variance(light[1]))
+        noise = np.where(light[0] >= mid.saturation, 1e-9 * limit, noise)
+        argument = (limit - signal[..., None] - common) / noise[..., None]
+        missed = (special.ndtr(argument).prod(-2) @ weight).mean(-1)
+        return np.asarray(np.maximum.accumulate(1 - missed))
+
+    area = np.geomspace(SMALLEST * most, most, COARSE)
+    for count in (FINE, 0):
+        chance = found(area)
+        if chance[-1] < wanted:
+            return math.inf
+        above = int(np.argmax(chance >= wanted))
+        if above == 0:
+            return 0.0
+        if count:
+            area = np.geomspace(area[above - 1], area[above], count)
+    ends = special.ndtri(np.clip(chance[above - 1 : above + 1], 1e-12, 1 - 1e-12))
     place = (special.ndtri(wanted) - ends[0]) / (ends[1] - ends[0])
-    low, high = area[above - 1, 0, 0], area[above, 0, 0]
-    return float(low * (high / low) ** place)
+    return float(area[above - 1] * (area[above] / area[above - 1]) ** place)
 
 
-def _point_shares(side: Side, spots: HotSpots) -> Floats:
-    """Fraction of a point's light in the pixels around it: (places, pixels)."""
-    x, y = _offsets(side, spots)
-    nodes, weights = _frequencies()
-    transfer = side.transfer(nodes[None, :], nodes[:, None]) * weights[None, :] * weights[:, None]
-    # The transfer function is even in both: twice the cosine over each half.
-    right = 2 * np.cos(2 * np.pi * x[..., None] * nodes)
-    down = 2 * np.cos(2 * np.pi * y[..., None] * nodes)
-    shares = np.einsum("pyv,vu,qxu->pqyx", down, transfer, right, optimize=True)
-    return np.asarray(shares.reshape(PHASES**2, -1))
+def _point_shares(side: Side, near: int) -> Floats:
+    """Fraction of a point's light in the pixels around it: (places, pixels).
 
-
-def _offsets(side: Side, spots: HotSpots) -> tuple[Floats, Floats]:
-    """Pixel of the detector from a fire to columns and lines: (places along an axis, pixels)."""
+    near  pixel, half a side of the square of pixels
+    """
     across, along = side.across / side.side, side.along / side.side
-    near = math.ceil(side.side / min(side.across, side.along) - 1e-6)
     inside = (np.arange(PHASES) + 0.5) / (2 * PHASES)  # of one half; the other is its mirror
     step = np.arange(-near, near + 1) - inside[:, None]
-    return step * across, step * along
+    waves = FINEST * near * max(across, along)
+    nodes, weights = _frequencies(max(LEAST_NODES, math.ceil(3 * waves) + LEAST_NODES // 2))
+    transfer = side.transfer(nodes[None, :], nodes[:, None]) * np.outer(weights, weights)
+    # The transfer function is even in both: twice the cosine over each half.
+    right = 2 * np.cos(2 * np.pi * across * step[..., None] * nodes)
+    down = 2 * np.cos(2 * np.pi * along * step[..., None] * nodes)
+    rows = down.reshape(-1, len(nodes)) @ transfer @ right.reshape(-1, len(nodes)).T
+    width = 2 * near + 1
+    shares = rows.reshape(PHASES, width, PHASES, width).transpose(0, 2, 1, 3)
+    return np.ascontiguousarray(shares).reshape(PHASES**2, -1)
 
 
-@lru_cache(maxsize=1)
-def _frequencies() -> tuple[Floats, Floats]:
+@lru_cache(maxsize=8)
+def _frequencies(count: int) -> tuple[Floats, Floats]:
     """Nodes and weights from 0 to FINEST cycles a pixel."""
-    node, weight = np.polynomial.legendre.leggauss(FREQUENCIES)
+    node, weight = np.polynomial.legendre.leggauss(count)
     return (node + 1) * FINEST / 2, weight * FINEST / 2
 
 
@@ -310,11 +353,39 @@ class _Ground(NamedTuple):
     around  within the surroundings, of deviations from their mean
     here    of a pixel's deviations from the mean of its surroundings
     summed  of the mid infrared alone, of the sum over a fire's pixels of these deviations
+    waves   of the unevenness; None: even ground
     """
 
     around: Floats
     here: Floats
     summed: float
+    waves: "_Waves | None" = None
+
+    def uneven(self, weights: Floats) -> float:
+        """Half the variance of the mean square of a combination of both within the surroundings."""
+        return 0.0 if self.waves is None else self.waves.uneven(weights)
+
+
+class _Waves(NamedTuple):
+    """Textures on a grid of waves: square roots of the spectra within the surroundings.
+
+    amplitude  (kinds, 2, n, n) by each texture, of both channels
+    width      pixel, a side of the surroundings
+    """
+
+    amplitude: Floats
+    width: int
+
+    def uneven(self, weights: Floats) -> float:
+        """Half the variance of the mean square, from the covariance over distances.
+
+        var <z^2> = 2 / N^2 * sum over pairs of pixels of R^2
+        """
+        mixed = (np.tensordot(weights, self.amplitude, (0, 1)) ** 2).sum(0)
+        covariance = np.fft.ifft2(mixed).real
+        away = np.abs(np.fft.fftfreq(len(mixed), 1 / len(mixed)))
+        pairs = np.maximum(self.width - away, 0)
+        return float(pairs @ covariance**2 @ pairs) / self.width**4
 
 
 def _ground(survey: Survey, spots: HotSpots, mid: Side, thermal: Side) -> _Ground:
@@ -326,9 +397,9 @@ def _ground(survey: Survey, spots: HotSpots, mid: Side, thermal: Side) -> _Groun
     size = np.geomspace(0.5 / texture.TEXELS, math.sqrt(0.5), WAVES + 1) / land.texture_cell
     middle, width = np.sqrt(size[1:] * size[:-1]), np.diff(size)
     turn = (np.arange(TURNS) + 0.5) * math.pi / 2 / TURNS
-    x, y = (np.outer(middle, part(turn)) for part in (np.cos, np.sin))
+    x, y = np.outer(middle, np.cos(turn)), np.outer(middle, np.sin(turn))
     density = texture.power(np.stack([x, y], -1), land.texture_cell)
-    density = density * (2 * math.pi * middle * width)[:, None] / TURNS
+    part = (2 * math.pi * middle * width)[:, None] / TURNS
 
     def square(half: int) -> Floats:
         """Mean over a square of pixels."""
@@ -342,13 +413,37 @@ def _ground(survey: Survey, spots: HotSpots, mid: Side, thermal: Side) -> _Groun
     for n, factor in enumerate((1 - around**2, (1 - around) ** 2)):
         for i in range(2):
             for j in range(2):
-                shared = float((density * transfers[i] * transfers[j] * factor).sum())
+                shared = float((part * density * transfers[i] * transfers[j] * factor).sum())
                 for kind, spread in enumerate(rms):
                     result[n, i, j] += slopes[i][kind] * slopes[j][kind] * spread**2 * shared
     over = (square(spots.guard) - around) * inner**2
-    shared = float((density * (transfers[0] * over) ** 2).sum())
+    shared = float((part * density * (transfers[0] * over) ** 2).sum())
     summed = sum((slopes[0][kind] * spread) ** 2 for kind, spread in enumerate(rms)) * shared
-    return _Ground(result[0], result[1], summed)
+    return _Ground(result[0], result[1], summed, _waves(spots, sides, slopes, rms, land))
+
+
+def _waves(
+    spots: HotSpots,
+    sides: tuple[Side, Side],
+    slopes: list[tuple[float, float]],
+    rms: tuple[float, float],
+    land: Land,
+) -> _Waves:
+    mid, width = sides[0], 2 * spots.window + 1
+    count = WIDTHS * width
+    right: Floats = np.asarray(np.fft.fftfreq(count, mid.across), np.float64)
+    down: Floats = np.asarray(np.fft.fftfreq(count, mid.along), np.float64)
+    x, y = np.broadcast_to(right, (count, count)), np.broadcast_to(down[:, None], (count, count))
+    mean = _dirichlet(right * mid.across, width) * _dirichlet(down * mid.along, width)[:, None]
+    # Unitary for the sum over waves that the inverse transform is.
+    density = texture.power(np.stack([x, y], -1), land.texture_cell) / (mid.across * mid.along)
+    within = np.sqrt(density * (1 - mean**2))
+    transfers = [side.transfer(x * side.side, y * side.side) * within for side in sides]
+    amplitude = [
+        [slopes[i][kind] * spread * transfers[i] for i in range(2)]
+        for kind, spread in enumerate(rms)
+    ]
+    return _Waves(np.array(amplitude), width)
 
 
 def _dirichlet(cycles: Floats, count: int) -> Floats:
@@ -365,27 +460,19 @@ def _power(spots: HotSpots, mid: Side, ground: _Ground, quiet: float) -> tuple[f
     sample = mid.across * mid.along
     true = fire.radiated_power(spots.temperature, spots.area)
     per_radiance = float(fire.power_of(np.array([sample / mid.radiation.through]), heat)[0]) / true
-    # The fire's pixels, with its light in each over places inside a pixel.
-    wide = mid._replace(across=mid.across, along=mid.along)
-    shares = _shares_of_box(wide, spots)
+    shares = _point_shares(mid, spots.guard)
     excess = _flame(mid, spots.temperature) * spots.area * shares / mid.side**2
     light = np.minimum(mid.mean + excess, mid.saturation)
-    means = per_radiance * (light - mid.mean).sum(-1) - 1
+    # Its light in the surroundings is taken for theirs.
+    beside = _point_shares(mid, spots.window).sum(-1) - shares.sum(-1)
+    share = shares.shape[1] / pixels_around(spots.window, spots.guard)
+    lost = share * _flame(mid, spots.temperature) * spots.area * beside / mid.side**2
+    means = per_radiance * ((light - mid.mean).sum(-1) - lost) - 1
     photons = (mid.variance(light) * (light < mid.saturation)).sum(-1).mean()
     pixels, count = shares.shape[1], pixels_around(spots.window, spots.guard)
-    variance = photons + pixels**2 * quiet / count + ground.summed
+    # Columns of a fire have their own stripes.
+    tall = 2 * spots.guard + 1
+    stripes = mid.stripes * tall**3 * (1 + tall / (2 * spots.window + 1))
+    variance = photons + pixels**2 * quiet / count + stripes + ground.summed
     bias = float(means.mean())
     return math.sqrt(float((means**2).mean()) + per_radiance**2 * variance), bias
-
-
-def _shares_of_box(side: Side, spots: HotSpots) -> Floats:
-    """Fraction of a point's light in the pixels over which a fire is summed."""
-    across, along = side.across / side.side, side.along / side.side
-    inside = (np.arange(PHASES) + 0.5) / (2 * PHASES)
-    step = np.arange(-spots.guard, spots.guard + 1) - inside[:, None]
-    nodes, weights = _frequencies()
-    transfer = side.transfer(nodes[None, :], nodes[:, None]) * weights[None, :] * weights[:, None]
-    right = 2 * np.cos(2 * np.pi * (step * across)[..., None] * nodes)
-    down = 2 * np.cos(2 * np.pi * (step * along)[..., None] * nodes)
-    shares = np.einsum("pyv,vu,qxu->pqyx", down, transfer, right, optimize=True)
-    return np.asarray(shares.reshape(PHASES**2, -1))

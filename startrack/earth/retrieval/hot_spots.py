@@ -7,7 +7,17 @@ from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 
-from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, Singles, Streams, Unit
+from startrack.core import (
+    POSITIVE,
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Refused,
+    Singles,
+    Streams,
+    Unit,
+)
 from startrack.earth.imager import Channel, Survey
 from startrack.earth.retrieval import fire, patch, texture
 from startrack.earth.retrieval.context import Contrast, contrast_of, threshold_of
@@ -73,7 +83,7 @@ class HotSpots(Parameters):
 
     @property
     def a_side(self) -> int:
-        """Fires along each side of an image, so far apart that none is in another's surroundings."""
+        """Fires along each side of an image; none is in the surroundings of another."""
         room = self.size - 2 * (self.window + ROOM)
         return 1 + (room - 1) // (2 * (self.window + ROOM))
 
@@ -84,18 +94,10 @@ class HotSpots(Parameters):
 
 
 class Views(NamedTuple):
-    """What is constant over the images of both channels; and fires' light in them.
-
-    mid, thermal  of each channel
-    """
+    """What is constant over the images of both channels."""
 
     mid: patch.View
     thermal: patch.View
-
-    @property
-    def near(self) -> int:
-        """Pixel from a fire's pixel within which a hot one is that fire."""
-        return math.ceil(self.mid.side / min(self.mid.across, self.mid.along) - 1e-6)
 
 
 def channels_of(survey: Survey, spots: HotSpots) -> tuple[Channel, Channel]:
@@ -138,6 +140,13 @@ class Sampled(Protocol):
     def across(self) -> float: ...  # noqa: D102
     @property
     def along(self) -> float: ...  # noqa: D102
+    @property
+    def side(self) -> float: ...  # noqa: D102
+
+
+def pixels_of_fire(view: Sampled) -> int:
+    """Pixel from that of a fire within which one that is found hot is this fire."""
+    return math.ceil(view.side / min(view.across, view.along) - 1e-6)
 
 
 def refuse_other_pixels(mid: Sampled, thermal: Sampled) -> None:
@@ -165,7 +174,7 @@ class Image(NamedTuple):
 
     scene: tuple[Singles, Singles]
     streams: tuple[Streams, Streams]
-    pixel: np.ndarray
+    pixel: Ints
     inside: Floats
 
 
@@ -179,20 +188,27 @@ def image_of(survey: Survey, spots: HotSpots, views: Views, seed: int, number: i
         texture.draw(streams(cause), size * rays, size * rays, step, land.texture_cell)
         if rms
         else None
-        for cause, rms in (
-            ("reflectance", land.texture),
-            ("temperature", land.temperature_texture),
-        )
+        for cause, rms in (("reflectance", land.texture), ("temperature", land.temperature_texture))
     ]
     scene = tuple(
         patch.ground_radiance(view, land, textures[0], textures[1], size, rays) for view in views
     )
-    first, step_of_fires = spots.window + ROOM, 2 * (spots.window + ROOM)
-    at = first + step_of_fires * np.arange(spots.a_side)
-    pixel = np.stack(np.meshgrid(at, at), -1).reshape(-1, 2)
-    inside = streams("fires").random((len(pixel), 2)) - 0.5
+    pixel, inside = _places(spots, streams("fires"))
     noise = Streams(seed, 2 * number), Streams(seed, 2 * number + 1)
     return Image((scene[0], scene[1]), noise, pixel, inside)
+
+
+def _places(spots: HotSpots, stream: np.random.Generator) -> tuple[Ints, Floats]:
+    """Pixels (n, 2) of fires, columns first, and where in them (n, 2) each is.
+
+    They are a lattice with a random shift, so that they are not always in the same columns.
+    """
+    apart = 2 * (spots.window + ROOM)
+    spare = spots.size - apart - apart * (spots.a_side - 1)
+    first = spots.window + ROOM + stream.integers(0, max(spare, 1), 2)
+    at = apart * np.arange(spots.a_side)
+    pixel = np.stack(np.meshgrid(first[0] + at, first[1] + at), -1).reshape(-1, 2)
+    return pixel, stream.random((len(pixel), 2)) - 0.5
 
 
 class Burning(NamedTuple):
@@ -238,7 +254,7 @@ def smallest_areas(
     limit = threshold_of(spots.false_alarms, spots.window, spots.guard)
     fires = burning(views, image, temperature, guess)
     count, most = len(image.pixel), views.mid.across * views.mid.along
-    near = views.near
+    near = pixels_of_fire(views.mid)
 
     def score(area: Floats) -> Floats:
         values = observed(views, image, spots, fires, area).score
@@ -262,19 +278,17 @@ def smallest_areas(
             break
         with np.errstate(invalid="ignore", divide="ignore"):
             straight = low + (high - low) * (limit - below) / (above - below)
-        # A line through both ends, a little to the side of the farther one so that both close in.
-        nudge = np.where(straight - low < high - straight, 1 + CLOSE / 2, 1 - CLOSE / 2)
-        inner = np.clip(straight * nudge, low + 0.02 * (high - low), high - 0.02 * (high - low))
-        rising = np.clip(area * limit / np.maximum(value, limit / WIDEST), 1.5 * area, WIDEST * area)
+            # A little to the side of the farther end, so that both ends close in.
+            nudge = np.where(straight - low < high - straight, 1 + CLOSE / 2, 1 - CLOSE / 2)
+            least, last = low + 0.02 * (high - low), high - 0.02 * (high - low)
+            inner = np.clip(straight * nudge, least, last)
+        rising = np.clip(
+            area * limit / np.maximum(value, limit / WIDEST), 1.5 * area, WIDEST * area
+        )
         area = np.where(np.isfinite(high), inner, np.minimum(rising, most))
     found = np.where(np.isfinite(high), 0.5 * (high + np.where(low > 0, low, high)), math.inf)
     # Where noise alone exceeds the limit, any fire is found.
-    return np.where(score_at_zero(below, low, limit), 0.0, found)
-
-
-def score_at_zero(below: Floats, low: Floats, limit: float) -> Floats:
-    """Whether the pixel is found hot without a fire."""
-    return np.asarray((low == 0) & (below > limit))
+    return np.where((low == 0) & (below > limit), 0.0, found)
 
 
 class Measured(NamedTuple):
@@ -291,19 +305,22 @@ def measure(views: Views, image: Image, spots: HotSpots) -> Measured:
     seen = observed(views, image, spots, fires, np.full(len(image.pixel), spots.area))
     half = spots.guard
     sums = []
-    for layer, view in zip((seen.mid, seen.thermal), views, strict=True):
-        around = [
-            layer[y - half : y + half + 1, x - half : x + half + 1].sum(dtype=np.float64)
+    layers = (seen.mid, seen.mid_around), (seen.thermal, seen.thermal_around)
+    for (radiance, around), view in zip(layers, views, strict=True):
+        # The surroundings of a fire's middle: those of its edge hold its light.
+        excess = [
+            (radiance[y - half : y + half + 1, x - half : x + half + 1] - around[y, x]).sum()
             for x, y in image.pixel
         ]
-        sums.append(np.array(around) * view.across * view.along / view.radiation.through)
-    heats = tuple(view.radiation.heat for view in views)
-    assert heats[0] and heats[1]
+        sums.append(np.array(excess) * view.across * view.along / view.radiation.through)
+    mid, thermal = (view.radiation.heat for view in views)
+    assert mid is not None
+    assert thermal is not None
     ground = tuple((view.mean - view.radiation.path) / view.radiation.through for view in views)
     kelvin, area = fire.temperature_and_area(
-        sums[0], sums[1], (heats[0], heats[1]), (ground[0], ground[1])
+        sums[0], sums[1], (mid, thermal), (ground[0], ground[1])
     )
-    return Measured(fire.power_of(sums[0], heats[0]), kelvin, area)
+    return Measured(fire.power_of(sums[0], mid), kelvin, area)
 
 
 def false_alarms(views: Views, image: Image, spots: HotSpots) -> tuple[int, int]:

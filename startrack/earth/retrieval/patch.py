@@ -5,6 +5,7 @@ one transmittance, textures instead of maps. An image takes milliseconds.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -95,9 +96,7 @@ class View(NamedTuple):
         return float(self.radiation.of_ground(self.reflectance, np.array([self.temperature]))[0])
 
 
-def radiation_over(
-    band: Band, surroundings: float, height: float, sun_zenith: float
-) -> Radiation:
+def radiation_over(band: Band, surroundings: float, height: float, sun_zenith: float) -> Radiation:
     """The radiance over level ground, from that of black and of white ground.
 
     surroundings  1, reflectance of the ground around
@@ -144,6 +143,10 @@ def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: 
     Raises  ValueError as `setting_below`.
     """
     own = channel.cropped(size, size)
+    names = [other.name for other in survey.camera.channels]
+    # Each channel has a detector of its own, also where a file gives all of them one seed.
+    seed = own.detector.device_seed + names.index(own.name)
+    own = replace(own, detector=replace(own.detector, device_seed=seed))
     cover = cover_at(survey.land, height)
     setting, above = setting_below(survey, own, height, 0.0)
     band = setting.band
@@ -181,22 +184,17 @@ def ground_radiance(
                 where the land has none
     Returns     (size, size) watt / m^2 / sr / m
     """
-    reflectance, temperature = view.reflectance, np.array([view.temperature])
+    reflectance, temperature = np.array([view.reflectance]), np.array([view.temperature])
     if grey is not None:
-        reflectance = np.clip(reflectance * (1 + land.texture * grey.ravel()), 0, 1)
+        reflectance = np.clip(view.reflectance * (1 + land.texture * grey.ravel()), 0.0, 1.0)
     if warm is not None:
         temperature = np.clip(view.temperature + land.temperature_texture * warm.ravel(), 50, 3000)
-    full = view.radiation.of_ground(reflectance, temperature)
+    full = view.radiation.of_ground(reflectance, temperature).astype(np.float32)
     if len(full) == 1:
-        return np.full((size, size), full[0], np.float32)
-    full = full.astype(np.float32).reshape(size, rays, size, rays).transpose(0, 2, 1, 3)
-    lattices = np.ascontiguousarray(full.reshape(size, size, rays**2))
-    (image,) = _joined(lattices, view.weights)
-    return image
-
-
-def _joined(lattices: Singles, weights: Floats) -> tuple[Singles]:
-    return (np.concatenate(list(blur_strips(iter([lattices]), weights))),)
+        return np.full((size, size), full[0])
+    pixels = full.reshape(size, rays, size, rays).transpose(0, 2, 1, 3)
+    lattices = np.ascontiguousarray(pixels.reshape(size, size, rays**2))
+    return np.concatenate(list(blur_strips(iter([lattices]), view.weights)))
 
 
 def fire_images(view: View, place: Floats, area: float) -> Floats:
@@ -243,4 +241,4 @@ def numbers_of(view: View, radiance: Floats, streams: Streams) -> Floats:
     numbers = read_out(electrons, view.device, streams)
     dark = detector.dark_rate * view.setting.exposure
     charge = (numbers - float(detector.offset)) * detector.electrons_per_dn - dark
-    return charge / view.setting.electrons
+    return np.asarray(charge / view.setting.electrons, np.float64)

@@ -51,7 +51,7 @@ def draw(
     Accuracy model: a Gaussian field; the land's fractal has waves of fixed amplitude.
     """
     down, right = np.fft.fftfreq(lines, step[0]), np.fft.rfftfreq(columns, step[1])
-    frequency = np.stack(np.meshgrid(down, right, indexing="ij"), -1)
+    frequency = np.stack(np.meshgrid(down, right, indexing="ij"), -1).astype(np.float64)
     density = power(frequency, cell)
     density[0, 0] = 0.0
     area = lines * step[0] * columns * step[1]
