@@ -1,9 +1,8 @@
 """HotSpots: fires in the mid and the thermal infrared; a trial of their detection and power."""
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from startrack.core import (
     Singles,
     Streams,
     Unit,
+    parameter,
 )
 from startrack.earth.imager import Channel, Survey
 from startrack.earth.retrieval import fire, patch, texture
@@ -29,7 +29,6 @@ CLOSE = 0.01  # relative, of the smallest area
 WIDEST = 16.0  # factor by which an area is changed in a round, at most
 
 
-@dataclass(frozen=True)
 class HotSpots(Parameters):
     """Detection of fires against their surroundings, and their radiative power.
 
@@ -37,37 +36,56 @@ class HotSpots(Parameters):
     textures of the scene's land at a height.
     """
 
-    mid: Annotated[str, "name of the channel in the mid infrared"] = "mir"
-    thermal: Annotated[str, "name of the channel in the thermal infrared"] = "tir"
-    false_alarms: Annotated[
-        float, Range(1e-12, 0.1), "fraction of the pixels without fire that may be found to be hot"
-    ] = 1e-6
-    window: Annotated[
-        int, Range(3, 50), "pixel, half a side of the square that each pixel is compared with"
-    ] = 10
-    guard: Annotated[
-        int,
-        Range(1, 20),
+    mid: str = parameter("name of the channel in the mid infrared", default="mir")
+    thermal: str = parameter("name of the channel in the thermal infrared", default="tir")
+    false_alarms: float = parameter(
+        "fraction of the pixels without fire that may be found to be hot",
+        limit=Range(1e-12, 0.1),
+        default=1e-6,
+    )
+    window: int = parameter(
+        "pixel, half a side of the square that each pixel is compared with",
+        limit=Range(3, 50),
+        default=10,
+    )
+    guard: int = parameter(
         "pixel, half a side of its middle, which is left out of it and over which the light of a "
         "fire is summed",
-    ] = 3
-    height: Annotated[float, Unit("m"), Range(0, 9000), "of the ground above the ellipsoid"] = 0.0
-    sun_zenith: Annotated[
-        float, Unit("rad", "deg"), Range(0, math.pi), "of the Sun; beyond 90 deg it is night"
-    ] = math.radians(40)
-    temperatures: Annotated[
-        tuple[Annotated[float, Unit("K")], ...], "of the fires whose smallest area is found"
-    ] = (800.0, 1000.0)
-    found: Annotated[
-        float, Range(0.5, 0.99), "1, probability with which a fire of the smallest area is found"
-    ] = 0.95
-    area: Annotated[
-        float, Unit("m2"), POSITIVE, "of the fire whose radiative power is measured"
-    ] = 1000.0
-    temperature: Annotated[
-        float, Unit("K"), Range(400, 1900), "of the fire whose radiative power is measured"
-    ] = 1000.0
-    size: Annotated[int, Range(16, 1024), "pixel, a side of an image of a trial"] = 128
+        limit=Range(1, 20),
+        default=3,
+    )
+    height: float = parameter(
+        "of the ground above the ellipsoid", unit=Unit("m"), limit=Range(0, 9000), default=0.0
+    )
+    sun_zenith: float = parameter(
+        "of the Sun; beyond 90 deg it is night",
+        unit=Unit("rad", "deg"),
+        limit=Range(0, math.pi),
+        default=math.radians(40),
+    )
+    temperatures: tuple[float, ...] = parameter(
+        "of the fires whose smallest area is found", unit=Unit("K"), default=(800.0, 1000.0)
+    )
+    found: float = parameter(
+        "1, probability with which a fire of the smallest area is found",
+        limit=Range(0.5, 0.99),
+        default=0.95,
+    )
+    area: float = parameter(
+        "of the fire whose radiative power is measured",
+        unit=Unit("m2"),
+        limit=POSITIVE,
+        default=1000.0,
+    )
+    temperature: float = parameter(
+        "of the fire whose radiative power is measured",
+        unit=Unit("K"),
+        limit=Range(400, 1900),
+        default=1000.0,
+    )
+    size: int = parameter(
+        "pixel, a side of an image of a trial", limit=Range(16, 1024), default=128
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
